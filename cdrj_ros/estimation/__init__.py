@@ -1,0 +1,1 @@
+"""From samples to estimates, and how good the estimates are."""

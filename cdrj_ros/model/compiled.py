@@ -1,0 +1,39 @@
+"""Ahead-of-use compilation of the numerical kernels, cached on disk.
+
+Numba invalidates a cached function when *its own* file changes, but not when a function that it
+calls from another file does: an upgrade could then run yesterday's friction law inside today's
+solver.  Every kernel is therefore stamped with a digest of all kernel sources together.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_FOLDER = Path(__file__).parent
+
+
+def source_digest(*more: Path) -> str:
+    """Digest of every source file of the model and ``more``: the stamp of the kernel cache."""
+    digest = hashlib.sha256()
+    for path in sorted({*_FOLDER.glob("*.py"), *more}):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def compiled(function: F) -> F:
+    """Compile ``function`` to machine code at first use and keep the result on disk.
+
+    IEEE arithmetic is kept (no ``fastmath``): the node and the offline tools must agree bit for
+    bit.  A division by zero yields inf or NaN, as in NumPy.
+    """
+    dispatcher = numba.njit(cache=True, error_model="numpy")(function)
+    stamp = source_digest(Path(function.__code__.co_filename))
+    dispatcher._cache._cache_file._source_stamp = stamp
+    return dispatcher  # type: ignore[no-any-return]

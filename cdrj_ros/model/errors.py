@@ -1,0 +1,19 @@
+"""What can go wrong, in the words of the domain. Libraries raise these; only commands exit."""
+
+from __future__ import annotations
+
+
+class CdrjError(Exception):
+    """Base of every error that this package raises on purpose; its text is one clear line."""
+
+
+class RobotFileError(CdrjError):
+    """A robot file that does not describe a possible robot."""
+
+
+class BagError(CdrjError):
+    """A recording that cannot be read, or lacks what was asked for."""
+
+
+class UsageError(CdrjError):
+    """A command line or call that asks for something impossible."""

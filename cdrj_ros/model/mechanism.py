@@ -1,0 +1,571 @@
+"""One sample of a whole robot, compiled: geometry, friction bounds, every cable, all outputs.
+
+The robot is prepared once (``cdrj_ros.model.plan``) as two flat arrays, ``plan`` (integers) and
+``numbers`` (reals): few arguments make the call cheap, and nothing is allocated per sample.  The
+header of ``plan`` says where each block lies.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.cable import (
+    BEARING_RATIO,
+    BRISTLE,
+    BRISTLE_BEFORE,
+    CELLS,
+    ELEMENT_COLUMNS,
+    LENGTH,
+    LENGTH_BEFORE,
+    LOSS_KINETIC,
+    LOSS_STATIC,
+    MATERIAL,
+    MATERIAL_BEFORE,
+    MU_C,
+    MU_S,
+    PULLEY_COLUMNS,
+    RADIUS,
+    RHO,
+    SLIP,
+    TENSION,
+    WORK_COLUMNS,
+    element_tension,
+    solve_cable,
+    tolerance,
+)
+from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.drum import MEMORY_SIZE, material_held, start_drum, turn_drum
+from cdrj_ros.model.friction import blended_loss
+from cdrj_ros.model.geometry import (
+    FRAME_INDICES,
+    FRAME_NUMBERS,
+    NODE_INDICES,
+    NODE_NUMBERS,
+    POSE_NUMBERS,
+    TABLE_INTERVALS,
+    place_frames,
+    route,
+    table_value,
+)
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# Status of an element, bit flags; the same values stand in cdrj_msgs/CableTensions.
+OK, SLACK, OVERLOAD, UNSURE, STALE, INVALID = 0, 1, 2, 4, 8, 16
+
+# Header of ``plan``: sizes, then where each block begins in ``plan`` (AT_*) or ``numbers`` (IN_*).
+(
+    MOTORS,
+    JOINTS,
+    CABLES,
+    ELEMENTS,
+    PULLEYS,
+    FRAMES,
+    TERMS,
+    AT_CABLES,
+    AT_PULLEYS,
+    AT_FRAMES,
+    AT_NODES,
+    AT_TERMS,
+    IN_CABLES,
+    IN_PULLEYS,
+    IN_SPANS,
+    IN_MATERIAL,
+    IN_WRAPS,
+    IN_LOSSES,
+    IN_FRAMES,
+    IN_NODES,
+    IN_MOTORS,
+    IN_JOINTS,
+    IN_TABLES,
+    HEADER,
+) = range(24)
+
+# Integer columns of a cable; first_motor and last_motor are -1 where the end is an anchor.
+(
+    FIRST_ELEMENT,
+    ELEMENT_COUNT,
+    FIRST_MOTOR,
+    LAST_MOTOR,
+    LAW,
+    STRIBECK,
+    ROUTED,
+    CABLE_INDICES,
+) = range(8)
+
+# Real columns of a cable.
+(
+    AXIAL_STIFFNESS,
+    PRELOAD,
+    MAXIMUM_TENSION,
+    FIRST_RADIUS,
+    FIRST_WINDING,
+    LAST_RADIUS,
+    LAST_WINDING,
+    CABLE_NUMBERS,
+) = range(8)
+
+# A term adds a tabulated function of one joint to a span or a wrap.
+TARGET, TARGET_INDEX, TERM_JOINT, TERM_TABLE, TERM_COLUMNS = range(5)
+SPAN, WRAP = 0, 1
+
+# Rows of motors and joints.
+MOTOR_REFERENCE, MOTOR_EFFORT_SIGN, MOTOR_COLUMNS = range(3)
+TABLE_LOW, TABLE_STEP, JOINT_EFFORT_SIGN, JOINT_COLUMNS = range(4)
+
+STARTED: Final = 0
+"""Place of the flag in the state that says whether a first sample has been seen."""
+
+
+@compiled
+def state_size(plan: Indices) -> int:
+    """Floats of the state: flag, length, material, bristle force, slip speed, drums of both ends."""
+    return 1 + 2 * plan[ELEMENTS] + 2 * plan[PULLEYS] + 2 * plan[CABLES] * MEMORY_SIZE
+
+
+@compiled
+def estimate_size(plan: Indices) -> int:
+    """Floats of the estimate, in the order of ``cdrj_ros.model.plan.Layout``."""
+    return (
+        2 * plan[ELEMENTS] + 5 * plan[PULLEYS] + plan[MOTORS] + plan[JOINTS] + 2 * plan[CABLES]
+    )
+
+
+@compiled
+def scratch_size(plan: Indices) -> int:
+    """Floats of the scratch space behind state and estimate."""
+    elements, pulleys, joints = plan[ELEMENTS], plan[PULLEYS], plan[JOINTS]
+    return (
+        elements * (joints + 2 + ELEMENT_COLUMNS)
+        + pulleys * (1 + WORK_COLUMNS)
+        + plan[FRAMES] * (POSE_NUMBERS + 3 * joints)
+    )
+
+
+@compiled
+def _tabulated_shape(
+    plan: Indices,
+    numbers: Vector,
+    joint_angle: Vector,
+    length: Vector,
+    length_by_joint: Table,
+    wrap: Vector,
+) -> None:
+    """Spans and wraps from constants and tables over joint angle, arcs not yet added."""
+    elements, pulleys = plan[ELEMENTS], plan[PULLEYS]
+    at = plan[IN_SPANS]
+    for e in range(elements):
+        length[e] = numbers[at + e]
+    at = plan[IN_WRAPS]
+    for p in range(pulleys):
+        wrap[p] = numbers[at + p]
+    length_by_joint[:] = 0.0
+    for term in range(plan[TERMS]):
+        row = plan[AT_TERMS] + term * TERM_COLUMNS
+        joint = plan[row + TERM_JOINT]
+        grid = plan[IN_JOINTS] + joint * JOINT_COLUMNS
+        step = numbers[grid + TABLE_STEP]
+        position = (joint_angle[joint] - numbers[grid + TABLE_LOW]) / step
+        interval = min(max(int(position), 0), TABLE_INTERVALS - 1)
+        base = plan[IN_TABLES] + (plan[row + TERM_TABLE] * TABLE_INTERVALS + interval) * 4
+        value, slope = table_value(numbers, base, position - interval)
+        target = plan[row + TARGET_INDEX]
+        if plan[row + TARGET] == SPAN:
+            length[target] += value
+            length_by_joint[target, joint] += slope / step
+        else:
+            # half of the arc belongs to either neighbour; pulley p of cable c lies between
+            # elements p + c and p + c + 1, which the plan stores as the pulley's element
+            wrap[target] += value
+            radius = numbers[plan[IN_PULLEYS] + target * PULLEY_COLUMNS + RADIUS]
+            half = 0.5 * radius * slope / step
+            element = plan[plan[AT_PULLEYS] + target * 2]
+            length_by_joint[element, joint] += half
+            length_by_joint[element + 1, joint] += half
+
+
+@compiled
+def shape(
+    plan: Indices,
+    numbers: Vector,
+    joint_angle: Vector,
+    length: Vector,
+    length_by_joint: Table,
+    wrap: Vector,
+    direction: Table,
+    pose: Table,
+    twist: NDArray[np.float64],
+) -> bool:
+    """Geometry of all cables at the joint angles; False where a cable cannot run so.
+
+    Args:
+        plan, numbers: the prepared robot.
+        joint_angle: [rad] or [m], shape (joints,).
+        length: of every element, arcs included [m], shape (elements,), written.
+        length_by_joint: its derivatives, shape (elements, joints), written.
+        wrap: of every pulley [rad], shape (pulleys,), written.
+        direction: unit vectors of routed elements in the base frame, shape (elements, 2), written.
+        pose, twist: frames, see ``place_frames``, written.
+    """
+    possible = True
+    cables = plan[CABLES]
+    _tabulated_shape(plan, numbers, joint_angle, length, length_by_joint, wrap)
+    frames = plan[FRAMES]
+    if frames > 0:
+        at, inside = plan[AT_FRAMES], plan[IN_FRAMES]
+        place_frames(
+            plan[at : at + frames * FRAME_INDICES].reshape(frames, FRAME_INDICES),
+            numbers[inside : inside + frames * FRAME_NUMBERS].reshape(frames, FRAME_NUMBERS),
+            joint_angle,
+            pose,
+            twist,
+        )
+    node = 0
+    for c in range(cables):
+        row = plan[AT_CABLES] + c * CABLE_INDICES
+        first = plan[row + FIRST_ELEMENT]
+        count = plan[row + ELEMENT_COUNT]
+        pulley = first - c
+        if plan[row + ROUTED] == 1:
+            at = plan[AT_NODES] + node * NODE_INDICES
+            inside = plan[IN_NODES] + node * NODE_NUMBERS
+            nodes = count + 1
+            possible &= route(
+                plan[at : at + nodes * NODE_INDICES].reshape(nodes, NODE_INDICES),
+                numbers[inside : inside + nodes * NODE_NUMBERS].reshape(nodes, NODE_NUMBERS),
+                pose,
+                twist,
+                length[first : first + count],
+                length_by_joint[first : first + count],
+                wrap[pulley : pulley + count - 1],
+                direction[first : first + count],
+            )
+        else:
+            for p in range(count - 1):
+                radius = numbers[plan[IN_PULLEYS] + (pulley + p) * PULLEY_COLUMNS + RADIUS]
+                half = 0.5 * radius * wrap[pulley + p]
+                length[first + p] += half
+                length[first + p + 1] += half
+        node += count + 1
+    return possible
+
+
+@compiled
+def _friction_losses(plan: Indices, numbers: Vector, wrap: Vector, work: Table) -> None:
+    """(37), (41) and their blend for every pulley; computed anew only where the wrap moves."""
+    for p in range(plan[PULLEYS]):
+        row = plan[AT_PULLEYS] + p * 2
+        if plan[row + 1] < 0:  # the wrap never changes
+            at = plan[IN_LOSSES] + 2 * p
+            work[p, LOSS_KINETIC] = numbers[at]
+            work[p, LOSS_STATIC] = numbers[at + 1]
+        else:
+            at = plan[IN_PULLEYS] + p * PULLEY_COLUMNS
+            work[p, LOSS_KINETIC], work[p, LOSS_STATIC] = blended_loss(
+                numbers[at + RHO],
+                numbers[at + MU_C],
+                numbers[at + MU_S],
+                wrap[p],
+                numbers[at + BEARING_RATIO],
+                plan[row + 1],
+                numbers[at + CELLS],
+            )
+
+
+@compiled
+def _wound_angle(numbers: Vector, plan: Indices, motor: int, winding: float, angle: float) -> float:
+    """Drum angle from the reference, positive winding in [rad]."""
+    return winding * (angle - numbers[plan[IN_MOTORS] + motor * MOTOR_COLUMNS + MOTOR_REFERENCE])
+
+
+@compiled
+def _start_cable(
+    plan: Indices,
+    numbers: Vector,
+    c: int,
+    motor_angle: Vector,
+    length: Vector,
+    material: Vector,
+    drums: Vector,
+) -> None:
+    """A cable without friction history: one tension throughout, set by the material it has."""
+    row = plan[AT_CABLES] + c * CABLE_INDICES
+    first, count = plan[row + FIRST_ELEMENT], plan[row + ELEMENT_COUNT]
+    at = plan[IN_CABLES] + c * CABLE_NUMBERS
+    stretch = 1.0 + numbers[at + PRELOAD] / numbers[at + AXIAL_STIFFNESS]
+    total = 0.0
+    span = 0.0
+    for e in range(first, first + count):
+        total += numbers[plan[IN_MATERIAL] + e]
+        span += length[e]
+    for end in range(2):
+        motor = plan[row + FIRST_MOTOR + end]
+        if motor >= 0:
+            rate = numbers[at + FIRST_RADIUS + 2 * end] / stretch
+            winding = numbers[at + FIRST_WINDING + 2 * end]
+            angle = _wound_angle(numbers, plan, motor, winding, motor_angle[motor])
+            memory = (2 * c + end) * MEMORY_SIZE
+            start_drum(drums[memory : memory + MEMORY_SIZE], angle, rate * angle, rate)
+            total -= rate * angle
+    for e in range(first, first + count):
+        material[e] = length[e] * (total / span)
+
+
+@compiled
+def _spread_evenly(axial_stiffness: float, elements: Table, entered: float) -> None:
+    """What is certain of a cable whose slips were not solved: its elongation as a whole."""
+    total = entered
+    span = 0.0
+    for e in range(elements.shape[0]):
+        total += elements[e, MATERIAL_BEFORE]
+        span += elements[e, LENGTH]
+    for e in range(elements.shape[0]):
+        elements[e, MATERIAL] = elements[e, LENGTH] * (total / span)
+        elements[e, TENSION] = element_tension(
+            axial_stiffness, elements[e, LENGTH], elements[e, MATERIAL]
+        )
+
+
+@compiled
+def _turn_drums(
+    plan: Indices,
+    numbers: Vector,
+    c: int,
+    motor_angle: Vector,
+    first_stretch: float,
+    last_stretch: float,
+    drums: Vector,
+) -> tuple[float, float]:
+    """Material [m] that the winches push in at the first and draw out at the last node."""
+    row = plan[AT_CABLES] + c * CABLE_INDICES
+    at = plan[IN_CABLES] + c * CABLE_NUMBERS
+    slips = (0.0, 0.0)
+    for end in range(2):
+        motor = plan[row + FIRST_MOTOR + end]
+        if motor < 0:
+            continue
+        winding = numbers[at + FIRST_WINDING + 2 * end]
+        stretch = max(first_stretch if end == 0 else last_stretch, 1.0)
+        memory = (2 * c + end) * MEMORY_SIZE
+        drum = drums[memory : memory + MEMORY_SIZE]
+        held = material_held(drum)
+        angle = _wound_angle(numbers, plan, motor, winding, motor_angle[motor])
+        wound = turn_drum(drum, angle, numbers[at + FIRST_RADIUS + 2 * end] / stretch)
+        slips = (held - wound, slips[1]) if end == 0 else (slips[0], wound - held)
+    return slips
+
+
+@compiled
+def _refuse(plan: Indices, before: Vector, out: Vector) -> None:
+    """Leave the state as it was and mark every element ``INVALID``; no force is made up."""
+    size, elements = before.size, plan[ELEMENTS]
+    out[:size] = before
+    out[size : size + estimate_size(plan)] = 0.0
+    out[size + elements : size + 2 * elements] = INVALID
+
+
+@compiled
+def advance(
+    plan: Indices,
+    numbers: Vector,
+    before: Vector,
+    motor_angle: Vector,
+    joint_angle: Vector,
+    dt: float,
+    out: Vector,
+) -> bool:
+    """One sample of the robot: (state, angles) -> (state, estimate).
+
+    Args:
+        plan, numbers: the prepared robot.
+        before: state, shape (state_size,); not changed.
+        motor_angle, joint_angle: encoder readings [rad], in the robot's order.
+        dt: time since the state [s]; 0 for the first sample or where it is unknown.
+        out: new state, estimate and scratch, shape (state + estimate + scratch,), written.
+
+    Returns:
+        False where the geometry is impossible at these joint angles (the state is then kept) or
+        the slips of some cable could not be solved; the elements concerned are ``INVALID``.
+    """
+    elements, pulleys, cables = plan[ELEMENTS], plan[PULLEYS], plan[CABLES]
+    motors, joints, frames = plan[MOTORS], plan[JOINTS], plan[FRAMES]
+
+    # the state
+    length_before, length = before[1 : 1 + elements], out[1 : 1 + elements]
+    n = 1 + elements
+    material_before, material = before[n : n + elements], out[n : n + elements]
+    n += elements
+    bristle_before, bristle = before[n : n + pulleys], out[n : n + pulleys]
+    n += pulleys
+    speed_before, speed = before[n : n + pulleys], out[n : n + pulleys]
+    n += pulleys
+    drums = out[n : n + 2 * cables * MEMORY_SIZE]
+    for k in range(n, n + 2 * cables * MEMORY_SIZE):
+        out[k] = before[k]
+    n += 2 * cables * MEMORY_SIZE
+    # the estimate
+    tension = out[n : n + elements]
+    n += elements
+    status = out[n : n + elements]
+    n += elements
+    force = out[n : n + 5 * pulleys].reshape(5, pulleys)
+    n += 5 * pulleys
+    motor_effort = out[n : n + motors]
+    n += motors
+    joint_effort = out[n : n + joints]
+    n += joints
+    iterations = out[n : n + cables]
+    n += cables
+    residual = out[n : n + cables]
+    n += cables
+    # scratch
+    length_by_joint = out[n : n + elements * joints].reshape(elements, joints)
+    n += elements * joints
+    direction = out[n : n + 2 * elements].reshape(elements, 2)
+    n += 2 * elements
+    wrap = out[n : n + pulleys]
+    n += pulleys
+    element_rows = out[n : n + elements * ELEMENT_COLUMNS].reshape(elements, ELEMENT_COLUMNS)
+    n += elements * ELEMENT_COLUMNS
+    work = out[n : n + pulleys * WORK_COLUMNS].reshape(pulleys, WORK_COLUMNS)
+    n += pulleys * WORK_COLUMNS
+    pose = out[n : n + frames * POSE_NUMBERS].reshape(frames, POSE_NUMBERS)
+    n += frames * POSE_NUMBERS
+    twist = out[n : n + frames * joints * 3].reshape(frames, joints, 3)
+
+    possible = shape(
+        plan, numbers, joint_angle, length, length_by_joint, wrap, direction, pose, twist
+    )
+    if not possible:
+        _refuse(plan, before, out)
+        return False
+    started = before[STARTED] != 0.0
+    out[STARTED] = 1.0
+    _friction_losses(plan, numbers, wrap, work)
+    at = plan[IN_PULLEYS]
+    constants = numbers[at : at + pulleys * PULLEY_COLUMNS].reshape(pulleys, PULLEY_COLUMNS)
+    for m in range(motors):
+        motor_effort[m] = 0.0
+    for j in range(joints):
+        joint_effort[j] = 0.0
+
+    solved_all = True
+    for c in range(cables):
+        row = plan[AT_CABLES] + c * CABLE_INDICES
+        first = plan[row + FIRST_ELEMENT]
+        last = first + plan[row + ELEMENT_COUNT]
+        p, q = first - c, last - c - 1
+        at = plan[IN_CABLES] + c * CABLE_NUMBERS
+        stiffness = numbers[at + AXIAL_STIFFNESS]
+        solved = True
+        if started:
+            first_slip, last_slip = _turn_drums(
+                plan, numbers, c, motor_angle,
+                length_before[first] / material_before[first],
+                length_before[last - 1] / material_before[last - 1],
+                drums,
+            )  # fmt: skip
+            for e in range(first, last):
+                element_rows[e, LENGTH_BEFORE] = length_before[e]
+                element_rows[e, LENGTH] = length[e]
+                element_rows[e, MATERIAL_BEFORE] = material_before[e]
+            for i in range(p, q):
+                work[i, SLIP] = speed_before[i] * dt
+                work[i, BRISTLE_BEFORE] = bristle_before[i]
+                work[i, BRISTLE] = 0.0
+            rows = element_rows[first:last]
+            iterations[c], worst = solve_cable(
+                stiffness, rows, work[p:q], constants[p:q], first_slip, last_slip,
+                plan[row + LAW], dt,
+            )  # fmt: skip
+            residual[c] = worst
+            solved = worst <= tolerance(stiffness)
+            if not solved:
+                solved_all = False
+                _spread_evenly(stiffness, rows, first_slip - last_slip)
+                for i in range(p, q):
+                    work[i, BRISTLE], work[i, SLIP] = 0.0, 0.0
+            for e in range(first, last):
+                material[e] = element_rows[e, MATERIAL]
+                tension[e] = element_rows[e, TENSION]
+            for i in range(p, q):
+                bristle[i] = work[i, BRISTLE]
+                speed[i] = work[i, SLIP] / dt if dt > 0.0 else 0.0
+        else:
+            _start_cable(plan, numbers, c, motor_angle, length, material, drums)
+            for e in range(first, last):
+                tension[e] = element_tension(stiffness, length[e], material[e])
+            for i in range(p, q):
+                bristle[i], speed[i] = 0.0, 0.0
+            iterations[c], residual[c] = 0.0, 0.0
+
+        most = numbers[at + MAXIMUM_TENSION]
+        for e in range(first, last):
+            t = tension[e]
+            flag = OK if solved else INVALID
+            if t <= 0.0:
+                flag |= SLACK
+            if t > most:
+                flag |= OVERLOAD
+            status[e] = flag
+            for j in range(joints):
+                joint_effort[j] -= t * length_by_joint[e, j]  # virtual work
+        for end in range(2):
+            motor = plan[row + FIRST_MOTOR + end]
+            if motor >= 0:
+                arm = numbers[at + FIRST_WINDING + 2 * end] * numbers[at + FIRST_RADIUS + 2 * end]
+                motor_effort[motor] -= arm * (tension[first] if end == 0 else tension[last - 1])
+        routed = plan[row + ROUTED] == 1
+        for i in range(p, q):
+            e = i + c
+            t_in, t_out = tension[e], tension[e + 1]
+            if routed:
+                x = t_out * direction[e + 1, 0] - t_in * direction[e, 0]
+                y = t_out * direction[e + 1, 1] - t_in * direction[e, 1]
+            else:
+                x = (t_out + t_in) * sin(0.5 * wrap[i])
+                y = (t_out - t_in) * cos(0.5 * wrap[i])
+            force[0, i] = x
+            force[1, i] = y
+            force[2, i] = sqrt(x * x + y * y)  # (38)
+            force[3, i] = t_out - t_in
+            force[4, i] = speed[i]
+    for m in range(motors):
+        motor_effort[m] *= numbers[plan[IN_MOTORS] + m * MOTOR_COLUMNS + MOTOR_EFFORT_SIGN]
+    for j in range(joints):
+        joint_effort[j] *= numbers[plan[IN_JOINTS] + j * JOINT_COLUMNS + JOINT_EFFORT_SIGN]
+    return solved_all
+
+
+@compiled
+def advance_all(
+    plan: Indices,
+    numbers: Vector,
+    state: Vector,
+    motor_angles: Table,
+    joint_angles: Table,
+    dt: Vector,
+    estimates: Table,
+) -> None:
+    """``advance`` over many samples, the very same function, without returning to Python.
+
+    Args:
+        plan, numbers: the prepared robot.
+        state: shape (state_size,), replaced by the last one.
+        motor_angles, joint_angles: [rad], shapes (samples, motors) and (samples, joints).
+        dt: time since the sample before [s], shape (samples,).
+        estimates: shape (samples, estimate_size), written.
+    """
+    size = state.size
+    wanted = estimates.shape[1]
+    out = np.empty(size + wanted + scratch_size(plan))
+    for k in range(dt.size):
+        advance(plan, numbers, state, motor_angles[k], joint_angles[k], dt[k], out)
+        state[:] = out[:size]
+        estimates[k] = out[size : size + wanted]

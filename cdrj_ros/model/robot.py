@@ -1,0 +1,204 @@
+"""The parsed robot: frozen values, validated by ``cdrj_ros.model.robot_file``. SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A motor whose encoder is read; its drums are winch nodes of cables."""
+
+    name: str
+    reference_angle: float = 0.0
+    """Encoder reading in the pose in which the preload was measured [rad]."""
+    max_speed: float = float("inf")
+    """Faster readings are refused [rad/s]."""
+    effort_sign: int = 1
+    """+1: efforts are what the cables exert on the motor; -1: what the motor must supply."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint whose angle is measured."""
+
+    name: str
+    lower: float
+    """Lower end of the range [rad]; [m] for a prismatic joint."""
+    upper: float
+    """Upper end of the range [rad]; [m] for a prismatic joint."""
+    reference_angle: float = 0.0
+    """Reading in the pose in which the preload was measured, within the range [rad]."""
+    max_speed: float = float("inf")
+    """Faster readings are refused [rad/s]."""
+    effort_sign: int = 1
+    """+1: efforts are what the cables exert on the joint; -1: what balances them."""
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction of a pulley, Table II of the source; see docs/model.md, section 4."""
+
+    mu_c: float = 0.0
+    """Coulomb coefficient of cable on pulley [-]."""
+    mu_s: float = 0.0
+    """Static coefficient of cable on pulley [-], at least mu_c."""
+    stribeck_speed: float | None = None
+    """v_s [m/s]; has no default because published values lie orders of magnitude apart."""
+    rho: float = 1.0
+    """Share of sliding friction in the blend, 1 - rho is the bearing's [-]."""
+    bearing_friction: float = 0.0
+    """f_d of (39) [-]: half of the usual bearing coefficient."""
+    bristle_stiffness: float = 1e6
+    """sigma0 [N/m]."""
+    bristle_damping: float = 0.0
+    """sigma1 [N s/m], fading with speed."""
+    viscous: float = 0.0
+    """sigma2 [N s/m]."""
+    breakaway: float = 1.0
+    """Share of the bound up to which pre-sliding is elastic (law elastoplastic) [-]."""
+    stribeck: str = "printed"
+    """Form of static friction: ``printed`` (35) or ``capstan``."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A function of one joint angle (or none): offset + table(angle)."""
+
+    joint: str | None
+    angle: NDArray[np.float64]
+    """Grid over the joint's range [rad], uniform, shape (k + 1,); empty for a constant."""
+    value: NDArray[np.float64]
+    """Values on the grid [m] or [rad]; one value for a constant."""
+    slope: NDArray[np.float64]
+    """Derivatives on the grid; empty for a constant."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a node is, for cables described by positions."""
+
+    frame: str
+    x: float
+    """In the frame [m]."""
+    y: float
+    """In the frame [m]."""
+    turn: int
+    """+1 where the cable goes round counter-clockwise on its way from node 1, -1 clockwise, 0 for
+    a point."""
+
+
+@dataclass(frozen=True)
+class Winch:
+    """A motor's drum at an end of a cable."""
+
+    motor: str
+    radius: float
+    """From the axis to the cable's centre line [m]."""
+    winding: int
+    """+1: a positive motor angle winds the cable in; -1: pays it out."""
+    place: Place | None = None
+
+
+@dataclass(frozen=True)
+class Pulley:
+    """A pulley inside a cable."""
+
+    radius: float
+    """From the axis to the cable's centre line [m]."""
+    friction: Friction
+    bearing_diameter: float = 0.0
+    """d of (39) [m]."""
+    bearing_torque: float = 0.0
+    """Friction torque of the bearing without load [N m]."""
+    wrap: tuple[Profile, ...] = ()
+    """Wrap angle [rad] as a sum of functions; empty for pulleys described by positions."""
+    place: Place | None = None
+    cells: int = 1
+    """Number of equal contact cells of which this node is one; 1 is a whole, lumped pulley."""
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """A fixed end of a cable; with a radius, a sector that winds cable as its frame turns."""
+
+    radius: float = 0.0
+    """Of the sector [m]; 0 for a point."""
+    place: Place | None = None
+
+
+Node = Winch | Pulley | Anchor
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A planar frame that moves with a joint."""
+
+    name: str
+    parent: str | None
+    motion: str
+    joint: str | None
+    x: float
+    """Origin in the parent [m]."""
+    y: float
+    """Origin in the parent [m]."""
+    angle: float
+    """In the parent at joint angle 0 [rad]."""
+    direction: tuple[float, float] = (1.0, 0.0)
+    """Unit vector of a prismatic motion."""
+    rolling_radius: float = 0.0
+    """Radius of both circles of a rolling joint [m]."""
+
+
+@dataclass(frozen=True)
+class Cable:
+    """A chain of nodes; element i lies between nodes i and i + 1."""
+
+    name: str
+    axial_stiffness: float
+    """EA [N]."""
+    preload: float
+    """Tension in the reference pose, the same in every element [N]."""
+    nodes: tuple[Node, ...]
+    spans: tuple[tuple[Profile, ...], ...] = ()
+    """Length between tangent points of every element [m]; empty for cables given by positions."""
+    maximum_tension: float = float("inf")
+    """Above this an element counts as overloaded [N]."""
+    law: str = "elastoplastic"
+    """Friction law of all its pulleys, one of ``cdrj_ros.model.friction.LAWS``."""
+
+    @property
+    def pulleys(self) -> tuple[Pulley, ...]:
+        """The pulleys in order."""
+        return tuple(node for node in self.nodes if isinstance(node, Pulley))
+
+    @property
+    def routed(self) -> bool:
+        """Whether lengths and wraps follow from positions."""
+        return self.nodes[0].place is not None
+
+    @property
+    def element_names(self) -> tuple[str, ...]:
+        """``cable/1`` to ``cable/n-1``."""
+        return tuple(f"{self.name}/{i}" for i in range(1, len(self.nodes)))
+
+    @property
+    def pulley_names(self) -> tuple[str, ...]:
+        """``cable/2`` to ``cable/n-1``: pulleys carry the number of their node."""
+        return tuple(f"{self.name}/{i}" for i in range(2, len(self.nodes)))
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Everything the estimator knows of a robot before it runs."""
+
+    name: str
+    motors: tuple[Motor, ...]
+    joints: tuple[Joint, ...]
+    cables: tuple[Cable, ...]
+    frames: tuple[Frame, ...] = ()
+    source: str = ""
+    """The file it was read from."""

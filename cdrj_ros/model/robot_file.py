@@ -1,0 +1,522 @@
+"""Read a robot file: YAML, unit suffixes, schema, names, then ``Robot``.
+
+Everything that a file can get wrong is found here, with the path of the key, what was given and
+what is allowed.  Inside, robots are trusted.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields
+from difflib import get_close_matches
+from functools import lru_cache
+from importlib import resources
+from math import isfinite, pi
+from pathlib import Path
+from typing import Any, Final
+
+import jsonschema
+import numpy as np
+from numpy.typing import NDArray
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+from scipy.interpolate import PchipInterpolator
+
+from cdrj_ros.model.errors import RobotFileError
+from cdrj_ros.model.geometry import TABLE_INTERVALS
+from cdrj_ros.model.robot import (
+    Anchor,
+    Cable,
+    Frame,
+    Friction,
+    Joint,
+    Motor,
+    Node,
+    Place,
+    Profile,
+    Pulley,
+    Robot,
+    Winch,
+)
+
+UNIT_SUFFIXES: Final[Mapping[str, float]] = {"_deg": pi / 180.0, "_mm": 1e-3, "_gpa": 1e9}
+"""Keys may end in one of these; the value is multiplied on reading."""
+
+MAXIMUM_BYTES: Final = 1_000_000
+"""A robot file is small; more is not one."""
+
+Document = dict[str, Any]
+
+
+def load_robot(path: str | Path) -> Robot:
+    """Read a robot file.
+
+    Raises:
+        RobotFileError: with one line that names the key, what was given and what is allowed.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RobotFileError(f"cannot read the robot file {path}: {error.strerror}") from error
+    if len(data) > MAXIMUM_BYTES:
+        raise RobotFileError(f"{path} has {len(data)} bytes and is no robot file")
+    try:
+        return parse_robot(data.decode(), source=str(path))
+    except UnicodeDecodeError as error:
+        raise RobotFileError(f"{path} is not UTF-8 text") from error
+
+
+def parse_robot(text: str, source: str = "robot file") -> Robot:
+    """The robot that a YAML text describes; ``source`` is named in error messages.
+
+    Raises:
+        RobotFileError: see ``load_robot``.
+    """
+    try:
+        raw = YAML(typ="safe", pure=True).load(text)
+    except YAMLError as error:
+        reason = " ".join(str(error).split("To suppress")[0].split())
+        raise RobotFileError(f"{source} is not YAML: {reason[:300]}") from error
+    except (RecursionError, ValueError) as error:
+        raise RobotFileError(f"{source} is not YAML: {error}") from error
+    if not isinstance(raw, dict):
+        raise RobotFileError(f"{source} must hold a mapping with motors, joints and cables")
+    document = _to_si(raw, source)
+    _validate(document, source)
+    return _Builder(document, source).robot()
+
+
+def schema() -> Document:
+    """The JSON schema of the robot file."""
+    text = resources.files("cdrj_ros.model").joinpath("robot.schema.json").read_text("utf-8")
+    document: Document = json.loads(text)
+    return document
+
+
+@lru_cache(maxsize=1)
+def _validator() -> Any:
+    return jsonschema.Draft202012Validator(schema())
+
+
+def _to_si(value: Any, source: str, path: str = "") -> Any:
+    """Plain containers with SI keys; refuses numbers that are not finite and doubled keys."""
+    if isinstance(value, dict):
+        result: Document = {}
+        for key, entry in value.items():
+            here = f"{path}.{key}" if path else str(key)
+            name, factor = _split_unit(str(key))
+            converted = _to_si(entry, source, here)
+            if factor != 1.0:
+                converted = _scaled(converted, factor, here, source)
+            if name in result:
+                raise RobotFileError(f"{here} is given twice, in different units ({source})")
+            result[name] = converted
+        return result
+    if isinstance(value, list):
+        return [_to_si(entry, source, f"{path}[{k}]") for k, entry in enumerate(value)]
+    if isinstance(value, float) and not isfinite(value):
+        raise RobotFileError(f"{path} must be a finite number, got {value} ({source})")
+    return value
+
+
+def _split_unit(key: str) -> tuple[str, float]:
+    for suffix, factor in UNIT_SUFFIXES.items():
+        if key.endswith(suffix):
+            return key[: -len(suffix)], factor
+    return key, 1.0
+
+
+def _scaled(value: Any, factor: float, path: str, source: str) -> Any:
+    if isinstance(value, list):
+        return [_scaled(entry, factor, path, source) for entry in value]
+    if isinstance(value, dict):  # a function of a joint: its values carry the unit
+        return {
+            key: _scaled(entry, factor, path, source)
+            if key in ("value", "offset", "slope", "sine")
+            else entry
+            for key, entry in value.items()
+        }
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise RobotFileError(f"{path} must be a number, got {value!r} ({source})")
+    return value * factor
+
+
+def _validate(document: Document, source: str) -> None:
+    errors = sorted(_validator().iter_errors(document), key=lambda error: len(error.path))
+    for error in errors:
+        raise RobotFileError(f"{_complaint(error)} ({source})")
+
+
+def _path(parts: Iterable[str | int]) -> str:
+    text = ""
+    for part in parts:
+        text += f"[{part}]" if isinstance(part, int) else f"{'.' if text else ''}{part}"
+    return text
+
+
+def _complaint(error: Any) -> str:
+    """One line for a schema error: path of the key, what was given, what is allowed."""
+    where = _path(error.absolute_path)
+    given = error.instance
+    what = error.validator
+    allowed = error.validator_value
+    if what == "additionalProperties":
+        known = sorted(error.schema["properties"])
+        unknown = next(key for key in given if key not in error.schema["properties"])
+        close = get_close_matches(unknown, known, n=1)
+        hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
+        return f"{_path([*error.absolute_path, unknown])} is not a known key; {hint}"
+    if what == "required":
+        missing = next(key for key in allowed if key not in given)
+        described = error.schema["properties"].get(missing, {}).get("description", "")
+        return f"{_path([*error.absolute_path, missing])} is missing: {described}".rstrip(": ")
+    limits = {
+        "minimum": "at least",
+        "exclusiveMinimum": "greater than",
+        "maximum": "at most",
+        "exclusiveMaximum": "less than",
+    }
+    if what in limits:
+        return f"{where} must be {limits[what]} {allowed:g}, got {_shown(given)}"
+    if what == "enum":
+        return f"{where} must be one of {', '.join(map(str, allowed))}, got {_shown(given)}"
+    if what == "type":
+        return f"{where or 'the file'} must be of type {allowed}, got {_shown(given)}"
+    if what == "minItems":
+        return f"{where} needs at least {allowed} entries, got {len(given)}"
+    if what == "maxItems":
+        return f"{where} may have {allowed} entries, got {len(given)}"
+    if what == "pattern":
+        return f"{where} must be a name of letters, digits and _, got {_shown(given)}"
+    described = error.schema.get("description", error.message)
+    return f"{where} must be: {described} Got {_shown(given)}"
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+class _Builder:
+    """Turns a valid document into a robot; what needs more than the schema is checked here."""
+
+    def __init__(self, document: Document, source: str) -> None:
+        self.document = document
+        self.source = source
+        self.joints = {joint.name: joint for joint in self._joints()}
+
+    def error(self, path: str, text: str) -> RobotFileError:
+        return RobotFileError(f"{path} {text} ({self.source})")
+
+    def robot(self) -> Robot:
+        document = self.document
+        for kind in ("motors", "joints", "frames", "cables"):
+            self._unique(kind)
+        self.motors = tuple(self._motors())
+        self.frames = tuple(self._frames())
+        cables = tuple(
+            self._cable(f"cables[{k}]", entry) for k, entry in enumerate(document["cables"])
+        )
+        routed = any(cable.routed for cable in cables)
+        return Robot(
+            document["name"],
+            self.motors,
+            tuple(self.joints.values()),
+            cables,
+            self.frames if routed else (),
+            self.source,
+        )
+
+    def _unique(self, kind: str) -> None:
+        seen: set[str] = set()
+        for k, entry in enumerate(self.document.get(kind, [])):
+            if entry["name"] in seen:
+                raise self.error(f"{kind}[{k}].name", f"{entry['name']!r} is taken already")
+            seen.add(entry["name"])
+
+    def _motors(self) -> Iterator[Motor]:
+        for entry in self.document["motors"]:
+            yield Motor(
+                entry["name"],
+                float(entry.get("reference_angle", 0.0)),
+                float(entry.get("max_speed", np.inf)),
+                entry.get("effort_sign", 1),
+            )
+
+    def _joints(self) -> Iterator[Joint]:
+        for k, entry in enumerate(self.document["joints"]):
+            lower, upper = map(float, entry["range"])
+            if not lower < upper:
+                raise self.error(f"joints[{k}].range", f"must increase, got [{lower}, {upper}]")
+            reference = float(entry.get("reference_angle", 0.0))
+            if not lower <= reference <= upper:
+                raise self.error(
+                    f"joints[{k}].reference_angle",
+                    f"must lie in the range [{lower:g}, {upper:g}], got {reference:g}",
+                )
+            yield Joint(
+                entry["name"],
+                lower,
+                upper,
+                reference,
+                float(entry.get("max_speed", np.inf)),
+                entry.get("effort_sign", 1),
+            )
+
+    def _frames(self) -> Iterator[Frame]:
+        known = {"base"}
+        yield Frame("base", None, "fixed", None, 0.0, 0.0, 0.0)
+        for k, entry in enumerate(self.document.get("frames", [])):
+            path = f"frames[{k}]"
+            if entry["name"] == "base":
+                raise self.error(f"{path}.name", "'base' is the frame that is always there")
+            parent = entry.get("parent", "base")
+            if parent not in known:
+                raise self.error(
+                    f"{path}.parent", f"must name an earlier frame ({_list(known)}), got {parent!r}"
+                )
+            motion = entry["motion"]
+            joint = entry.get("joint")
+            if motion == "fixed":
+                if joint is not None:
+                    raise self.error(f"{path}.joint", "has no meaning for a fixed frame")
+            else:
+                self._known_joint(f"{path}.joint", joint)
+            if (motion == "rolling") != ("radius" in entry):
+                raise self.error(f"{path}.radius", "belongs to a rolling frame, and to no other")
+            if "direction" in entry and motion != "prismatic":
+                raise self.error(f"{path}.direction", "belongs to a prismatic frame")
+            direction = np.array(entry.get("direction", (1.0, 0.0)), dtype=float)
+            norm = float(np.hypot(*direction))
+            if norm == 0.0:
+                raise self.error(f"{path}.direction", "must not be zero")
+            x, y = entry.get("origin", (0.0, 0.0))
+            known.add(entry["name"])
+            yield Frame(
+                entry["name"],
+                parent,
+                motion,
+                joint,
+                float(x),
+                float(y),
+                float(entry.get("angle", 0.0)),
+                (float(direction[0]) / norm, float(direction[1]) / norm),
+                float(entry.get("radius", 0.0)),
+            )
+
+    def _known_joint(self, path: str, name: str | None) -> Joint:
+        if name not in self.joints:
+            raise self.error(path, f"must be one of {_list(self.joints)}, got {name!r}")
+        return self.joints[name]
+
+    def _friction(self, path: str, *layers: Document) -> Friction:
+        merged: Document = {}
+        for layer in layers:
+            merged.update(layer)
+        merged.pop("law", None)
+        mu_c = float(merged.get("mu_c", 0.0))
+        merged.setdefault("mu_s", mu_c)
+        if merged["mu_s"] < mu_c:
+            raise self.error(
+                f"{path}.mu_s", f"must be at least mu_c = {mu_c:g}, got {merged['mu_s']:g}"
+            )
+        if merged["mu_s"] != mu_c and "stribeck_speed" not in merged:
+            raise self.error(
+                f"{path}.stribeck_speed",
+                "is missing: where mu_s differs from mu_c the speed [m/s] that parts them must be "
+                "given (published values lie between 1e-4 and 5e-2)",
+            )
+        names = {field.name for field in fields(Friction)}
+        return Friction(**{key: value for key, value in merged.items() if key in names})
+
+    def _cable(self, path: str, entry: Document) -> Cable:
+        law_layers = [self.document.get("friction", {}), entry.get("friction", {})]
+        law = {**law_layers[0], **law_layers[1]}.get("law", "elastoplastic")
+        routed = "spans" not in entry
+        nodes = tuple(
+            self._node(f"{path}.nodes[{k}]", node, routed, law_layers)
+            for k, node in enumerate(entry["nodes"])
+        )
+        self._check_order(path, nodes)
+        spans: tuple[tuple[Profile, ...], ...] = ()
+        if not routed:
+            given, needed = len(entry["spans"]), len(nodes) - 1
+            if given != needed:
+                raise self.error(
+                    f"{path}.spans",
+                    f"must have one entry per element: {needed} for {len(nodes)} nodes, "
+                    f"got {given}",
+                )
+            spans = tuple(
+                self._profile(f"{path}.spans[{k}]", span, positive=True)
+                for k, span in enumerate(entry["spans"])
+            )
+        return Cable(
+            entry["name"],
+            self._axial_stiffness(path, entry),
+            float(entry["preload"]),
+            nodes,
+            spans,
+            float(entry.get("max_tension", np.inf)),
+            law,
+        )
+
+    def _axial_stiffness(self, path: str, entry: Document) -> float:
+        stiffness = entry.get("axial_stiffness")
+        modulus, diameter = entry.get("youngs_modulus"), entry.get("diameter")
+        if stiffness is not None and modulus is None and diameter is None:
+            return float(stiffness)
+        if stiffness is None and modulus is not None and diameter is not None:
+            return float(modulus * pi * diameter**2 / 4.0)
+        raise self.error(
+            path, "needs either axial_stiffness [N], or both youngs_modulus [Pa] and diameter [m]"
+        )
+
+    def _check_order(self, path: str, nodes: tuple[Node, ...]) -> None:
+        last = len(nodes) - 1
+        for k, node in enumerate(nodes):
+            if k in (0, last) and isinstance(node, Pulley):
+                raise self.error(
+                    f"{path}.nodes[{k}].type", "must be winch or anchor at an end, got pulley"
+                )
+            if 0 < k < last and not isinstance(node, Pulley):
+                raise self.error(
+                    f"{path}.nodes[{k}].type",
+                    f"must be pulley between the ends, got {type(node).__name__.lower()}",
+                )
+
+    def _node(
+        self, path: str, entry: Document, routed: bool, friction_layers: list[Document]
+    ) -> Node:
+        kind = entry["type"]
+        if routed and "position" not in entry:
+            raise self.error(
+                f"{path}.position",
+                "is missing: a cable without spans is described by the positions of its nodes",
+            )
+        if not routed:
+            for key in ("position", "frame", "turn"):
+                if key in entry:
+                    raise self.error(
+                        f"{path}.{key}", "has no meaning for a cable that is described by spans"
+                    )
+        place = self._place(path, entry) if routed else None
+        if kind == "winch":
+            motors = [motor.name for motor in self.motors]
+            if entry["motor"] not in motors:
+                raise self.error(
+                    f"{path}.motor", f"must be one of {_list(motors)}, got {entry['motor']!r}"
+                )
+            return Winch(entry["motor"], float(entry["radius"]), entry["winding"], place)
+        if kind == "anchor":
+            return Anchor(float(entry.get("radius", 0.0)), place)
+        if routed == ("wrap_angle" in entry):
+            raise self.error(
+                f"{path}.wrap_angle",
+                "follows from the positions and must not be given"
+                if routed
+                else "is missing: a cable described by spans needs the wrap angle of every pulley",
+            )
+        own = entry.get("friction", {})
+        for key in ("law", "stribeck"):
+            if key in own:
+                raise self.error(
+                    f"{path}.friction.{key}", "is the same for a whole cable; give it there"
+                )
+        radius = float(entry["radius"])
+        friction = self._friction(f"{path}.friction", *friction_layers, own)
+        bearing = float(entry.get("bearing_diameter", 0.0))
+        if friction.bearing_friction * bearing >= radius:
+            raise self.error(
+                f"{path}.bearing_diameter",
+                f"times bearing_friction {friction.bearing_friction:g} must be less than the "
+                f"radius {radius:g} m, got {bearing:g}: such a pulley cannot turn",
+            )
+        wrap = () if routed else self._profile(f"{path}.wrap_angle", entry["wrap_angle"])
+        return Pulley(
+            radius, friction, bearing, float(entry.get("bearing_torque", 0.0)), wrap, place
+        )
+
+    def _place(self, path: str, entry: Document) -> Place:
+        frame = entry.get("frame", "base")
+        names = [known.name for known in self.frames]
+        if frame not in names:
+            raise self.error(f"{path}.frame", f"must be one of {_list(names)}, got {frame!r}")
+        round_ = entry.get("radius", 0.0) > 0.0
+        if round_ != ("turn" in entry):
+            raise self.error(
+                f"{path}.turn",
+                "is missing: ccw or cw, the sense in which the cable goes round"
+                if round_
+                else "has no meaning for a point",
+            )
+        turn = {"ccw": 1, "cw": -1}[entry["turn"]] if round_ else 0
+        x, y = entry["position"]
+        return Place(frame, float(x), float(y), turn)
+
+    def _profile(self, path: str, entry: Any, positive: bool = False) -> tuple[Profile, ...]:
+        """A number, a function of a joint, or a list of such terms."""
+        terms = entry if isinstance(entry, list) else [entry]
+        profiles = []
+        for k, term in enumerate(terms):
+            here = f"{path}[{k}]" if isinstance(entry, list) else path
+            if isinstance(term, dict):
+                profiles.append(self._function(here, term))
+            else:
+                if positive and len(terms) == 1 and not term > 0.0:
+                    raise self.error(here, f"must be greater than 0 m, got {term:g}")
+                if not positive and len(terms) == 1 and not 0.0 < term:
+                    raise self.error(here, f"must be greater than 0 rad, got {term:g}")
+                profiles.append(_constant(float(term)))
+        return tuple(profiles)
+
+    def _function(self, path: str, entry: Document) -> Profile:
+        term = jsonschema.Draft202012Validator(
+            {"$ref": "#/$defs/term", "$defs": _validator().schema["$defs"]}
+        )
+        for error in term.iter_errors(entry):
+            text = _complaint(error)
+            joint = "" if text.startswith("[") or not text.split(" ")[0] else "."
+            raise RobotFileError(f"{path}{joint}{text} ({self.source})")
+        joint = self._known_joint(f"{path}.joint", entry["joint"])
+        grid = np.linspace(joint.lower, joint.upper, TABLE_INTERVALS + 1)
+        offset = float(entry.get("offset", 0.0))
+        slope, sine = float(entry.get("slope", 0.0)), float(entry.get("sine", 0.0))
+        values = offset + slope * grid + sine * np.sin(grid)
+        slopes = slope + sine * np.cos(grid)
+        if ("angle" in entry) != ("value" in entry):
+            raise self.error(path, "needs both angle and value for a table")
+        if "angle" in entry:
+            table = self._table(path, entry, joint)
+            values = values + table(grid)
+            slopes = slopes + table.derivative()(grid)
+        return Profile(joint.name, grid, values, slopes)
+
+    def _table(self, path: str, entry: Document, joint: Joint) -> Any:
+        angle = np.array(entry["angle"], dtype=float)
+        value = np.array(entry["value"], dtype=float)
+        if angle.size != value.size:
+            raise self.error(
+                f"{path}.value", f"must have {angle.size} entries like angle, got {value.size}"
+            )
+        if not np.all(np.diff(angle) > 0.0):
+            raise self.error(f"{path}.angle", "must increase")
+        slack = 1e-9 + 1e-6 * (joint.upper - joint.lower)
+        if angle[0] > joint.lower + slack or angle[-1] < joint.upper - slack:
+            raise self.error(
+                f"{path}.angle",
+                f"must cover the range [{joint.lower:g}, {joint.upper:g}] rad of {joint.name}, "
+                f"got [{angle[0]:g}, {angle[-1]:g}]",
+            )
+        return PchipInterpolator(angle, value, extrapolate=True)
+
+
+def _constant(value: float) -> Profile:
+    empty: NDArray[np.float64] = np.empty(0)
+    return Profile(None, empty, np.array([value]), empty)
+
+
+def _list(names: Iterable[str]) -> str:
+    return ", ".join(sorted(names)) or "(none)"

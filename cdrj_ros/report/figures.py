@@ -1,0 +1,266 @@
+"""Pictures of one channel: estimate on truth, error, hysteresis loop.
+
+Every picture has one size, so that three stand beside each other on a desk and one fills a phone;
+one unit of the drawing is one CSS pixel.  Truth is a thick grey line, the estimate a thin coloured
+one on top: where only grey and one thin line are to be seen, they agree.
+
+Importing this module imports matplotlib, which is slow; import it where pictures are made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.comparison import QUANTITIES, Channel, quantity_of
+from cdrj_ros.report.numbers import decimals_for, format_number, scale_for
+from cdrj_ros.report.series import Window, envelope, gaps, seconds_since
+
+PALETTE: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "truth": "#b9b9b5",
+        "estimate": "#0072b2",
+        "error": "#c94f00",
+        "ink": "#1c1c1a",
+        "muted": "#62625d",
+        "rule": "#e4e4df",
+        "shade": "#f1f0ea",
+    }
+)
+"""Colours by role (blue and vermilion after Okabe and Ito: told apart by colour-blind readers)."""
+
+WIDTH: Final = 390
+"""Width of a picture [px]."""
+
+HEIGHT: Final = 300
+"""Height of a picture [px]."""
+
+FONT_SIZE: Final = 11.0
+"""Size of all text in a picture [px]."""
+
+BUCKETS: Final = 320
+"""Buckets of a drawn series: about one for each pixel of its axes."""
+
+_LEFT, _RIGHT, _TOP, _BOTTOM = 50, 8, 26, 38
+_ERROR_HEIGHT, _BETWEEN = 58, 32
+_LINE_WIDTH: Final = {"truth": 3.4, "estimate": 1.1, "error": 0.8}
+
+Floats = NDArray[np.float64]
+
+
+def over_time(
+    channel: Channel, origin_ns: int, *, window: Window | None = None, shade: Window | None = None
+) -> Figure:
+    """Estimate on truth over time, the error below it.
+
+    Args:
+        channel: at least one sample.
+        origin_ns: stamp that is second 0 of the time axis [ns].
+        window: the part to draw, everything by default; its reversal is marked.
+        shade: a part to tint, for example the one another picture enlarges.
+    """
+    part = slice(0, len(channel.stamp_ns)) if window is None else slice(window.begin, window.end)
+    stamps = channel.stamp_ns[part]
+    time = seconds_since(stamps, origin_ns)
+    factor, unit = _scale(channel)
+    reference, estimate = factor * channel.reference[part], factor * channel.estimate[part]
+    error = estimate - reference
+    breaks = gaps(stamps)
+
+    figure = _figure()
+    series_height = HEIGHT - _TOP - _BOTTOM - _ERROR_HEIGHT - _BETWEEN
+    series = _axes(figure, HEIGHT - _TOP - series_height, series_height)
+    errors = _axes(figure, _BOTTOM, _ERROR_HEIGHT)
+    for axes in (series, errors):
+        if shade is not None:
+            ends = seconds_since(channel.stamp_ns[[shade.begin, shade.end - 1]], origin_ns)
+            axes.axvspan(
+                float(ends[0]), float(ends[1]), color=PALETTE["shade"], linewidth=0, zorder=0
+            )
+        if window is not None and window.reversal is not None:
+            turn = float(channel.stamp_ns[window.reversal] - origin_ns) * 1e-9
+            axes.axvline(turn, color=PALETTE["muted"], linewidth=0.7, dashes=(3, 3), zorder=1)
+    _draw(series, time, reference, breaks, "truth")
+    _draw(series, time, estimate, breaks, "estimate")
+    errors.axhline(0.0, color=PALETTE["truth"], linewidth=0.8, zorder=1)
+    _draw(errors, time, error, breaks, "error")
+
+    worst = int(np.argmax(np.abs(error)))
+    errors.plot(
+        [time[worst], time[worst] + 1e-9],
+        [error[worst]] * 2,
+        color=PALETTE["error"],
+        linewidth=4.5,
+        solid_capstyle="round",
+        clip_on=False,
+    )
+    _limits(series, time, 5)
+    _limits(errors, time, 3)
+    _symmetric(errors, error)
+    series.tick_params(labelbottom=False)
+    _key(figure, channel, unit)
+    size = format_number(float(error[worst]), decimals_for(abs(float(error[worst]))))
+    above_error = _BOTTOM + _ERROR_HEIGHT + 7
+    _text(figure, _LEFT, above_error, f"error [{unit}]", "muted")
+    _text(
+        figure,
+        WIDTH - _RIGHT,
+        above_error,
+        f"largest {size} {unit} at {time[worst]:.2f} s",
+        "error",
+        align="right",
+    )
+    _x_label(errors, "time [s]")
+    return figure
+
+
+def hysteresis(channel: Channel, window: Window) -> Figure:
+    """Estimate on truth over the joint angle.
+
+    Args:
+        channel: its angle finite for at least one sample of the window.
+        window: the samples to draw.
+    """
+    part = slice(window.begin, window.end)
+    present = np.isfinite(channel.angle[part])
+    angle = np.degrees(channel.angle[part][present])
+    stamps = channel.stamp_ns[part][present]
+    breaks = gaps(stamps)
+    factor, unit = _scale(channel)
+
+    figure = _figure()
+    axes = _axes(figure, _BOTTOM, HEIGHT - _TOP - _BOTTOM)
+    for values, role in ((channel.reference, "truth"), (channel.estimate, "estimate")):
+        _draw(axes, angle, factor * values[part][present], breaks, role, loop=True)
+    _limits(axes, angle, 6)
+    axes.margins(x=0.03)
+    _key(figure, channel, unit)
+    _x_label(axes, f"{channel.angle_name} [°]")
+    return figure
+
+
+def _figure() -> Figure:
+    figure = Figure(figsize=(WIDTH / 72.0, HEIGHT / 72.0), dpi=72.0)
+    figure.patch.set_visible(False)
+    return figure
+
+
+def _axes(figure: Figure, bottom: float, height: float) -> Axes:
+    """Axes in pixels: no frame, a light horizontal grid, labels without tick marks."""
+    axes = figure.add_axes(
+        (
+            _LEFT / WIDTH,
+            bottom / HEIGHT,
+            (WIDTH - _LEFT - _RIGHT) / WIDTH,
+            height / HEIGHT,
+        )
+    )
+    axes.patch.set_visible(False)
+    for side in ("left", "right", "top"):
+        axes.spines[side].set_visible(False)
+    axes.spines["bottom"].set(color=PALETTE["truth"], linewidth=0.8)
+    axes.tick_params(
+        length=0, pad=5, labelsize=FONT_SIZE, labelcolor=PALETTE["muted"], which="both"
+    )
+    axes.grid(axis="y", color=PALETTE["rule"], linewidth=0.8)
+    axes.set_axisbelow(True)
+    return axes
+
+
+def _draw(
+    axes: Axes, x: Floats, y: Floats, breaks: NDArray[np.intp], role: str, *, loop: bool = False
+) -> None:
+    """A line of a role through the envelope of the samples, broken at the gaps."""
+    kept = envelope(BUCKETS, x, y) if loop else envelope(BUCKETS, y)
+    if len(breaks):
+        kept = np.union1d(kept, np.concatenate([breaks, breaks + 1]))
+        at = np.searchsorted(kept, breaks, side="right")
+        x_drawn, y_drawn = np.insert(x[kept], at, np.nan), np.insert(y[kept], at, np.nan)
+    else:
+        x_drawn, y_drawn = x[kept], y[kept]
+    axes.plot(
+        x_drawn,
+        y_drawn,
+        color=PALETTE[role],
+        linewidth=_LINE_WIDTH[role],
+        solid_joinstyle="round",
+        solid_capstyle="round",
+        clip_on=False,
+        zorder={"truth": 2, "estimate": 3, "error": 3}[role],
+    )
+
+
+def _limits(axes: Axes, x: Floats, ticks: int) -> None:
+    axes.margins(x=0.0, y=0.06)
+    if len(x) and x.min() < x.max():
+        # A little more, so that a recording of 59.999 s has its label at 60.
+        low, high = float(x.min()), float(x.max())
+        axes.set_xlim(low, high + 0.002 * (high - low))
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.yaxis.set_major_locator(MaxNLocator(ticks))
+    formatter = ScalarFormatter(useOffset=False)
+    axes.yaxis.set_major_formatter(formatter)
+
+
+def _symmetric(axes: Axes, error: Floats) -> None:
+    """Zero in the middle: too high and too low look alike."""
+    largest = float(np.abs(error).max())
+    if largest > 0.0:
+        axes.set_ylim(-1.15 * largest, 1.15 * largest)
+
+
+def _scale(channel: Channel) -> tuple[float, str]:
+    """Factor and unit in which all of a channel's pictures are drawn."""
+    return scale_for(float(np.abs(channel.reference).max()), channel.unit)
+
+
+def _key(figure: Figure, channel: Channel, unit: str) -> None:
+    """What is drawn, and the lines' names in the lines' colours instead of a legend."""
+    base = HEIGHT - _TOP + 11
+    title = QUANTITIES[quantity_of(channel.name)].title.lower()
+    _text(figure, _LEFT, base, f"{title} [{unit}]", "muted")
+    right = WIDTH - _RIGHT
+    for start, name, line, ink in (
+        (right - 153, "recorded", "truth", "muted"),
+        (right - 77, "estimated", "estimate", "estimate"),
+    ):
+        _stroke(figure, start, base + 3.5, line)
+        _text(figure, start + 17, base, name, ink)
+
+
+def _stroke(figure: Figure, x: float, y: float, role: str) -> None:
+    """A short sample of a role's line."""
+    figure.add_artist(
+        Line2D(
+            [x / WIDTH, (x + 12) / WIDTH],
+            [y / HEIGHT] * 2,
+            color=PALETTE[role],
+            linewidth=_LINE_WIDTH[role],
+            solid_capstyle="round",
+        )
+    )
+
+
+def _x_label(axes: Axes, text: str) -> None:
+    # A name may hold a dollar sign: it is no formula.
+    axes.set_xlabel(text, fontsize=FONT_SIZE, color=PALETTE["muted"], labelpad=5, parse_math=False)
+
+
+def _text(figure: Figure, x: float, y: float, text: str, role: str, *, align: str = "left") -> None:
+    figure.text(
+        x / WIDTH,
+        y / HEIGHT,
+        text,
+        color=PALETTE[role],
+        fontsize=FONT_SIZE,
+        ha=align,
+        va="baseline",
+    )

@@ -1,0 +1,56 @@
+"""Numbers as people read them: few digits, true minus signs, units in thousandths where small."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+ABSENT: Final = "\N{EN DASH}"
+"""Stands where a figure cannot be given."""
+
+_MINUS: Final = "\N{MINUS SIGN}"
+
+
+def format_number(value: float | None, decimals: int) -> str:
+    """A figure with that many decimals, or ABSENT."""
+    return ABSENT if value is None else f"{value:.{decimals}f}".replace("-", _MINUS)
+
+
+def format_percent(share: float | None) -> str:
+    """A share in percent, two decimals below a hundred percent, or ABSENT."""
+    if share is None:
+        return ABSENT
+    return f"{100.0 * share:.2f} %" if share < 1.0 else f"{100.0 * share:.0f} %"
+
+
+def format_r2(r2: float | None) -> str:
+    """R² with four decimals; far below zero, where digits say nothing, one."""
+    if r2 is None:
+        return ABSENT
+    return f"{r2:.4f}".replace("-", _MINUS) if r2 > -10.0 else f"{r2:.1f}".replace("-", _MINUS)
+
+
+def format_amount(value: float | None, unit: str) -> str:
+    """A size with two digits or more and its unit, small ones in milli: "0.21 N", "8.4 mN·m"."""
+    if value is None:
+        return ABSENT
+    factor, scaled_unit = scale_for(value, unit)
+    decimals = max(decimals_for(factor * value) - 1, 0)
+    return f"{format_number(factor * value, decimals)} {scaled_unit}"
+
+
+def scale_for(largest: float | None, unit: str) -> tuple[float, str]:
+    """Factor and unit in which numbers up to ``largest`` [unit] read well: thousandths below 0.1.
+
+    The bound is where two digits round up to 0.10.
+    """
+    if largest is not None and 0.0 < largest < 0.0995:
+        return 1e3, f"m{unit}"
+    return 1.0, unit
+
+
+def decimals_for(magnitude: float) -> int:
+    """Decimals that show three digits of a number of this magnitude: 2 for 4.2, 4 for 0.042."""
+    if not magnitude > 0.0:
+        return 2
+    return min(max(2 - math.floor(math.log10(magnitude)), 0), 9)

@@ -1,0 +1,180 @@
+"""What of a long series is drawn: its envelope, its gaps, and the seconds worth a closer look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.comparison import Channel
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+REVERSAL_SHARE: Final = 0.05
+"""Share of the angle's range that a motion back must cover to make a turn a reversal."""
+
+GAP_STEPS: Final = 5.0
+"""A line is broken where two stamps lie further apart than this many median steps ..."""
+
+GAP_SHARE: Final = 0.005
+"""... and further than this share of the drawn time, so that a reader could see the gap."""
+
+CYCLES: Final = 2
+"""Cycles of motion in a hysteresis loop: more lie on top of one another."""
+
+_SCAN_BUCKETS: Final = 4000
+"""Resolution at which reversals are looked for, in parts of the recording."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of a channel, by sample."""
+
+    begin: int
+    """First sample."""
+    end: int
+    """One past the last sample."""
+    reversal: int | None
+    """The sample at which the joint turns round, None where the window was chosen without."""
+
+
+def envelope(buckets: int, *series: Floats) -> Indices:
+    """Samples that keep the outline of series drawn in few pixels: no peak is ever lost.
+
+    The samples are cut into buckets of consecutive ones; of each bucket the smallest and the
+    largest sample of every series stay, in their order, and the first and last of all.
+
+    Args:
+        buckets: how many buckets, at least 1.
+        series: finite, shape (n,) each, drawn together.
+
+    Returns:
+        Indices to draw, strictly increasing, shape (k,) with k ≤ 2 * buckets * len(series) + 2
+        unless the series are as short as that.
+    """
+    n = len(series[0])
+    size = -(-n // max(buckets, 1))
+    if size <= 2 * len(series):
+        return np.arange(n)
+    whole = n // size
+    starts = np.arange(whole) * size
+    kept = [np.array([0, n - 1])]
+    for values in series:
+        blocks = values[: whole * size].reshape(whole, size)
+        kept += [starts + blocks.argmin(axis=1), starts + blocks.argmax(axis=1)]
+        rest = values[whole * size :]
+        if len(rest):
+            kept.append(whole * size + np.array([rest.argmin(), rest.argmax()]))
+    return np.unique(np.concatenate(kept))
+
+
+def gaps(stamp_ns: NDArray[np.int64]) -> Indices:
+    """Samples after which a line over these stamps must be broken, shape (k,)."""
+    if len(stamp_ns) < 3:
+        return np.arange(0)
+    steps = np.diff(stamp_ns)
+    span = float(stamp_ns[-1] - stamp_ns[0])
+    return np.flatnonzero(steps > max(GAP_STEPS * float(np.median(steps)), GAP_SHARE * span))
+
+
+def seconds_since(stamp_ns: NDArray[np.int64], origin_ns: int) -> Floats:
+    """Stamps as seconds after an origin; integers are subtracted before they become floats."""
+    return (stamp_ns - origin_ns).astype(np.float64) * 1e-9
+
+
+def turning_points(angle: Floats) -> Indices:
+    """Samples at which a motion turns round, noise and ripple apart.
+
+    Args:
+        angle: joint angle [rad], shape (n,); NaN where there is none.
+
+    Returns:
+        Indices of the extremes between which the angle covers at least REVERSAL_SHARE of its
+        range, strictly increasing; start and end of the recording are none.
+    """
+    present = np.flatnonzero(np.isfinite(angle))
+    if len(present) < 3:
+        return np.arange(0)
+    values = angle[present]
+    threshold = REVERSAL_SHARE * float(values.max() - values.min())
+    if threshold <= 0.0:
+        return np.arange(0)
+    coarse = envelope(_SCAN_BUCKETS, values)
+    turns: list[int] = []
+    low = high = 0
+    heading = 0
+    samples = values[coarse].tolist()
+    for at, value in enumerate(samples):
+        if heading >= 0 and value > samples[high]:
+            high = at
+        if heading <= 0 and value < samples[low]:
+            low = at
+        if heading >= 0 and value < samples[high] - threshold:
+            if heading > 0:
+                turns.append(high)
+            heading, low = -1, at
+        elif heading <= 0 and value > samples[low] + threshold:
+            if heading < 0:
+                turns.append(low)
+            heading, high = 1, at
+    return present[coarse[np.array(turns, dtype=np.intp)]]
+
+
+def worst_sample(channel: Channel) -> int:
+    """The sample with the largest |estimate - reference|; the channel must not be empty."""
+    return int(np.argmax(np.abs(channel.estimate - channel.reference)))
+
+
+def closer_look(channel: Channel, turns: Indices) -> Window:
+    """The seconds around the reversal nearest to the channel's largest error, both in view.
+
+    Half of the usual time from one reversal to the next is shown, more if the largest error needs
+    it.  Where the joint does not turn near it, as much around the largest error; where it does not
+    turn at all, a tenth of the recording.
+
+    Args:
+        channel: at least one sample.
+        turns: its turning points.
+    """
+    worst = worst_sample(channel)
+    stamps = channel.stamp_ns
+    if len(turns):
+        away = np.abs(stamps[turns] - stamps[worst])
+        nearest = int(np.argmin(away))
+        half_cycle = _half_cycle_ns(channel, turns)
+        if away[nearest] <= half_cycle:
+            reach = max(half_cycle // 2, int(away[nearest]) * 5 // 4)
+            return _around(channel, int(turns[nearest]), reach, int(turns[nearest]))
+        return _around(channel, worst, half_cycle, None)
+    return _around(channel, worst, int(stamps[-1] - stamps[0]) // 20, None)
+
+
+def loop_window(channel: Channel, turns: Indices) -> Window:
+    """CYCLES cycles of motion around the closer look; the whole channel where it turns less."""
+    if len(turns) < 2:
+        return Window(0, len(channel.stamp_ns), None)
+    look = closer_look(channel, turns)
+    centre = worst_sample(channel) if look.reversal is None else look.reversal
+    return _around(channel, centre, CYCLES * _half_cycle_ns(channel, turns), look.reversal)
+
+
+def _half_cycle_ns(channel: Channel, turns: Indices) -> int:
+    """The usual time from one reversal to the next [ns]."""
+    stamps = channel.stamp_ns
+    if len(turns) < 2:
+        return int(stamps[-1] - stamps[0]) // 5
+    return int(np.median(np.diff(stamps[turns])))
+
+
+def _around(channel: Channel, centre: int, reach_ns: int, reversal: int | None) -> Window:
+    """A window of full width where the recording has it, moved inside at either end."""
+    stamps = channel.stamp_ns
+    first, last = int(stamps[0]), int(stamps[-1])
+    begin_ns = max(min(int(stamps[centre]) - reach_ns, last - 2 * reach_ns), first)
+    end_ns = min(begin_ns + 2 * reach_ns, last)
+    begin = int(np.searchsorted(stamps, begin_ns, side="left"))
+    end = int(np.searchsorted(stamps, end_ns, side="right"))
+    return Window(begin, max(end, begin + 1), reversal)

@@ -1,0 +1,237 @@
+"""What the figures amount to, in a sentence, and the few numbers that carry it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from cdrj_ros.estimation.comparison import QUANTITIES, BagComparison, quantity_of
+from cdrj_ros.estimation.metrics import ChannelError, mean_over_channels
+from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
+from cdrj_ros.report.table import table_groups
+
+RELATIVE_GRADES: Final = ((0.02, "closely"), (0.05, "well"), (0.15, "roughly"))
+"""Largest mean relative error for each word; the paper's channels lie between 4 % and 16 %."""
+
+R2_GRADES: Final = ((0.98, "closely"), (0.94, "well"), (0.80, "roughly"))
+"""Least R² for each word, for quantities that pass through zero."""
+
+PASSES_THROUGH_ZERO: Final = frozenset({"effort", "friction"})
+"""Quantities judged by R²: where the value is small, a relative error says little."""
+
+MOST_OF_A_KIND: Final = 4
+"""Channels of one kind shown without being asked for; a robot may have twenty cables."""
+
+
+@dataclass(frozen=True)
+class KeyNumber:
+    """One number worth a large type size."""
+
+    label: str
+    """What it is about: "All 16 element tensions"."""
+    value: str
+    """The number with its unit: "0.52 %"."""
+    meaning: str
+    """What the number is: "mean relative error"."""
+    detail: str
+    """More about the same: "0.18 N mean, 1.7 N largest"."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The head of a report."""
+
+    sentence: str
+    """One sentence for whoever reads no further."""
+    detail: str
+    """Where the estimate is worst, and how much was compared."""
+    numbers: tuple[KeyNumber, ...]
+    """The few figures that carry the sentence."""
+
+
+def verdict(comparisons: Sequence[BagComparison], errors: Mapping[str, ChannelError]) -> Verdict:
+    """Sum up.
+
+    Args:
+        comparisons: the recordings.
+        errors: the pooled figures of all of them, by channel name.
+    """
+    compared = {name: error for name, error in errors.items() if error.n > 0}
+    if not compared:
+        return Verdict(
+            "Nothing could be compared: no reference in the recording has an estimate beside it.",
+            "",
+            (),
+        )
+    main = min((quantity_of(name) for name in compared), key=list(QUANTITIES).index)
+    return Verdict(_sentence(main, compared), _detail(main, comparisons, compared), _keys(compared))
+
+
+def last_elements(names: Sequence[str]) -> tuple[str, ...]:
+    """The tension channels of each cable's highest-numbered element, furthest from the winch."""
+    last: dict[str, tuple[int, str]] = {}
+    for name in names:
+        cable, _, element = name.rpartition("/")
+        if quantity_of(name) == "tension" and element.isdecimal():
+            last[cable] = max(last.get(cable, (-1, "")), (int(element), name))
+    return tuple(name for _, name in last.values())
+
+
+def telling_channels(names: Sequence[str]) -> tuple[str, ...]:
+    """The channels to look at first, in that order.
+
+    The last element of each cable gathers the friction of all its pulleys.  The third node is the
+    one whose force the paper measured; a cable without one shows its last.  Then all efforts.
+    """
+    nodes: dict[str, tuple[tuple[bool, int], str]] = {}
+    for name in names:
+        cable, _, node = name.rpartition("/")
+        if quantity_of(name) == "nodal_force" and node.isdecimal():
+            rank = (int(node) == 3, int(node))
+            nodes[cable] = max(nodes.get(cable, ((False, -1), "")), (rank, name))
+    efforts = [name for name in names if quantity_of(name) == "effort"]
+    kinds = (last_elements(names), [name for _, name in nodes.values()], efforts)
+    chosen = tuple(name for kind in kinds for name in kind[:MOST_OF_A_KIND])
+    return chosen or tuple(names[:MOST_OF_A_KIND])
+
+
+def _by_r2(quantity: str, error: ChannelError) -> bool:
+    return quantity in PASSES_THROUGH_ZERO or error.mean_relative_error is None
+
+
+def _grade(quantity: str, error: ChannelError) -> str | None:
+    if _by_r2(quantity, error):
+        r2 = error.r2
+        return next((word for least, word in R2_GRADES if r2 is not None and r2 >= least), None)
+    relative = error.mean_relative_error
+    return next(
+        (word for most, word in RELATIVE_GRADES if relative is not None and relative <= most), None
+    )
+
+
+def _sentence(quantity: str, errors: Mapping[str, ChannelError]) -> str:
+    members = _members(quantity, errors)
+    overall = mean_over_channels(members.values())
+    noun = {
+        "tension": "tension",
+        "nodal_force": "nodal force",
+        "friction": "friction",
+        "effort": "effort",
+    }[quantity]
+    subject = f"The estimated {noun}" + ("s" if len(members) > 1 else "")
+    follow = "follow" if len(members) > 1 else "follows"
+    grade = _grade(quantity, overall)
+    claim = (
+        f"{subject} {follow} the recording {grade}"
+        if grade
+        else f"{subject} {'do' if len(members) > 1 else 'does'} not follow the recording"
+    )
+    mean_error = _amount(overall.mean_abs_error, quantity)
+    average = "on average " if len(members) > 1 else ""
+    if _by_r2(quantity, overall):
+        if overall.r2 is None:
+            return (
+                f"{claim}: {average}the mean error is {mean_error}, against a constant reference."
+            )
+        if overall.r2 <= 0.0:
+            return f"{claim}: {average}the mean error is {mean_error}, R² {format_r2(overall.r2)}."
+        return (
+            f"{claim}: {average}{100.0 * overall.r2:.1f} % of its variation is explained, "
+            f"the mean error is {mean_error}."
+        )
+    return (
+        f"{claim}: {average}the error is {format_percent(overall.mean_relative_error)} "
+        f"of the recorded value, {mean_error}."
+    )
+
+
+def _detail(
+    quantity: str, comparisons: Sequence[BagComparison], errors: Mapping[str, ChannelError]
+) -> str:
+    members = _members(quantity, errors)
+    worst_name, worst = max(members.items(), key=lambda item: item[1].max_abs_error or 0.0)
+    title = QUANTITIES[quantity].title.lower()
+    duration = sum(comparison.duration_s for comparison in comparisons)
+    recordings = "one recording" if len(comparisons) == 1 else f"{len(comparisons)} recordings"
+    channels = "1 channel" if len(errors) == 1 else f"{len(errors)} channels"
+    return (
+        f"The largest {title} error of any sample is {_amount(worst.max_abs_error, quantity)}, "
+        f"in {worst_name}{_moment(worst_name, comparisons)}. Compared: {channels} over "
+        f"{duration:.0f} s in {recordings}."
+    )
+
+
+def _moment(name: str, comparisons: Sequence[BagComparison]) -> str:
+    """When the channel is worst, and in which recording where there are several."""
+    worst, where = -1.0, ""
+    for comparison in comparisons:
+        origin_ns = origin_of(comparison)
+        for channel in comparison.channels:
+            if channel.name != name or len(channel.stamp_ns) == 0:
+                continue
+            size = np.abs(channel.estimate - channel.reference)
+            at = int(size.argmax())
+            if size[at] > worst:
+                worst = float(size[at])
+                second = float(channel.stamp_ns[at] - origin_ns) * 1e-9
+                where = f" at {second:.1f} s"
+                if len(comparisons) > 1:
+                    where += f" of {comparison.path}"
+    return where
+
+
+def origin_of(comparison: BagComparison) -> int:
+    """The stamp that is second 0 of a recording's pictures [ns]: its first compared sample."""
+    return min((int(c.stamp_ns[0]) for c in comparison.channels if len(c.stamp_ns)), default=0)
+
+
+def _keys(errors: Mapping[str, ChannelError]) -> tuple[KeyNumber, ...]:
+    groups = table_groups(errors)
+    if len(groups) == 1 and len(errors) <= MOST_OF_A_KIND:
+        return tuple(_key(groups[0].quantity, name, {name: e}) for name, e in errors.items())
+    numbers = []
+    tensions = _members("tension", errors)
+    last = {name: errors[name] for name in last_elements(list(tensions))}
+    if last and len(last) < len(tensions):
+        label = (
+            "Last element of each cable" if len(last) > 1 else f"Last element, {next(iter(last))}"
+        )
+        numbers.append(_key("tension", label, last))
+    nouns: dict[str, Callable[[int], str]] = {
+        "tension": lambda n: f"All {n} element tensions" if n > 1 else "Tension",
+        "nodal_force": lambda n: f"All {n} nodal forces" if n > 1 else "Nodal force",
+        "friction": lambda n: f"Friction at {n} pulleys" if n > 1 else "Friction",
+        "effort": lambda n: {1: "Effort", 2: "Both efforts"}.get(n, f"All {n} efforts"),
+    }
+    for group in groups:
+        members = _members(group.quantity, errors)
+        numbers.append(_key(group.quantity, nouns[group.quantity](len(members)), members))
+    return tuple(numbers)
+
+
+def _key(quantity: str, label: str, members: Mapping[str, ChannelError]) -> KeyNumber:
+    overall = mean_over_channels(members.values())
+    detail = (
+        f"{_amount(overall.mean_abs_error, quantity)} mean, "
+        f"{_amount(overall.max_abs_error, quantity)} largest"
+    )
+    if _by_r2(quantity, overall):
+        known = {name: e.r2 for name, e in members.items() if e.r2 is not None}
+        if not known:
+            return KeyNumber(label, _amount(overall.mean_abs_error, quantity), "mean error", detail)
+        lowest = min(known, key=lambda name: known[name])
+        meaning = f"R², lowest: {lowest.partition('/')[2]}" if len(members) > 1 else "R²"
+        return KeyNumber(label, format_r2(known[lowest]), meaning, detail)
+    relative = format_percent(overall.mean_relative_error)
+    return KeyNumber(label, relative, "mean relative error", detail)
+
+
+def _members(quantity: str, errors: Mapping[str, ChannelError]) -> dict[str, ChannelError]:
+    return {name: error for name, error in errors.items() if quantity_of(name) == quantity}
+
+
+def _amount(value: float | None, quantity: str) -> str:
+    return format_amount(value, QUANTITIES[quantity].unit)

@@ -1,0 +1,190 @@
+"""One page, complete in itself, small, safe against what names contain."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.comparison import Angle, BagComparison, Channel, compare_bag
+from cdrj_ros.report import html
+from cdrj_ros.report.figures import PALETTE
+from cdrj_ros.report.html import write_report
+
+VOID = {"meta", "link", "br", "img", "hr", "input"}
+
+
+class Strict(HTMLParser):
+    """Refuses tags that do not close and ids that are not unique."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: set[str] = set()
+        self.tags: set[str] = set()
+        self.links: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        for name, value in attrs:
+            if name == "id":
+                assert value not in self.ids, f"id {value} twice"
+                self.ids.add(str(value))
+            if name == "href":
+                self.links.add(str(value))
+            if name == "clip-path":
+                self.links.add(str(value)[4:-1])
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def written(path: Path, *comparisons: BagComparison, **more: object) -> str:
+    write_report(
+        path / "report.html",
+        comparisons,
+        title=str(more.get("title", "A title")),
+        robot_summary=str(more.get("robot_summary", "A robot")),
+        versions={"cdrj_ros": "1.2.3"},
+        beside={"tension/upper/8": "4.44 %"},
+        beside_heading="published",
+    )
+    return (path / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(comparison: BagComparison, tmp_path_factory: pytest.TempPathFactory) -> str:
+    return written(tmp_path_factory.mktemp("report"), comparison)
+
+
+def test_the_page_names_every_channel_and_what_was_used(
+    page: str, comparison: BagComparison
+) -> None:
+    for channel in comparison.channels:
+        assert f">{channel.name} <" in page
+    for text in ("A title", "A robot", "1.2.3", "4.44 %", "published", "rate achieved", "1000 Hz"):
+        assert text in page
+    assert "motor sample not finite: 3" in page
+    assert comparison.notes[0] in page
+
+
+def test_every_channel_has_its_three_pictures(page: str, comparison: BagComparison) -> None:
+    assert page.count("<svg") == 3 * len(comparison.channels)
+
+
+def test_the_page_asks_nothing_of_the_network(page: str) -> None:
+    assert not re.search(r"https?:|src=|@import|<script|<link|url\((?!#)", page)
+
+
+def test_the_page_is_well_formed_and_its_links_lead_somewhere(page: str) -> None:
+    parser = Strict()
+    parser.feed(page)
+    parser.close()
+    assert parser.open == []
+    assert {link.lstrip("#") for link in parser.links} <= parser.ids
+
+
+def test_the_telling_channels_stand_open_and_the_rest_is_folded(page: str) -> None:
+    folded = page.index("<details>")
+    for name in ("tension/upper/8", "nodal_force/lower/3", "effort/spindle"):
+        assert page.index(f">{name} <") < folded
+    for name in ("tension/upper/1", "nodal_force/lower/2"):
+        assert page.index(f">{name} <") > folded
+    assert page.index("tension/upper/8 <") < page.index("nodal_force/upper/3 <")
+
+
+def test_names_from_outside_are_text_and_nothing_else(tmp_path: Path) -> None:
+    nasty = '<script>alert("x")</script>&$title$'
+    stamps = np.arange(500, dtype=np.int64) * 1_000_000
+    values = np.sin(stamps * 1e-8)
+    name = f"tension/{nasty}/1"
+    bag = compare_bag(
+        nasty,
+        0.5,
+        stamps,
+        {name: values},
+        {name: (stamps, values), f"effort/{nasty}": (stamps, values)},
+        max_gap_ns=10_000_000,
+        angle=Angle(nasty, stamps, values),
+        counters={nasty: 1},
+        notes=(nasty,),
+        facts={nasty: nasty},
+    )
+    text = written(tmp_path, bag, bag, title=nasty, robot_summary=nasty)
+    assert "<script" not in text
+    assert "&lt;script&gt;alert(&quot;x&quot;)&lt;/script&gt;&amp;$title$" in text
+    parser = Strict()
+    parser.feed(text)
+    assert "script" not in parser.tags
+    assert text.count("<svg") == 2 * 3
+
+
+def test_ten_minutes_at_a_kilohertz_stay_below_three_megabytes(
+    tmp_path: Path, made_up: Callable[..., BagComparison]
+) -> None:
+    written(tmp_path, made_up(duration_s=600.0))
+    assert (tmp_path / "report.html").stat().st_size < 3_000_000
+
+
+def test_channels_that_do_not_fit_are_named_but_not_drawn(
+    tmp_path: Path, comparison: BagComparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "PICTURE_BUDGET", 200_000)
+    text = written(tmp_path, comparison, comparison)
+    assert len(text) < 400_000
+    assert text.count("Not drawn, to keep the page small.") > 40
+    for channel in comparison.channels:
+        assert f">{channel.name} <" in text
+    # of both recordings something is drawn before anything folded is
+    assert text.count("<svg") >= 6
+
+
+def test_the_last_sample_of_a_spike_is_in_the_picture(tmp_path: Path) -> None:
+    n = 100_000
+    stamps = np.arange(n, dtype=np.int64) * 1_000_000
+    flat = np.full(n, 10.0)
+    spiked = flat.copy()
+    spiked[77_777] = 90.0
+    channel = Channel("tension/a/1", "N", stamps, spiked, flat, np.full(n, np.nan), "")
+    text = written(tmp_path, BagComparison("a", 100.0, (channel,)))
+    assert "largest 80.0 N at 77.78 s" in text
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3])
+def test_hardly_any_samples_make_a_page_all_the_same(tmp_path: Path, n: int) -> None:
+    values = np.arange(n, dtype=np.float64)
+    stamps = np.arange(n, dtype=np.int64) * 1_000_000
+    channel = Channel("tension/a/1", "N", stamps, values, values, values, "rolling")
+    text = written(tmp_path, BagComparison("a", 0.0, (channel,)))
+    assert ">tension/a/1 <" in text
+    assert written(tmp_path, BagComparison("a", 0.0, ())).count("<svg") == 0
+
+
+def test_page_and_pictures_share_their_colours() -> None:
+    css = html._asset("report.css")
+    light = css[: css.index("@media")]
+    for role, colour in PALETTE.items():
+        assert f"--{role}: {colour};" in light
+
+
+def test_a_report_does_not_touch_the_callers_matplotlib(
+    tmp_path: Path, comparison: BagComparison
+) -> None:
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    few = BagComparison(comparison.path, comparison.duration_s, comparison.channels[:1])
+    first = written(tmp_path, few)
+    assert dict(matplotlib.rcParams) == before
+    assert written(tmp_path, few) == first

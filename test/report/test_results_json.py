@@ -1,0 +1,79 @@
+"""The JSON file carries the figures exactly and never a NaN."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.comparison import BagComparison, Channel
+from cdrj_ros.estimation.metrics import FIGURES, bag_errors, pooled_errors
+from cdrj_ros.report.results_json import results, write_results
+
+
+def refuse(constant: str) -> None:
+    raise AssertionError(f"{constant} in JSON")
+
+
+def constant_channel(n: int) -> Channel:
+    zeros = np.zeros(n)
+    stamps = np.arange(n, dtype=np.int64)
+    return Channel("effort/spindle", "N·m", stamps, zeros, zeros, np.full(n, np.nan), "")
+
+
+def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagComparison) -> None:
+    path = tmp_path / "figures.json"
+    bags = [comparison, comparison]
+    write_results(path, bags)
+    read = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+    assert read == results(bags)
+    assert set(read) == {"bags", "all"}
+    for bag in read["bags"]:
+        assert set(bag) == {"path", "duration_s", "channels", "counters", "notes"}
+    for channels, errors in (
+        (read["bags"][0]["channels"], bag_errors(comparison)),
+        (read["all"]["channels"], pooled_errors(bags)),
+    ):
+        assert list(channels) == list(errors)
+        for name, figures in channels.items():
+            assert set(figures) == {"unit", "n", *FIGURES}
+            assert figures["n"] == errors[name].n
+            for figure in FIGURES:
+                assert figures[figure] == getattr(errors[name], figure)
+    assert read["all"]["channels"]["effort/spindle"]["unit"] == "N·m"
+    assert read["bags"][0]["counters"]["motor sample not finite"] == 3
+
+
+@pytest.mark.parametrize("n", [0, 1, 5])
+def test_what_cannot_be_said_is_null(tmp_path: Path, n: int) -> None:
+    path = tmp_path / "figures.json"
+    write_results(path, [BagComparison("a", float("nan"), (constant_channel(n),))])
+    read = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+    figures = read["all"]["channels"]["effort/spindle"]
+    assert figures["n"] == n
+    assert figures["r2"] is None
+    assert figures["mean_relative_error"] is None
+    assert read["bags"][0]["duration_s"] is None
+
+
+def test_a_write_that_fails_leaves_the_older_file(
+    tmp_path: Path, comparison: BagComparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "figures.json"
+    path.write_text("old")
+
+    def full(_: int) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="no space"):
+        write_results(path, [comparison])
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_missing_folder_is_an_error_and_not_a_traceback_of_another_kind(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        write_results(tmp_path / "missing" / "figures.json", [])

@@ -1,0 +1,90 @@
+"""The head of the report says in words what the figures say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.comparison import BagComparison, Channel
+from cdrj_ros.estimation.metrics import bag_errors, pooled_errors
+from cdrj_ros.report.verdict import last_elements, telling_channels, verdict
+
+
+def scaled(name: str, factor: float) -> Channel:
+    n = 1001
+    unit = "N·m" if name.startswith("effort") else "N"
+    base = np.sin(np.linspace(0.0, 20.0, n)) + (0.0 if unit == "N·m" else 10.0)
+    stamps = np.arange(n, dtype=np.int64) * 10_000_000
+    return Channel(name, unit, stamps, factor * base, base, np.full(n, np.nan), "")
+
+
+def summed(*channels: Channel) -> str:
+    bag = BagComparison("bags/one", 10.0, channels)
+    return verdict([bag], bag_errors(bag)).sentence
+
+
+@pytest.mark.parametrize(
+    ("factor", "word"),
+    [(1.01, "closely"), (1.04, " well"), (0.9, "roughly"), (0.7, "do not follow")],
+)
+def test_the_words_grow_weaker_with_the_error(factor: float, word: str) -> None:
+    assert word in summed(scaled("tension/upper/1", factor), scaled("tension/upper/2", factor))
+
+
+def test_the_sentence_names_the_mean_over_channels() -> None:
+    sentence = summed(scaled("tension/upper/1", 1.01), scaled("tension/upper/2", 1.03))
+    assert "2.00 %" in sentence
+
+
+def test_efforts_are_judged_by_the_variation_they_explain() -> None:
+    assert "follows the recording closely: 99.0 % of its variation" in summed(
+        scaled("effort/spindle", 0.9)
+    )
+    assert "does not follow" in summed(scaled("effort/spindle", -1.0))
+
+
+def test_the_largest_error_is_named_with_its_moment() -> None:
+    spoilt = scaled("tension/upper/2", 1.0)
+    spoilt.estimate[700] += 5.0
+    bag = BagComparison("bags/one", 10.0, (scaled("tension/upper/1", 1.0), spoilt))
+    detail = verdict([bag], bag_errors(bag)).detail
+    assert "5.0 N, in tension/upper/2 at 7.0 s" in detail
+    clean = BagComparison("bags/two", 10.0, (scaled("tension/upper/2", 1.0),))
+    both = verdict([clean, bag], pooled_errors([clean, bag])).detail
+    assert "at 7.0 s of bags/one" in both
+    assert "20 s in 2 recordings" in both
+
+
+def test_nothing_compared_is_said_plainly() -> None:
+    assert verdict([], {}).sentence.startswith("Nothing could be compared")
+    assert verdict([], {}).numbers == ()
+
+
+def test_key_numbers_cover_last_elements_and_every_quantity(comparison: BagComparison) -> None:
+    numbers = verdict([comparison], bag_errors(comparison)).numbers
+    assert [number.label for number in numbers] == [
+        "Last element of each cable",
+        "All 16 element tensions",
+        "All 14 nodal forces",
+        "Both efforts",
+    ]
+
+
+def test_the_telling_channels_are_the_papers(comparison: BagComparison) -> None:
+    names = [channel.name for channel in comparison.channels]
+    assert last_elements(names) == ("tension/upper/8", "tension/lower/8")
+    assert telling_channels(names) == (
+        "tension/upper/8",
+        "tension/lower/8",
+        "nodal_force/upper/3",
+        "nodal_force/lower/3",
+        "effort/spindle",
+        "effort/rolling",
+    )
+
+
+def test_elements_are_ordered_as_numbers() -> None:
+    names = [f"tension/upper/{i}" for i in (9, 10, 2)]
+    assert last_elements(names) == ("tension/upper/10",)
+    assert telling_channels([f"nodal_force/a/{i}" for i in (1, 2)]) == ("nodal_force/a/2",)
+    assert telling_channels(["friction/a/1"]) == ("friction/a/1",)
