@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.friction import BOUND_FLOOR, LUGRE, NONE, friction_force, stribeck_share
+from cdrj_ros.model.friction import BOUND_FLOOR, LUGRE, NONE, friction_force
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -31,9 +31,10 @@ Table = NDArray[np.float64]
     BRISTLE_DAMPING,
     VISCOUS,
     BREAKAWAY,
+    STRIBECK_LAG,
     CELLS,
     PULLEY_COLUMNS,
-) = range(13)
+) = range(14)
 
 # Columns of an element's row in the solver.
 LENGTH_BEFORE, LENGTH, MATERIAL_BEFORE, MATERIAL, TENSION, ELEMENT_COLUMNS = range(6)
@@ -43,8 +44,8 @@ LENGTH_BEFORE, LENGTH, MATERIAL_BEFORE, MATERIAL, TENSION, ELEMENT_COLUMNS = ran
     SLIP,
     BRISTLE_BEFORE,
     BRISTLE,
-    LOSS_KINETIC,
-    LOSS_STATIC,
+    LOSS,
+    STATIC_SHARE,
     _BOUND,
     _TRIAL,
     _STEP,
@@ -117,17 +118,8 @@ def _imbalance(
         by_slip = 0.0
         by_pull = 0.0
         if law != NONE:
-            static = work[i, LOSS_STATIC]
-            speed = slip / dt if dt > 0.0 else 0.0
-            share = 1.0
-            share_by_slip = 0.0
-            if static != 0.0 and speed != 0.0:
-                stribeck_speed = pulleys[i, STRIBECK_SPEED]
-                share = stribeck_share(speed, stribeck_speed)
-                share_by_slip = -2.0 * speed / (stribeck_speed * stribeck_speed * dt) * share
-            pull = max(t_left, t_right)
-            eta_loss = work[i, LOSS_KINETIC] + static * share
-            bound = eta_loss * pull + pulleys[i, DRAG] + BOUND_FLOOR
+            eta_loss = work[i, LOSS]
+            bound = eta_loss * max(t_left, t_right) + pulleys[i, DRAG] + BOUND_FLOOR
             stiffness = pulleys[i, BRISTLE_STIFFNESS]
             bristle_before = work[i, BRISTLE_BEFORE]
             force, by_slip, by_bound = friction_force(
@@ -135,19 +127,18 @@ def _imbalance(
             )
             work[i, BRISTLE] = force
             work[i, _BOUND] = bound
-            by_slip += by_bound * static * share_by_slip * pull
             by_pull = by_bound * eta_loss
-            damping = pulleys[i, BRISTLE_DAMPING]
-            if damping != 0.0 and dt > 0.0:
-                # sigma1 dz/dt, fading with speed: a constant sigma1 costs LuGre its passivity
-                fade = stribeck_share(speed, pulleys[i, STRIBECK_SPEED])
-                rate = damping * fade / (stiffness * dt)
-                force += rate * (force - bristle_before)
-                by_slip *= 1.0 + rate
-                by_pull *= 1.0 + rate
-            if pulleys[i, VISCOUS] != 0.0 and dt > 0.0:
-                force += pulleys[i, VISCOUS] * speed
-                by_slip += pulleys[i, VISCOUS] / dt
+            if dt > 0.0:
+                damping = pulleys[i, BRISTLE_DAMPING]
+                if damping != 0.0:
+                    # sigma1 dz/dt, fading with speed: constant, it costs LuGre its passivity
+                    rate = damping * work[i, STATIC_SHARE] / (stiffness * dt)
+                    force += rate * (force - bristle_before)
+                    by_slip *= 1.0 + rate
+                    by_pull *= 1.0 + rate
+                viscous = pulleys[i, VISCOUS] / dt
+                force += viscous * slip
+                by_slip += viscous
 
         residual = t_right - t_left - force
         work[i, _RESIDUAL] = residual
@@ -311,8 +302,8 @@ def solve_cable(
         elements: rows of the elements, shape (n + 1, ELEMENT_COLUMNS); given are the lengths
             before and now and the material before [m], written are material and tension [N].
         work: rows of the pulleys, shape (n, WORK_COLUMNS); given are a first guess of the slip
-            [m], the bristle force before [N] and both parts of 1 - eta, written are slip and
-            bristle force; the rest is scratch.
+            [m], the bristle force before [N], the loss 1 - eta and the share of static friction
+            in it, written are slip and bristle force; the rest is scratch.
         pulleys: constants of the pulleys, shape (n, PULLEY_COLUMNS).
         first_slip, last_slip: material that enters at the first and leaves at the last node [m].
         law: code of the friction law.

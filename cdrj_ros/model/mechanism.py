@@ -21,8 +21,7 @@ from cdrj_ros.model.cable import (
     ELEMENT_COLUMNS,
     LENGTH,
     LENGTH_BEFORE,
-    LOSS_KINETIC,
-    LOSS_STATIC,
+    LOSS,
     MATERIAL,
     MATERIAL_BEFORE,
     MU_C,
@@ -31,6 +30,9 @@ from cdrj_ros.model.cable import (
     RADIUS,
     RHO,
     SLIP,
+    STATIC_SHARE,
+    STRIBECK_LAG,
+    STRIBECK_SPEED,
     TENSION,
     WORK_COLUMNS,
     element_tension,
@@ -39,7 +41,7 @@ from cdrj_ros.model.cable import (
 )
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.drum import MEMORY_SIZE, material_held, start_drum, turn_drum
-from cdrj_ros.model.friction import blended_loss
+from cdrj_ros.model.friction import blended_loss, stribeck_share
 from cdrj_ros.model.geometry import (
     FRAME_INDICES,
     FRAME_NUMBERS,
@@ -125,8 +127,12 @@ STARTED: Final = 0
 
 @compiled
 def state_size(plan: Indices) -> int:
-    """Floats of the state: flag, length, material, bristle force, slip speed, drums of both ends."""
-    return 1 + 2 * plan[ELEMENTS] + 2 * plan[PULLEYS] + 2 * plan[CABLES] * MEMORY_SIZE
+    """Floats of the state.
+
+    In this order: the flag ``STARTED``, length and material of every element, bristle force, slip
+    speed and lagged slip speed of every pulley, the drums of both ends of every cable.
+    """
+    return 1 + 2 * plan[ELEMENTS] + 3 * plan[PULLEYS] + 2 * plan[CABLES] * MEMORY_SIZE
 
 
 @compiled
@@ -257,17 +263,23 @@ def shape(
 
 
 @compiled
-def _friction_losses(plan: Indices, numbers: Vector, wrap: Vector, work: Table) -> None:
-    """(37), (41) and their blend for every pulley; computed anew only where the wrap moves."""
+def _friction_losses(
+    plan: Indices, numbers: Vector, wrap: Vector, lagged_speed: Vector, work: Table
+) -> None:
+    """(37), (41) and their blend for every pulley; wraps that never change cost nothing.
+
+    Static friction fades with the slip speed as it was, lagging by ``STRIBECK_LAG`` (frictional
+    memory).  The speed of the sample itself would make friction fall while the cable slips, so
+    that a massless cable has several solutions or none: it would jump from sample to sample.
+    """
     for p in range(plan[PULLEYS]):
         row = plan[AT_PULLEYS] + p * 2
+        at = plan[IN_PULLEYS] + p * PULLEY_COLUMNS
         if plan[row + 1] < 0:  # the wrap never changes
-            at = plan[IN_LOSSES] + 2 * p
-            work[p, LOSS_KINETIC] = numbers[at]
-            work[p, LOSS_STATIC] = numbers[at + 1]
+            kinetic = numbers[plan[IN_LOSSES] + 2 * p]
+            static = numbers[plan[IN_LOSSES] + 2 * p + 1]
         else:
-            at = plan[IN_PULLEYS] + p * PULLEY_COLUMNS
-            work[p, LOSS_KINETIC], work[p, LOSS_STATIC] = blended_loss(
+            kinetic, static = blended_loss(
                 numbers[at + RHO],
                 numbers[at + MU_C],
                 numbers[at + MU_S],
@@ -276,6 +288,9 @@ def _friction_losses(plan: Indices, numbers: Vector, wrap: Vector, work: Table) 
                 plan[row + 1],
                 numbers[at + CELLS],
             )
+        share = stribeck_share(lagged_speed[p], numbers[at + STRIBECK_SPEED])
+        work[p, STATIC_SHARE] = share
+        work[p, LOSS] = kinetic + static * share
 
 
 @compiled
@@ -405,6 +420,8 @@ def advance(
     n += pulleys
     speed_before, speed = before[n : n + pulleys], out[n : n + pulleys]
     n += pulleys
+    lagged_before, lagged = before[n : n + pulleys], out[n : n + pulleys]
+    n += pulleys
     drums = out[n : n + 2 * cables * MEMORY_SIZE]
     for k in range(n, n + 2 * cables * MEMORY_SIZE):
         out[k] = before[k]
@@ -447,7 +464,7 @@ def advance(
         return False
     started = before[STARTED] != 0.0
     out[STARTED] = 1.0
-    _friction_losses(plan, numbers, wrap, work)
+    _friction_losses(plan, numbers, wrap, lagged_before, work)
     at = plan[IN_PULLEYS]
     constants = numbers[at : at + pulleys * PULLEY_COLUMNS].reshape(pulleys, PULLEY_COLUMNS)
     for m in range(motors):
@@ -497,12 +514,14 @@ def advance(
             for i in range(p, q):
                 bristle[i] = work[i, BRISTLE]
                 speed[i] = work[i, SLIP] / dt if dt > 0.0 else 0.0
+                lag = constants[i, STRIBECK_LAG]
+                lagged[i] = (lag * lagged_before[i] + dt * speed[i]) / (lag + dt)
         else:
             _start_cable(plan, numbers, c, motor_angle, length, material, drums)
             for e in range(first, last):
                 tension[e] = element_tension(stiffness, length[e], material[e])
             for i in range(p, q):
-                bristle[i], speed[i] = 0.0, 0.0
+                bristle[i], speed[i], lagged[i] = 0.0, 0.0, 0.0
             iterations[c], residual[c] = 0.0, 0.0
 
         most = numbers[at + MAXIMUM_TENSION]

@@ -136,8 +136,8 @@ def shape_at(model: Model, joint_angle: Vector) -> Shape:
     length, wrap = np.empty(elements), np.empty(pulleys)
     by_joint, direction = np.empty((elements, joints)), np.zeros((elements, 2))
     possible = mechanism.shape(
-        plan,
-        model.numbers,
+        _read_only(plan),  # one type of argument, so that the kernel is compiled once
+        _read_only(model.numbers),
         np.asarray(joint_angle, dtype=np.float64),
         length,
         by_joint,
@@ -147,6 +147,12 @@ def shape_at(model: Model, joint_angle: Vector) -> Shape:
         np.empty((frames, joints, 3)),
     )
     return Shape(length, by_joint, wrap, direction, bool(possible))
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def _pack(robot: Robot) -> Model:
@@ -332,6 +338,7 @@ def _pulley_numbers(pulley: Pulley, law: int) -> list[float]:
         cable_kernel.VISCOUS,
     ):
         row[shared] /= cells
+    row[cable_kernel.STRIBECK_LAG] = friction.stribeck_lag
     row[cable_kernel.CELLS] = cells
     row[cable_kernel.BREAKAWAY] = 1.0 if rigid else friction.breakaway
     return row

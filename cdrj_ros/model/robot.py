@@ -48,6 +48,8 @@ class Friction:
     """Static coefficient of cable on pulley [-], at least mu_c."""
     stribeck_speed: float | None = None
     """v_s [m/s]; has no default because published values lie orders of magnitude apart."""
+    stribeck_lag: float = 0.02
+    """Time by which static friction lags behind the slip speed [s], positive."""
     rho: float = 1.0
     """Share of sliding friction in the blend, 1 - rho is the bearing's [-]."""
     bearing_friction: float = 0.0

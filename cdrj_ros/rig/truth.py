@@ -199,15 +199,15 @@ def _balance(
     for k in range(dt.size):
         following = min(phase + 1, torque.size - 1) if dt[k] > 0.0 else phase
         q, needed = joint_angle[following], torque[following]
-        far = 2.0 * motor_speed * dt[k] + 1e-3
+        far = 2.0 * motor_speed * dt[k] + 1e-2
         a = angle
         fa = _imbalance(plan, numbers, state, a, q, needed, dt[k], effort_place, out)
         b, fb = a, fa
         width = 1e-5
         towards = -rising if fa > 0.0 else rising
-        while abs(fb) > BALANCE_TOLERANCE and fa * fb > 0.0 and abs(b - angle) < far:
+        while abs(fb) > BALANCE_TOLERANCE and fa * fb > 0.0 and width < 2.0 * far:
             a, fa = b, fb
-            b = angle + towards * min(width, far)
+            b = angle + towards * width
             fb = _imbalance(plan, numbers, state, b, q, needed, dt[k], effort_place, out)
             width *= 2.0
         side = 0

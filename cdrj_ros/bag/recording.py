@@ -1,0 +1,248 @@
+"""A bag as channels of numbers over time: what was measured, and what it is to be compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from cdrj_ros.bag.bulk import Block, BulkDecoder, merged
+from cdrj_ros.bag.definitions import message_type
+from cdrj_ros.bag.mcap_file import Batch, Channel, McapFile
+from cdrj_ros.bag.source import Source, open_source
+from cdrj_ros.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
+from cdrj_ros.model.errors import BagError
+
+REFERENCE_ARRAYS: Final[Mapping[str, tuple[str, str]]] = {
+    CABLE_TENSIONS.name: ("tension", "tension"),
+    NODAL_FORCES.name: ("nodal_force", "magnitude"),
+    JOINT_STATE.name: ("effort", "effort"),
+}
+"""By message type: what its channels are called, and the array they come from."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One scalar channel over time, in order of log time; every value as recorded, NaN included."""
+
+    stamp_ns: npt.NDArray[np.int64]
+    """Header stamps [ns], shape (n,); log times where every header stamp of the topic is zero."""
+    log_ns: npt.NDArray[np.int64]
+    """When each message was recorded [ns], shape (n,), never decreasing."""
+    value: npt.NDArray[np.float64]
+    """Shape (n,)."""
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Where things are in a bag."""
+
+    motors: str = "/cdrj/motor_states"
+    joints: str = "/cdrj/joint_states"
+    references: tuple[str, ...] = (
+        "/reference/tensions",
+        "/reference/nodal_forces",
+        "/reference/efforts",
+    )
+    """Each holds CableTensions, NodalForces or efforts in a JointState; need not be there."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The numbers of one bag."""
+
+    path: Path
+    start_ns: int
+    """Log time [ns] of the earliest message read from the selected topics."""
+    end_ns: int
+    """Log time [ns] of the latest."""
+    motors: Mapping[str, Series]
+    """Motor angles by name [rad]."""
+    joints: Mapping[str, Series]
+    """Joint angles by name [rad]."""
+    references: Mapping[str, Series]
+    """`tension/upper/8` [N], `nodal_force/upper/3` (magnitude) [N], `effort/spindle` [N·m]."""
+    malformed: Mapping[str, int]
+    """Messages refused whole, by topic: not decodable, or not as many values as names."""
+    notes: tuple[str, ...]
+    """What was unusual about the bag, in plain words."""
+
+
+def read_recording(
+    path: Path | str,
+    topics: Topics = Topics(),
+    *,
+    motor_names: Collection[str] | None = None,
+    joint_names: Collection[str] | None = None,
+) -> Recording:
+    """Read a rosbag2 folder, a folder of MCAP files, or one MCAP file, whole, cut or unindexed.
+
+    Of names given, all must appear, and no others are kept; of None, all are kept.  A name that a
+    message gives twice has both values.  Raises BagError.
+    """
+    source = open_source(path)
+    reading = _Reading(source, topics)
+    if source.channels_known():
+        reading.require_inputs()
+    first = 0
+    for file in source.files:
+        for batch in file.batches():
+            reading.add(file, batch, first)
+            first += len(batch.start)
+    reading.require_inputs()
+    return reading.recording(motor_names, joint_names)
+
+
+@dataclass(frozen=True)
+class _Role:
+    """What one channel is read for."""
+
+    topic: str
+    is_input: bool
+    prefix: str
+    """Of the names of its series."""
+    decoder: BulkDecoder
+
+
+class _Reading:
+    """Decoders by topic and type, made when a channel's first message is seen."""
+
+    def __init__(self, source: Source, topics: Topics) -> None:
+        self._source = source
+        self._path = source.path
+        self._topics = topics
+        self._inputs = {topics.motors: "motor", topics.joints: "joint"}
+        self._selected = {*self._inputs, *topics.references}
+        self._roles: dict[Channel, tuple[_Role, ...]] = {}
+
+    def require_inputs(self) -> None:
+        """Refuse a bag without the topics that the angles come from."""
+        there = self._source.channels()
+        for topic in self._inputs:
+            if topic not in there:
+                raise BagError(
+                    f"{self._path} has no topic {topic}, but {', '.join(sorted(there)) or 'none'}; "
+                    "name others with --motor-topic and --joint-topic"
+                )
+
+    def add(self, file: McapFile, batch: Batch, first: int) -> None:
+        for number, channel in file.channels.items():
+            if channel.topic not in self._selected:
+                continue
+            chosen = np.flatnonzero(batch.channel == number)
+            if not len(chosen):
+                continue
+            if channel not in self._roles:
+                self._roles[channel] = self._make(channel)
+            for role in self._roles[channel]:
+                role.decoder.add(batch, chosen, first)
+
+    def recording(
+        self, motor_names: Collection[str] | None, joint_names: Collection[str] | None
+    ) -> Recording:
+        motors_topic, joints_topic = self._topics.motors, self._topics.joints
+        motors = self._series(motors_topic, is_input=True)
+        joints = motors
+        if joints_topic != motors_topic:
+            joints = self._series(joints_topic, is_input=True)
+        references: dict[str, Series] = {}
+        for topic in dict.fromkeys(self._topics.references):
+            for name, series in self._series(topic, is_input=False).items():
+                if name in references:
+                    raise BagError(f"{self._path}: {name} is on several reference topics")
+                references[name] = series
+        roles = [role for made in self._roles.values() for role in made]
+        times = [block.log_ns for role in roles for block in role.decoder.blocks]
+        chosen_motors = self._chosen(motors, motor_names, motors_topic, "motor")
+        chosen_joints = self._chosen(joints, joint_names, joints_topic, "joint")
+        return Recording(
+            path=self._path,
+            start_ns=min(int(log_ns.min()) for log_ns in times),
+            end_ns=max(int(log_ns.max()) for log_ns in times),
+            motors=chosen_motors,
+            joints=chosen_joints,
+            references=references,
+            malformed={role.topic: self._malformed(role.topic) for role in roles},
+            notes=self._source.all_notes(),
+        )
+
+    def _series(self, topic: str, *, is_input: bool) -> dict[str, Series]:
+        by_prefix: dict[str, list[Block]] = {}
+        for made in self._roles.values():
+            for role in made:
+                if role.topic == topic and role.is_input == is_input:
+                    by_prefix.setdefault(role.prefix, []).extend(role.decoder.blocks)
+        return {
+            prefix + name: Series(*arrays)
+            for prefix, blocks in by_prefix.items()
+            for name, arrays in merged(blocks).items()
+        }
+
+    def _chosen(
+        self, there: Mapping[str, Series], names: Collection[str] | None, topic: str, kind: str
+    ) -> Mapping[str, Series]:
+        if not there:
+            malformed = self._malformed(topic)
+            raise BagError(
+                f"{self._path}: topic {topic} has no {kind} angles"
+                + (f" ({malformed} malformed messages)" if malformed else "")
+            )
+        if names is None:
+            return there
+        if missing := [name for name in names if name not in there]:
+            raise BagError(
+                f"{self._path}: topic {topic} never has the {kind} "
+                f"{', '.join(map(repr, missing))}, but {', '.join(map(repr, there))}"
+            )
+        return {name: there[name] for name in names}
+
+    def _malformed(self, topic: str) -> int:
+        """Messages refused in any role; one refused in two roles counts once."""
+        refused = [
+            places
+            for made in self._roles.values()
+            for role in made
+            if role.topic == topic
+            for places in role.decoder.refused
+        ]
+        return int(np.unique(np.concatenate(refused)).size) if refused else 0
+
+    def _make(self, channel: Channel) -> tuple[_Role, ...]:
+        topic = channel.topic
+        require_cdr(self._path, channel)
+        wanted: list[tuple[bool, str, str]] = []
+        if topic in self._inputs:
+            if channel.msgtype != JOINT_STATE.name:
+                raise self._wrong_type(channel, f"{self._inputs[topic]} angles", JOINT_STATE.name)
+            wanted.append((True, "", "position"))
+        if topic in self._topics.references:
+            if channel.msgtype not in REFERENCE_ARRAYS:
+                raise self._wrong_type(channel, "references", " or ".join(REFERENCE_ARRAYS))
+            prefix, array = REFERENCE_ARRAYS[channel.msgtype]
+            wanted.append((False, prefix + "/", array))
+        try:
+            message = message_type(channel.msgtype, channel.definition_encoding, channel.definition)
+            return tuple(
+                _Role(topic, is_input, prefix, BulkDecoder(message, array, silent=not is_input))
+                for is_input, prefix, array in wanted
+            )
+        except BagError as error:
+            raise BagError(f"{self._path}: topic {topic}: {error}") from None
+
+    def _wrong_type(self, channel: Channel, use: str, expected: str) -> BagError:
+        return BagError(
+            f"{self._path}: topic {channel.topic} for {use} is "
+            f"{channel.msgtype or 'of no type'}, expected {expected}"
+        )
+
+
+def require_cdr(path: Path, channel: Channel) -> None:
+    """Refuse a channel whose messages are not CDR."""
+    if channel.encoding != "cdr":
+        raise BagError(
+            f"{path}: topic {channel.topic} is encoded as {channel.encoding!r}, expected 'cdr'"
+        )

@@ -1,0 +1,151 @@
+"""From a path to the MCAP files of one recording, in order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from cdrj_ros.bag.mcap_file import Channel, McapFile
+from cdrj_ros.model.errors import BagError
+
+METADATA: Final = "metadata.yaml"
+_SUFFIXES: Final = (".mcap", ".mcap.zstd")
+_PART: Final = re.compile(r"(?P<name>.*)_(?P<number>\d+)\.mcap(\.zstd)?")
+
+
+@dataclass(frozen=True)
+class Source:
+    """The files of one recording."""
+
+    path: Path
+    files: tuple[McapFile, ...]
+    notes: tuple[str, ...]
+    """What was unusual about the folder."""
+
+    def all_notes(self) -> tuple[str, ...]:
+        """Notes of the folder and of every file, as far as the files have been read."""
+        found = list(self.notes)
+        for file in self.files:
+            found += file.notes
+            if state := file.state():
+                found.append(state)
+        return tuple(found)
+
+    def channels_known(self) -> bool:
+        """Every channel is declared before the messages have been read."""
+        return all(file.complete and file.indexed for file in self.files)
+
+    def channels(self) -> Mapping[str, Channel]:
+        """Channels by topic, as far as they have been declared; the first declaration counts."""
+        found: dict[str, Channel] = {}
+        for file in self.files:
+            for channel in file.channels.values():
+                found.setdefault(channel.topic, channel)
+        return found
+
+
+def open_source(path: Path | str) -> Source:
+    """Open a rosbag2 folder, a folder of MCAP files, or one MCAP file."""
+    path = Path(path)
+    if not path.exists():
+        raise BagError(f"{path} does not exist, expected a rosbag2 folder or an .mcap file")
+    notes: list[str] = []
+    if not path.is_dir():
+        if path.suffix == ".db3":
+            raise BagError(_sqlite(path))
+        return Source(path, (McapFile(path),), ())
+    paths = _listed(path, notes) or _found(path, notes)
+    files = [file for part in paths if (file := _opened(part, notes)) is not None]
+    if not files:
+        raise BagError(f"{path} holds no readable MCAP file: {'; '.join(notes)}")
+    return Source(path, tuple(files), tuple(notes))
+
+
+def _opened(path: Path, notes: list[str]) -> McapFile | None:
+    """One part of a recording; a part that is no MCAP file is left out, with a note."""
+    try:
+        return McapFile(path)
+    except BagError as error:
+        notes.append(f"left out: {error}")
+        return None
+
+
+def _listed(folder: Path, notes: list[str]) -> list[Path]:
+    """The files that metadata.yaml names and that are there."""
+    try:
+        text = (folder / METADATA).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        notes.append(f"no {METADATA}")
+        return []
+    except (OSError, UnicodeDecodeError) as error:
+        notes.append(f"{METADATA} cannot be read ({error})")
+        return []
+    names, storage = _file_names(text)
+    if storage == "sqlite3":
+        raise BagError(_sqlite(folder))
+    if not names:
+        notes.append(f"{METADATA} lists no files")
+        return []
+    paths: list[Path] = []
+    for name in names:
+        inside = folder / Path(name).name
+        choices = [inside, inside.with_name(inside.name + ".zstd")]
+        there = [choice for choice in choices if choice.exists()]
+        if there:
+            paths.append(there[0])
+        else:
+            notes.append(f"{inside.name} is listed in {METADATA} but is not there")
+    return paths
+
+
+def _file_names(text: str) -> tuple[list[str], str]:
+    """File names and storage of a metadata.yaml; none where it is not one."""
+    try:
+        content: Any = YAML(typ="safe").load(text)
+        information = content["rosbag2_bagfile_information"]
+        names = [str(name) for name in information["relative_file_paths"]]
+        return names, str(information.get("storage_identifier", ""))
+    except (YAMLError, KeyError, TypeError, AttributeError, ValueError):
+        return [], ""
+
+
+def _found(folder: Path, notes: list[str]) -> list[Path]:
+    """The MCAP files of a folder whose metadata does not tell: the parts of one recording."""
+    recordings: dict[str, list[tuple[int, Path]]] = {}
+    try:
+        paths = sorted(folder.iterdir())
+    except OSError as error:
+        raise BagError(f"{folder} cannot be read: {error.strerror or error}") from None
+    for path in paths:
+        if not path.name.endswith(_SUFFIXES):
+            continue
+        part = _PART.fullmatch(path.name)
+        name = part["name"] if part else path.name.partition(".mcap")[0]
+        recordings.setdefault(name, []).append((int(part["number"]) if part else 0, path))
+    if not recordings:
+        if any(path.suffix == ".db3" for path in paths):
+            raise BagError(_sqlite(folder))
+        raise BagError(f"{folder} holds no .mcap file, expected a rosbag2 folder")
+    chosen = folder.name if folder.name in recordings else next(iter(recordings))
+    others = sorted(set(recordings) - {chosen})
+    if others and chosen != folder.name:
+        raise BagError(
+            f"{folder} has no {METADATA} and holds {len(recordings)} recordings "
+            f"({', '.join(sorted(recordings))}): name one .mcap file"
+        )
+    if others:
+        notes.append(f"other recordings in the folder were left out: {', '.join(others)}")
+    return [path for _, path in sorted(recordings[chosen])]
+
+
+def _sqlite(path: Path) -> str:
+    return (
+        f"{path} is a bag stored as sqlite3, expected mcap: convert it, for instance with "
+        f"`rosbags-convert --src {path} --dst {path.with_suffix('')}_mcap --dst-storage mcap`"
+    )

@@ -1,0 +1,1 @@
+"""The command lines: arguments, printing and exit codes, nothing else."""

@@ -1,0 +1,165 @@
+"""What the commands share: options, error lines, exit codes, progress, results."""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib import metadata
+from pathlib import Path
+from typing import Final
+
+from cdrj_ros import __version__
+from cdrj_ros.bag import Topics
+from cdrj_ros.estimation.comparison import BagComparison
+from cdrj_ros.model.errors import CdrjError, RobotFileError
+from cdrj_ros.model.plan import Model, prepare
+from cdrj_ros.model.robot_file import load_robot
+
+DONE: Final = 0
+BAD_INPUT: Final = 2
+INTERRUPTED: Final = 130
+
+
+def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:
+    """Run a command's body; errors of this package become one line and exit code 2."""
+    try:
+        return body(sys.argv[1:] if argv is None else argv)
+    except CdrjError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except BrokenPipeError:
+        return DONE
+    except OSError as error:
+        print(f"{name}: {error.filename or ''}: {error.strerror}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print(f"{name}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def add_robot_option(parser: argparse.ArgumentParser) -> None:
+    """``--robot FILE``."""
+    parser.add_argument("--robot", required=True, metavar="FILE", help="robot file (YAML)")
+
+
+def add_topic_options(parser: argparse.ArgumentParser) -> None:
+    """``--motor-topic``, ``--joint-topic``, ``--reference``."""
+    defaults = Topics()
+    parser.add_argument(
+        "--motor-topic", default=defaults.motors, metavar="TOPIC",
+        help="JointState with the motor angles (default %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--joint-topic", default=defaults.joints, metavar="TOPIC",
+        help="JointState with the joint angles (default %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--reference", action="append", metavar="TOPIC",
+        help="recorded truth: CableTensions, NodalForces, or JointState with efforts; "
+        f"repeatable (default {', '.join(defaults.references)})",
+    )  # fmt: skip
+
+
+def add_result_options(parser: argparse.ArgumentParser) -> None:
+    """``--json``, ``--html``."""
+    parser.add_argument("--json", metavar="FILE", help="write the figures as JSON")
+    parser.add_argument("--html", metavar="FILE", help="write a report with pictures")
+
+
+def topics_of(arguments: argparse.Namespace) -> Topics:
+    """The topics that the options name."""
+    references = arguments.reference
+    return Topics(
+        arguments.motor_topic,
+        arguments.joint_topic,
+        tuple(references) if references else Topics().references,
+    )
+
+
+def load_model(path: str) -> Model:
+    """Read and prepare a robot file; a bare name means one of the installed ones."""
+    if not Path(path).exists() and "/" not in path and not path.endswith(".yaml"):
+        for folder in _installed_robots():
+            if (folder / f"{path}.yaml").exists():
+                return prepare(load_robot(folder / f"{path}.yaml"))
+        raise RobotFileError(
+            f"there is no robot file {path}, and none of that name is installed"
+        )
+    return prepare(load_robot(path))
+
+
+def _installed_robots() -> Iterator[Path]:
+    """Folders that may hold the package's own robot files: beside the source, or installed."""
+    here = Path(__file__).resolve()
+    yield here.parents[2] / "config" / "robots"
+    for parent in here.parents:
+        yield parent / "share" / "cdrj_ros" / "config" / "robots"
+
+
+@contextmanager
+def progress_bar(description: str, total: float, *, shown: bool) -> Iterator[Callable[[float], None]]:
+    """A bar on standard error; yields a function that takes what is done."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(file=sys.stderr)
+    if not (shown and console.is_terminal):
+        yield lambda done: None
+        return
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(), console=console, transient=True,
+    ) as progress:  # fmt: skip
+        task = progress.add_task(description, total=total)
+        yield lambda done: progress.update(task, completed=done)
+
+
+def versions() -> dict[str, str]:
+    """What produced the numbers."""
+    named = {"cdrj_ros": __version__, "Python": platform.python_version()}
+    for package in ("numpy", "scipy", "numba", "rosbags", "mcap"):
+        named[package] = metadata.version(package)
+    return named
+
+
+def write_results(
+    arguments: argparse.Namespace,
+    model: Model,
+    comparisons: Sequence[BagComparison],
+    title: str,
+) -> None:
+    """Print the table, then write what the options ask for."""
+    from cdrj_ros.estimation.metrics import pooled_errors
+    from cdrj_ros.report.table import print_table
+    from cdrj_ros.validation import PUBLISHED, PUBLISHED_HEADING, robot_summary
+
+    beside = PUBLISHED if model.robot.name == "prototype" else None
+    heading = PUBLISHED_HEADING if beside else ""
+    for comparison in comparisons:
+        for note in comparison.notes:
+            print(f"note: {comparison.path}: {note}")
+        for cause, count in comparison.counters.items():
+            if count:
+                print(f"left out: {comparison.path}: {count} {cause}")
+    print_table(pooled_errors(comparisons), title=title, beside=beside, beside_heading=heading)
+    if arguments.json:
+        from cdrj_ros.report.results_json import write_results as write_json
+
+        write_json(arguments.json, comparisons)
+        print(f"figures: {arguments.json}")
+    if arguments.html:
+        from cdrj_ros.report.html import write_report
+
+        write_report(
+            arguments.html,
+            comparisons,
+            title=title,
+            robot_summary=robot_summary(model),
+            versions=versions(),
+            beside=beside,
+            beside_heading=heading,
+        )
+        print(f"report: {arguments.html}")

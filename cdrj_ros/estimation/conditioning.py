@@ -1,0 +1,389 @@
+"""What a raw reading must pass before ``step()`` sees it, and how several clocks become one line.
+
+Every motor and joint is a channel of its own.  A channel's readings pass a gate; what passes is
+brought to one time line: the union of all stamps, every channel interpolated linearly between its
+own readings.  An estimate therefore waits until the slowest channel has been heard (holding the
+last joint angle while the motor moves on would inject a sawtooth into the tensions).  The result
+does not depend on the order in which different topics arrive.  docs/conditioning.md.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.estimator import Sample, Samples
+from cdrj_ros.model.robot import Robot
+
+Stamps = NDArray[np.int64]
+Vector = NDArray[np.float64]
+
+REFUSALS: Final[Mapping[str, str]] = {
+    "malformed": "message refused whole: not as many positions as names, or not decodable",
+    "empty": "message without a name",
+    "unstamped": "message with a zero stamp",
+    "unknown_name": "name that the robot file does not have",
+    "not_finite": "NaN or infinite position",
+    "repeated": "stamp equal to the last one accepted",
+    "late": "stamp before the last one accepted",
+    "future": "stamp further ahead than any plausible gap, not borne out by others",
+    "out_of_range": "joint angle outside its range",
+    "implausible": "further from the last reading than the maximum speed allows",
+}
+"""Causes for which a reading is refused, and what they mean."""
+
+MAX_GAP_NS: Final = 1_000_000_000
+"""A stamp further than this from the last one is believed only when others bear it out [ns]."""
+
+CONFIRMATIONS: Final = 5
+"""Consecutive readings that must agree before a channel follows a jump of the clock."""
+
+RANGE_MARGIN: Final = 1e-9
+"""Rounding allowed at the ends of a joint's range [rad]."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a channel's readings must satisfy."""
+
+    name: str
+    lower: float = float("-inf")
+    """[rad]."""
+    upper: float = float("inf")
+    """[rad]."""
+    max_speed: float = float("inf")
+    """[rad/s]."""
+
+
+def limits_of(robot: Robot) -> tuple[Limits, ...]:
+    """Limits of all motors, then all joints, in the robot's order."""
+    return (
+        *(Limits(motor.name, max_speed=motor.max_speed) for motor in robot.motors),
+        *(
+            Limits(joint.name, joint.lower, joint.upper, joint.max_speed)
+            for joint in robot.joints
+        ),
+    )
+
+
+@dataclass
+class _Channel:
+    """One channel's gate and the readings that wait for the other channels."""
+
+    limits: Limits
+    last_stamp: int = -1
+    last_value: float = 0.0
+    readings: deque[tuple[int, float]] = field(default_factory=deque)
+    """Accepted; the first one is the newest at or before the last sample that was given out."""
+    held: list[tuple[int, float]] = field(default_factory=list)
+    """Readings from a clock that may have jumped."""
+
+
+class Conditioner:
+    """The gates and the time line of one robot; feed it messages, take samples."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._limits = limits_of(robot)
+        motors, joints = robot.motors, robot.joints
+        self._motor_count = len(motors)
+        self._motor_index = {motor.name: k for k, motor in enumerate(motors)}
+        self._joint_index = {joint.name: len(motors) + k for k, joint in enumerate(joints)}
+        self._both_index = {**self._motor_index, **self._joint_index}
+        self.refused: dict[str, int] = dict.fromkeys(REFUSALS, 0)
+        """Readings (or whole messages) refused so far, by cause."""
+        self.accepted = 0
+        """Readings accepted so far."""
+        self.clock_jumps = 0
+        """Times that the clock has gone back and everything was started anew."""
+        self.gaps = 0
+        """Times that a channel was silent for longer than ``MAX_GAP_NS``."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all readings; the counters stay."""
+        self._channels = [_Channel(limits) for limits in self._limits]
+        self._given_out = -1
+        self._missing = len(self._channels)
+
+    def feed_motors(
+        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
+    ) -> list[Sample]:
+        """Take a message of motor angles [rad]; returns the samples that are now complete."""
+        return self._feed(self._motor_index, stamp_ns, names, positions)
+
+    def feed_joints(
+        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
+    ) -> list[Sample]:
+        """Take a message of joint angles [rad]; returns the samples that are now complete."""
+        return self._feed(self._joint_index, stamp_ns, names, positions)
+
+    def feed_both(
+        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
+    ) -> list[Sample]:
+        """Take a message of motors and joints alike; returns the samples that are complete."""
+        return self._feed(self._both_index, stamp_ns, names, positions)
+
+    def _feed(
+        self,
+        index: Mapping[str, int],
+        stamp_ns: int,
+        names: Sequence[str],
+        positions: Sequence[float] | Vector,
+    ) -> list[Sample]:
+        if len(names) != len(positions):
+            self.refused["malformed"] += 1
+            return []
+        if not names:
+            self.refused["empty"] += 1
+            return []
+        if stamp_ns <= 0:
+            self.refused["unstamped"] += 1
+            return []
+        news = False
+        for name, position in zip(names, positions, strict=True):
+            k = index.get(name)
+            if k is None:
+                self.refused["unknown_name"] += 1
+            elif self._admit(k, stamp_ns, float(position)):
+                news = True
+        return self._complete_samples() if news else []
+
+    def _admit(self, k: int, stamp: int, value: float) -> bool:
+        """The gate; True where the reading, or ones held before it, joined the channel."""
+        channel = self._channels[k]
+        limits = channel.limits
+        if value - value != 0.0:  # NaN and both infinities
+            self.refused["not_finite"] += 1
+            return False
+        if not limits.lower - RANGE_MARGIN <= value <= limits.upper + RANGE_MARGIN:
+            self.refused["out_of_range"] += 1
+            return False
+        last = channel.last_stamp
+        if last >= 0:
+            ahead = stamp - last
+            if ahead == 0:
+                self.refused["repeated"] += 1
+                return False
+            if ahead > MAX_GAP_NS or ahead < -MAX_GAP_NS:
+                return self._hold(k, stamp, value)
+            if ahead < 0:
+                if not channel.held:
+                    self.refused["late"] += 1
+                    return False
+                return self._hold(k, stamp, value)
+            if abs(value - channel.last_value) > limits.max_speed * (ahead * 1e-9):
+                self.refused["implausible"] += 1
+                return False
+        if channel.held:
+            self._drop_held(channel)
+        self._append(channel, stamp, value)
+        return True
+
+    def _append(self, channel: _Channel, stamp: int, value: float) -> None:
+        if channel.last_stamp < 0:
+            self._missing -= 1
+        channel.last_stamp = stamp
+        channel.last_value = value
+        channel.readings.append((stamp, value))
+        self.accepted += 1
+
+    def _drop_held(self, channel: _Channel) -> None:
+        """The clock did not jump after all."""
+        for stamp, _ in channel.held:
+            self.refused["future" if stamp > channel.last_stamp else "late"] += 1
+        channel.held.clear()
+
+    def _hold(self, k: int, stamp: int, value: float) -> bool:
+        """Keep a reading of another time until enough others follow it."""
+        channel = self._channels[k]
+        held = channel.held
+        if held and not 0 < stamp - held[-1][0] <= MAX_GAP_NS:
+            self._drop_held(channel)
+        held.append((stamp, value))
+        if len(held) < CONFIRMATIONS:
+            return False
+        confirmed = list(held)
+        held.clear()
+        if confirmed[0][0] < channel.last_stamp:
+            self.clock_jumps += 1
+            self.reset()
+            channel = self._channels[k]
+        else:
+            self.gaps += 1
+        for when, angle in confirmed:
+            self._append(channel, when, angle)
+        return True
+
+    def _complete_samples(self) -> list[Sample]:
+        """All stamps of all channels up to the one that every channel has reached."""
+        if self._missing:
+            return []
+        channels = self._channels
+        until = min(channel.last_stamp for channel in channels)
+        given_out = self._given_out
+        if given_out < 0:
+            given_out = max(channel.readings[0][0] for channel in channels) - 1
+        samples: list[Sample] = []
+        while given_out < until:
+            stamp = until
+            for channel in channels:
+                for when, _ in channel.readings:
+                    if when > given_out:
+                        stamp = min(stamp, when)
+                        break
+            values = np.array([_value_at(channel.readings, stamp) for channel in channels])
+            samples.append(Sample(stamp, values[: self._motor_count], values[self._motor_count :]))
+            given_out = stamp
+        self._given_out = given_out
+        return samples
+
+
+def _value_at(readings: deque[tuple[int, float]], stamp: int) -> float:
+    """Linear interpolation; drops readings that no later sample needs."""
+    while len(readings) > 1 and readings[1][0] <= stamp:
+        readings.popleft()
+    before, value = readings[0]
+    if before == stamp:
+        return value
+    after, following = readings[1]
+    return value + (following - value) * ((stamp - before) / (after - before))
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Everything that one channel received, in order of arrival."""
+
+    stamp_ns: Stamps
+    """[ns], shape (n,)."""
+    arrival_ns: Stamps
+    """When it was recorded [ns], shape (n,)."""
+    value: Vector
+    """[rad], shape (n,)."""
+
+
+@dataclass(frozen=True)
+class Conditioned:
+    """A whole recording after the gates."""
+
+    segments: tuple[Samples, ...]
+    """One, or several where the clock went back in between."""
+    refused: Mapping[str, int]
+    accepted: int
+    clock_jumps: int
+    gaps: int
+
+
+def condition(
+    robot: Robot, motors: Mapping[str, Readings], joints: Mapping[str, Readings]
+) -> Conditioned:
+    """Condition a recording; the same samples, bit for bit, as feeding it message by message.
+
+    Args:
+        robot: names and limits of the channels.
+        motors, joints: readings by name; every name of the robot must be there.
+
+    Returns:
+        The samples and what was refused.
+    """
+    known = [motors[motor.name] for motor in robot.motors]
+    known += [joints[joint.name] for joint in robot.joints]
+    limits = limits_of(robot)
+    strangers = [r for name, r in motors.items() if all(name != m.name for m in robot.motors)]
+    strangers += [r for name, r in joints.items() if all(name != j.name for j in robot.joints)]
+    if all(_is_clean(readings, limit) for readings, limit in zip(known, limits, strict=True)):
+        refused = dict.fromkeys(REFUSALS, 0)
+        refused["unknown_name"] = sum(readings.stamp_ns.size for readings in strangers)
+        accepted = sum(readings.stamp_ns.size for readings in known)
+        return Conditioned((_merge(known, len(robot.motors)),), refused, accepted, 0, 0)
+    return _replay(robot, motors, joints)
+
+
+def _is_clean(readings: Readings, limits: Limits) -> bool:
+    """Whether the gate would accept every reading of the channel."""
+    stamps, value = readings.stamp_ns, readings.value
+    if stamps.size == 0 or stamps[0] <= 0 or not np.all(np.isfinite(value)):
+        return False
+    ahead = np.diff(stamps)
+    return bool(
+        np.all(ahead > 0)
+        and np.all(ahead <= MAX_GAP_NS)
+        and np.all(value >= limits.lower - RANGE_MARGIN)
+        and np.all(value <= limits.upper + RANGE_MARGIN)
+        and np.all(np.abs(np.diff(value)) <= limits.max_speed * (ahead * 1e-9))
+    )
+
+
+def _merge(channels: Sequence[Readings], motor_count: int) -> Samples:
+    """The time line of clean channels, without a loop over samples."""
+    begin = max(int(readings.stamp_ns[0]) for readings in channels)
+    until = min(int(readings.stamp_ns[-1]) for readings in channels)
+    stamps = channels[0].stamp_ns
+    for readings in channels[1:]:
+        if readings.stamp_ns is not stamps and not np.array_equal(readings.stamp_ns, stamps):
+            stamps = np.union1d(stamps, readings.stamp_ns)
+    stamps = stamps[(stamps >= begin) & (stamps <= until)]
+    values = np.empty((stamps.size, len(channels)))
+    for k, readings in enumerate(channels):
+        values[:, k] = _values_at(readings, stamps)
+    return Samples(
+        np.ascontiguousarray(stamps),
+        np.ascontiguousarray(values[:, :motor_count]),
+        np.ascontiguousarray(values[:, motor_count:]),
+    )
+
+
+def _values_at(readings: Readings, stamps: Stamps) -> Vector:
+    """``_value_at`` for many stamps, in the same arithmetic."""
+    own, value = readings.stamp_ns, readings.value
+    at = np.searchsorted(own, stamps, side="right") - 1
+    after = np.minimum(at + 1, own.size - 1)
+    exact = own[at] == stamps
+    span = np.where(exact, 1, own[after] - own[at])
+    between = value[at] + (value[after] - value[at]) * ((stamps - own[at]) / span)
+    return np.where(exact, value[at], between)
+
+
+def _replay(
+    robot: Robot, motors: Mapping[str, Readings], joints: Mapping[str, Readings]
+) -> Conditioned:
+    """Reading by reading, in order of arrival."""
+    conditioner = Conditioner(robot)
+    feeds = [(conditioner.feed_motors, name, r) for name, r in motors.items()]
+    feeds += [(conditioner.feed_joints, name, r) for name, r in joints.items()]
+    arrival = np.concatenate([readings.arrival_ns for _, _, readings in feeds])
+    source = np.repeat(np.arange(len(feeds)), [r.stamp_ns.size for _, _, r in feeds])
+    place = np.concatenate([np.arange(r.stamp_ns.size) for _, _, r in feeds])
+    order = np.lexsort((source, arrival))
+    columns = [(feed, (name,), r.stamp_ns.tolist(), r.value.tolist()) for feed, name, r in feeds]
+    segments: list[list[Sample]] = [[]]
+    jumps = 0
+    for k, n in zip(source[order].tolist(), place[order].tolist(), strict=True):
+        feed, name, stamps, values = columns[k]
+        samples = feed(stamps[n], name, (values[n],))
+        if conditioner.clock_jumps != jumps:
+            jumps = conditioner.clock_jumps
+            segments.append([])
+        segments[-1].extend(samples)
+    motor_count, joint_count = len(robot.motors), len(robot.joints)
+    return Conditioned(
+        tuple(_stacked(segment, motor_count, joint_count) for segment in segments if segment),
+        conditioner.refused,
+        conditioner.accepted,
+        conditioner.clock_jumps,
+        conditioner.gaps,
+    )
+
+
+def _stacked(samples: Sequence[Sample], motors: int, joints: int) -> Samples:
+    n = len(samples)
+    return Samples(
+        np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
+        np.array(list(chain.from_iterable(s.motor_angle for s in samples))).reshape(n, motors),
+        np.array(list(chain.from_iterable(s.joint_angle for s in samples))).reshape(n, joints),
+    )

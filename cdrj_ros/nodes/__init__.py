@@ -1,0 +1,1 @@
+"""The ROS nodes: convert, step, publish. The only place that imports rclpy and the messages."""
