@@ -7,6 +7,9 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/say.sh
 . tools/env.sh
 
+# What is no longer among the sources would stay installed.
+rm -rf "install/$1"
+
 # Started by the environment's Python, colcon gives the installed executables that Python too.
 stage "build/colcon-$1.log" "Building $1" \
     python "$(command -v colcon)" build \

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import rclpy
 from numpy.typing import NDArray
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
@@ -78,22 +79,39 @@ class ReplayNode(Node):
         super().__init__("replay", namespace="cdrj", **options)
         self.reader = AnswerReader(layout)
         self.answers = Answers()
-        self.answered_ns = -1
+        self._newest = {"tension": -1, "nodal_force": -1, "effort": -1}
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
         self.motors = self.create_publisher(JointState, "motor_states", qos)
         self.joints = self.create_publisher(JointState, "joint_states", qos)
         self.inputs = (self.motors, self.joints)
-        for message, topic, keep in (
-            (CableTensions, "tensions", self._on_tensions),
-            (NodalForces, "nodal_forces", self.answers.nodal_force.append),
-            (JointState, "efforts", self.answers.effort.append),
+        for message, topic, kind in (
+            (CableTensions, "tensions", "tension"),
+            (NodalForces, "nodal_forces", "nodal_force"),
+            (JointState, "efforts", "effort"),
         ):
-            self.create_subscription(message, topic, keep, qos, raw=True)
+            self.create_subscription(message, topic, self._listener(kind), qos, raw=True)
         self.outputs = tuple(map(self.resolve_topic_name, ("tensions", "nodal_forces", "efforts")))
 
-    def _on_tensions(self, payload: bytes) -> None:
-        self.answers.tension.append(payload)
-        self.answered_ns = max(self.answered_ns, self.reader.stamp(payload))
+    def _listener(self, kind: str) -> Callable[[bytes], None]:
+        keep = getattr(self.answers, kind).append
+        newest, stamp = self._newest, self.reader.stamp
+
+        def on_answer(payload: bytes) -> None:
+            keep(payload)
+            newest[kind] = stamp(payload)
+
+        return on_answer
+
+    @property
+    def answered_ns(self) -> int:
+        """Stamp up to which all three topics have been heard [ns]; -1 before the first answer."""
+        return min(self._newest.values())
+
+    def forget_answers(self) -> None:
+        """Start listening anew."""
+        self.answers.clear()
+        for kind in self._newest:
+            self._newest[kind] = -1
 
     def estimator_is_there(self) -> bool:
         """Whether both ways are open."""
@@ -112,7 +130,7 @@ class Played:
 
 
 def wait_for_estimator(
-    node: ReplayNode, executor: SingleThreadedExecutor, name: str, patience_s: float
+    node: ReplayNode, executor: EventsExecutor, name: str, patience_s: float
 ) -> None:
     """Until the estimator listens, is heard, and has forgotten what was before.
 
@@ -133,13 +151,12 @@ def wait_for_estimator(
     if not future.done():
         raise NoEstimatorError(f"the estimator does not answer {name}/reset")
     node.destroy_client(client)
-    node.answers.clear()
-    node.answered_ns = -1
+    node.forget_answers()
 
 
 def play(
     node: ReplayNode,
-    executor: SingleThreadedExecutor,
+    executor: EventsExecutor,
     path: str,
     topics: Topics,
     rate: float | None,
@@ -179,14 +196,11 @@ def play(
         under_way.pop()  # beyond what every channel has reached: no estimate can be asked for
     unanswered += _let_answers_in(node, executor, under_way, 0)
     duration = perf_counter() - begin
-    settle = monotonic() + 0.2  # the other two topics of the last estimates
-    while monotonic() < settle:
-        executor.spin_once(timeout_sec=0.02)
     return Played(sent, unanswered, duration)
 
 
 def _let_answers_in(
-    node: ReplayNode, executor: SingleThreadedExecutor, under_way: deque[int], allowed: int
+    node: ReplayNode, executor: EventsExecutor, under_way: deque[int], allowed: int
 ) -> int:
     """Spin until no more than ``allowed`` inputs wait; returns how many were given up."""
     deadline = monotonic() + STALLED_S
@@ -261,7 +275,7 @@ def _replay(arguments: argparse.Namespace, model: Model, topics: Topics) -> int:
     expected = sum(segment.stamp_ns.size for segment in conditioned.segments)
     last = max((int(s.stamp_ns[-1]) for s in conditioned.segments), default=-1)
     node = ReplayNode(model.layout)
-    executor = SingleThreadedExecutor()
+    executor = EventsExecutor()
     executor.add_node(node)
     print(f"waiting for {arguments.estimator} ...", flush=True)
     wait_for_estimator(node, executor, arguments.estimator, arguments.patience)
