@@ -34,13 +34,12 @@ class EstimateEncoder:
     def __init__(self, layout: Layout, frame_id: str = "") -> None:
         """Prepare the three messages; the names never change."""
         self._layout = layout
-        self._tensions = Template(
-            CABLE_TENSIONS, layout.elements, ("tension", "status"), frame_id
-        )
+        self._tensions = Template(CABLE_TENSIONS, layout.elements, ("tension", "status"), frame_id)
         self._forces = Template(NODAL_FORCES, layout.pulleys, FORCE_ARRAYS, frame_id)
         self._efforts = Template(JOINT_STATE, layout.motors + layout.joints, ("effort",), frame_id)
         self._flat = np.zeros(len(layout.pulleys))
-        before, at = [], 0
+        before: list[int] = []
+        at = 0
         for cable in layout.cables:
             count = sum(name.startswith(f"{cable}/") for name in layout.pulleys)
             before += range(at, at + count)

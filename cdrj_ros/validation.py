@@ -102,8 +102,7 @@ def estimate(model: Model, conditioned: Conditioned) -> Estimates:
         return Estimates(np.empty(0, np.int64), np.empty((0, model.layout.size)), model.layout)
     if len(parts) == 1:
         return parts[0]
-    last = parts[-1]  # after a jump of the clock only one pass can be told apart by stamps
-    return last
+    return parts[-1]  # after a jump of the clock only one pass can be told apart by stamps
 
 
 def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int]:
@@ -145,12 +144,10 @@ def compare_with_references(
     if model.layout.joints and conditioned.segments:
         segment = conditioned.segments[-1]
         angle = Angle(model.layout.joints[0], segment.stamp_ns, segment.joint_angle[:, 0])
-    jumped = ()
+    jumped: tuple[str, ...] = ()
     if len(conditioned.segments) > 1:
-        jumped = (
-            f"The clock went back {len(conditioned.segments) - 1} times; only what came after "
-            "the last time is compared.",
-        )
+        again = len(conditioned.segments) - 1
+        jumped = (f"The clock went back {again} times; only what came after is compared.",)
     return compare_bag(
         path,
         (recording.end_ns - recording.start_ns) * 1e-9,

@@ -121,8 +121,8 @@ motors:
 
 joints:
   - name: jaw
-    range: [-0.5, 2.0]            # assumed; recorded is 0.1 to 1.24 rad
-    reference_angle: {jaw_reference:<9.5g}    # fitted: both cables at the preload, spindle at 0.5 rad
+    range: [-0.5, 2.0]            # assumed; the runs have 0.16 to 1.24 rad
+    reference_angle: {jaw_reference:<9.5g}    # fitted: where both have the preload
     effort_sign: -1               # the recorded torque is what holds the jaw against the cables
 
 friction:
@@ -131,7 +131,7 @@ friction:
 cables:
   - name: a                       # wound by +spindle, lengthened by +jaw
     axial_stiffness: {stiffness_a:<9.5g}    # EA [N], fitted, given the assumed lengths
-    preload: {preload:<9.5g}            # [N], fitted; both cables alike, as jaw's reference_angle sets
+    preload: {preload:<9.5g}            # [N], fitted, that of b too
     nodes:
       - {{type: winch, motor: spindle, radius_mm: 5, winding: 1}}       # radius assumed
       - type: pulley              # 2, where the cable leaves the spindle
@@ -143,11 +143,11 @@ cables:
     spans:                        # assumed [m]; the last follows the jaw
       - 0.02
       - 0.40
-      - {{joint: jaw, offset_mm: 20, slope_mm: {jaw_radius_mm:.5g}}}    # slope: the jaw's radius, fitted
+      - {{joint: jaw, offset_mm: 20, slope_mm: {jaw_radius_mm:.5g}}}    # slope fitted: the jaw's radius
 
   - name: b                       # wound by -spindle, lengthened by -jaw; carries the load
     axial_stiffness: {stiffness_b:<9.5g}    # EA [N], fitted, given the assumed lengths
-    preload: {preload:<9.5g}            # [N], fitted
+    preload: {preload:<9.5g}            # [N], that of a
     nodes:
       - {{type: winch, motor: spindle, radius_mm: 5, winding: -1}}
       - type: pulley              # 2
@@ -230,9 +230,7 @@ def _read_run(bag: Path, model: Model) -> Run:
             raise BagError(f"{bag} has no reference {channel}")
         series = recording.references[channel]
         since = samples.stamp_ns[0]
-        columns.append(
-            np.interp(samples.stamp_ns - since, series.stamp_ns - since, series.value)
-        )
+        columns.append(np.interp(samples.stamp_ns - since, series.stamp_ns - since, series.value))
     return Run(bag.name, samples, np.column_stack(columns))
 
 
@@ -316,7 +314,7 @@ def cross_validate(runs: Sequence[Run], values: Mapping[str, float]) -> list[tup
         others = [one for one in runs if load(one) != digit]
         found = fit(others, values)
         pairs += judge(found.values, held_out)
-        print(f"  without load {digit}: {sentence(torque_errors(pairs[-len(held_out):]))}")
+        print(f"  without load {digit}: {sentence(torque_errors(pairs[-len(held_out) :]))}")
     return pairs
 
 

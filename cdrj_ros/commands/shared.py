@@ -85,9 +85,7 @@ def load_model(path: str) -> Model:
         for folder in _installed_robots():
             if (folder / f"{path}.yaml").exists():
                 return prepare(load_robot(folder / f"{path}.yaml"))
-        raise RobotFileError(
-            f"there is no robot file {path}, and none of that name is installed"
-        )
+        raise RobotFileError(f"there is no robot file {path}, and none of that name is installed")
     return prepare(load_robot(path))
 
 
@@ -99,15 +97,21 @@ def _installed_robots() -> Iterator[Path]:
         yield parent / "share" / "cdrj_ros" / "config" / "robots"
 
 
+def _ignore(_done: float) -> None:
+    """No progress is shown."""
+
+
 @contextmanager
-def progress_bar(description: str, total: float, *, shown: bool) -> Iterator[Callable[[float], None]]:
+def progress_bar(
+    description: str, total: float, *, shown: bool
+) -> Iterator[Callable[[float], None]]:
     """A bar on standard error; yields a function that takes what is done."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(file=sys.stderr)
     if not (shown and console.is_terminal):
-        yield lambda done: None
+        yield _ignore
         return
     with Progress(
         TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),

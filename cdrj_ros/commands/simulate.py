@@ -66,7 +66,7 @@ def _body(argv: Sequence[str]) -> int:
     for name in ("duration", "frequency", "warm_up", "load_mass"):
         if not 0.0 <= getattr(arguments, name) < 1e6:
             raise UsageError(f"--{name.replace('_', '-')} must be in [0, 1e6)")
-    if not 0.01 <= arguments.duration:
+    if not arguments.duration >= 0.01:
         raise UsageError(f"--duration must be at least 0.01 s, got {arguments.duration}")
     if not 1 <= arguments.cells <= 200:
         raise UsageError(f"--cells must be in [1, 200], got {arguments.cells}")

@@ -29,7 +29,7 @@ from cdrj_ros.validation import (
 )
 
 
-def validate_bag(model: Model, path: str, topics: Topics = Topics()) -> BagComparison:
+def validate_bag(model: Model, path: str, topics: Topics) -> BagComparison:
     """One bag through the estimator, compared with its references.
 
     Raises:

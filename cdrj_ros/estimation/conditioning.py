@@ -65,10 +65,7 @@ def limits_of(robot: Robot) -> tuple[Limits, ...]:
     """Limits of all motors, then all joints, in the robot's order."""
     return (
         *(Limits(motor.name, max_speed=motor.max_speed) for motor in robot.motors),
-        *(
-            Limits(joint.name, joint.lower, joint.upper, joint.max_speed)
-            for joint in robot.joints
-        ),
+        *(Limits(joint.name, joint.lower, joint.upper, joint.max_speed) for joint in robot.joints),
     )
 
 

@@ -204,7 +204,7 @@ def _try_step(work: Table, pulleys: Table, law: int, share: float) -> None:
     for i in range(work.shape[0]):
         slip = work[i, SLIP]
         trial = slip + share * work[i, _STEP]
-        if law != NONE and law != LUGRE:
+        if law not in (NONE, LUGRE):
             stiffness = pulleys[i, BRISTLE_STIFFNESS]
             before = work[i, BRISTLE_BEFORE]
             old, new = before + stiffness * slip, before + stiffness * trial
@@ -330,9 +330,7 @@ def solve_cable(
         if worst <= enough:
             return iterations, worst
     _predict(work, elements, first_slip, last_slip)
-    count, worst = _newton(
-        axial_stiffness, elements, work, pulleys, first_slip, last_slip, law, dt
-    )
+    count, worst = _newton(axial_stiffness, elements, work, pulleys, first_slip, last_slip, law, dt)
     iterations += count
     pieces = 4
     while not worst <= enough and pieces <= MAX_SUBSTEPS:

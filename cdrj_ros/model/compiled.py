@@ -33,9 +33,9 @@ def compiled(function: F) -> F:
     IEEE arithmetic is kept (no ``fastmath``): the node and the offline tools must agree bit for
     bit.  A division by zero yields inf or NaN, as in NumPy.
     """
-    if numba.config.DISABLE_JIT:  # NUMBA_DISABLE_JIT=1: step through the kernels in a debugger
+    if getattr(numba.config, "DISABLE_JIT", 0):  # NUMBA_DISABLE_JIT=1, for a debugger
         return function
-    dispatcher = numba.njit(cache=True, error_model="numpy")(function)
+    dispatcher: Any = numba.njit(cache=True, error_model="numpy")(function)
     stamp = source_digest(Path(function.__code__.co_filename))
     dispatcher._cache._cache_file._source_stamp = stamp
-    return dispatcher  # type: ignore[no-any-return]
+    return dispatcher

@@ -48,7 +48,7 @@ def start_drum(memory: NDArray[np.float64], angle: float, material: float, rate:
 @compiled
 def material_held(memory: NDArray[np.float64]) -> float:
     """Unstretched material on the drum since the reference [m]."""
-    return memory[_MATERIAL + int(memory[0]) - 1]  # type: ignore[no-any-return]
+    return memory[_MATERIAL + int(memory[0]) - 1]
 
 
 @compiled

@@ -46,9 +46,7 @@ def stribeck_share(slip_speed: float, stribeck_speed: float) -> float:
 
 
 @compiled
-def sliding_loss(
-    mu_c: float, mu_s: float, wrap_angle: float, stribeck: int
-) -> tuple[float, float]:
+def sliding_loss(mu_c: float, mu_s: float, wrap_angle: float, stribeck: int) -> tuple[float, float]:
     """(37) as ``1 - eta_d = kinetic + static * stribeck_share(v)``; returns (kinetic, static).
 
     ``printed`` scales the kinetic loss by mu_s / mu_c as in (35); ``capstan`` lets the loss at

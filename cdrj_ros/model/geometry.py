@@ -251,4 +251,3 @@ def hermite_table(values: Vector, slopes: Vector, step: float) -> Table:
     y0, y1 = values[:-1], values[1:]
     d0, d1 = slopes[:-1] * step, slopes[1:] * step
     return np.stack([y0, d0, 3 * (y1 - y0) - 2 * d0 - d1, 2 * (y0 - y1) + d0 + d1], axis=1)
-

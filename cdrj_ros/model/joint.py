@@ -45,5 +45,7 @@ class RollingLoad:
         r, d, g = self.rolling_radius, self.load_distance, self.gravity
         inertia = 6 * m_j * r**2 + (4 * d**2 + 4 * r**2 + 8 * d * r * np.cos(angle)) * m_l
         centrifugal = -4 * d * r * np.sin(angle) * m_l
-        weight = 2 * g * (m_j * r * np.cos(angle) + m_l * (r * np.cos(angle) + d * np.cos(2 * angle)))
+        weight = (
+            2 * g * (m_j * r * np.cos(angle) + m_l * (r * np.cos(angle) + d * np.cos(2 * angle)))
+        )
         return inertia * acceleration + centrifugal * speed**2 + weight

@@ -138,9 +138,7 @@ def state_size(plan: Indices) -> int:
 @compiled
 def estimate_size(plan: Indices) -> int:
     """Floats of the estimate, in the order of ``cdrj_ros.model.plan.Layout``."""
-    return (
-        2 * plan[ELEMENTS] + 5 * plan[PULLEYS] + plan[MOTORS] + plan[JOINTS] + 2 * plan[CABLES]
-    )
+    return 2 * plan[ELEMENTS] + 5 * plan[PULLEYS] + plan[MOTORS] + plan[JOINTS] + 2 * plan[CABLES]
 
 
 @compiled
@@ -307,6 +305,7 @@ def _start_cable(
     motor_angle: Vector,
     length: Vector,
     material: Vector,
+    tension: Vector,
     drums: Vector,
 ) -> None:
     """A cable without friction history: one tension throughout, set by the material it has."""
@@ -330,6 +329,7 @@ def _start_cable(
             total -= rate * angle
     for e in range(first, first + count):
         material[e] = length[e] * (total / span)
+        tension[e] = element_tension(numbers[at + AXIAL_STIFFNESS], length[e], material[e])
 
 
 @compiled
@@ -383,6 +383,60 @@ def _refuse(plan: Indices, before: Vector, out: Vector) -> None:
     out[:size] = before
     out[size : size + estimate_size(plan)] = 0.0
     out[size + elements : size + 2 * elements] = INVALID
+
+
+@compiled
+def _report_cable(
+    plan: Indices,
+    numbers: Vector,
+    c: int,
+    solved: bool,
+    tension: Vector,
+    wrap: Vector,
+    direction: Table,
+    speed: Vector,
+    length_by_joint: Table,
+    status: Vector,
+    force: Table,
+    motor_effort: Vector,
+    joint_effort: Vector,
+) -> None:
+    """From one cable's tensions to status, nodal forces and its share of the efforts."""
+    row = plan[AT_CABLES] + c * CABLE_INDICES
+    at = plan[IN_CABLES] + c * CABLE_NUMBERS
+    first = plan[row + FIRST_ELEMENT]
+    last = first + plan[row + ELEMENT_COUNT]
+    most = numbers[at + MAXIMUM_TENSION]
+    for e in range(first, last):
+        t = tension[e]
+        flag = OK if solved else INVALID
+        if t <= 0.0:
+            flag |= SLACK
+        if t > most:
+            flag |= OVERLOAD
+        status[e] = flag
+        for j in range(joint_effort.size):
+            joint_effort[j] -= t * length_by_joint[e, j]  # virtual work
+    for end in range(2):
+        motor = plan[row + FIRST_MOTOR + end]
+        if motor >= 0:
+            arm = numbers[at + FIRST_WINDING + 2 * end] * numbers[at + FIRST_RADIUS + 2 * end]
+            motor_effort[motor] -= arm * (tension[first] if end == 0 else tension[last - 1])
+    routed = plan[row + ROUTED] == 1
+    for i in range(first - c, last - c - 1):
+        e = i + c
+        t_in, t_out = tension[e], tension[e + 1]
+        if routed:
+            x = t_out * direction[e + 1, 0] - t_in * direction[e, 0]
+            y = t_out * direction[e + 1, 1] - t_in * direction[e, 1]
+        else:
+            x = (t_out + t_in) * sin(0.5 * wrap[i])
+            y = (t_out - t_in) * cos(0.5 * wrap[i])
+        force[0, i] = x
+        force[1, i] = y
+        force[2, i] = sqrt(x * x + y * y)  # (38)
+        force[3, i] = t_out - t_in
+        force[4, i] = speed[i]
 
 
 @compiled
@@ -517,44 +571,14 @@ def advance(
                 lag = constants[i, STRIBECK_LAG]
                 lagged[i] = (lag * lagged_before[i] + dt * speed[i]) / (lag + dt)
         else:
-            _start_cable(plan, numbers, c, motor_angle, length, material, drums)
-            for e in range(first, last):
-                tension[e] = element_tension(stiffness, length[e], material[e])
-            for i in range(p, q):
-                bristle[i], speed[i], lagged[i] = 0.0, 0.0, 0.0
+            _start_cable(plan, numbers, c, motor_angle, length, material, tension, drums)
+            bristle[p:q], speed[p:q], lagged[p:q] = 0.0, 0.0, 0.0
             iterations[c], residual[c] = 0.0, 0.0
 
-        most = numbers[at + MAXIMUM_TENSION]
-        for e in range(first, last):
-            t = tension[e]
-            flag = OK if solved else INVALID
-            if t <= 0.0:
-                flag |= SLACK
-            if t > most:
-                flag |= OVERLOAD
-            status[e] = flag
-            for j in range(joints):
-                joint_effort[j] -= t * length_by_joint[e, j]  # virtual work
-        for end in range(2):
-            motor = plan[row + FIRST_MOTOR + end]
-            if motor >= 0:
-                arm = numbers[at + FIRST_WINDING + 2 * end] * numbers[at + FIRST_RADIUS + 2 * end]
-                motor_effort[motor] -= arm * (tension[first] if end == 0 else tension[last - 1])
-        routed = plan[row + ROUTED] == 1
-        for i in range(p, q):
-            e = i + c
-            t_in, t_out = tension[e], tension[e + 1]
-            if routed:
-                x = t_out * direction[e + 1, 0] - t_in * direction[e, 0]
-                y = t_out * direction[e + 1, 1] - t_in * direction[e, 1]
-            else:
-                x = (t_out + t_in) * sin(0.5 * wrap[i])
-                y = (t_out - t_in) * cos(0.5 * wrap[i])
-            force[0, i] = x
-            force[1, i] = y
-            force[2, i] = sqrt(x * x + y * y)  # (38)
-            force[3, i] = t_out - t_in
-            force[4, i] = speed[i]
+        _report_cable(
+            plan, numbers, c, solved, tension, wrap, direction, speed, length_by_joint,
+            status, force, motor_effort, joint_effort,
+        )  # fmt: skip
     for m in range(motors):
         motor_effort[m] *= numbers[plan[IN_MOTORS] + m * MOTOR_COLUMNS + MOTOR_EFFORT_SIGN]
     for j in range(joints):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import pi
 from typing import Any, Final
 
@@ -42,6 +43,8 @@ class Layout:
     motors: tuple[str, ...]
     joints: tuple[str, ...]
     cables: tuple[str, ...]
+    size: int
+    """Floats of one estimate."""
     tension: slice
     """[N]."""
     status: slice
@@ -64,7 +67,6 @@ class Layout:
     """Newton iterations of every cable."""
     residual: slice
     """Largest force imbalance at a pulley of every cable [N]."""
-    size: int
 
 
 @dataclass(frozen=True)
@@ -359,15 +361,15 @@ def _layout(robot: Robot) -> Layout:
         + [len(robot.cables)] * 2
     )
     ends = np.cumsum([0, *sizes]).tolist()
-    slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    slices = [slice(a, b) for a, b in pairwise(ends)]
     return Layout(
         elements,
         pulleys,
         tuple(motor.name for motor in robot.motors),
         tuple(joint.name for joint in robot.joints),
         tuple(cable.name for cable in robot.cables),
+        ends[-1],
         *slices,
-        size=ends[-1],
     )
 
 

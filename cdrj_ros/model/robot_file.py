@@ -1,28 +1,22 @@
-"""Read a robot file: YAML, unit suffixes, schema, names, then ``Robot``.
+"""A robot file to a ``Robot``: names, references between parts, and what the schema cannot say.
 
-Everything that a file can get wrong is found here, with the path of the key, what was given and
-what is allowed.  Inside, robots are trusted.
+Everything that a file can get wrong is found here or in ``cdrj_ros.model.document``, with the path
+of the key, what was given and what is allowed.  Inside, robots are trusted.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
-from difflib import get_close_matches
-from functools import lru_cache
-from importlib import resources
-from math import isfinite, pi
+from math import pi
 from pathlib import Path
 from typing import Any, Final
 
-import jsonschema
 import numpy as np
 from numpy.typing import NDArray
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 from scipy.interpolate import PchipInterpolator
 
+from cdrj_ros.model.document import Document, complaints, parse_document, term_schema
 from cdrj_ros.model.errors import RobotFileError
 from cdrj_ros.model.geometry import TABLE_INTERVALS
 from cdrj_ros.model.robot import (
@@ -40,13 +34,8 @@ from cdrj_ros.model.robot import (
     Winch,
 )
 
-UNIT_SUFFIXES: Final[Mapping[str, float]] = {"_deg": pi / 180.0, "_mm": 1e-3, "_gpa": 1e9}
-"""Keys may end in one of these; the value is multiplied on reading."""
-
 MAXIMUM_BYTES: Final = 1_000_000
 """A robot file is small; more is not one."""
-
-Document = dict[str, Any]
 
 
 def load_robot(path: str | Path) -> Robot:
@@ -74,129 +63,7 @@ def parse_robot(text: str, source: str = "robot file") -> Robot:
     Raises:
         RobotFileError: see ``load_robot``.
     """
-    try:
-        raw = YAML(typ="safe", pure=True).load(text)
-    except YAMLError as error:
-        reason = " ".join(str(error).split("To suppress")[0].split())
-        raise RobotFileError(f"{source} is not YAML: {reason[:300]}") from error
-    except (RecursionError, ValueError) as error:
-        raise RobotFileError(f"{source} is not YAML: {error}") from error
-    if not isinstance(raw, dict):
-        raise RobotFileError(f"{source} must hold a mapping with motors, joints and cables")
-    document = _to_si(raw, source)
-    _validate(document, source)
-    return _Builder(document, source).robot()
-
-
-def schema() -> Document:
-    """The JSON schema of the robot file."""
-    text = resources.files("cdrj_ros.model").joinpath("robot.schema.json").read_text("utf-8")
-    document: Document = json.loads(text)
-    return document
-
-
-@lru_cache(maxsize=1)
-def _validator() -> Any:
-    return jsonschema.Draft202012Validator(schema())
-
-
-def _to_si(value: Any, source: str, path: str = "") -> Any:
-    """Plain containers with SI keys; refuses numbers that are not finite and doubled keys."""
-    if isinstance(value, dict):
-        result: Document = {}
-        for key, entry in value.items():
-            here = f"{path}.{key}" if path else str(key)
-            name, factor = _split_unit(str(key))
-            converted = _to_si(entry, source, here)
-            if factor != 1.0:
-                converted = _scaled(converted, factor, here, source)
-            if name in result:
-                raise RobotFileError(f"{here} is given twice, in different units ({source})")
-            result[name] = converted
-        return result
-    if isinstance(value, list):
-        return [_to_si(entry, source, f"{path}[{k}]") for k, entry in enumerate(value)]
-    if isinstance(value, float) and not isfinite(value):
-        raise RobotFileError(f"{path} must be a finite number, got {value} ({source})")
-    return value
-
-
-def _split_unit(key: str) -> tuple[str, float]:
-    for suffix, factor in UNIT_SUFFIXES.items():
-        if key.endswith(suffix):
-            return key[: -len(suffix)], factor
-    return key, 1.0
-
-
-def _scaled(value: Any, factor: float, path: str, source: str) -> Any:
-    if isinstance(value, list):
-        return [_scaled(entry, factor, path, source) for entry in value]
-    if isinstance(value, dict):  # a function of a joint: its values carry the unit
-        return {
-            key: _scaled(entry, factor, path, source)
-            if key in ("value", "offset", "slope", "sine")
-            else entry
-            for key, entry in value.items()
-        }
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise RobotFileError(f"{path} must be a number, got {value!r} ({source})")
-    return value * factor
-
-
-def _validate(document: Document, source: str) -> None:
-    errors = sorted(_validator().iter_errors(document), key=lambda error: len(error.path))
-    for error in errors:
-        raise RobotFileError(f"{_complaint(error)} ({source})")
-
-
-def _path(parts: Iterable[str | int]) -> str:
-    text = ""
-    for part in parts:
-        text += f"[{part}]" if isinstance(part, int) else f"{'.' if text else ''}{part}"
-    return text
-
-
-def _complaint(error: Any) -> str:
-    """One line for a schema error: path of the key, what was given, what is allowed."""
-    where = _path(error.absolute_path)
-    given = error.instance
-    what = error.validator
-    allowed = error.validator_value
-    if what == "additionalProperties":
-        known = sorted(error.schema["properties"])
-        unknown = next(key for key in given if key not in error.schema["properties"])
-        close = get_close_matches(unknown, known, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
-        return f"{_path([*error.absolute_path, unknown])} is not a known key; {hint}"
-    if what == "required":
-        missing = next(key for key in allowed if key not in given)
-        described = error.schema["properties"].get(missing, {}).get("description", "")
-        return f"{_path([*error.absolute_path, missing])} is missing: {described}".rstrip(": ")
-    limits = {
-        "minimum": "at least",
-        "exclusiveMinimum": "greater than",
-        "maximum": "at most",
-        "exclusiveMaximum": "less than",
-    }
-    if what in limits:
-        return f"{where} must be {limits[what]} {allowed:g}, got {_shown(given)}"
-    if what == "enum":
-        return f"{where} must be one of {', '.join(map(str, allowed))}, got {_shown(given)}"
-    if what == "type":
-        return f"{where or 'the file'} must be of type {allowed}, got {_shown(given)}"
-    if what == "minItems":
-        return f"{where} needs at least {allowed} entries, got {len(given)}"
-    if what == "maxItems":
-        return f"{where} may have {allowed} entries, got {len(given)}"
-    if what == "pattern":
-        return f"{where} must be a name of letters, digits and _, got {_shown(given)}"
-    described = error.schema.get("description", error.message)
-    return f"{where} must be: {described} Got {_shown(given)}"
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return _Builder(parse_document(text, source), source).robot()
 
 
 class _Builder:
@@ -205,7 +72,7 @@ class _Builder:
     def __init__(self, document: Document, source: str) -> None:
         self.document = document
         self.source = source
-        self.joints = {joint.name: joint for joint in self._joints()}
+        self.joints: dict[str, Joint] = {joint.name: joint for joint in self._joints()}
 
     def error(self, path: str, text: str) -> RobotFileError:
         return RobotFileError(f"{path} {text} ({self.source})")
@@ -350,7 +217,7 @@ class _Builder:
                     f"got {given}",
                 )
             spans = tuple(
-                self._profile(f"{path}.spans[{k}]", span, positive=True)
+                self._profile(f"{path}.spans[{k}]", span, "m")
                 for k, span in enumerate(entry["spans"])
             )
         return Cable(
@@ -434,7 +301,7 @@ class _Builder:
                 f"times bearing_friction {friction.bearing_friction:g} must be less than the "
                 f"radius {radius:g} m, got {bearing:g}: such a pulley cannot turn",
             )
-        wrap = () if routed else self._profile(f"{path}.wrap_angle", entry["wrap_angle"])
+        wrap = () if routed else self._profile(f"{path}.wrap_angle", entry["wrap_angle"], "rad")
         return Pulley(
             radius, friction, bearing, float(entry.get("bearing_torque", 0.0)), wrap, place
         )
@@ -456,30 +323,24 @@ class _Builder:
         x, y = entry["position"]
         return Place(frame, float(x), float(y), turn)
 
-    def _profile(self, path: str, entry: Any, positive: bool = False) -> tuple[Profile, ...]:
+    def _profile(self, path: str, entry: Any, unit: str) -> tuple[Profile, ...]:
         """A number, a function of a joint, or a list of such terms."""
-        terms = entry if isinstance(entry, list) else [entry]
-        profiles = []
-        for k, term in enumerate(terms):
-            here = f"{path}[{k}]" if isinstance(entry, list) else path
-            if isinstance(term, dict):
-                profiles.append(self._function(here, term))
-            else:
-                if positive and len(terms) == 1 and not term > 0.0:
-                    raise self.error(here, f"must be greater than 0 m, got {term:g}")
-                if not positive and len(terms) == 1 and not 0.0 < term:
-                    raise self.error(here, f"must be greater than 0 rad, got {term:g}")
-                profiles.append(_constant(float(term)))
-        return tuple(profiles)
+        if not isinstance(entry, list):
+            if isinstance(entry, dict):
+                return (self._function(path, entry),)
+            if not entry > 0.0:
+                raise self.error(path, f"must be greater than 0 {unit}, got {entry:g}")
+            return (_constant(float(entry)),)
+        return tuple(
+            self._function(f"{path}[{k}]", term)
+            if isinstance(term, dict)
+            else _constant(float(term))
+            for k, term in enumerate(entry)
+        )
 
     def _function(self, path: str, entry: Document) -> Profile:
-        term = jsonschema.Draft202012Validator(
-            {"$ref": "#/$defs/term", "$defs": _validator().schema["$defs"]}
-        )
-        for error in term.iter_errors(entry):
-            text = _complaint(error)
-            joint = "" if text.startswith("[") or not text.split(" ")[0] else "."
-            raise RobotFileError(f"{path}{joint}{text} ({self.source})")
+        for complaint in complaints(entry, term_schema(), path):
+            raise RobotFileError(f"{complaint} ({self.source})")
         joint = self._known_joint(f"{path}.joint", entry["joint"])
         grid = np.linspace(joint.lower, joint.upper, TABLE_INTERVALS + 1)
         offset = float(entry.get("offset", 0.0))

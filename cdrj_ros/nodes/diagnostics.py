@@ -39,9 +39,7 @@ def names_with(estimate: Estimate, flag: int) -> list[str]:
     """Elements that carry a status flag."""
     flags = estimate.status.astype(np.uint8)
     return [
-        name
-        for name, value in zip(estimate.layout.elements, flags, strict=True)
-        if value & flag
+        name for name, value in zip(estimate.layout.elements, flags, strict=True) if value & flag
     ]
 
 

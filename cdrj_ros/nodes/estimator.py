@@ -9,6 +9,7 @@ from time import perf_counter
 from typing import Any
 
 import rclpy
+from cdrj_msgs.msg import CableTensions, NodalForces
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.executors import ExternalShutdownException
@@ -20,7 +21,6 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_msgs.msg import CableTensions, NodalForces
 from cdrj_ros.cdr import JointStateDecoder, MessageError
 from cdrj_ros.commands.shared import BAD_INPUT, DONE, load_model
 from cdrj_ros.conversions import EstimateEncoder, marked_stale
@@ -197,7 +197,7 @@ class EstimatorNode(Node):
         self._published = 0
         self.diagnostics.publish(diagnostic_array(self.get_clock().now().to_msg(), status))
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.conditioner.reset()
         self.state = initial_state(self.model)
         self.estimate = None
@@ -224,8 +224,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(
             "usage: estimator --ros-args -p robot:=FILE [-p timeout:=S] [-r FROM:=TO] ...\n\n"
             "Tension of every cable element and force on every pulley from motor encoders and\n"
-            "joint angles. Topics, relative to the namespace /cdrj: in motor_states, joint_states;\n"
-            "out tensions, nodal_forces, efforts; /diagnostics. Service: ~/reset."
+            "joint angles. Topics in the namespace /cdrj: in motor_states, joint_states; out\n"
+            " tensions, nodal_forces, efforts; /diagnostics. Service: ~/reset."
         )
         return DONE
     if rest:

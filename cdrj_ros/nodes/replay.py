@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from cdrj_msgs.msg import CableTensions, NodalForces
 from numpy.typing import NDArray
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
@@ -21,7 +22,6 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_msgs.msg import CableTensions, NodalForces
 from cdrj_ros.bag import Topics, read_messages
 from cdrj_ros.commands.shared import (
     DONE,
@@ -295,13 +295,14 @@ def _replay(arguments: argparse.Namespace, model: Model, topics: Topics) -> int:
         "rate achieved": f"{span * 1e-9 / max(played.duration_s, 1e-9):.1f} x real time, "
         f"{played.sent / max(played.duration_s, 1e-9):.0f} messages/s",
     }
-    notes = ()
+    notes: tuple[str, ...] = ()
     missing = expected - stamps.size
     if missing or incomplete or played.unanswered:
-        notes = (
+        text = (
             f"{max(missing, 0)} expected estimates did not arrive on all three topics "
-            f"({played.unanswered} inputs were given up after {STALLED_S:g} s without an answer).",
+            f"({played.unanswered} inputs were given up after {STALLED_S:g} s without an answer)."
         )
+        notes = (text,)
     comparison = compare_with_references(
         model, arguments.bag, recording, conditioned, stamps, channels, facts, notes
     )

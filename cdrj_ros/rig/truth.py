@@ -86,7 +86,7 @@ def simulate(
     joint_torque: Vector,
     motor_speed: float = 5.0,
     cells: int = 8,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int], None] | None = None,
 ) -> Truth:
     """Move one joint as prescribed and turn its one motor so that the torques balance.
 
@@ -130,7 +130,8 @@ def simulate(
                 f"{robot.joints[0].name} = {joint_angle[phase]:.4g} rad, "
                 f"t = {time[begin + done]:.4g} s: a cable would have to push"
             )
-        progress(end)
+        if progress is not None:
+            progress(end)
     return _read_out(lumped, fine, cells, time, motor, realised, estimates)
 
 
