@@ -7,6 +7,7 @@ import platform
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Final
@@ -14,7 +15,7 @@ from typing import Final
 from cdrj_ros import __version__
 from cdrj_ros.bag import Topics
 from cdrj_ros.estimation.comparison import BagComparison
-from cdrj_ros.model.errors import CdrjError, RobotFileError
+from cdrj_ros.model.errors import CdrjError, RobotFileError, UsageError
 from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot_file import load_robot
 
@@ -41,8 +42,12 @@ def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[
 
 
 def add_robot_option(parser: argparse.ArgumentParser) -> None:
-    """``--robot FILE``."""
+    """``--robot FILE``, ``--preload N,N,...``."""
     parser.add_argument("--robot", required=True, metavar="FILE", help="robot file (YAML)")
+    parser.add_argument(
+        "--preload", metavar="N,N,...",
+        help="preload of every cable [N], in the robot file's order (default: the file's)",
+    )  # fmt: skip
 
 
 def add_topic_options(parser: argparse.ArgumentParser) -> None:
@@ -79,14 +84,42 @@ def topics_of(arguments: argparse.Namespace) -> Topics:
     )
 
 
-def load_model(path: str) -> Model:
-    """Read and prepare a robot file; a bare name means one of the installed ones."""
+def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model:
+    """Read and prepare a robot file; a bare name means one of the installed ones.
+
+    Args:
+        path: the file, or a name.
+        preload: of every cable [N], as numbers or as text with commas; None or empty for the
+            file's.
+
+    Raises:
+        CdrjError: what is wrong with either, in one line.
+    """
+    robot = load_robot(_robot_file(path))
+    if not preload:
+        return prepare(robot)
+    try:
+        values = [float(v) for v in (preload.split(",") if isinstance(preload, str) else preload)]
+    except ValueError as error:
+        raise UsageError(f"preload must be numbers and commas, got {preload!r}") from error
+    if len(values) != len(robot.cables) or not all(0.0 <= value < 1e6 for value in values):
+        raise UsageError(
+            f"preload needs {len(robot.cables)} tensions in [0, 1e6) N, one for each of "
+            f"{', '.join(cable.name for cable in robot.cables)}; got {preload!r}"
+        )
+    cables = tuple(
+        replace(cable, preload=value) for cable, value in zip(robot.cables, values, strict=True)
+    )
+    return prepare(replace(robot, cables=cables))
+
+
+def _robot_file(path: str) -> Path:
     if not Path(path).exists() and "/" not in path and not path.endswith(".yaml"):
         for folder in _installed_robots():
             if (folder / f"{path}.yaml").exists():
-                return prepare(load_robot(folder / f"{path}.yaml"))
+                return folder / f"{path}.yaml"
         raise RobotFileError(f"there is no robot file {path}, and none of that name is installed")
-    return prepare(load_robot(path))
+    return Path(path)
 
 
 def _installed_robots() -> Iterator[Path]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -19,7 +18,7 @@ from cdrj_ros.commands.shared import (
 )
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.model.plan import Model, prepare
+from cdrj_ros.model.plan import Model
 from cdrj_ros.rig.sensors import (
     JOINT_ENCODER,
     MOTOR_ENCODER,
@@ -44,9 +43,6 @@ def _body(argv: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="simulate", description=__doc__.split(": ", 1)[1])
     parser.add_argument("out", metavar="OUT", help="folder of the new bag")
     add_robot_option(parser)
-    parser.add_argument(
-        "--preload", metavar="N,N,...", help="preload of every cable [N] (default: robot file)"
-    )
     parser.add_argument("--duration", type=float, default=60.0, metavar="S", help="[s] (60)")
     parser.add_argument(
         "--amplitude-deg", type=float, default=38.0, help="of the sine of the joint [deg] (38)"
@@ -70,27 +66,11 @@ def _body(argv: Sequence[str]) -> int:
         raise UsageError(f"--duration must be at least 0.01 s, got {arguments.duration}")
     if not 1 <= arguments.cells <= 200:
         raise UsageError(f"--cells must be in [1, 200], got {arguments.cells}")
-    model = _with_preload(load_model(arguments.robot), arguments.preload)
+    model = load_model(arguments.robot, arguments.preload)
     truth = _truth(model, arguments)
     _write(arguments.out, model, truth, arguments.warm_up, arguments.seed)
     print(f"bag: {arguments.out}")
     return DONE
-
-
-def _with_preload(model: Model, text: str | None) -> Model:
-    if text is None:
-        return model
-    cables = model.robot.cables
-    try:
-        preloads = [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise UsageError(f"--preload must be numbers and commas, got {text!r}") from error
-    if len(preloads) != len(cables) or not all(0.0 <= preload < 1e6 for preload in preloads):
-        raise UsageError(f"--preload needs {len(cables)} tensions >= 0 N, got {text!r}")
-    changed = tuple(
-        replace(cable, preload=preload) for cable, preload in zip(cables, preloads, strict=True)
-    )
-    return prepare(replace(model.robot, cables=changed))
 
 
 def _truth(model: Model, arguments: argparse.Namespace) -> Truth:

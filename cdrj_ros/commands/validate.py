@@ -60,7 +60,7 @@ def _body(argv: Sequence[str]) -> int:
     add_topic_options(parser)
     add_result_options(parser)
     arguments = parser.parse_args(argv)
-    model = load_model(arguments.robot)
+    model = load_model(arguments.robot, arguments.preload)
     topics = topics_of(arguments)
     comparisons = []
     with progress_bar("validating", len(arguments.bags), shown=True) as report:

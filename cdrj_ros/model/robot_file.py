@@ -14,7 +14,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from cdrj_ros.model.document import Document, complaints, parse_document, term_schema
 from cdrj_ros.model.errors import RobotFileError
@@ -371,6 +370,8 @@ class _Builder:
                 f"must cover the range [{joint.lower:g}, {joint.upper:g}] rad of {joint.name}, "
                 f"got [{angle[0]:g}, {angle[-1]:g}]",
             )
+        from scipy.interpolate import PchipInterpolator  # takes longer to import than all else
+
         return PchipInterpolator(angle, value, extrapolate=True)
 
 

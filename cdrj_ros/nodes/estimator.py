@@ -8,13 +8,13 @@ from collections.abc import Callable, Sequence
 from time import perf_counter
 from typing import Any
 
-import rclpy
+import numpy as np
 from cdrj_msgs.msg import CableTensions, NodalForces
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.utilities import remove_ros_args
@@ -29,6 +29,7 @@ from cdrj_ros.estimation.estimator import Estimate, Sample, initial_state, step
 from cdrj_ros.model.errors import CdrjError, UsageError
 from cdrj_ros.model.plan import Model
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
+from cdrj_ros.nodes.spinning import STOP_POLL_S, ros_context
 
 DEPTH = 1000
 """Messages that a topic may queue: a burst of a second at 1 kHz is not lost."""
@@ -51,7 +52,14 @@ class EstimatorNode(Node):
             "timeout", 0.5, 0.001, 3600.0, "Silence after which outputs are marked stale [s]"
         )
         frame_id = self._declare_text("frame_id", "", "frame_id of the outgoing headers")
-        self.model: Model = load_model(path)
+        preload = self.declare_parameter(
+            "preload",
+            Parameter.Type.DOUBLE_ARRAY,
+            ParameterDescriptor(
+                description="Preload of every cable [N]; unset: the robot file's", read_only=True
+            ),
+        ).value
+        self.model: Model = load_model(path, preload)
         self._warm_up()
         self.conditioner = Conditioner(self.model.robot)
         self.encoder = EstimateEncoder(self.model.layout, frame_id)
@@ -106,8 +114,8 @@ class EstimatorNode(Node):
         begin = perf_counter()
         reference = Sample(
             0,
-            _array([motor.reference_angle for motor in self.model.robot.motors]),
-            _array([joint.reference_angle for joint in self.model.robot.joints]),
+            np.array([motor.reference_angle for motor in self.model.robot.motors]),
+            np.array([joint.reference_angle for joint in self.model.robot.joints]),
         )
         state, _ = step(self.model, initial_state(self.model), reference)
         step(self.model, state, reference._replace(stamp_ns=1_000_000))
@@ -210,12 +218,6 @@ class EstimatorNode(Node):
         return response
 
 
-def _array(values: list[float]) -> Any:
-    import numpy as np
-
-    return np.array(values)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     arguments = list(sys.argv if argv is None else ["estimator", *argv])
@@ -225,24 +227,24 @@ def main(argv: Sequence[str] | None = None) -> int:
             "usage: estimator --ros-args -p robot:=FILE [-p timeout:=S] [-r FROM:=TO] ...\n\n"
             "Tension of every cable element and force on every pulley from motor encoders and\n"
             "joint angles. Topics in the namespace /cdrj: in motor_states, joint_states; out\n"
-            " tensions, nodal_forces, efforts; /diagnostics. Service: ~/reset."
+            "tensions, nodal_forces, efforts; /diagnostics. Service: ~/reset."
         )
         return DONE
     if rest:
         print(f"estimator: unknown arguments {' '.join(rest)}; see --help", file=sys.stderr)
         return BAD_INPUT
-    rclpy.init(args=arguments)
-    try:
-        node = EstimatorNode()
+    with ros_context(arguments) as stop:
+        try:
+            node = EstimatorNode()
+        except CdrjError as error:
+            print(f"estimator: {error}", file=sys.stderr)
+            return BAD_INPUT
         executor = EventsExecutor()
         executor.add_node(node)
-        while rclpy.ok():
-            executor.spin_once(timeout_sec=1.0)
-    except CdrjError as error:
-        print(f"estimator: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
+        try:
+            while not stop:
+                executor.spin_once(timeout_sec=STOP_POLL_S)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
     return DONE

@@ -11,10 +11,8 @@ from time import monotonic, perf_counter
 from typing import Any
 
 import numpy as np
-import rclpy
 from cdrj_msgs.msg import CableTensions, NodalForces
 from numpy.typing import NDArray
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -38,6 +36,7 @@ from cdrj_ros.conversions import AnswerReader
 from cdrj_ros.model.errors import CdrjError, UsageError
 from cdrj_ros.model.mechanism import STALE
 from cdrj_ros.model.plan import Layout, Model
+from cdrj_ros.nodes.spinning import StopRequest, ros_context
 from cdrj_ros.validation import (
     compare_with_references,
     condition_recording,
@@ -45,7 +44,7 @@ from cdrj_ros.validation import (
 )
 
 DEPTH = 1000
-WINDOW = 200
+WINDOW = 64
 """Inputs under way at once: far fewer than any queue holds, so that none is lost."""
 
 STALLED_S = 3.0
@@ -130,7 +129,7 @@ class Played:
 
 
 def wait_for_estimator(
-    node: ReplayNode, executor: EventsExecutor, name: str, patience_s: float
+    node: ReplayNode, executor: EventsExecutor, stop: StopRequest, name: str, patience_s: float
 ) -> None:
     """Until the estimator listens, is heard, and has forgotten what was before.
 
@@ -141,6 +140,8 @@ def wait_for_estimator(
     deadline = monotonic() + patience_s
     while not (node.estimator_is_there() and client.service_is_ready()):
         executor.spin_once(timeout_sec=0.05)
+        if stop:
+            raise KeyboardInterrupt
         if monotonic() > deadline:
             raise NoEstimatorError(
                 f"no estimator within {patience_s:g} s: start one with "
@@ -157,6 +158,7 @@ def wait_for_estimator(
 def play(
     node: ReplayNode,
     executor: EventsExecutor,
+    stop: StopRequest,
     path: str,
     topics: Topics,
     rate: float | None,
@@ -168,6 +170,7 @@ def play(
     Args:
         node: with an estimator beside it.
         executor: that spins the node.
+        stop: ends the playing early; what was played is still judged.
         path: the bag.
         topics: its input topics.
         rate: times real time; None for as fast as the estimator keeps up.
@@ -184,8 +187,11 @@ def play(
             first_log = message.log_ns
         if rate is not None:
             due = begin + (message.log_ns - first_log) * 1e-9 / rate
-            while perf_counter() < due:
+            while perf_counter() < due and not stop:
                 executor.spin_once(timeout_sec=max(min(due - perf_counter(), 0.01), 0.0))
+        if stop:
+            last_answer_ns = min(last_answer_ns, node.answered_ns)
+            break
         publishers[message.topic].publish(message.data)
         under_way.append(node.reader.stamp(message.data))
         sent += 1
@@ -269,7 +275,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _replay(arguments: argparse.Namespace, model: Model, topics: Topics) -> int:
+def _replay(arguments: argparse.Namespace, model: Model, topics: Topics, stop: StopRequest) -> int:
     recording = read_inputs(arguments.bag, topics, model)
     conditioned = condition_recording(model, recording)
     expected = sum(segment.stamp_ns.size for segment in conditioned.segments)
@@ -278,12 +284,12 @@ def _replay(arguments: argparse.Namespace, model: Model, topics: Topics) -> int:
     executor = EventsExecutor()
     executor.add_node(node)
     print(f"waiting for {arguments.estimator} ...", flush=True)
-    wait_for_estimator(node, executor, arguments.estimator, arguments.patience)
+    wait_for_estimator(node, executor, stop, arguments.estimator, arguments.patience)
     print(f"playing {arguments.bag}", flush=True)
     span = float(recording.end_ns - recording.start_ns)
     with progress_bar("replaying", span, shown=True) as report:
         played = play(
-            node, executor, arguments.bag, topics, arguments.rate, last,
+            node, executor, stop, arguments.bag, topics, arguments.rate, last,
             lambda log_ns: report(log_ns - recording.start_ns),
         )  # fmt: skip
     stamps, channels, incomplete = answers_as_channels(node, model.layout)
@@ -320,15 +326,10 @@ def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(remove_ros_args(["replay", *argv])[1:])
     if arguments.rate is not None and not 0.0 < arguments.rate < 1e6:
         raise UsageError(f"--rate must be in (0, 1e6), got {arguments.rate}")
-    model = load_model(arguments.robot)
+    model = load_model(arguments.robot, arguments.preload)
     topics = topics_of(arguments)
-    rclpy.init(args=["replay", *argv])
-    try:
-        return _replay(arguments, model, topics)
-    except ExternalShutdownException as error:
-        raise KeyboardInterrupt from error
-    finally:
-        rclpy.try_shutdown()
+    with ros_context(["replay", *argv]) as stop:
+        return _replay(arguments, model, topics, stop)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
