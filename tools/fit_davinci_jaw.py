@@ -143,7 +143,7 @@ cables:
     spans:                        # assumed [m]; the last follows the jaw
       - 0.02
       - 0.40
-      - {{joint: jaw, offset_mm: 20, slope_mm: {jaw_radius_mm:.5g}}}    # slope fitted: the jaw's radius
+      - {{joint: jaw, offset_mm: 20, slope_mm: {jaw_radius_mm:.5g}}}    # fitted: the jaw's radius
 
   - name: b                       # wound by -spindle, lengthened by -jaw; carries the load
     axial_stiffness: {stiffness_b:<9.5g}    # EA [N], fitted, given the assumed lengths

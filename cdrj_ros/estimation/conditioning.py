@@ -146,7 +146,8 @@ class Conditioner:
         for name, position in zip(names, positions, strict=True):
             k = index.get(name)
             if k is None:
-                self.refused["unknown_name"] += 1
+                if name not in self._both_index:  # a joint among motors, say, is no stranger
+                    self.refused["unknown_name"] += 1
             elif self._admit(k, stamp_ns, float(position)):
                 news = True
         return self._complete_samples() if news else []

@@ -82,7 +82,7 @@ class ReplayNode(Node):
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
         self.motors = self.create_publisher(JointState, "motor_states", qos)
         self.joints = self.create_publisher(JointState, "joint_states", qos)
-        self.inputs = (self.motors, self.joints)
+        self.inputs = tuple({p.topic_name: p for p in (self.motors, self.joints)}.values())
         for message, topic, kind in (
             (CableTensions, "tensions", "tension"),
             (NodalForces, "nodal_forces", "nodal_force"),
@@ -177,7 +177,9 @@ def play(
         last_answer_ns: stamp after which no answer is to be expected [ns].
         progress: called with the log time reached [ns].
     """
-    publishers = {topics.motors: node.motors, topics.joints: node.joints}
+    publishers: dict[str, dict[str, Any]] = {topics.motors: {}, topics.joints: {}}
+    for topic, publisher in ((topics.motors, node.motors), (topics.joints, node.joints)):
+        publishers[topic][publisher.topic_name] = publisher  # each message once on each topic
     under_way: deque[int] = deque()
     sent = unanswered = 0
     first_log = -1
@@ -192,7 +194,8 @@ def play(
         if stop:
             last_answer_ns = min(last_answer_ns, node.answered_ns)
             break
-        publishers[message.topic].publish(message.data)
+        for publisher in publishers[message.topic].values():
+            publisher.publish(message.data)
         under_way.append(node.reader.stamp(message.data))
         sent += 1
         if sent % 16 == 0:

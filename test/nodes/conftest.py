@@ -9,9 +9,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Protocol
 
+import numpy as np
 import pytest
 
+from cdrj_ros.bag import BagWriter, Topics, read_recording
+
 PATIENCE_S = 10.0
+SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
 
 
 class StartNode(Protocol):
@@ -98,3 +102,31 @@ def wait_until() -> Callable[[Callable[[], bool], float], bool]:
         return True
 
     return wait
+
+
+@pytest.fixture(scope="session")
+def short_bag(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The first four seconds of the sample recording's inputs, with tensions as references."""
+    path = tmp_path_factory.mktemp("bags") / "short"
+    whole = read_recording(SAMPLE)
+    until = whole.start_ns + 4_000_000_000
+    with BagWriter(path) as bag:
+        for topic, channels in (
+            (Topics().motors, whole.motors),
+            (Topics().joints, whole.joints),
+        ):
+            for name, series in channels.items():
+                kept = series.stamp_ns < until
+                bag.write_joint_states(
+                    topic, series.stamp_ns[kept], (name,), position=series.value[kept, None]
+                )
+        tensions = {n: s for n, s in whole.references.items() if n.startswith("tension/")}
+        stamps = next(iter(tensions.values())).stamp_ns
+        kept = stamps < until
+        bag.write_tensions(
+            Topics().references[0],
+            stamps[kept],
+            [name.removeprefix("tension/") for name in tensions],
+            np.stack([series.value[kept] for series in tensions.values()], axis=1),
+        )
+    return str(path)

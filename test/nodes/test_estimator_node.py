@@ -1,0 +1,280 @@
+"""The estimator as a process of its own, fed and heard over DDS."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.bag import Topics, read_messages
+from cdrj_ros.cdr import JOINT_STATE, Template
+from cdrj_ros.commands.shared import load_model
+from cdrj_ros.conversions import FORCE_ARRAYS
+from cdrj_ros.estimation.conditioning import REFUSALS
+from cdrj_ros.model.mechanism import STALE
+from cdrj_ros.validation import condition_recording, estimate, read_inputs
+
+ROOT = Path(__file__).parents[2]
+ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
+PATIENCE_S = 60.0
+
+
+@dataclass
+class Bench:
+    """A replay node in this process, beside an estimator in another."""
+
+    node: Any
+    executor: Any
+    process: subprocess.Popen[bytes]
+    counters: dict[str, str]
+
+    def spin_until(self, condition: Callable[[], bool], patience_s: float = PATIENCE_S) -> bool:
+        from time import monotonic
+
+        deadline = monotonic() + patience_s
+        while not condition():
+            if monotonic() > deadline:
+                return False
+            self.executor.spin_once(timeout_sec=0.05)
+        return True
+
+    def arrays(self, kind: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        return self.node.reader.arrays(kind, getattr(self.node.answers, kind))
+
+    def refused(self) -> dict[str, int]:
+        return {
+            key.removeprefix("refused: "): int(value)
+            for key, value in self.counters.items()
+            if key.startswith("refused: ")
+        }
+
+
+@pytest.fixture
+def bench(start_node: Any) -> Iterator[Callable[..., Bench]]:
+    """Start an estimator with arguments and open the topics beside it."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.experimental import EventsExecutor
+
+    from cdrj_ros.nodes.replay import ReplayNode, wait_for_estimator
+    from cdrj_ros.nodes.spinning import StopRequest, ros_context
+
+    with ros_context([]) as stop:
+        opened: list[Bench] = []
+
+        def open_bench(*arguments: str, remap: tuple[str, ...] = ()) -> Bench:
+            process = start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}", *arguments)
+            node = ReplayNode(load_model(ROBOT).layout, cli_args=["--ros-args", *remap])
+            executor = EventsExecutor()
+            executor.add_node(node)
+            counters: dict[str, str] = {}
+            node.create_subscription(
+                DiagnosticArray,
+                "/diagnostics",
+                lambda m: counters.update({v.key: v.value for v in m.status[0].values}),
+                10,
+            )
+            wait_for_estimator(node, executor, StopRequest(), "/cdrj/estimator", PATIENCE_S)
+            opened.append(Bench(node, executor, process, counters))
+            return opened[-1]
+
+        yield open_bench
+        assert not stop
+        for one in opened:
+            one.executor.shutdown()
+            one.node.destroy_node()
+
+
+def _offline(bag: str) -> Any:
+    model = load_model(ROBOT)
+    recording = read_inputs(bag, Topics(), model)
+    return estimate(model, condition_recording(model, recording))
+
+
+def _assert_same_numbers(bench: Bench, offline: Any) -> None:
+    layout = offline.layout
+    stamps, tensions = bench.arrays("tension")
+    assert np.array_equal(stamps, offline.stamp_ns)
+    assert np.array_equal(tensions["tension"], offline.values[:, layout.tension])
+    assert np.array_equal(tensions["status"], offline.values[:, layout.status])
+    stamps, forces = bench.arrays("nodal_force")
+    assert np.array_equal(stamps, offline.stamp_ns)
+    for name in FORCE_ARRAYS:
+        if name not in ("force_z", "status"):
+            assert np.array_equal(forces[name], offline.values[:, getattr(layout, name)]), name
+    stamps, efforts = bench.arrays("effort")
+    assert np.array_equal(stamps, offline.stamp_ns)
+    both = slice(layout.motor_effort.start, layout.joint_effort.stop)
+    assert np.array_equal(efforts["effort"], offline.values[:, both])
+
+
+def _play(bench: Bench, bag: str, last_ns: int) -> Any:
+    from cdrj_ros.nodes.replay import play
+    from cdrj_ros.nodes.spinning import StopRequest
+
+    return play(
+        bench.node, bench.executor, StopRequest(), bag, Topics(), None, last_ns, lambda _: None
+    )
+
+
+def test_every_published_number_equals_the_offline_path_bit_for_bit(
+    bench: Callable[..., Bench], short_bag: str
+) -> None:
+    offline = _offline(short_bag)
+    beside = bench()
+
+    played = _play(beside, short_bag, int(offline.stamp_ns[-1]))
+
+    assert played.unanswered == 0
+    assert offline.stamp_ns.size > 5000
+    _assert_same_numbers(beside, offline)
+
+
+def _joint_state(stamp_ns: int, names: tuple[str, ...], positions: list[float]) -> bytes:
+    return Template(JOINT_STATE, names, ("position",)).encode(stamp_ns, position=positions)
+
+
+def _unequal(stamp_ns: int) -> bytes:
+    """Two names, one position."""
+    two = _joint_state(stamp_ns, ("winch", "other"), [0.0, 0.0])
+    one = bytearray(two[:-8])
+    layout_end = len(two) - 24  # position count, two doubles, then empty velocity and effort
+    one[layout_end - 4 : layout_end] = two[layout_end - 4 : layout_end]
+    return bytes(one[: len(one) // 2])
+
+
+def test_hostile_samples_leave_the_output_as_if_they_had_never_come(
+    bench: Callable[..., Bench], short_bag: str
+) -> None:
+    offline = _offline(short_bag)
+    beside = bench()
+    motors, joints = beside.node.motors, beside.node.joints
+    publishers = {Topics().motors: motors, Topics().joints: joints}
+    sent = dict.fromkeys(REFUSALS, 0)
+    last = {Topics().motors: 0, Topics().joints: 0}
+    names = {Topics().motors: ("winch",), Topics().joints: ("elbow",)}
+
+    def hostile(k: int, topic: str) -> None:
+        stamp, name, publish = last[topic], names[topic], publishers[topic].publish
+        kind = k % 11
+        if kind == 0:
+            publish(_joint_state(stamp + 1, name, [float("nan")]))
+            sent["not_finite"] += 1
+        elif kind == 1:
+            publish(_joint_state(stamp + 1, name, [float("inf")]))
+            sent["not_finite"] += 1
+        elif kind == 2:
+            publish(_joint_state(stamp - 5_000_000, name, [0.1]))
+            sent["late"] += 1
+        elif kind == 3:
+            publish(_joint_state(stamp, name, [0.1]))
+            sent["repeated"] += 1
+        elif kind == 4:
+            publish(_joint_state(stamp + 1, ("stranger",), [0.1]))
+            sent["unknown_name"] += 1
+        elif kind == 5:
+            publish(_joint_state(stamp + 1, (), []))
+            sent["empty"] += 1
+        elif kind == 6:
+            publish(_unequal(stamp + 1))
+            sent["malformed"] += 1
+        elif kind == 7:
+            publish(_joint_state(stamp + 1_000, name, [1e300]))
+            sent["out_of_range" if topic == Topics().joints else "implausible"] += 1
+        elif kind == 8:
+            publish(_joint_state(stamp + 3600 * 10**9, name, [0.1]))
+            sent["future"] += 1
+        elif kind == 9:
+            publish(_joint_state(stamp - 3600 * 10**9, name, [0.1]))
+            sent["late"] += 1
+        else:
+            publish(_joint_state(0, name, [0.1]))
+            sent["unstamped"] += 1
+
+    for k, message in enumerate(read_messages(short_bag, list(publishers))):
+        if k % 7 == 5 and all(last.values()):
+            hostile(k // 7, message.topic)
+        publishers[message.topic].publish(message.data)
+        last[message.topic] = beside.node.reader.stamp(message.data)
+        behind = min(last.values()) - 30_000_000
+        assert beside.spin_until(lambda: beside.node.answered_ns >= behind or k < 64)  # noqa: B023
+
+    until = int(offline.stamp_ns[-1])
+    assert beside.spin_until(lambda: beside.node.answered_ns >= until)
+    assert beside.process.poll() is None
+    _assert_same_numbers(beside, offline)
+    assert all(sent[cause] > 5 for cause in sent)
+    assert beside.spin_until(lambda: beside.refused() == sent), (beside.refused(), sent)
+
+
+def test_silence_is_said_and_the_numbers_are_marked_stale(
+    bench: Callable[..., Bench], short_bag: str
+) -> None:
+    offline = _offline(short_bag)
+    beside = bench("-p", "timeout:=0.2")
+    _play(beside, short_bag, int(offline.stamp_ns[-1]))
+    heard = len(beside.node.answers.tension)
+
+    assert beside.spin_until(lambda: len(beside.node.answers.tension) > heard)
+
+    stamps, tensions = beside.arrays("tension")
+    assert stamps[-1] == offline.stamp_ns[-1]
+    assert np.all(tensions["status"][-1].astype(int) & STALE)
+    assert np.array_equal(tensions["tension"][-1], offline.values[-1, offline.layout.tension])
+
+
+def test_a_second_pass_after_a_reset_gives_the_same_numbers(
+    bench: Callable[..., Bench], short_bag: str
+) -> None:
+    from cdrj_ros.nodes.replay import wait_for_estimator
+    from cdrj_ros.nodes.spinning import StopRequest
+
+    offline = _offline(short_bag)
+    beside = bench("-p", "timeout:=30.0")
+    _play(beside, short_bag, int(offline.stamp_ns[-1]))
+
+    wait_for_estimator(beside.node, beside.executor, StopRequest(), "/cdrj/estimator", PATIENCE_S)
+    _play(beside, short_bag, int(offline.stamp_ns[-1]))
+
+    _assert_same_numbers(beside, offline)
+
+
+def test_motors_and_joints_may_share_a_topic(bench: Callable[..., Bench], short_bag: str) -> None:
+    offline = _offline(short_bag)
+    remap = ("-r", "motor_states:=joint_states")
+    beside = bench(*remap, remap=remap)
+    assert len(beside.node.inputs) == 1
+
+    _play(beside, short_bag, int(offline.stamp_ns[-1]))
+
+    _assert_same_numbers(beside, offline)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "robot is missing"),
+        (["--ros-args", "-p", "robot:=/no/such.yaml"], "/no/such.yaml"),
+        (["--ros-args", "-p", f"robot:={ROBOT}", "-p", "preload:=[1.0]"], "preload needs 2"),
+        (["surplus"], "surplus"),
+    ],
+)
+def test_a_wrong_start_is_one_clear_line_and_exit_code_2(
+    start_node: Any, arguments: list[str], words: str
+) -> None:
+    process = start_node("estimator", *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 2
+    assert words in errors.decode()
+    assert len(errors.decode().strip().splitlines()) == 1
+
+
+def test_an_interrupt_ends_the_node_with_exit_code_0(bench: Callable[..., Bench]) -> None:
+    process = bench().process
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 0
