@@ -1,0 +1,204 @@
+"""validate and simulate as a user runs them, in this process."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from cdrj_ros.bag import BagWriter, read_recording
+from cdrj_ros.commands import simulate, validate
+
+ROOT = Path(__file__).parents[2]
+ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
+LOW = ROOT / "bags" / "prototype_preload_23_6"
+HIGH = ROOT / "bags" / "prototype_preload_36_26"
+ODD = ROOT.parent / "shared" / "data" / "odd_bags"
+
+FIGURES = {"unit", "n", "mean_abs_error", "mean_relative_error", "rmse", "max_abs_error", "r2"}
+
+
+def _figures(path: Path) -> dict:  # type: ignore[type-arg]
+    def refuse(text: str) -> float:
+        raise AssertionError(f"{text} is no JSON number")
+
+    return json.loads(path.read_text(), parse_constant=refuse)  # type: ignore[no-any-return]
+
+
+@pytest.mark.parametrize(
+    ("bag", "preload", "last_element", "all_elements"),
+    [(HIGH, [], 0.005, 0.004), (LOW, ["--preload", "23.52,6.66"], 0.015, 0.01)],
+)
+def test_sample_recordings_are_followed_far_more_closely_than_the_source_reports(
+    bag: Path, preload: list[str], last_element: float, all_elements: float, tmp_path: Path
+) -> None:
+    out = tmp_path / "figures.json"
+
+    assert validate.main([str(bag), "--robot", str(ROBOT), "--json", str(out), *preload]) == 0
+
+    figures = _figures(out)
+    assert figures["bags"][0]["duration_s"] == pytest.approx(60.0, abs=0.1)
+    channels = figures["all"]["channels"]
+    assert all(set(channel) == FIGURES for channel in channels.values())
+    tensions = {name: c for name, c in channels.items() if name.startswith("tension/")}
+    assert len(tensions) == 16
+    assert tensions["tension/upper/8"]["mean_relative_error"] <= last_element
+    assert tensions["tension/lower/8"]["mean_relative_error"] <= last_element
+    mean = math.fsum(c["mean_relative_error"] for c in tensions.values()) / 16
+    assert mean <= all_elements
+    assert channels["nodal_force/upper/3"]["unit"] == "N"
+    assert channels["effort/winch"]["r2"] > 0.999
+
+
+def test_the_wrong_preload_is_seen_in_the_figures(tmp_path: Path) -> None:
+    out = tmp_path / "figures.json"
+    validate.main([str(LOW), "--robot", str(ROBOT), "--json", str(out)])
+    channels = _figures(out)["all"]["channels"]
+    assert channels["tension/upper/8"]["mean_relative_error"] > 0.5
+
+
+def test_several_bags_are_pooled(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "figures.json"
+    arguments = [str(HIGH), str(HIGH), "--robot", str(ROBOT), "--json", str(out)]
+    assert validate.main(arguments) == 0
+    figures = _figures(out)
+    one, all_ = figures["bags"][0]["channels"], figures["all"]["channels"]
+    assert all_["tension/upper/1"]["n"] == 2 * one["tension/upper/1"]["n"]
+    assert "all elements" in capsys.readouterr().out
+
+
+def _cut(bag: Path, where: Path, share: float) -> Path:
+    (file,) = bag.glob("*.mcap")
+    data = file.read_bytes()
+    cut = where / "cut.mcap"
+    cut.write_bytes(data[: int(len(data) * share)])
+    return cut
+
+
+def test_a_cut_bag_gives_all_that_is_intact(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut = _cut(HIGH, tmp_path, 0.6)
+    out = tmp_path / "figures.json"
+    assert validate.main([str(cut), "--robot", str(ROBOT), "--json", str(out)]) == 0
+    assert "cut" in capsys.readouterr().out
+    channel = _figures(out)["all"]["channels"]["tension/upper/8"]
+    assert channel["n"] > 2500
+    assert channel["mean_relative_error"] < 0.005
+
+
+def _one_line(capsys: pytest.CaptureFixture[str], *words: str) -> None:
+    captured = capsys.readouterr()
+    assert len(captured.err.strip().splitlines()) == 1, captured.err
+    for word in words:
+        assert word in captured.err
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("mu_c: 0.15", "mu_cc: 0.15"), ["friction.mu_cc", "did you mean 'mu_c'"]),
+        (("radius_mm: 15", "radius_mm: -15"), ["cables[0].nodes[0].radius", "greater than 0"]),
+        (("offset: 0.08, sine: -0.06", "offset: 0.02, sine: -0.06"), ["upper/6", "length"]),
+    ],
+)
+def test_a_wrong_robot_file_is_one_line_and_exit_code_2(
+    change: tuple[str, str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / "robot.yaml"
+    text = ROBOT.read_text()
+    assert change[0] in text
+    robot.write_text(text.replace(*change, 1))
+    assert validate.main([str(HIGH), "--robot", str(robot)]) == 2
+    _one_line(capsys, *words, str(robot))
+
+
+def test_an_impossible_tangent_is_one_line_and_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / "robot.yaml"
+    robot.write_text("""
+name: nested
+motors: [{name: winch}]
+joints: []
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 1
+    nodes:
+      - {type: winch, motor: winch, radius_mm: 10, winding: 1, position: [0, 0], turn: ccw}
+      - {type: pulley, radius_mm: 50, position: [0.02, 0], turn: ccw}
+      - {type: anchor, position: [0.5, 0]}
+""")
+    assert validate.main([str(HIGH), "--robot", str(robot)]) == 2
+    _one_line(capsys, "cables[0].nodes[0]", "no common tangent")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["/no/such/bag"], ["/no/such/bag", "does not exist"]),
+        ([str(HIGH), "--motor-topic", "/x"], ["no topic /x", "/cdrj/motor_states"]),
+        ([str(HIGH), "--motor-topic", "/reference/tensions"], ["JointState", "CableTensions"]),
+        ([str(HIGH), "--reference", "/nothing"], ["no references", "--reference"]),
+        ([str(HIGH), "--preload", "1,2,3"], ["preload needs 2"]),
+        ([str(HIGH), "--json", "/no/such/folder/f.json"], ["/no/such/folder"]),
+    ],
+)
+def test_wrong_arguments_are_one_line_and_exit_code_2(
+    arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert validate.main([*arguments, "--robot", str(ROBOT)]) == 2
+    _one_line(capsys, *words)
+
+
+@pytest.mark.skipif(not ODD.exists(), reason=f"{ODD} is absent")
+def test_names_on_one_topic_are_found(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--motor-topic", "/joint_states", "--joint-topic", "/joint_states"]
+    assert validate.main([str(ODD / "plain"), *arguments, "--robot", str(ROBOT)]) == 2
+    _one_line(capsys, "no motor named winch", "motor")
+
+
+def test_simulate_makes_a_recording_that_validate_reads(tmp_path: Path) -> None:
+    bag, out = tmp_path / "bag", tmp_path / "figures.json"
+    short = ["--duration", "6", "--frequency", "0.5", "--amplitude-deg", "20", "--cells", "2"]
+    assert simulate.main([str(bag), "--robot", str(ROBOT), *short]) == 0
+    recording = read_recording(bag)
+    assert recording.motors["winch"].stamp_ns.size == 6001
+    assert validate.main([str(bag), "--robot", str(ROBOT), "--json", str(out)]) == 0
+    assert _figures(out)["all"]["channels"]["tension/upper/8"]["mean_relative_error"] < 0.01
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--duration", "0"], ["--cells", "0"], ["--amplitude-deg", "60"], ["--load-mass", "nan"]],
+)
+def test_simulate_refuses_what_makes_no_sense(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert simulate.main([str(tmp_path / "bag"), "--robot", str(ROBOT), *arguments]) == 2
+    _one_line(capsys, arguments[0])
+
+
+def test_simulate_refuses_a_load_that_no_winch_angle_balances(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    heavy = ["--duration", "5", "--load-mass", "300000"]
+    assert simulate.main([str(tmp_path / "bag"), "--robot", str(ROBOT), *heavy]) == 2
+    _one_line(capsys, "no winch angle balances")
+    assert not (tmp_path / "bag").exists()
+
+
+def test_a_bag_whose_readings_are_all_refused_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        stamps = [1, 2, 3]
+        nan = [[math.nan]] * 3
+        bag.write_joint_states("/cdrj/motor_states", stamps, ("winch",), position=nan)
+        bag.write_joint_states("/cdrj/joint_states", stamps, ("elbow",), position=nan)
+        bag.write_tensions("/reference/tensions", stamps, ("upper/1",), [[1.0]] * 3)
+    assert validate.main([str(tmp_path / "bag"), "--robot", str(ROBOT)]) == 2
+    _one_line(capsys, "not one sample")
