@@ -437,6 +437,9 @@ def _report_cable(
         force[2, i] = sqrt(x * x + y * y)  # (38)
         force[3, i] = t_out - t_in
         force[4, i] = speed[i]
+    if not solved:  # how the elongation is shared out is not known: say so, and no number
+        tension[first:last] = 0.0
+        force[:, first - c : last - c - 1] = 0.0
 
 
 @compiled
