@@ -262,7 +262,8 @@ def fit(runs: Sequence[Run], begin: Mapping[str, float] | None = None) -> Fit:
     def residuals(coordinates: Vector) -> Vector:
         model = robot_model(values_at(coordinates))
         estimated = np.concatenate([estimated_torques(model, one.samples) for one in runs])
-        return ((estimated - measured) * weight).ravel()
+        error: Table = (estimated - measured) * weight
+        return error.ravel()
 
     def jacobian(coordinates: Vector) -> Table:
         here = residuals(coordinates)

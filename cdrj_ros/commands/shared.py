@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
+from time import monotonic
 from typing import Final
 
 from cdrj_ros import __version__
@@ -22,6 +23,9 @@ from cdrj_ros.model.robot_file import load_robot
 DONE: Final = 0
 BAD_INPUT: Final = 2
 INTERRUPTED: Final = 130
+
+LINE_S: Final = 5.0
+"""Time between two lines of progress where there is no terminal [s]."""
 
 
 def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:
@@ -130,21 +134,28 @@ def _installed_robots() -> Iterator[Path]:
         yield parent / "share" / "cdrj_ros" / "config" / "robots"
 
 
-def _ignore(_done: float) -> None:
-    """No progress is shown."""
+def _lines(description: str, total: float) -> Callable[[float], None]:
+    """Progress where there is no terminal: a line now and then."""
+    last = monotonic()
+
+    def report(done: float) -> None:
+        nonlocal last
+        if monotonic() - last > LINE_S:
+            last = monotonic()
+            print(f"{description}: {100.0 * done / total:.0f} %", file=sys.stderr, flush=True)
+
+    return report
 
 
 @contextmanager
-def progress_bar(
-    description: str, total: float, *, shown: bool
-) -> Iterator[Callable[[float], None]]:
+def progress_bar(description: str, total: float) -> Iterator[Callable[[float], None]]:
     """A bar on standard error; yields a function that takes what is done."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(file=sys.stderr)
-    if not (shown and console.is_terminal):
-        yield _ignore
+    if not console.is_terminal:
+        yield _lines(description, total)
         return
     with Progress(
         TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),

@@ -92,7 +92,7 @@ def _truth(model: Model, arguments: argparse.Namespace) -> Truth:
     speed = np.gradient(angle, time)
     acceleration = np.gradient(speed, time)
     torque = RollingLoad(load_mass=arguments.load_mass).torque(angle, speed, acceleration)
-    with progress_bar("simulating", time.size, shown=True) as report:
+    with progress_bar("simulating", time.size) as report:
         return simulate(robot, time, angle, torque, cells=arguments.cells, progress=report)
 
 

@@ -63,7 +63,7 @@ def _body(argv: Sequence[str]) -> int:
     model = load_model(arguments.robot, arguments.preload)
     topics = topics_of(arguments)
     comparisons = []
-    with progress_bar("validating", len(arguments.bags), shown=True) as report:
+    with progress_bar("validating", len(arguments.bags)) as report:
         for path in arguments.bags:
             comparisons.append(validate_bag(model, path, topics))
             report(len(comparisons))

@@ -33,6 +33,7 @@ from cdrj_ros.commands.shared import (
     write_results,
 )
 from cdrj_ros.conversions import AnswerReader
+from cdrj_ros.estimation.comparison import BagComparison
 from cdrj_ros.model.errors import CdrjError, UsageError
 from cdrj_ros.model.mechanism import STALE
 from cdrj_ros.model.plan import Layout, Model
@@ -259,7 +260,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Play a bag's recorded inputs to a running estimator node, listen to its "
         "answers, compare them with the recorded references and report.",
     )
-    parser.add_argument("bag", metavar="BAG", help="rosbag2 folder or .mcap file")
+    parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
     add_robot_option(parser)
     parser.add_argument(
         "--rate", type=float, metavar="X",
@@ -278,32 +279,39 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _replay(arguments: argparse.Namespace, model: Model, topics: Topics, stop: StopRequest) -> int:
-    recording = read_inputs(arguments.bag, topics, model)
+def _judge_bag(
+    node: ReplayNode,
+    executor: EventsExecutor,
+    stop: StopRequest,
+    arguments: argparse.Namespace,
+    model: Model,
+    topics: Topics,
+    path: str,
+) -> BagComparison:
+    """Play one bag to the estimator and compare its answers with the bag's references."""
+    recording = read_inputs(path, topics, model)
     conditioned = condition_recording(model, recording)
     expected = sum(segment.stamp_ns.size for segment in conditioned.segments)
     last = max((int(s.stamp_ns[-1]) for s in conditioned.segments), default=-1)
-    node = ReplayNode(model.layout)
-    executor = EventsExecutor()
-    executor.add_node(node)
-    print(f"waiting for {arguments.estimator} ...", flush=True)
     wait_for_estimator(node, executor, stop, arguments.estimator, arguments.patience)
-    print(f"playing {arguments.bag}", flush=True)
+    print(f"playing {path}", flush=True)
     span = float(recording.end_ns - recording.start_ns)
-    with progress_bar("replaying", span, shown=True) as report:
+    with progress_bar("replaying", span) as report:
         played = play(
-            node, executor, stop, arguments.bag, topics, arguments.rate, last,
+            node, executor, stop, path, topics, arguments.rate, last,
             lambda log_ns: report(log_ns - recording.start_ns),
         )  # fmt: skip
     stamps, channels, incomplete = answers_as_channels(node, model.layout)
+    rate = span * 1e-9 / max(played.duration_s, 1e-9)
     facts = {
         "path": "estimator node in another process, over DDS",
         "inputs sent": f"{played.sent}",
         "estimates expected": f"{expected}",
         "estimates received": f"{stamps.size}",
-        "rate achieved": f"{span * 1e-9 / max(played.duration_s, 1e-9):.1f} x real time, "
-        f"{played.sent / max(played.duration_s, 1e-9):.0f} messages/s",
+        "rate achieved": f"{rate:.1f} x real time, {rate * played.sent / (span * 1e-9):.0f} inputs/s",
     }
+    print(f"{played.sent} inputs in {played.duration_s:.2f} s ({facts['rate achieved']})")
+    print(f"{stamps.size} of {expected} estimates received", flush=True)
     notes: tuple[str, ...] = ()
     missing = expected - stamps.size
     if missing or incomplete or played.unanswered:
@@ -312,16 +320,23 @@ def _replay(arguments: argparse.Namespace, model: Model, topics: Topics, stop: S
             f"({played.unanswered} inputs were given up after {STALLED_S:g} s without an answer)."
         )
         notes = (text,)
-    comparison = compare_with_references(
-        model, arguments.bag, recording, conditioned, stamps, channels, facts, notes
+    return compare_with_references(
+        model, path, recording, conditioned, stamps, channels, facts, notes
     )
-    print(
-        f"{played.sent} inputs in {played.duration_s:.2f} s ({facts['rate achieved']}), "
-        f"{stamps.size} of {expected} estimates received"
-    )
-    write_results(
-        arguments, model, [comparison], f"{model.robot.name}: estimator node against reference"
-    )
+
+
+def _replay(arguments: argparse.Namespace, model: Model, topics: Topics, stop: StopRequest) -> int:
+    node = ReplayNode(model.layout)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    print(f"waiting for {arguments.estimator} ...", flush=True)
+    comparisons = []
+    for path in arguments.bags:
+        comparisons.append(_judge_bag(node, executor, stop, arguments, model, topics, path))
+        if stop:
+            break
+    title = f"{model.robot.name}: estimator node against reference"
+    write_results(arguments, model, comparisons, title)
     return DONE
 
 
