@@ -1,0 +1,92 @@
+"""What a section of the benchmark says: medians with their spread, and ratios of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
+BAG = ROOT / "bags" / "prototype_preload_36_26"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A median and the quartiles around it."""
+
+    median: float
+    low: float
+    high: float
+
+    @staticmethod
+    def of(values: Sequence[float]) -> Spread:
+        """The quartiles of some values."""
+        low, median, high = np.percentile(np.asarray(values, dtype=float), (25, 50, 75))
+        return Spread(float(median), float(low), float(high))
+
+    def text(self, digits: int = 3) -> str:
+        """Median and quartiles, as ``4.51 (4.48–4.60)``."""
+        shown = (f"{value:#.{digits}g}".rstrip(".") for value in (self.median, self.low, self.high))
+        return "{} ({}–{})".format(*shown)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    section: str
+    what: str
+    unit: str
+    ours: Spread
+    beside: str = ""
+    """What it is compared with; empty for a figure that stands alone."""
+    theirs: Spread | None = None
+    ratio: Spread | None = None
+    """Ours over theirs, of neighbouring rounds."""
+    aim: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return asdict(self)
+
+
+def compared(
+    section: str,
+    what: str,
+    unit: str,
+    ours: Sequence[float],
+    beside: str,
+    theirs: Sequence[float],
+    aim: str = "",
+) -> Row:
+    """A row from rounds that were measured in turn: the ratio is taken round by round."""
+    ratio = [mine / other for mine, other in zip(ours, theirs, strict=True)]
+    return Row(
+        section, what, unit, Spread.of(ours), beside, Spread.of(theirs), Spread.of(ratio), aim
+    )
+
+
+def seconds(function: Callable[[], object]) -> float:
+    """How long one call takes [s]."""
+    begin = perf_counter()
+    function()
+    return perf_counter() - begin
+
+
+def in_turn(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:
+    """Seconds of every function in every round, A B A B; one round before goes uncounted.
+
+    What disturbs the machine for a while disturbs neighbours alike.
+    """
+    for function in functions:
+        function()
+    times: list[list[float]] = [[] for _ in functions]
+    for _ in range(rounds):
+        for taken, function in zip(times, functions, strict=True):
+            taken.append(seconds(function))
+    return times

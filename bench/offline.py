@@ -1,0 +1,149 @@
+"""A long recording through ``validate``, beside rosbags that merely deserialises it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds
+from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
+from cdrj_ros.commands import validate
+from cdrj_ros.commands.shared import load_model
+from cdrj_ros.validation import condition_recording, estimate, read_inputs
+
+DURATION_S = 200
+FIRST_S, LAST_S = 20, 60
+"""Whole periods of the sample recording, which are repeated until the bag is long enough."""
+ROUNDS = 3
+
+
+def prolonged(series: Series, begin_ns: int) -> Series:
+    """The series up to ``LAST_S``, then its last periods again and again."""
+    since = series.log_ns - begin_ns
+    period = (LAST_S - FIRST_S) * 1_000_000_000
+    whole = since < LAST_S * 1_000_000_000
+    again = whole & (since >= FIRST_S * 1_000_000_000)
+    repeats = -(-(DURATION_S - LAST_S) * 1_000_000_000 // period)
+    stamps, logs, values = [series.stamp_ns[whole]], [series.log_ns[whole]], [series.value[whole]]
+    for k in range(1, repeats + 1):
+        stamps.append(series.stamp_ns[again] + k * period)
+        logs.append(series.log_ns[again] + k * period)
+        values.append(series.value[again])
+    log = np.concatenate(logs)
+    kept = log < begin_ns + DURATION_S * 1_000_000_000
+    return Series(np.concatenate(stamps)[kept], log[kept], np.concatenate(values)[kept])
+
+
+def _columns(channels: Mapping[str, Series], prefix: str, begin_ns: int) -> dict[str, Any]:
+    """Arguments of a ``write_…`` for the channels of one topic."""
+    longer = {
+        name.removeprefix(prefix): prolonged(series, begin_ns)
+        for name, series in channels.items()
+        if name.startswith(prefix)
+    }
+    first = next(iter(longer.values()))
+    return {
+        "stamp_ns": first.stamp_ns,
+        "log_ns": first.log_ns,
+        "names": tuple(longer),
+        "values": np.stack([series.value for series in longer.values()], axis=1),
+    }
+
+
+def write_long_bag(path: Path, recording: Recording) -> None:
+    """The sample recording, prolonged."""
+    topics, begin = Topics(), recording.start_ns
+
+    def given(channels: Mapping[str, Series], prefix: str, array: str) -> dict[str, Any]:
+        columns = _columns(channels, prefix, begin)
+        columns[array] = columns.pop("values")
+        return columns
+
+    with BagWriter(path) as bag:
+        bag.write_joint_states(topics.motors, **given(recording.motors, "", "position"))
+        bag.write_joint_states(topics.joints, **given(recording.joints, "", "position"))
+        tensions, forces, efforts = topics.references
+        bag.write_tensions(tensions, **given(recording.references, "tension/", "tension"))
+        bag.write_nodal_forces(forces, **given(recording.references, "nodal_force/", "magnitude"))
+        bag.write_joint_states(efforts, **given(recording.references, "effort/", "effort"))
+
+
+def deserialise(path: Path) -> tuple[float, float]:
+    """Seconds that rosbags needs to read every message, and to deserialise what it read."""
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([path]) as reader:
+        raw: list[Any] = []
+        reading = seconds(lambda: raw.extend(reader.messages()))
+
+        def decode_all() -> None:
+            for connection, _, payload in raw:
+                reader.deserialize(payload, connection.msgtype)
+
+        return reading, seconds(decode_all)
+
+
+def _quietly(arguments: list[str]) -> None:
+    with contextlib.redirect_stdout(io.StringIO()):
+        validate.main(arguments)
+
+
+def measure() -> list[Row]:
+    """Seconds for a bag of ``DURATION_S``."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "long")
+        write_long_bag(path, read_recording(BAG))
+        return _measure(path, Path(folder, "figures.json"))
+
+
+def _measure(path: Path, figures: Path) -> list[Row]:
+    model = load_model(str(ROBOT))
+    arguments = [str(path), "--robot", str(ROBOT), "--json", str(figures)]
+    recording = read_inputs(str(path), Topics(), model)
+    conditioned = condition_recording(model, recording)
+    if any(conditioned.refused.values()):
+        raise RuntimeError(f"the prolonged bag is not clean: {dict(conditioned.refused)}")
+    _quietly(arguments)
+    whole, process, reading, estimating, read, decoded = ([] for _ in range(6))
+    command = [sys.executable, "-c", "from cdrj_ros.commands.validate import main; main()"]
+    for _ in range(ROUNDS):
+        whole.append(seconds(lambda: _quietly(arguments)))
+        both = deserialise(path)
+        read.append(both[0])
+        decoded.append(both[1])
+        reading.append(seconds(lambda: read_inputs(str(path), Topics(), model)))
+        estimating.append(seconds(lambda: estimate(model, conditioned)))
+        process.append(
+            seconds(
+                lambda: subprocess.run(
+                    [*command, *arguments], check=True, stdout=subprocess.DEVNULL
+                )
+            )
+        )
+    samples = sum(segment.stamp_ns.size for segment in conditioned.segments)
+    rate = [samples / taken for taken in estimating]
+    bag = f"{DURATION_S} s bag"
+    return [
+        compared(
+            "offline", f"validate, {bag}, all but the process's start", "s", whole,
+            "rosbags: deserialising alone", decoded, "< 1",
+        ),
+        compared(
+            "offline", "validate as a command, from its start", "s", process,
+            "rosbags: deserialising alone", decoded,
+        ),
+        compared(
+            "offline", "reading and decoding alone", "s", reading,
+            "rosbags: reading and deserialising", [a + b for a, b in zip(read, decoded, strict=True)],
+        ),
+        Row("offline", "estimating alone", "s", Spread.of(estimating)),
+        Row("offline", "estimating alone", "samples/s", Spread.of(rate)),
+    ]  # fmt: skip

@@ -1,0 +1,96 @@
+"""Cost per pulley of one cable, from seven pulleys to ten thousand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import pi
+
+import numpy as np
+
+from bench.figures import Row, Spread, compared, in_turn
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.model.plan import Model, prepare
+from cdrj_ros.model.robot import Anchor, Cable, Friction, Motor, Profile, Pulley, Robot, Winch
+
+PULLEYS = (7, 30, 100, 1000, 10_000)
+ROUNDS = 5
+SAMPLES = 400
+WHOLE_WRAP = 2.0
+"""Wrap angles of all pulleys together [rad]: the far end keeps 75 % of the tension."""
+ELEMENT = 0.05
+"""Length of an element [m]."""
+STRAIN = 2e-3
+"""Amplitude of the cable's strain; the winch turns as far as the cable's length demands."""
+COUNTS = 81_920
+"""Encoder counts per turn."""
+
+
+def _constant(value: float) -> tuple[Profile]:
+    empty = np.empty(0)
+    return (Profile(None, empty, np.array([value]), empty),)
+
+
+def chain(pulleys: int) -> Model:
+    """One cable from a winch over equal pulleys to an anchor."""
+    friction = Friction(mu_c=0.15, mu_s=0.2, stribeck_speed=0.05, rho=1.0)
+    pulley = Pulley(0.01, friction, wrap=_constant(WHOLE_WRAP / pulleys))
+    cable = Cable(
+        "chain",
+        6283.0,
+        30.0,
+        (Winch("winch", 0.015, 1), *[pulley] * pulleys, Anchor()),
+        (_constant(ELEMENT),) * (pulleys + 1),
+    )
+    return prepare(Robot("chain", (Motor("winch"),), (), (cable,)))
+
+
+def motion(pulleys: int) -> Samples:
+    """A winch that strains the cable to and fro once, as its encoder sees it, at 1 kHz."""
+    stamp = np.arange(1, SAMPLES + 1, dtype=np.int64) * 1_000_000
+    turned = STRAIN * ELEMENT * (pulleys + 1) / 0.015
+    angle = turned * np.sin(2.0 * pi * np.arange(SAMPLES) / SAMPLES)
+    count = 2.0 * pi / COUNTS
+    return Samples(stamp, (np.round(angle / count) * count)[:, None], np.empty((SAMPLES, 0)))
+
+
+def _running(model: Model, samples: Samples, times: int) -> Callable[[], None]:
+    def repeated() -> None:
+        for _ in range(times):
+            run(model, initial_state(model), samples)
+
+    return repeated
+
+
+def measure() -> list[Row]:
+    """Nanoseconds per pulley and sample, and how many iterations a sample takes."""
+    functions, repeats, iterations, unsolved = [], [], [], []
+    for pulleys in PULLEYS:
+        model, samples = chain(pulleys), motion(pulleys)
+        estimates = run(model, initial_state(model), samples)[1]
+        layout = estimates.layout
+        iterations.append(float(estimates.values[1:, layout.iterations].mean()))
+        unsolved.append(int((estimates.values[:, layout.status] >= 16).any(axis=1).sum()))
+        repeats.append(max(1, 2000 // pulleys))
+        functions.append(_running(model, samples, repeats[-1]))
+    times = in_turn(ROUNDS, *functions)
+    cost = [
+        np.array(taken) * 1e9 / (times_run * SAMPLES * pulleys)
+        for taken, times_run, pulleys in zip(times, repeats, PULLEYS, strict=True)
+    ]
+    rows = [
+        Row("pulleys", f"{PULLEYS[0]} pulleys, per pulley and sample", "ns", Spread.of(cost[0]))
+    ]
+    for k, pulleys in enumerate(PULLEYS[1:], start=1):
+        said = f"; {unsolved[k]} samples unsolved" if unsolved[k] else ""
+        rows.append(
+            compared(
+                "pulleys",
+                f"{pulleys} pulleys, {iterations[k]:.1f} iterations a sample{said}",
+                "ns",
+                list(cost[k]),
+                f"{PULLEYS[0]} pulleys, {iterations[0]:.1f} iterations",
+                list(cost[0]),
+                "flat",
+            )
+        )
+    return rows

@@ -1,0 +1,94 @@
+"""One update of the prototype from Python, beside MuJoCo's evaluation of the same mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from bench.figures import BAG, ROBOT, Row, Spread, compared, in_turn
+from bench.mjcf import mjcf
+from cdrj_ros.bag import Topics
+from cdrj_ros.commands.shared import load_model
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
+from cdrj_ros.model.plan import Model
+from cdrj_ros.validation import condition_recording, read_inputs
+
+STEPS = 10_000
+ROUNDS = 15
+BULK = 4
+"""Bulk runs take so many times the steps."""
+
+
+def recorded_motion(model: Model) -> Samples:
+    """The sample recording's encoder readings, on the estimator's time line."""
+    return condition_recording(model, read_inputs(str(BAG), Topics(), model)).segments[0]
+
+
+def stepping(model: Model, motion: Samples, count: int) -> Callable[[], None]:
+    """``step`` over the first samples, one call each."""
+    readings = [
+        Sample(int(stamp), motor, joint)
+        for stamp, motor, joint in zip(
+            motion.stamp_ns[:count],
+            motion.motor_angle[:count],
+            motion.joint_angle[:count],
+            strict=True,
+        )
+    ]
+
+    def stepped() -> None:
+        state = initial_state(model)
+        for sample in readings:
+            state, _ = step(model, state, sample)
+
+    return stepped
+
+
+def evaluating(model: Model, motion: Samples, count: int) -> Callable[[], None]:
+    """Lengths and Jacobians of two tendons by MuJoCo at the same angles; friction is not in it."""
+    import mujoco
+
+    mechanism = mujoco.MjModel.from_xml_string(mjcf(model.robot))
+    data = mujoco.MjData(mechanism)
+    angles = motion.joint_angle[:count, 0]
+    drum = 0.015 * motion.motor_angle[:count, 0]
+    poses = list(np.stack([drum, angles, angles], axis=1))
+    kinematics, com_pos, tendon = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon
+
+    def evaluated() -> None:
+        qpos = data.qpos
+        for pose in poses:
+            qpos[:] = pose
+            kinematics(mechanism, data)
+            com_pos(mechanism, data)
+            tendon(mechanism, data)
+
+    return evaluated
+
+
+def measure() -> list[Row]:
+    """Microseconds per sample: one by one beside MuJoCo, and in bulk."""
+    model = load_model(str(ROBOT))
+    motion = recorded_motion(model)
+    many = Samples(
+        motion.stamp_ns[: BULK * STEPS],
+        motion.motor_angle[: BULK * STEPS],
+        motion.joint_angle[: BULK * STEPS],
+    )
+    ours, theirs, bulk = (
+        np.array(times) * 1e6
+        for times in in_turn(
+            ROUNDS,
+            stepping(model, motion, STEPS),
+            evaluating(model, motion, STEPS),
+            lambda: run(model, initial_state(model), many),
+        )
+    )
+    return [
+        compared(
+            "step", "one update, 2 cables, 14 pulleys, every output", "µs",
+            ours / STEPS, "MuJoCo: two tendons, no friction", theirs / STEPS, "≤ 1",
+        ),
+        Row("step", "the same in bulk (run)", "µs", Spread.of(bulk / (BULK * STEPS))),
+    ]  # fmt: skip

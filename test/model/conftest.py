@@ -1,0 +1,65 @@
+"""The prototype and its variants, and motions that drive it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.estimator import Samples
+from cdrj_ros.model.robot import Cable, Pulley, Robot
+from cdrj_ros.model.robot_file import load_robot
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+EPOCH_NS = 1_700_000_000_000_000_000
+
+Variant = Callable[..., Robot]
+Drive = Callable[..., Samples]
+
+
+@pytest.fixture(scope="session")
+def prototype() -> Robot:
+    """The robot of the source, Tables I and II."""
+    return load_robot(PROTOTYPE)
+
+
+@pytest.fixture(scope="session")
+def variant(prototype: Robot) -> Variant:
+    """The prototype with another friction law, other friction or other preloads."""
+
+    def make(
+        law: str = "elastoplastic", preloads: tuple[float, float] | None = None, **friction: Any
+    ) -> Robot:
+        def with_friction(cable: Cable, preload: float) -> Cable:
+            nodes = tuple(
+                replace(node, friction=replace(node.friction, **friction))
+                if isinstance(node, Pulley)
+                else node
+                for node in cable.nodes
+            )
+            return replace(cable, nodes=nodes, law=law, preload=preload)
+
+        chosen = preloads or tuple(cable.preload for cable in prototype.cables)
+        cables = map(with_friction, prototype.cables, chosen)
+        return replace(prototype, cables=tuple(cables))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def drive() -> Drive:
+    """Samples of one motor and one joint at given times [s]."""
+
+    def make(time: np.ndarray, motor: np.ndarray, joint: np.ndarray) -> Samples:
+        stamps = EPOCH_NS + np.round(np.asarray(time) * 1e9).astype(np.int64)
+        return Samples(
+            stamps,
+            np.array(motor, dtype=np.float64)[:, None],
+            np.array(joint, dtype=np.float64)[:, None],
+        )
+
+    return make

@@ -1,0 +1,347 @@
+"""Friction of one pulley: the source's numbers, its equations, and laws that no input may break."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import exp, log, pi, radians, sqrt
+
+import numba
+import numpy as np
+import pytest
+
+from cdrj_ros.model.friction import (
+    CAPSTAN,
+    ELASTOPLASTIC,
+    EULER,
+    LUGRE,
+    MINIMUM_TRANSMISSION,
+    PRINTED,
+    STEADY,
+    bearing_transmission,
+    blended_loss,
+    capstan_transmission,
+    friction_force,
+    sliding_loss,
+    sliding_transmission,
+    stribeck_share,
+)
+
+# Tables I and II of the source, pulleys 2 to 8; the wrap of pulley 6 is its largest.
+WRAPS = tuple(map(radians, (40.9, 105.4, 32.1, 57.7, 78.5, 180.0, 90.0)))
+BEARING_DIAMETERS = (0.010, 0.010, 0.010, 0.006, 0.005, 0.005, 0.005)
+RADII = (0.011, 0.011, 0.011, 0.0065, 0.0045, 0.0045, 0.0045)
+MU_C, MU_S, STRIBECK_SPEED, BEARING_FRICTION = 0.15, 0.20, 0.05, 0.01
+BEARING_RATIOS = tuple(
+    BEARING_FRICTION * d / r for d, r in zip(BEARING_DIAMETERS, RADII, strict=True)
+)
+TABLE = tuple(zip(WRAPS, BEARING_RATIOS, strict=True))
+
+# Bristle stiffness and forces of everyday size: sigma0 g / ... keeps slips of some micrometres.
+STIFFNESS, BOUND = 1e6, 4.0
+
+
+def test_bearing_transmission_of_the_sources_tables() -> None:
+    eta = [bearing_transmission(*row) for row in TABLE]
+    expected = [0.99367, 0.98564, 0.99499, 0.99113, 0.98604, 0.97802, 0.98441]
+    np.testing.assert_allclose(eta, expected, atol=5e-6)
+    assert np.prod(eta) == pytest.approx(0.9169, abs=5e-5)
+
+
+def test_bearing_transmission_solves_its_quadratic() -> None:
+    # (40): the bearing's moment f_d d N balances the tensions' difference times r_p, with N (38)
+    for beta in np.linspace(0.05, 2 * pi, 23):
+        for ratio in (0.0, 0.003, 0.05, 0.4):
+            eta = bearing_transmission(beta, ratio)
+            load = sqrt(1.0 + eta * eta - 2.0 * eta * np.cos(beta))
+            assert 1.0 - eta == pytest.approx(ratio * load, abs=1e-12)
+            assert 0.0 < eta <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("speed", "expected"),
+    [
+        (0.0, [0.8646, 0.6785, 0.8925, 0.8131, 0.7523, 0.4990, 0.7201]),
+        (1e3 * STRIBECK_SPEED, [0.8985, 0.7589, 0.9194, 0.8598, 0.8142, 0.6242, 0.7901]),
+    ],
+    ids=["at-rest", "fast"],
+)
+def test_sliding_transmission_of_the_sources_tables(speed: float, expected: list[float]) -> None:
+    eta = [
+        sliding_transmission(speed, MU_C, MU_S, STRIBECK_SPEED, beta, PRINTED) for beta in WRAPS
+    ]
+    np.testing.assert_allclose(eta, expected, atol=5.1e-5)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "ratio"), [(90.0, 1.265693), (180.0, 1.601978), (360.0, 2.566332)]
+)
+def test_capstan_numbers(degrees: float, ratio: float) -> None:
+    assert 1.0 / capstan_transmission(0.15, radians(degrees)) == pytest.approx(ratio, abs=5e-7)
+
+
+def test_grashof_sliding_arc() -> None:
+    arc = log(1.2) / 0.15
+    assert np.degrees(arc) == pytest.approx(69.6, abs=0.05)
+    assert 1.0 / capstan_transmission(0.15, arc) == pytest.approx(1.2, abs=1e-12)
+
+
+def test_transmission_lies_between_the_sliding_and_the_bearing_one() -> None:
+    for beta, ratio in TABLE:
+        eta_r = bearing_transmission(beta, ratio)
+        for speed in (0.0, 0.01, STRIBECK_SPEED, 1.0):
+            eta_d = sliding_transmission(speed, MU_C, MU_S, STRIBECK_SPEED, beta, PRINTED)
+            assert eta_d < eta_r
+            for rho in (0.0, 0.11, 0.39, 1.0):
+                kinetic, static = blended_loss(rho, MU_C, MU_S, beta, ratio, PRINTED, 1.0)
+                eta = 1.0 - kinetic - static * stribeck_share(speed, STRIBECK_SPEED)
+                assert eta == pytest.approx(rho * eta_d + (1.0 - rho) * eta_r, abs=1e-14)
+                assert eta_d - 1e-14 <= eta <= eta_r + 1e-14
+
+
+def test_stribeck_share_falls_from_one_to_nothing_alike_in_both_directions() -> None:
+    speeds = np.linspace(0.0, 0.4, 200)
+    share = np.array([stribeck_share(v, STRIBECK_SPEED) for v in speeds])
+    assert share[0] == 1.0
+    assert np.all(np.diff(share) < 0.0)
+    assert stribeck_share(STRIBECK_SPEED, STRIBECK_SPEED) == pytest.approx(exp(-1.0))
+    assert [stribeck_share(-v, STRIBECK_SPEED) for v in speeds] == share.tolist()
+
+
+def test_printed_static_friction_is_kept_from_going_through_zero() -> None:
+    kinetic, static = sliding_loss(0.1, 0.4, pi, PRINTED)
+    assert 1.0 - kinetic - static < 0.0, "(35) as printed: nothing would be left to transmit"
+    assert sliding_transmission(0.0, 0.1, 0.4, 0.05, pi, PRINTED) == MINIMUM_TRANSMISSION
+    for rho in (1.0, 0.95):
+        kinetic, static = blended_loss(rho, 0.1, 0.4, pi, 0.01, PRINTED, 1.0)
+        assert 0.0 <= static
+        assert 1.0 - kinetic - static >= MINIMUM_TRANSMISSION * (1.0 - 1e-9)
+    for wrap in (pi, 4 * pi, 20 * pi):
+        kinetic, static = blended_loss(1.0, 2.0, 2.0, wrap, 0.0, PRINTED, 8.0)
+        assert 1.0 - kinetic - static > 0.0
+        assert static >= 0.0
+
+
+def test_capstan_form_of_static_friction_is_the_capstan_equation_at_rest_and_at_speed() -> None:
+    for beta in (0.3, pi / 2, pi, 2 * pi):
+        kinetic, static = sliding_loss(0.1, 0.4, beta, CAPSTAN)
+        assert 1.0 - kinetic == pytest.approx(exp(-0.1 * beta), abs=1e-15)
+        assert 1.0 - kinetic - static == pytest.approx(exp(-0.4 * beta), abs=1e-15)
+
+
+def test_equal_coefficients_leave_no_static_friction() -> None:
+    for form in (PRINTED, CAPSTAN):
+        kinetic, static = sliding_loss(0.15, 0.15, 2.0, form)
+        assert static == 0.0
+        assert kinetic == pytest.approx(1.0 - exp(-0.3))
+        assert sliding_loss(0.0, 0.0, 2.0, form) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("form", [PRINTED, CAPSTAN])
+@pytest.mark.parametrize("cells", [2.0, 8.0, 100.0])
+def test_cells_transmit_together_what_the_whole_pulley_does(form: int, cells: float) -> None:
+    for beta, ratio in TABLE:
+        whole_kinetic, whole_static = blended_loss(0.2, MU_C, MU_S, beta, ratio, form, 1.0)
+        kinetic, static = blended_loss(0.2, MU_C, MU_S, beta / cells, ratio, form, cells)
+        at_speed = (1.0 - kinetic) ** cells
+        at_rest = (1.0 - kinetic - static) ** cells
+        assert at_speed == pytest.approx(1.0 - whole_kinetic, rel=1e-12)
+        assert at_rest == pytest.approx(1.0 - whole_kinetic - whole_static, rel=1e-12)
+
+
+def test_lugre_pre_sliding_closed_form() -> None:
+    static, sigma0, force = 1.5, 1e5, 1.425
+    slip = -(static / sigma0) * log(1.0 - force / static)
+    assert slip * 1e6 == pytest.approx(44.936, abs=5e-4)
+    assert friction_force(LUGRE, 0.0, slip, sigma0, static, 1.0)[0] == pytest.approx(force)
+    # in many steps or in one: the update is exact over any slip
+    reached = 0.0
+    for _ in range(1000):
+        reached = friction_force(LUGRE, reached, slip / 1000, sigma0, static, 1.0)[0]
+    assert reached == pytest.approx(force, rel=1e-12)
+
+
+@numba.njit
+def _pulled_block(step: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mass on a spring pulled at 0.1 m/s, implicit midpoint rule; x, v, z and the spring force."""
+    mass, spring, pull = 1.0, 2.0, 0.1
+    sigma0, sigma1, sigma2 = 1e5, sqrt(1e5), 0.4
+    x, v, f = 0.0, 0.0, 0.0
+    spring_force = np.empty(count)
+    for k in range(count):
+        new_v, new_f = v, f
+        for _ in range(30):
+            middle = 0.5 * (v + new_v)
+            bound = 1.0 + 0.5 * stribeck_share(middle, 1e-3)
+            new_f = friction_force(LUGRE, f, step * middle, sigma0, bound, 1.0)[0]
+            friction = 0.5 * (f + new_f) + sigma1 * (new_f - f) / (sigma0 * step) + sigma2 * middle
+            at = x + 0.5 * step * middle
+            better = v + step * (spring * (pull * (k + 0.5) * step - at) - friction) / mass
+            done = abs(better - new_v) <= 1e-15 + 1e-13 * abs(new_v)
+            new_v = better
+            if done:
+                break
+        x += step * 0.5 * (v + new_v)
+        v, f = new_v, new_f
+        spring_force[k] = spring * (pull * (k + 1) * step - x)
+    return np.array([x, v, f / sigma0]), spring_force
+
+
+def test_lugre_stick_slip_benchmark() -> None:
+    # Canudas de Wit, Olsson, Astrom, Lischinsky 1995; computed independently with an ODE solver
+    step = 2e-5
+    (x, v, z), spring_force = _pulled_block(step, 1_250_000)
+    assert x == pytest.approx(1.90883920, abs=1e-7)
+    assert v == pytest.approx(9.42415e-6, rel=1e-4)
+    assert z == pytest.approx(1.181680e-5, rel=1e-5)
+    inside = spring_force[1:-1]
+    peaks = np.flatnonzero(
+        (inside > 1.4) & (inside > spring_force[:-2]) & (inside >= spring_force[2:])
+    )
+    np.testing.assert_allclose((peaks + 2) * step, [7.6454, 14.0081, 20.3708], atol=1e-4)
+    np.testing.assert_allclose(spring_force[peaks + 1], 1.50799, atol=1e-5)
+
+
+LAWS_AND_BREAKAWAYS = [
+    (LUGRE, 1.0),
+    (EULER, 1.0),
+    (STEADY, 1.0),
+    (ELASTOPLASTIC, 1.0),
+    (ELASTOPLASTIC, 0.7),
+    (ELASTOPLASTIC, 0.0),
+]
+
+
+def _wrong_derivatives(law: int, breakaway: float, befores: list[float]) -> list[object]:
+    """Where the derivatives by slip and bound differ from central differences."""
+    # slips: elastic, around and through the knee, far, in both directions
+    slips = [-6.0, -2.1, -0.9, -0.33, -0.051, 0.047, 0.31, 0.88, 1.9, 5.0]
+    little_slip, little = 1e-6 * BOUND / STIFFNESS, 1e-6 * BOUND
+    wrong: list[object] = []
+    for before in befores:
+        for slip in slips:
+
+            def force(x: float, g: float, before: float = before, slip: float = slip) -> float:
+                at = slip * BOUND / STIFFNESS + x
+                return friction_force(law, before * BOUND, at, STIFFNESS, BOUND + g, breakaway)[0]
+
+            _, by_slip, by_bound = friction_force(
+                law, before * BOUND, slip * BOUND / STIFFNESS, STIFFNESS, BOUND, breakaway
+            )
+            slope = (force(little_slip, 0.0) - force(-little_slip, 0.0)) / (2 * little_slip)
+            shift = (force(0.0, little) - force(0.0, -little)) / (2 * little)
+            if abs(by_slip - slope) > 1e-6 * STIFFNESS or abs(by_bound - shift) > 1e-6:
+                wrong.append((before, slip, (by_slip, slope), (by_bound, shift)))
+    return wrong
+
+
+@pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
+def test_derivatives_equal_differences_on_every_branch(law: int, breakaway: float) -> None:
+    befores = [-0.99, -0.8, -0.3, 0.0, 0.31, 0.72, 0.97]
+    assert _wrong_derivatives(law, breakaway, befores) == []
+
+
+@pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
+def test_derivatives_equal_differences_where_the_bound_has_shrunk_below_the_force(
+    law: int, breakaway: float
+) -> None:
+    assert _wrong_derivatives(law, breakaway, [-1.3, 1.2]) == []
+
+
+@pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
+def test_the_force_is_continuous_and_never_falls_with_the_slip(law: int, breakaway: float) -> None:
+    slips = np.linspace(-3.0, 3.0, 4001) * BOUND / STIFFNESS
+    for before in np.array([-1.4, -1.0, -0.75, 0.0, 0.5, 1.0, 1.1]) * BOUND:
+        forces = np.array(
+            [friction_force(law, before, x, STIFFNESS, BOUND, breakaway)[0] for x in slips]
+        )
+        rise = np.diff(forces)
+        steepest = STIFFNESS * (1.0 + max(1.0, abs(before) / BOUND))
+        if abs(before) > BOUND:  # a force beyond the bound comes back towards it in any direction
+            assert np.all(np.abs(rise) <= steepest * (slips[1] - slips[0]))
+            continue
+        assert np.all(rise >= -1e-12)
+        assert np.all(rise <= steepest * (slips[1] - slips[0]) * (1.0 + 1e-9))
+
+
+@pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
+def test_the_force_never_exceeds_the_bound(law: int, breakaway: float) -> None:
+    generator = np.random.default_rng(11)
+    force = 0.0
+    for _ in range(5000):
+        bound = generator.uniform(0.1, 6.0)
+        slip = generator.normal() * 10.0 ** generator.uniform(-9, -3)
+        before = force
+        force = friction_force(law, before, slip, STIFFNESS, bound, breakaway)[0]
+        if law == LUGRE:  # its bristles only let go while slipping
+            assert abs(force) <= max(bound, abs(before)) * (1.0 + 1e-12)
+        else:
+            assert abs(force) <= bound * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
+def test_mirrored_slips_give_mirrored_forces(law: int, breakaway: float) -> None:
+    generator = np.random.default_rng(12)
+    for _ in range(2000):
+        before, slip = generator.normal() * 3.0, generator.normal() * 5e-6
+        bound = generator.uniform(0.1, 6.0)
+        one = friction_force(law, before, slip, STIFFNESS, bound, breakaway)
+        other = friction_force(law, -before, -slip, STIFFNESS, bound, breakaway)
+        assert other == (-one[0], one[1], -one[2])
+
+
+def _walk(
+    law: int, breakaway: float, slips: np.ndarray, bound: Callable[[int], float], pieces: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Work done on the contact and energy in its bristle after every slip."""
+    force, work = 0.0, 0.0
+    works, stored = [], []
+    for k, slip in enumerate(slips):
+        for _ in range(pieces):
+            before = force
+            force = friction_force(law, before, slip / pieces, STIFFNESS, bound(k), breakaway)[0]
+            work += 0.5 * (before + force) * slip / pieces
+        works.append(work)
+        stored.append(force * force / (2.0 * STIFFNESS))
+    return np.array(works), np.array(stored)
+
+
+@pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
+@pytest.mark.parametrize("seed", range(3))
+def test_friction_never_gives_more_than_its_bristles_have_stored(
+    law: int, breakaway: float, seed: int
+) -> None:
+    generator = np.random.default_rng(seed)
+    slips = generator.normal(size=150) * 10.0 ** generator.uniform(-7.5, -5.0, size=150)
+    work, stored = _walk(law, breakaway, slips, lambda _: BOUND, 60)
+    lost = np.diff(work - stored, prepend=0.0)
+    # the trapezoidal rule overrates the work inside one piece by less than this
+    assert np.all(lost >= -1e-3 * np.abs(slips) * BOUND)
+    assert work[-1] - stored[-1] > 0.1 * BOUND * np.abs(slips).sum() * 0.1
+
+
+def _minor_loops(law: int, breakaway: float, loops: int) -> tuple[float, float]:
+    """Force at the beginning and after some small loops amid pre-sliding."""
+    force = begin = 0.6 * BOUND
+    for _ in range(loops):
+        for slip in (-3e-7, 3e-7):
+            force = friction_force(law, force, slip, STIFFNESS, BOUND, breakaway)[0]
+    return begin, force
+
+
+def test_minor_loops_close_exactly_where_lugre_creeps() -> None:
+    for law in (EULER, STEADY, ELASTOPLASTIC):
+        begin, end = _minor_loops(law, 1.0, 1000)
+        assert end == pytest.approx(begin, abs=1e-11)
+    begin, end = _minor_loops(ELASTOPLASTIC, 0.7, 1000)
+    assert end == pytest.approx(begin, abs=1e-11), "below break-away"
+    begin, end = _minor_loops(LUGRE, 1.0, 1000)
+    assert end < 0.1 * begin, "the source's law forgets its force under ripple"
+
+
+def test_sliding_forgets_the_past() -> None:
+    for law, breakaway in LAWS_AND_BREAKAWAYS:
+        for before in (-3.9, 0.0, 2.0):
+            force, by_slip, by_bound = friction_force(law, before, 1e-3, STIFFNESS, 4.0, breakaway)
+            assert force == pytest.approx(4.0, rel=1e-12)
+            assert by_slip == pytest.approx(0.0, abs=1e-6)
+            assert by_bound == pytest.approx(1.0, abs=1e-9)
