@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.bag import Recording, Topics, read_recording
+from cdrj_ros.bag import Recording, Series, Topics, read_recording
 from cdrj_ros.estimation.comparison import Angle, BagComparison, compare_bag
 from cdrj_ros.estimation.conditioning import Conditioned, Readings, condition
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
@@ -53,25 +53,19 @@ def read_inputs(path: str, topics: Topics, model: Model) -> Recording:
 def condition_recording(model: Model, recording: Recording) -> Conditioned:
     """The recording's readings through the same gates as the node's.
 
-    Where motors and joints share a topic, each name counts only where the robot expects it.
+    Where motors and joints share a topic, a stranger's name counts once.
     """
-    same = recording.motors is recording.joints or set(recording.motors) == set(recording.joints)
-    known = {*model.layout.motors, *model.layout.joints}
+    joints = recording.joints
+    if set(joints) == set(recording.motors):
+        joints = {name: joints[name] for name in model.layout.joints}
+    return condition(model.robot, _readings(recording.motors), _readings(joints))
 
-    def readings(
-        series: Mapping[str, object], wanted: tuple[str, ...], strangers: bool
-    ) -> dict[str, Readings]:
-        return {
-            name: Readings(one.stamp_ns, one.log_ns, one.value)  # type: ignore[attr-defined]
-            for name, one in series.items()
-            if name in wanted or (strangers and name not in known)
-        }
 
-    return condition(
-        model.robot,
-        readings(recording.motors, model.layout.motors, True),
-        readings(recording.joints, model.layout.joints, not same),
-    )
+def _readings(channels: Mapping[str, Series]) -> dict[str, Readings]:
+    return {
+        name: Readings(series.stamp_ns, series.log_ns, series.value)
+        for name, series in channels.items()
+    }
 
 
 def estimate_channels(

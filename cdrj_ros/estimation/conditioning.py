@@ -292,8 +292,10 @@ def condition(
     known = [motors[motor.name] for motor in robot.motors]
     known += [joints[joint.name] for joint in robot.joints]
     limits = limits_of(robot)
-    strangers = [r for name, r in motors.items() if all(name != m.name for m in robot.motors)]
-    strangers += [r for name, r in joints.items() if all(name != j.name for j in robot.joints)]
+    names = {*(motor.name for motor in robot.motors), *(joint.name for joint in robot.joints)}
+    strangers = [
+        r for channels in (motors, joints) for name, r in channels.items() if name not in names
+    ]
     if all(_is_clean(readings, limit) for readings, limit in zip(known, limits, strict=True)):
         refused = dict.fromkeys(REFUSALS, 0)
         refused["unknown_name"] = sum(readings.stamp_ns.size for readings in strangers)

@@ -146,16 +146,21 @@ def _imbalance(
             worst = abs(residual)
         lower, upper = k_left, k_right
         diagonal = -(k_left + k_right) - by_slip
+        # Slack elements carry no stiffness.  A little of it in the matrix, not in the residual,
+        # keeps a taut element between slack neighbours from making the system singular.
+        slack = 1e-3 * axial_stiffness / material
+        if k_left == 0.0:
+            diagonal -= slack
+        if k_right == 0.0:
+            diagonal -= slack
         if t_right >= t_left:
             diagonal += by_pull * k_right
             upper -= by_pull * k_right
         else:
             diagonal -= by_pull * k_left
             lower += by_pull * k_left
-        # slack elements carry no stiffness: the floor keeps the matrix regular, not the answer
-        floor = -1e-3 * axial_stiffness / material
         work[i, _LOWER] = lower
-        work[i, _DIAGONAL] = min(diagonal, floor)
+        work[i, _DIAGONAL] = diagonal
         work[i, _UPPER] = upper
         t_left, k_left = t_right, k_right
         slip = following

@@ -66,9 +66,7 @@ def test_bearing_transmission_solves_its_quadratic() -> None:
     ids=["at-rest", "fast"],
 )
 def test_sliding_transmission_of_the_sources_tables(speed: float, expected: list[float]) -> None:
-    eta = [
-        sliding_transmission(speed, MU_C, MU_S, STRIBECK_SPEED, beta, PRINTED) for beta in WRAPS
-    ]
+    eta = [sliding_transmission(speed, MU_C, MU_S, STRIBECK_SPEED, beta, PRINTED) for beta in WRAPS]
     np.testing.assert_allclose(eta, expected, atol=5.1e-5)
 
 
