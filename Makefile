@@ -41,7 +41,7 @@ check: setup
 	@$(IN_ENV) python -m pytest -q test/test_imports.py
 
 bench: setup $(BENCH)
-	@$(IN_ENV) python tools/bench.py
+	@$(IN_ENV) python -m bench
 
 setup: $(PACKAGE)
 

@@ -2,14 +2,14 @@
 
 The cables are laid in a plane from the robot file's spans, radii and wrap angles, the lower one as
 the mirror image of the upper.  The rolling joint is two hinges of the same angle, 2R apart; the
-winch is a slide that pulls the two cables in opposite directions.  Radii and wraps are the
-prototype's to a degree or so in the middle pose; MuJoCo's cost does not depend on them.
+winch is a slide that pulls the two cables in opposite directions.  Radii, wraps and spans
+are the prototype's in the middle pose; over the joint's range the cable stays on every pulley.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, degrees, pi, sin
+from math import cos, degrees, sin
 
 from cdrj_ros.model.robot import Profile, Pulley, Robot, Winch
 

@@ -20,32 +20,30 @@ from cdrj_ros.commands.shared import load_model
 from cdrj_ros.validation import condition_recording, estimate, read_inputs
 
 DURATION_S = 200
-FIRST_S, LAST_S = 20, 60
-"""Whole periods of the sample recording, which are repeated until the bag is long enough."""
 ROUNDS = 3
 
 
-def prolonged(series: Series, begin_ns: int) -> Series:
-    """The series up to ``LAST_S``, then its last periods again and again."""
-    since = series.log_ns - begin_ns
-    period = (LAST_S - FIRST_S) * 1_000_000_000
-    whole = since < LAST_S * 1_000_000_000
-    again = whole & (since >= FIRST_S * 1_000_000_000)
-    repeats = -(-(DURATION_S - LAST_S) * 1_000_000_000 // period)
-    stamps, logs, values = [series.stamp_ns[whole]], [series.log_ns[whole]], [series.value[whole]]
-    for k in range(1, repeats + 1):
-        stamps.append(series.stamp_ns[again] + k * period)
-        logs.append(series.log_ns[again] + k * period)
-        values.append(series.value[again])
-    log = np.concatenate(logs)
+def prolonged(series: Series, begin_ns: int, end_ns: int) -> Series:
+    """The series to and fro, again and again: every pass begins where the one before ends."""
+    span = end_ns - begin_ns
+    passes = -(-DURATION_S * 1_000_000_000 // span)
+    logs, stamps, values = [], [], []
+    for k in range(passes):
+        there = k % 2 == 0
+        for times, into in ((series.log_ns, logs), (series.stamp_ns, stamps)):
+            since = times - begin_ns if there else (end_ns - times)[::-1]
+            into.append(begin_ns + k * span + since)
+        values.append(series.value if there else series.value[::-1])
+    log, stamp, value = (np.concatenate(parts) for parts in (logs, stamps, values))
     kept = log < begin_ns + DURATION_S * 1_000_000_000
-    return Series(np.concatenate(stamps)[kept], log[kept], np.concatenate(values)[kept])
+    kept[1:] &= stamp[1:] > stamp[:-1]
+    return Series(stamp[kept], log[kept], value[kept])
 
 
-def _columns(channels: Mapping[str, Series], prefix: str, begin_ns: int) -> dict[str, Any]:
+def _columns(channels: Mapping[str, Series], prefix: str, recording: Recording) -> dict[str, Any]:
     """Arguments of a ``write_…`` for the channels of one topic."""
     longer = {
-        name.removeprefix(prefix): prolonged(series, begin_ns)
+        name.removeprefix(prefix): prolonged(series, recording.start_ns, recording.end_ns)
         for name, series in channels.items()
         if name.startswith(prefix)
     }
@@ -60,10 +58,10 @@ def _columns(channels: Mapping[str, Series], prefix: str, begin_ns: int) -> dict
 
 def write_long_bag(path: Path, recording: Recording) -> None:
     """The sample recording, prolonged."""
-    topics, begin = Topics(), recording.start_ns
+    topics = Topics()
 
     def given(channels: Mapping[str, Series], prefix: str, array: str) -> dict[str, Any]:
-        columns = _columns(channels, prefix, begin)
+        columns = _columns(channels, prefix, recording)
         columns[array] = columns.pop("values")
         return columns
 
@@ -112,13 +110,13 @@ def _measure(path: Path, figures: Path) -> list[Row]:
     if any(conditioned.refused.values()):
         raise RuntimeError(f"the prolonged bag is not clean: {dict(conditioned.refused)}")
     _quietly(arguments)
-    whole, process, reading, estimating, read, decoded = ([] for _ in range(6))
+    whole, process, reading, estimating, decoded, both = ([] for _ in range(6))
     command = [sys.executable, "-c", "from cdrj_ros.commands.validate import main; main()"]
     for _ in range(ROUNDS):
         whole.append(seconds(lambda: _quietly(arguments)))
-        both = deserialise(path)
-        read.append(both[0])
-        decoded.append(both[1])
+        taken, deserialised = deserialise(path)
+        decoded.append(deserialised)
+        both.append(taken + deserialised)
         reading.append(seconds(lambda: read_inputs(str(path), Topics(), model)))
         estimating.append(seconds(lambda: estimate(model, conditioned)))
         process.append(
@@ -142,7 +140,7 @@ def _measure(path: Path, figures: Path) -> list[Row]:
         ),
         compared(
             "offline", "reading and decoding alone", "s", reading,
-            "rosbags: reading and deserialising", [a + b for a, b in zip(read, decoded, strict=True)],
+            "rosbags: reading and deserialising", both,
         ),
         Row("offline", "estimating alone", "s", Spread.of(estimating)),
         Row("offline", "estimating alone", "samples/s", Spread.of(rate)),

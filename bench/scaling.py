@@ -1,4 +1,8 @@
-"""Cost per pulley of one cable, from seven pulleys to ten thousand."""
+"""Cost per pulley of one cable, from seven pulleys to ten thousand.
+
+Length, wrap and stiffness of the contact are those of the whole cable and shared by its pulleys, so
+that all sizes see the same tensions: what changes is into how many parts they are cut.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +18,17 @@ from cdrj_ros.model.robot import Anchor, Cable, Friction, Motor, Profile, Pulley
 
 PULLEYS = (7, 30, 100, 1000, 10_000)
 ROUNDS = 5
-SAMPLES = 400
-WHOLE_WRAP = 2.0
-"""Wrap angles of all pulleys together [rad]: the far end keeps 75 % of the tension."""
-ELEMENT = 0.05
-"""Length of an element [m]."""
+SAMPLES = 250
+LENGTH = 1.0
+"""Of the whole cable, whatever the number of its pulleys [m]."""
+WRAP = 2.0
+"""Wrap angles of all pulleys together [rad]: sliding, the far end keeps 74 % of the tension."""
+BRISTLES = 7e6
+"""Bristle stiffness of all pulleys together [N/m]."""
+DRUM = 0.015
+"""Radius of the winch [m]."""
 STRAIN = 2e-3
-"""Amplitude of the cable's strain; the winch turns as far as the cable's length demands."""
+"""Amplitude of the cable's strain: ±12.6 N about the preload of 30 N."""
 COUNTS = 81_920
 """Encoder counts per turn."""
 
@@ -32,23 +40,24 @@ def _constant(value: float) -> tuple[Profile]:
 
 def chain(pulleys: int) -> Model:
     """One cable from a winch over equal pulleys to an anchor."""
-    friction = Friction(mu_c=0.15, mu_s=0.2, stribeck_speed=0.05, rho=1.0)
-    pulley = Pulley(0.01, friction, wrap=_constant(WHOLE_WRAP / pulleys))
+    friction = Friction(
+        mu_c=0.15, mu_s=0.2, stribeck_speed=0.05, bristle_stiffness=BRISTLES / pulleys
+    )
+    pulley = Pulley(0.01, friction, wrap=_constant(WRAP / pulleys))
     cable = Cable(
         "chain",
         6283.0,
         30.0,
-        (Winch("winch", 0.015, 1), *[pulley] * pulleys, Anchor()),
-        (_constant(ELEMENT),) * (pulleys + 1),
+        (Winch("winch", DRUM, 1), *[pulley] * pulleys, Anchor()),
+        (_constant(LENGTH / (pulleys + 1)),) * (pulleys + 1),
     )
     return prepare(Robot("chain", (Motor("winch"),), (), (cable,)))
 
 
-def motion(pulleys: int) -> Samples:
+def motion() -> Samples:
     """A winch that strains the cable to and fro once, as its encoder sees it, at 1 kHz."""
     stamp = np.arange(1, SAMPLES + 1, dtype=np.int64) * 1_000_000
-    turned = STRAIN * ELEMENT * (pulleys + 1) / 0.015
-    angle = turned * np.sin(2.0 * pi * np.arange(SAMPLES) / SAMPLES)
+    angle = STRAIN * LENGTH / DRUM * np.sin(2.0 * pi * np.arange(SAMPLES) / SAMPLES)
     count = 2.0 * pi / COUNTS
     return Samples(stamp, (np.round(angle / count) * count)[:, None], np.empty((SAMPLES, 0)))
 
@@ -65,7 +74,7 @@ def measure() -> list[Row]:
     """Nanoseconds per pulley and sample, and how many iterations a sample takes."""
     functions, repeats, iterations, unsolved = [], [], [], []
     for pulleys in PULLEYS:
-        model, samples = chain(pulleys), motion(pulleys)
+        model, samples = chain(pulleys), motion()
         estimates = run(model, initial_state(model), samples)[1]
         layout = estimates.layout
         iterations.append(float(estimates.values[1:, layout.iterations].mean()))

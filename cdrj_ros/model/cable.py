@@ -69,6 +69,12 @@ def tolerance(axial_stiffness: float) -> float:
 
 
 @compiled
+def acceptable(axial_stiffness: float) -> float:
+    """Largest force imbalance with which a sample may be used [N]; above, it is not solved."""
+    return 1e-4 + 1e-14 * axial_stiffness
+
+
+@compiled
 def element_tension(axial_stiffness: float, length: float, material: float) -> float:
     """t = EA max(L / l - 1, 0) [N]; exact for large winding, (11) is its linearisation."""
     return max(axial_stiffness * (length / material - 1.0), 0.0)
@@ -216,6 +222,8 @@ def _try_step(work: Table, pulleys: Table, law: int, share: float) -> None:
             bound = work[i, _BOUND]
             if (old > bound and new < -bound) or (old < -bound and new > bound):
                 trial = -before / stiffness
+        elif law == LUGRE and slip * trial < 0.0:  # the slope jumps where the slip turns
+            trial *= 0.3
         work[i, _TRIAL] = trial
 
 
@@ -316,7 +324,7 @@ def solve_cable(
 
     Returns:
         Newton iterations in all and the largest remaining force imbalance [N].  The sample is
-        solved where that is within ``tolerance``; otherwise the caller must report it.
+        solved where that is within ``acceptable``; otherwise the caller must report it.
     """
     n = work.shape[0]
     if n == 0:

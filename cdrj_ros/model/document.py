@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from functools import lru_cache
 from importlib import resources
-from math import isfinite, pi
+from math import pi
 from typing import Any, Final
 
 import jsonschema
@@ -18,6 +18,15 @@ from cdrj_ros.model.errors import RobotFileError
 
 UNIT_SUFFIXES: Final[Mapping[str, float]] = {"_deg": pi / 180.0, "_mm": 1e-3, "_gpa": 1e9}
 """Keys may end in one of these; the value is multiplied on reading."""
+
+IN_THE_UNIT: Final = ("value", "offset", "slope", "sine")
+"""Keys of a function of a joint that carry the unit of the key around it."""
+
+LARGEST: Final = 1e15
+"""Numbers beyond this, in SI, describe no robot."""
+
+MAXIMUM_ENTRIES: Final = 100_000
+MAXIMUM_DEPTH: Final = 12
 
 Document = dict[str, Any]
 
@@ -37,7 +46,7 @@ def parse_document(text: str, source: str) -> Document:
         raise RobotFileError(f"{source} is not YAML: {error}") from error
     if not isinstance(raw, dict):
         raise RobotFileError(f"{source} must hold a mapping with motors, joints and cables")
-    document: Document = _to_si(raw, source)
+    document: Document = _Reading(source).to_si(raw)
     for complaint in complaints(document, schema()):
         raise RobotFileError(f"{complaint} ({source})")
     return document
@@ -63,25 +72,67 @@ def complaints(value: Any, rules: Document, path: str = "") -> Iterable[str]:
         yield _complaint(error, path)
 
 
-def _to_si(value: Any, source: str, path: str = "") -> Any:
-    """Plain containers with SI keys; refuses numbers that are not finite and doubled keys."""
-    if isinstance(value, dict):
+class _Reading:
+    """Plain containers with SI keys, within bounds that no honest file comes near."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.entries = 0
+
+    def error(self, path: str, text: str) -> RobotFileError:
+        return RobotFileError(f"{path or 'the file'} {text} ({self.source})")
+
+    def to_si(self, value: Any, path: str = "", depth: int = 0) -> Any:
+        """The same value with its units applied; an alias counts each time it is used."""
+        self.entries += 1
+        if self.entries > MAXIMUM_ENTRIES or depth > MAXIMUM_DEPTH:
+            raise self.error(path, "is nested or repeated beyond any robot")
+        if isinstance(value, dict):
+            return self._mapping(value, path, depth)
+        if isinstance(value, list):
+            return [self.to_si(one, f"{path}[{k}]", depth + 1) for k, one in enumerate(value)]
+        return self._checked(value, path)
+
+    def _mapping(self, value: dict[Any, Any], path: str, depth: int) -> Document:
         result: Document = {}
         for key, entry in value.items():
             here = f"{path}.{key}" if path else str(key)
             name, factor = _split_unit(str(key))
-            converted = _to_si(entry, source, here)
+            converted = self.to_si(entry, here, depth + 1)
             if factor != 1.0:
-                converted = _scaled(converted, factor, here, source)
+                for term in entry if isinstance(entry, list) else [entry]:
+                    if isinstance(term, dict):
+                        self._refuse_second_unit(term, here)
+                converted = self._scaled(converted, factor, here)
             if name in result:
-                raise RobotFileError(f"{here} is given twice, in different units ({source})")
+                raise self.error(here, "is given twice, in different units")
             result[name] = converted
         return result
-    if isinstance(value, list):
-        return [_to_si(entry, source, f"{path}[{k}]") for k, entry in enumerate(value)]
-    if isinstance(value, float) and not isfinite(value):
-        raise RobotFileError(f"{path} must be a finite number, got {value} ({source})")
-    return value
+
+    def _checked(self, value: Any, path: str) -> Any:
+        if isinstance(value, (int, float)) and not -LARGEST <= value <= LARGEST:
+            raise self.error(
+                path, f"must be a finite number of at most {LARGEST:g}, got {_shown(value)}"
+            )
+        return value
+
+    def _refuse_second_unit(self, entry: dict[Any, Any], path: str) -> None:
+        for key in entry:
+            name, factor = _split_unit(str(key))
+            if factor != 1.0 and name in IN_THE_UNIT:
+                raise self.error(f"{path}.{key}", "has a unit already, that of the key around it")
+
+    def _scaled(self, value: Any, factor: float, path: str) -> Any:
+        if isinstance(value, list):
+            return [self._scaled(entry, factor, path) for entry in value]
+        if isinstance(value, dict):  # a function of a joint: its values carry the unit
+            return {
+                key: self._scaled(entry, factor, path) if key in IN_THE_UNIT else entry
+                for key, entry in value.items()
+            }
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise self.error(path, f"must be a number, got {_shown(value)}")
+        return self._checked(value * factor, path)
 
 
 def _split_unit(key: str) -> tuple[str, float]:
@@ -89,21 +140,6 @@ def _split_unit(key: str) -> tuple[str, float]:
         if key.endswith(suffix):
             return key[: -len(suffix)], factor
     return key, 1.0
-
-
-def _scaled(value: Any, factor: float, path: str, source: str) -> Any:
-    if isinstance(value, list):
-        return [_scaled(entry, factor, path, source) for entry in value]
-    if isinstance(value, dict):  # a function of a joint: its values carry the unit
-        return {
-            key: _scaled(entry, factor, path, source)
-            if key in ("value", "offset", "slope", "sine")
-            else entry
-            for key, entry in value.items()
-        }
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise RobotFileError(f"{path} must be a number, got {value!r} ({source})")
-    return value * factor
 
 
 def _path(start: str, parts: Iterable[str | int]) -> str:
@@ -154,5 +190,5 @@ def _complaint(error: Any, start: str) -> str:
 
 
 def _shown(value: Any) -> str:
-    text = repr(value)
+    text = f"{value:.3e}" if isinstance(value, float) and abs(value) > LARGEST else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -10,6 +10,9 @@ class CdrjError(Exception):
 class RobotFileError(CdrjError):
     """A robot file that does not describe a possible robot."""
 
+    def __init__(self, text: str) -> None:
+        super().__init__(" ".join(text.split()))  # a key may hold a line break
+
 
 class BagError(CdrjError):
     """A recording that cannot be read, or lacks what was asked for."""

@@ -171,5 +171,5 @@ def friction_force(
     plastic = x - (knee - f) / stiffness
     decay = exp(-plastic / reach)
     force = bound - (bound - knee) * decay
-    by_bound = 1.0 - decay * (1.0 + stiffness * plastic / bound)
+    by_bound = 1.0 - decay * (1.0 - elastic_by_bound + stiffness * plastic / bound)
     return sign * force, stiffness * decay, sign * by_bound

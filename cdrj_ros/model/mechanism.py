@@ -35,9 +35,9 @@ from cdrj_ros.model.cable import (
     STRIBECK_SPEED,
     TENSION,
     WORK_COLUMNS,
+    acceptable,
     element_tension,
     solve_cable,
-    tolerance,
 )
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.drum import MEMORY_SIZE, material_held, start_drum, turn_drum
@@ -559,7 +559,7 @@ def advance(
                 plan[row + LAW], dt,
             )  # fmt: skip
             residual[c] = worst
-            solved = worst <= tolerance(stiffness)
+            solved = bool(worst <= acceptable(stiffness) and np.min(rows[:, MATERIAL]) > 0.0)
             if not solved:
                 solved_all = False
                 _spread_evenly(stiffness, rows, first_slip - last_slip)
@@ -575,6 +575,8 @@ def advance(
                 lagged[i] = (lag * lagged_before[i] + dt * speed[i]) / (lag + dt)
         else:
             _start_cable(plan, numbers, c, motor_angle, length, material, tension, drums)
+            solved = material[first] > 0.0  # a cable cannot be wound in entirely
+            solved_all &= solved
             bristle[p:q], speed[p:q], lagged[p:q] = 0.0, 0.0, 0.0
             iterations[c], residual[c] = 0.0, 0.0
 

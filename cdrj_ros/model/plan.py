@@ -442,8 +442,7 @@ def _impossible(robot: Robot, angle: Vector, shape: Shape) -> str:
     element = pulley = 0
     for k, cable in enumerate(robot.cables):
         for e in range(len(cable.nodes) - 1):
-            length = shape.length[element + e]
-            if not np.isfinite(length):
+            if cable.routed and not np.all(np.isfinite(shape.direction[element + e])):
                 return (
                     f"cables[{k}].nodes[{e}] and nodes[{e + 1}] ({cable.name}) have no common "
                     f"tangent{where}: one circle lies inside the other, or both overlap where the "

@@ -351,7 +351,7 @@ class _Builder:
         if "angle" in entry:
             table = self._table(path, entry, joint)
             values = values + table(grid)
-            slopes = slopes + table.derivative()(grid)
+            slopes = slopes + _monotone(table(grid), table.derivative()(grid), grid[1] - grid[0])
         return Profile(joint.name, grid, values, slopes)
 
     def _table(self, path: str, entry: Document, joint: Joint) -> Any:
@@ -370,9 +370,24 @@ class _Builder:
                 f"must cover the range [{joint.lower:g}, {joint.upper:g}] rad of {joint.name}, "
                 f"got [{angle[0]:g}, {angle[-1]:g}]",
             )
-        from scipy.interpolate import PchipInterpolator  # takes longer to import than all else
+        from scipy.interpolate import PchipInterpolator  # slow to import, so only where used
 
         return PchipInterpolator(angle, value, extrapolate=True)
+
+
+def _monotone(
+    values: NDArray[np.float64], slopes: NDArray[np.float64], step: float
+) -> NDArray[np.float64]:
+    """Slopes limited so that a cubic through ``values`` never overshoots (Fritsch, Carlson 1980).
+
+    The grid's points do not fall on the table's, so a bend may lie within an interval.
+    """
+    secants = np.diff(values) / step
+    left = np.concatenate([secants[:1], secants])
+    right = np.concatenate([secants, secants[-1:]])
+    most = np.where(left * right > 0.0, 3.0 * np.minimum(np.abs(left), np.abs(right)), 0.0)
+    limited: NDArray[np.float64] = np.clip(slopes, -most, most)
+    return limited
 
 
 def _constant(value: float) -> Profile:

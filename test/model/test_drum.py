@@ -99,7 +99,7 @@ def test_cycles_between_any_turning_points_do_not_drift() -> None:
     generator = np.random.default_rng(4)
     for _ in range(10):
         memory = fresh()
-        low, high = np.sort(generator.uniform(0.3, 6.0, 2)) + [0.0, 0.5]
+        low, high = np.sort(generator.uniform(0.3, 6.0, 2)) + np.array([0.0, 0.5])
         begin = turn(memory, 0.0, low, 40.0)
         held = []
         for _ in range(200):

@@ -111,7 +111,7 @@ def test_printed_static_friction_is_kept_from_going_through_zero() -> None:
     assert sliding_transmission(0.0, 0.1, 0.4, 0.05, pi, PRINTED) == MINIMUM_TRANSMISSION
     for rho in (1.0, 0.95):
         kinetic, static = blended_loss(rho, 0.1, 0.4, pi, 0.01, PRINTED, 1.0)
-        assert 0.0 <= static
+        assert static >= 0.0
         assert 1.0 - kinetic - static >= MINIMUM_TRANSMISSION * (1.0 - 1e-9)
     for wrap in (pi, 4 * pi, 20 * pi):
         kinetic, static = blended_loss(1.0, 2.0, 2.0, wrap, 0.0, PRINTED, 8.0)

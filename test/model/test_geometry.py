@@ -240,10 +240,14 @@ CHAIN = (
     {type: anchor, radius: 0.1, frame: h, position: [0.4, 0.2], turn: ccw}
     """,
     f"{RANGE}, {{name: b, range: [-0.3, 0.4]}}, {{name: d, range: [-0.4, 0.2]}}",
-    f"{BODIES['revolute']}, "
-    "{name: g, parent: f, motion: rolling, joint: b, radius: 0.2, origin: [1, 0], angle: 0.1}, "
-    "{name: k, parent: g, motion: fixed, origin: [0.5, 0.2], angle: -0.2}, "
-    "{name: h, parent: k, motion: prismatic, joint: d, direction: [2, -1]}",
+    ", ".join(
+        [
+            BODIES["revolute"],
+            "{name: g, parent: f, motion: rolling, joint: b, radius: 0.2, origin: [1, 0]}",
+            "{name: k, parent: g, motion: fixed, origin: [0.5, 0.2], angle: -0.2}",
+            "{name: h, parent: k, motion: prismatic, joint: d, direction: [2, -1]}",
+        ]
+    ),
 )
 MOVING = {name: (PULLEYS_CARRIED, RANGE, body) for name, body in BODIES.items()}
 MOVING |= {f"{name}-ends": (ENDS_CARRIED, RANGE, body) for name, body in BODIES.items()}

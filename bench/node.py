@@ -1,0 +1,82 @@
+"""The bare nodes beside the estimator, as processes of their own.
+
+``node.py relay FOLDER`` answers every motor message with three prepared messages, as the estimator
+would, and does nothing else.  ``node.py bare`` has one publisher and one subscription.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def relay(folder: Path) -> Node:
+    """The estimator's topics, without an estimator behind them."""
+    from cdrj_msgs.msg import CableTensions, NodalForces
+
+    node = Node("relay", namespace="relay")
+    tensions, forces, efforts = (
+        node.create_publisher(kind, topic, QOS)
+        for kind, topic in (
+            (CableTensions, "tensions"),
+            (NodalForces, "nodal_forces"),
+            (JointState, "efforts"),
+        )
+    )
+    prepared = [(folder / name).read_bytes() for name in ("tensions", "nodal_forces", "efforts")]
+
+    def on_motor(_payload: bytes) -> None:
+        tensions.publish(prepared[0])
+        forces.publish(prepared[1])
+        efforts.publish(prepared[2])
+
+    def on_joint(_payload: bytes) -> None:
+        """The estimator waits for the motor's message, which comes after the joint's."""
+
+    node.create_subscription(JointState, "motor_states", on_motor, QOS, raw=True)
+    node.create_subscription(JointState, "joint_states", on_joint, QOS, raw=True)
+    return node
+
+
+def bare() -> Node:
+    """As little as a node can be."""
+    node = Node("bare", namespace="bare")
+    publisher = node.create_publisher(JointState, "out", QOS)
+    node.create_subscription(JointState, "in", publisher.publish, QOS, raw=True)
+    return node
+
+
+def main() -> None:
+    """Spin as the estimator does, until asked to end."""
+    stop: list[int] = []
+
+    def ask(number: int, _frame: Any) -> None:
+        stop.append(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, ask)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = relay(Path(sys.argv[2])) if sys.argv[1] == "relay" else bare()
+    executor = EventsExecutor()
+    executor.add_node(node)
+    node.get_logger().info("listening")
+    while not stop:
+        executor.spin_once(timeout_sec=0.1)
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

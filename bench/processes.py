@@ -1,0 +1,97 @@
+"""Nodes as processes of their own, ended by their process number and by nothing else."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from bench.figures import ROBOT
+
+PATIENCE_S = 60.0
+Process = subprocess.Popen[bytes]
+
+
+def keep_to_ourselves() -> None:
+    """A ROS domain of its own on this machine, for this process and all that it starts."""
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+
+def estimator_command(log_level: str = "warn") -> list[str]:
+    """The installed estimator with the prototype; never stale, so that it only ever answers."""
+    from ament_index_python.packages import get_package_prefix
+
+    executable = Path(get_package_prefix("cdrj_ros"), "lib", "cdrj_ros", "estimator")
+    return [
+        str(executable), "--ros-args", "--log-level", log_level,
+        "-p", f"robot:={ROBOT}", "-p", "timeout:=3600.0",
+    ]  # fmt: skip
+
+
+def node_command(*arguments: str) -> list[str]:
+    """One of the bare nodes."""
+    return [sys.executable, str(Path(__file__).with_name("node.py")), *arguments]
+
+
+def end(process: Process) -> None:
+    """End a node as Ctrl-C would, and insist only if it does not listen."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        process.wait(10.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+@contextmanager
+def running(*command: str) -> Iterator[Process]:
+    """A process for as long as the body runs."""
+    process = subprocess.Popen(command)
+    try:
+        yield process
+    finally:
+        end(process)
+
+
+@contextmanager
+def listening(name: str) -> Iterator[tuple[Any, Any]]:
+    """A node of this process and the executor that spins it."""
+    import rclpy
+    from rclpy.experimental import EventsExecutor
+    from rclpy.node import Node
+
+    rclpy.init(args=[])
+    node = Node(name)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    try:
+        yield node, executor
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def spin_until(
+    executor: Any, condition: Callable[[], bool], process: Process, poll_s: float = 0.002
+) -> None:
+    """Spin until something is so.
+
+    Raises:
+        RuntimeError: it is not so within ``PATIENCE_S``, or the process has ended.
+    """
+    deadline = monotonic() + PATIENCE_S
+    while not condition():
+        executor.spin_once(timeout_sec=poll_s)
+        if process.poll() is not None:
+            raise RuntimeError(f"a node ended early, exit code {process.returncode}")
+        if monotonic() > deadline:
+            raise RuntimeError(f"a node did not answer within {PATIENCE_S:g} s")

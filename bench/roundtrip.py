@@ -1,0 +1,197 @@
+"""Round trip through the estimator node, beside a relay that merely answers."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from bench.figures import ROBOT, Row, compared
+from bench.processes import (
+    Process,
+    estimator_command,
+    listening,
+    node_command,
+    running,
+    spin_until,
+)
+from bench.update import recorded_motion
+from cdrj_ros.cdr import JOINT_STATE, Template
+from cdrj_ros.commands.shared import load_model
+from cdrj_ros.conversions import EstimateEncoder
+from cdrj_ros.estimation.estimator import Sample, initial_state, step
+from cdrj_ros.model.plan import Model
+
+BLOCKS = 8
+"""Turns of each node; one more, before, goes uncounted."""
+TRIPS = 400
+"""Round trips of a turn."""
+PERIOD_S = 1e-3
+
+Messages = Iterator[tuple[bytes, bytes]]
+"""Joint and motor message of one sample."""
+
+
+@dataclass
+class Caller:
+    """Publishes one sample at a time and takes the time of each answer."""
+
+    node: Any
+    executor: Any
+    namespace: str
+    heard: dict[str, int] = field(default_factory=dict)
+    tensions_at: float = 0.0
+
+    def __post_init__(self) -> None:
+        from cdrj_msgs.msg import CableTensions, NodalForces
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from sensor_msgs.msg import JointState
+
+        qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        self.joints, self.motors = (
+            self.node.create_publisher(JointState, f"/{self.namespace}/{topic}", qos)
+            for topic in ("joint_states", "motor_states")
+        )
+        for kind, topic in (
+            (CableTensions, "tensions"),
+            (NodalForces, "nodal_forces"),
+            (JointState, "efforts"),
+        ):
+            self.heard[topic] = 0
+            self.node.create_subscription(
+                kind, f"/{self.namespace}/{topic}", self._listener(topic), qos, raw=True
+            )
+
+    def _listener(self, topic: str) -> Any:
+        heard = self.heard
+
+        def on_answer(_payload: bytes) -> None:
+            heard[topic] += 1
+
+        def on_tensions(_payload: bytes) -> None:
+            self.tensions_at = perf_counter()
+            heard[topic] += 1
+
+        return on_tensions if topic == "tensions" else on_answer
+
+    def is_connected(self) -> bool:
+        """Whether both ways are open."""
+        return all(
+            publisher.get_subscription_count() > 0 for publisher in (self.joints, self.motors)
+        ) and all(
+            self.node.count_publishers(f"/{self.namespace}/{topic}") > 0 for topic in self.heard
+        )
+
+    def trip(self, joint: bytes, motor: bytes, process: Process) -> tuple[float, float]:
+        """Seconds from publishing a sample to its tensions, and to all three answers."""
+        heard, spin = self.heard, self.executor.spin_once
+        awaited = heard["tensions"] + 1
+        begin = perf_counter()
+        self.joints.publish(joint)
+        self.motors.publish(motor)
+        while heard["efforts"] < awaited or min(heard.values()) < awaited:
+            spin(timeout_sec=1.0)
+            if perf_counter() - begin > 10.0:
+                raise RuntimeError(f"no answer on /{self.namespace}, exit code {process.poll()}")
+        return self.tensions_at - begin, perf_counter() - begin
+
+    def turn(self, messages: Messages, process: Process, period_s: float) -> np.ndarray:
+        """Many trips [s], shape (TRIPS, 2), one every ``period_s`` or as soon as possible."""
+        times = np.empty((TRIPS, 2))
+        due = perf_counter()
+        for k in range(TRIPS):
+            joint, motor = next(messages)
+            due += period_s
+            while perf_counter() < due:
+                self.executor.spin_once(timeout_sec=max(due - perf_counter(), 0.0))
+            times[k] = self.trip(joint, motor, process)
+        return times
+
+
+def _messages(model: Model) -> Messages:
+    """The sample recording's readings, at 1 kHz without end, played to and fro."""
+    motion = recorded_motion(model)
+    layout = model.layout
+    joint = Template(JOINT_STATE, layout.joints, ("position",))
+    motor = Template(JOINT_STATE, layout.motors, ("position",))
+    last = motion.stamp_ns.size - 1
+    for k in count():
+        sample = abs((k + last) % (2 * last) - last)
+        stamp = (k + 1) * 1_000_000
+        yield (
+            joint.encode(stamp, position=motion.joint_angle[sample]),
+            motor.encode(stamp, position=motion.motor_angle[sample]),
+        )
+
+
+def _write_answers(model: Model, folder: Path) -> None:
+    """One estimate as the three messages that the relay sends."""
+    robot = model.robot
+    reference = Sample(
+        1,
+        np.array([motor.reference_angle for motor in robot.motors]),
+        np.array([joint.reference_angle for joint in robot.joints]),
+    )
+    _, estimate = step(model, initial_state(model), reference)
+    encoder = EstimateEncoder(model.layout)
+    (folder / "tensions").write_bytes(encoder.tensions(estimate))
+    (folder / "nodal_forces").write_bytes(encoder.nodal_forces(estimate))
+    (folder / "efforts").write_bytes(encoder.efforts(estimate))
+
+
+def _rows(name: str, ours: np.ndarray, theirs: np.ndarray, aim: str) -> list[Row]:
+    """Rows of one pace from the trips [s], shape (BLOCKS, TRIPS, 2)."""
+    rows = []
+    for column, answer in enumerate(("tensions", "all three answers")):
+        for percent in (50, 99):
+            mine, other = (
+                list(np.percentile(trips[:, :, column], percent, axis=1) * 1e6)
+                for trips in (ours, theirs)
+            )
+            aimed = aim if percent == 50 and column == 0 else ""
+            what = f"{name}, until {answer}, p{percent}"
+            rows.append(compared("node", what, "µs", mine, "bare relay", other, aimed))
+    return rows
+
+
+def measure() -> list[Row]:
+    """Microseconds of a round trip: paced at 1 kHz, and as fast as answers come."""
+    model = load_model(str(ROBOT))
+    with (
+        TemporaryDirectory() as folder,
+        listening("caller") as (node, executor),
+        running(*estimator_command()) as estimator,
+    ):
+        _write_answers(model, Path(folder))
+        with running(*node_command("relay", folder)) as relay:
+            return _measure(model, node, executor, estimator, relay)
+
+
+def _measure(
+    model: Model, node: Any, executor: Any, estimator: Process, relay: Process
+) -> list[Row]:
+    pair = [
+        (Caller(node, executor, "cdrj"), _messages(model), estimator),
+        (Caller(node, executor, "relay"), _messages(model), relay),
+    ]
+    for caller, _, process in pair:
+        spin_until(executor, caller.is_connected, process)
+    rows = []
+    gc.collect()
+    gc.disable()
+    for name, period_s in (("1 kHz", PERIOD_S), ("back to back", 0.0)):
+        trips: tuple[list[np.ndarray], list[np.ndarray]] = [], []
+        for _ in range(BLOCKS + 1):
+            for taken, (caller, messages, process) in zip(trips, pair, strict=True):
+                taken.append(caller.turn(messages, process, period_s))
+        ours, theirs = (np.array(taken[1:]) for taken in trips)
+        rows += _rows(name, ours, theirs, "≤ 1.15")
+    gc.enable()
+    return rows

@@ -1,0 +1,357 @@
+"""The solve of one cable: always converged, elastic as (11) to (28), material kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.estimator import (
+    Estimate,
+    Estimates,
+    Sample,
+    Samples,
+    State,
+    initial_state,
+    run,
+    step,
+)
+from cdrj_ros.model import cable as kernel
+from cdrj_ros.model.cable import element_tension, tolerance
+from cdrj_ros.model.friction import ELASTOPLASTIC, LAWS, LUGRE, NONE
+from cdrj_ros.model.mechanism import INVALID, OVERLOAD, SLACK
+from cdrj_ros.model.plan import Model, prepare
+from cdrj_ros.model.robot import Robot
+from cdrj_ros.model.robot_file import parse_robot
+
+Variant = Callable[..., Robot]
+Drive = Callable[..., Samples]
+
+STRAND, DRUM = 0.06, 0.015
+FOLLOW = 2 * STRAND / DRUM
+"""Motor angle that takes up what both strands give at sin(joint) = 1 [rad]."""
+ENCODERS = 2 * np.pi / 81_920, 2 * np.pi / 16_384
+"""Steps of motor and joint encoder [rad]."""
+
+
+def quantised(angle: np.ndarray, resolution: float) -> np.ndarray:
+    return np.round(angle / resolution) * resolution
+
+
+def wander(time: np.ndarray, seed: int, fastest: float) -> np.ndarray:
+    """A smooth random motion of about unit size, up to a frequency [Hz]."""
+    generator = np.random.default_rng(seed)
+    frequency, phase = generator.uniform(0.1, 1.0, 12) * fastest, generator.uniform(0, 7, 12)
+    waves = np.sin(2 * np.pi * np.outer(time, frequency) + phase)
+    return np.asarray(waves @ generator.normal(size=12) / np.sqrt(6.0))
+
+
+def estimated(model: Model, samples: Samples) -> Estimates:
+    return run(model, initial_state(model), samples)[1]
+
+
+def tensions(estimates: Estimates) -> np.ndarray:
+    return estimates.values[:, estimates.layout.tension]
+
+
+def assert_solved(model: Model, estimates: Estimates) -> None:
+    """Every sample within tolerance, every number finite, no tension below zero."""
+    values, layout = estimates.values, estimates.layout
+    strange = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    assert strange.size == 0, f"not finite from sample {strange[0]} on"
+    invalid = np.flatnonzero((values[:, layout.status].astype(int) & INVALID).any(axis=1))
+    assert invalid.size == 0, f"{invalid.size} samples not solved, the first is {invalid[0]}"
+    enough = tolerance(model.robot.cables[0].axial_stiffness)
+    assert values[:, layout.residual].max() <= enough
+    assert tensions(estimates).min() >= 0.0
+
+
+def sine(drive: Drive) -> Samples:
+    time = np.arange(12_000) * 1e-3
+    joint = 0.66 * np.sin(2 * np.pi * 0.2 * time)
+    motor = FOLLOW * np.sin(joint) + 0.1 * np.sin(3.0 * time)
+    return drive(time, quantised(motor, ENCODERS[0]), quantised(joint, ENCODERS[1]))
+
+
+def uneven(drive: Drive) -> Samples:
+    time = np.cumsum(np.random.default_rng(5).choice([0.3e-3, 0.7e-3, 1e-3], 12_000))
+    joint = 0.66 * np.sin(2 * np.pi * 0.2 * time)
+    motor = FOLLOW * np.sin(joint) + 0.1 * np.sin(3.0 * time)
+    return drive(time, quantised(motor, ENCODERS[0]), quantised(joint, ENCODERS[1]))
+
+
+def random_walk(drive: Drive) -> Samples:
+    generator = np.random.default_rng(5)
+    joint = np.clip(np.cumsum(generator.normal(size=20_000) * 2e-3), -0.69, 0.69)
+    motor = FOLLOW * np.sin(joint) + 0.02 * generator.normal(size=joint.size)
+    return drive(np.arange(joint.size) * 1e-3, motor, joint)
+
+
+def jumps(drive: Drive) -> Samples:
+    generator = np.random.default_rng(6)
+    joint = generator.uniform(-0.69, 0.69, 2000)
+    motor = FOLLOW * np.sin(joint) + generator.uniform(-0.2, 0.2, joint.size)
+    return drive(np.arange(joint.size) * 1e-3, motor, joint)
+
+
+def huge_jumps(drive: Drive) -> Samples:
+    generator = np.random.default_rng(7)
+    joint, motor = generator.uniform(-0.69, 0.69, 2000), generator.uniform(-20.0, 20.0, 2000)
+    return drive(np.arange(joint.size) * 1e-3, motor, joint)
+
+
+def no_time_between(drive: Drive) -> Samples:
+    samples = sine(drive)
+    return replace(samples, stamp_ns=np.full_like(samples.stamp_ns, samples.stamp_ns[0]))
+
+
+def into_slack_and_back(drive: Drive) -> Samples:
+    time = np.arange(20_000) * 1e-3
+    joint = np.clip(0.35 * wander(time, 1, 0.5), -0.69, 0.69)
+    return drive(time, FOLLOW * np.sin(joint) + 0.6 * wander(time, 2, 1.0), joint)
+
+
+def slack_at_the_turning_points(drive: Drive) -> Samples:
+    time = np.arange(6000) * 1e-3
+    both = np.sin(np.pi * time)
+    return drive(time, 3.0 * both, 0.5 * both)
+
+
+MOTIONS = (
+    sine,
+    uneven,
+    random_walk,
+    jumps,
+    huge_jumps,
+    no_time_between,
+    into_slack_and_back,
+    slack_at_the_turning_points,
+)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: motion.__name__)
+def test_every_sample_is_solved(
+    law: str, motion: Callable[[Drive], Samples], variant: Variant, drive: Drive
+) -> None:
+    model = prepare(variant(law))
+    estimates = estimated(model, motion(drive))
+    assert_solved(model, estimates)
+    if motion in (into_slack_and_back, slack_at_the_turning_points):
+        loose = (tensions(estimates) <= 0.0).any(axis=1)
+        assert 0.1 < loose.mean() < 0.9
+        assert np.count_nonzero(np.diff(loose.astype(int)) < 0) >= 3, "taut again, repeatedly"
+
+
+@pytest.mark.parametrize("law", ["steady", "lugre", "elastoplastic"])
+@pytest.mark.parametrize("mu_s", [0.15, 0.45])
+def test_every_sample_is_solved_with_damping_and_strong_static_friction(
+    law: str, mu_s: float, variant: Variant, drive: Drive
+) -> None:
+    friction = {"mu_s": mu_s, "stribeck_speed": 5e-3, "bristle_damping": 1000.0, "viscous": 500.0}
+    model = prepare(variant(law, **friction))
+    assert_solved(model, estimated(model, sine(drive)))
+    assert_solved(model, estimated(model, uneven(drive)))
+
+
+def angles(motor: float, joint: float) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([motor]), np.array([joint])
+
+
+def walk_to(model: Model, state: State, motor: float, joint: float) -> tuple[State, Estimate]:
+    return step(model, state, Sample(state.stamp_ns + 1_000_000, *angles(motor, joint)))
+
+
+def test_a_cable_wound_in_entirely_is_invalid_and_not_slack(prototype: Robot) -> None:
+    # 70 rad on the drum are 1.05 m of a cable of 0.9 m: a wrong reference angle, say
+    model = prepare(prototype)
+    _, at_once = walk_to(model, initial_state(model), 70.0, 0.0)
+    state, _ = walk_to(model, initial_state(model), 0.0, 0.0)
+    _, stepped = walk_to(model, state, 70.0, 0.0)
+    for estimate in (at_once, stepped):
+        assert np.all(estimate.status[:8].astype(int) & INVALID)
+        assert not estimate.solved
+
+
+def test_the_first_sample_has_one_tension_a_cable_and_that_is_the_preload(
+    prototype: Robot,
+) -> None:
+    model = prepare(prototype)
+    _, estimate = walk_to(model, initial_state(model), 0.0, 0.0)
+    np.testing.assert_allclose(estimate.tension[:8], 36.85, rtol=1e-12)
+    np.testing.assert_allclose(estimate.tension[8:], 26.26, rtol=1e-12)
+    np.testing.assert_array_equal(estimate.slip_speed, 0.0)
+    _, elsewhere = walk_to(model, initial_state(model), 0.2, 0.1)
+    assert np.ptp(elsewhere.tension[:8]) < 1e-9
+    assert np.ptp(elsewhere.tension[8:]) < 1e-9
+
+
+def test_flags_say_slack_and_overload(prototype: Robot, drive: Drive) -> None:
+    model = prepare(prototype)
+    estimates = estimated(model, huge_jumps(drive))
+    tension = tensions(estimates)
+    status = estimates.values[:, estimates.layout.status].astype(int)
+    np.testing.assert_array_equal(status & SLACK > 0, tension <= 0.0)
+    np.testing.assert_array_equal(status & OVERLOAD > 0, tension > 120.0)
+    assert (status & SLACK).any()
+    assert (status & OVERLOAD).any()
+
+
+def test_material_is_neither_made_nor_lost(variant: Variant, drive: Drive) -> None:
+    # with the winch at rest every cable keeps its material, whatever the joint does
+    model = prepare(variant())
+    time = np.arange(5000) * 1e-3
+    samples = drive(time, np.zeros(time.size), 0.05 * np.sin(5.0 * time))
+    start = run(model, initial_state(model), _part(samples, 0, 1))[0]
+    end = run(model, start, _part(samples, 1, None))[0]
+    for cable in (slice(17, 25), slice(25, 33)):  # after the flag and 16 lengths
+        assert end.values[cable].sum() == pytest.approx(start.values[cable].sum(), rel=1e-13)
+        assert np.abs(end.values[cable] - start.values[cable]).max() > 1e-9
+
+
+def _part(samples: Samples, begin: int, end: int | None) -> Samples:
+    return Samples(*(column[begin:end] for column in vars(samples).values()))
+
+
+def test_equation_eleven_is_the_first_order_form_of_the_exact_tension() -> None:
+    stiffness, length, preload = 6283.0, 0.2, 36.85
+    material = length / (1.0 + preload / stiffness)
+    by_length, by_material = stiffness / material, -stiffness * length / material**2
+    errors = []
+    for share in (2e-3, 1e-3, 5e-4):
+        longer, more = share * length, -0.4 * share * length
+        exact = element_tension(stiffness, length + longer, material + more)
+        errors.append(abs(exact - preload - by_length * longer - by_material * more))
+    assert errors[0] > 1e-3
+    for coarse, fine in pairwise(errors):
+        assert coarse / fine == pytest.approx(4.0, rel=0.02)
+    # k = EA / L of (11) is this slope but for the strain, here 0.6 %
+    assert by_length == pytest.approx(stiffness / length, rel=0.013)
+    assert by_material == pytest.approx(-stiffness / length, rel=0.013)
+    assert element_tension(stiffness, length, material) == pytest.approx(preload, rel=1e-12)
+    assert element_tension(stiffness, 0.99 * material, material) == 0.0
+
+
+def _plain_cable(law: str = "none") -> Model:
+    return prepare(
+        parse_robot(f"""
+        name: plain
+        motors: [{{name: m}}]
+        joints: [{{name: q, range: [-1, 1]}}]
+        friction: {{law: {law}, mu_c: 0.15}}
+        cables:
+          - name: c
+            axial_stiffness: 6283
+            preload: 30
+            nodes:
+              - {{type: winch, motor: m, winding: 1, radius: 0.015}}
+              - {{type: pulley, radius: 0.01, wrap_angle: 1.5}}
+              - {{type: pulley, radius: 0.01, wrap_angle: 2.0}}
+              - {{type: anchor}}
+            spans: [0.5, 0.3, {{joint: q, offset: 0.4, sine: -0.06}}]
+        """)
+    )
+
+
+def tension_at(model: Model, motor: float, joint: float) -> np.ndarray:
+    """After one sample away from the reference pose."""
+    state, _ = walk_to(model, initial_state(model), 0.0, 0.0)
+    return walk_to(model, state, motor, joint)[1].tension
+
+
+def test_small_motions_change_the_tension_by_the_stiffness_of_equation_eleven() -> None:
+    # a frictionless cable is one spring of k = EA over its whole material
+    model = _plain_cable()
+    state, first = walk_to(model, initial_state(model), 0.0, 0.0)
+    length, material = state.values[1:4].sum(), state.values[4:7].sum()
+    errors = []
+    for share in (0.1, 0.05, 0.025):
+        wound, moved = share, -0.3 * share
+        taken_in = 0.015 * wound / (1.0 + 30.0 / 6283.0) * length / material
+        linear = first.tension[0] + 6283.0 / material * (taken_in - 0.06 * moved)
+        errors.append(float(np.abs(tension_at(model, wound, moved) - linear).max()))
+    assert errors[0] > 1e-3, "large enough to tell the exact form from the linear one"
+    for coarse, fine in pairwise(errors):
+        assert coarse / fine == pytest.approx(4.0, rel=0.1)
+
+
+def _random_problem(seed: int, count: int) -> dict[str, Any]:
+    """A taut cable with some slip, bristle forces and losses; arguments of the residual."""
+    generator = np.random.default_rng(seed)
+    stiffness = 6283.0
+    elements = np.zeros((count + 1, kernel.ELEMENT_COLUMNS))
+    length = generator.uniform(0.05, 0.4, count + 1)
+    elements[:, kernel.LENGTH_BEFORE] = length
+    elements[:, kernel.LENGTH] = length * (1.0 + generator.normal(size=count + 1) * 1e-4)
+    elements[:, kernel.MATERIAL_BEFORE] = length / generator.uniform(1.002, 1.01, count + 1)
+    work = np.zeros((count, kernel.WORK_COLUMNS))
+    work[:, kernel.SLIP] = generator.normal(size=count) * 3e-6
+    work[:, kernel.BRISTLE_BEFORE] = generator.normal(size=count)
+    work[:, kernel.LOSS] = generator.uniform(0.02, 0.4, count)
+    work[:, kernel.STATIC_SHARE] = generator.random(count)
+    pulleys = np.zeros((count, kernel.PULLEY_COLUMNS))
+    pulleys[:, kernel.BRISTLE_STIFFNESS] = 1e6
+    pulleys[:, kernel.BRISTLE_DAMPING] = 300.0
+    pulleys[:, kernel.VISCOUS] = 20.0
+    pulleys[:, kernel.BREAKAWAY] = 0.7
+    pulleys[:, kernel.DRAG] = 0.05
+    return {"stiffness": stiffness, "elements": elements, "work": work, "pulleys": pulleys}
+
+
+def _residual(problem: dict[str, Any], law: int, slip: np.ndarray) -> np.ndarray:
+    work = problem["work"].copy()
+    work[:, kernel.SLIP] = slip
+    kernel._imbalance(
+        kernel.SLIP, problem["stiffness"], problem["elements"].copy(), work, problem["pulleys"],
+        1e-6, -2e-6, law, 1e-3,
+    )  # fmt: skip
+    return np.array(work[:, kernel._RESIDUAL])
+
+
+def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
+    work = problem["work"].copy()
+    kernel._imbalance(
+        kernel.SLIP, problem["stiffness"], problem["elements"].copy(), work, problem["pulleys"],
+        1e-6, -2e-6, law, 1e-3,
+    )  # fmt: skip
+    matrix = np.diag(work[:, kernel._DIAGONAL])
+    matrix += np.diag(work[1:, kernel._LOWER], -1) + np.diag(work[:-1, kernel._UPPER], 1)
+    return np.array(matrix)
+
+
+@pytest.mark.parametrize("law", [NONE, LUGRE, ELASTOPLASTIC], ids=LAWS.__getitem__)
+@pytest.mark.parametrize("seed", range(5))
+def test_the_newton_matrix_is_the_derivative_of_the_imbalance(law: int, seed: int) -> None:
+    problem = _random_problem(seed, 7)
+    slip = problem["work"][:, kernel.SLIP]
+    matrix = _jacobian(problem, law)
+    small = 1e-11
+    difference = np.column_stack(
+        [
+            (
+                _residual(problem, law, slip + small * unit)
+                - _residual(problem, law, slip - small * unit)
+            )
+            / (2 * small)
+            for unit in np.eye(7)
+        ]
+    )
+    # pull side and branch change over a step only where a kink lies closer than the step
+    np.testing.assert_allclose(matrix, difference, atol=2e-4 * np.abs(matrix).max())
+
+
+def test_the_frictionless_matrix_is_symmetric_and_negative_definite() -> None:
+    matrix = _jacobian(_random_problem(3, 7), NONE)
+    np.testing.assert_allclose(matrix, matrix.T, rtol=1e-12)
+    assert np.linalg.eigvalsh(matrix).max() < 0.0
+    # (25)-(28) to first order: k of both neighbours on the diagonal, the shared one beside it
+    problem = _random_problem(3, 7)
+    lengths = problem["elements"][:, kernel.LENGTH]
+    np.testing.assert_allclose(np.diag(matrix, 1), 6283.0 / lengths[1:-1], rtol=0.03)
+    np.testing.assert_allclose(
+        np.diag(matrix), -6283.0 * (1 / lengths[:-1] + 1 / lengths[1:]), rtol=0.03
+    )
