@@ -1,0 +1,120 @@
+"""A pulley cut into contact cells: Grashof's arcs appear, the lumped pulley's tensions stay."""
+
+from __future__ import annotations
+
+from math import degrees, exp, log, pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
+from cdrj_ros.model.errors import UsageError
+from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.model.plan import Model, prepare
+from cdrj_ros.model.robot import Robot
+from cdrj_ros.model.robot_file import load_robot, parse_robot
+from cdrj_ros.rig.truth import divide_contacts, simulate
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+EPOCH_NS = 1_700_000_000_000_000_000
+CELLS, MU, PRELOAD = 90, 0.15, 30.0
+
+
+def half_turn(law: str) -> Robot:
+    """A winch, one pulley with half a turn of cable, an anchor."""
+    return parse_robot(f"""
+        name: half_turn
+        motors: [{{name: m}}]
+        joints: []
+        friction: {{law: {law}, mu_c: {MU}, bristle_stiffness: 1e8}}
+        cables:
+          - name: c
+            axial_stiffness: 6283
+            preload: {PRELOAD}
+            nodes:
+              - {{type: winch, motor: m, winding: 1, radius: 0.015}}
+              - {{type: pulley, radius: 0.01, wrap_angle_deg: 180}}
+              - {{type: anchor}}
+            spans: [0.2, 0.2]
+        """)
+
+
+def wound(model: Model, angle: np.ndarray) -> Estimates:
+    samples = Samples(
+        EPOCH_NS + np.arange(angle.size) * 1_000_000, angle[:, None], np.empty((angle.size, 0))
+    )
+    return run(model, initial_state(model), samples)[1]
+
+
+@pytest.mark.parametrize("law", ["euler", "elastoplastic"])
+def test_grashofs_sliding_arc_forms_by_itself(law: str) -> None:
+    # winding in pulls the first element; cells near the winch slide, those behind them hold
+    fine = prepare(divide_contacts(half_turn(law), CELLS))
+    estimates = wound(fine, np.linspace(0.0, 0.03, 6001))
+    tension = estimates.values[:, fine.layout.tension]
+    ratio = tension[:, 0] / tension[:, -1]
+    at = int(np.searchsorted(ratio, 1.2))
+    assert ratio[at] == pytest.approx(1.2, abs=1e-3)
+    pull, hold = tension[at, :-1], tension[at, 1:]
+    bound = (1.0 - exp(-MU * pi / CELLS)) * pull
+    sliding = np.abs(pull - hold) >= 0.999 * bound
+    arc = 180.0 * np.count_nonzero(sliding) / CELLS
+    assert degrees(log(1.2) / MU) == pytest.approx(69.6, abs=0.05)
+    assert arc == pytest.approx(69.6, abs=2 * 180.0 / CELLS)
+    assert np.all(sliding[: np.count_nonzero(sliding)]), "one arc, at the pulling side"
+    # the adhesion arc still has the tension it began with
+    np.testing.assert_allclose(hold[np.count_nonzero(sliding) + 10 :], PRELOAD, rtol=2e-3)
+
+
+def test_tension_falls_along_the_sliding_arc_as_eulers_formula_says() -> None:
+    fine = prepare(divide_contacts(half_turn("euler"), CELLS))
+    estimates = wound(fine, np.linspace(0.0, 0.2, 2001))
+    tension = estimates.values[-1, fine.layout.tension]
+    assert tension[0] / tension[-1] == pytest.approx(exp(MU * pi), rel=1e-9)
+    angle = np.arange(CELLS + 1) * pi / CELLS
+    np.testing.assert_allclose(tension, tension[0] * np.exp(-MU * angle), rtol=1e-9)
+
+
+def test_cells_slide_together_as_the_whole_pulley_does() -> None:
+    angle = np.concatenate([np.linspace(0.0, 0.2, 800), np.linspace(0.2, -0.1, 1200)])
+    for law in ("euler", "steady", "elastoplastic", "lugre"):
+        lumped = prepare(half_turn(law))
+        whole = wound(lumped, angle).values[:, lumped.layout.tension]
+        for cells in (2, 8, 40):
+            fine = prepare(divide_contacts(half_turn(law), cells))
+            tension = wound(fine, angle).values[:, fine.layout.tension][:, [0, -1]]
+            # where every cell slides, forwards and backwards, they agree
+            np.testing.assert_allclose(tension[[799, -1]], whole[[799, -1]], rtol=1e-3)
+
+
+def test_cells_give_the_lumped_pulleys_tensions_element_by_element() -> None:
+    robot = load_robot(PROTOTYPE)
+    time = np.arange(12_501) * 1e-3
+    angle = np.radians(38.0) * np.sin(2.0 * np.pi * 0.1 * time)
+    speed = np.gradient(angle, time)
+    torque = RollingLoad().torque(angle, speed, np.gradient(speed, time))
+    truth = simulate(robot, time, angle, torque, cells=8)
+    model = prepare(robot)
+    stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
+    samples = Samples(stamps, truth.motor_angle[:, None], truth.joint_angle[:, None])
+    estimate = run(model, initial_state(model), samples)[1].values[:, model.layout.tension]
+    error = np.abs(estimate - truth.tension)
+    assert np.ptp(truth.tension, axis=0).min() > 5.0
+    assert (error / truth.tension).mean(axis=0).max() < 1e-3
+    assert error.max() < 1.0
+
+
+def test_a_motion_that_would_need_a_cable_to_push_is_refused() -> None:
+    robot = load_robot(PROTOTYPE)
+    time = np.arange(300) * 1e-3
+    # balanced at first, then the load grows beyond what any winch angle can hold
+    torque = np.where(time < 0.1, 0.0, 1e5)
+    with pytest.raises(UsageError, match="a cable would have to push"):
+        simulate(robot, time, np.zeros(time.size), torque, cells=2)
+
+
+def test_only_robots_that_the_rig_can_move_are_simulated() -> None:
+    time = np.arange(10) * 1e-3
+    with pytest.raises(UsageError, match="one motor and one joint"):
+        simulate(half_turn("euler"), time, np.zeros(10), np.zeros(10))
