@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 ROOT = Path(__file__).resolve().parent.parent
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
@@ -24,7 +25,7 @@ class Spread:
     high: float
 
     @staticmethod
-    def of(values: Sequence[float]) -> Spread:
+    def of(values: ArrayLike) -> Spread:
         """The quartiles of some values."""
         low, median, high = np.percentile(np.asarray(values, dtype=float), (25, 50, 75))
         return Spread(float(median), float(low), float(high))
@@ -59,13 +60,13 @@ def compared(
     section: str,
     what: str,
     unit: str,
-    ours: Sequence[float],
+    ours: ArrayLike,
     beside: str,
-    theirs: Sequence[float],
+    theirs: ArrayLike,
     aim: str = "",
 ) -> Row:
     """A row from rounds that were measured in turn: the ratio is taken round by round."""
-    ratio = [mine / other for mine, other in zip(ours, theirs, strict=True)]
+    ratio = np.asarray(ours, dtype=float) / np.asarray(theirs, dtype=float)
     return Row(
         section, what, unit, Spread.of(ours), beside, Spread.of(theirs), Spread.of(ratio), aim
     )

@@ -70,7 +70,8 @@ def main() -> None:
     node = relay(Path(sys.argv[2])) if sys.argv[1] == "relay" else bare()
     executor = EventsExecutor()
     executor.add_node(node)
-    node.get_logger().info("listening")
+    if sys.argv[1] == "bare":
+        node.get_logger().info("listening")
     while not stop:
         executor.spin_once(timeout_sec=0.1)
     executor.shutdown()

@@ -27,7 +27,9 @@ def prolonged(series: Series, begin_ns: int, end_ns: int) -> Series:
     """The series to and fro, again and again: every pass begins where the one before ends."""
     span = end_ns - begin_ns
     passes = -(-DURATION_S * 1_000_000_000 // span)
-    logs, stamps, values = [], [], []
+    logs: list[Any] = []
+    stamps: list[Any] = []
+    values: list[Any] = []
     for k in range(passes):
         there = k % 2 == 0
         for times, into in ((series.log_ns, logs), (series.stamp_ns, stamps)):

@@ -96,9 +96,9 @@ def measure() -> list[Row]:
                 "pulleys",
                 f"{pulleys} pulleys, {iterations[k]:.1f} iterations a sample{said}",
                 "ns",
-                list(cost[k]),
+                cost[k],
                 f"{PULLEYS[0]} pulleys, {iterations[0]:.1f} iterations",
-                list(cost[0]),
+                cost[0],
                 "flat",
             )
         )

@@ -47,7 +47,7 @@ def stepping(model: Model, motion: Samples, count: int) -> Callable[[], None]:
 
 def evaluating(model: Model, motion: Samples, count: int) -> Callable[[], None]:
     """Lengths and Jacobians of two tendons by MuJoCo at the same angles; friction is not in it."""
-    import mujoco
+    import mujoco  # type: ignore[import-untyped,unused-ignore]
 
     mechanism = mujoco.MjModel.from_xml_string(mjcf(model.robot))
     data = mujoco.MjData(mechanism)

@@ -45,6 +45,7 @@ class EstimateEncoder:
             before += range(at, at + count)
             at += count + 1
         self._before = np.array(before, dtype=np.intp)
+        self._after = self._before + 1
 
     def tensions(self, estimate: Estimate) -> bytes:
         """cdrj_msgs/CableTensions."""
@@ -65,7 +66,7 @@ class EstimateEncoder:
             magnitude=values[layout.magnitude],
             friction=values[layout.friction],
             slip_speed=values[layout.slip_speed],
-            status=status[self._before] | status[self._before + 1],
+            status=status[self._before] | status[self._after],
         )
 
     def efforts(self, estimate: Estimate) -> bytes:

@@ -143,7 +143,9 @@ class Conditioner:
             self.refused["unstamped"] += 1
             return []
         news = False
-        for name, position in zip(names, positions, strict=True):
+        # plain numbers are several times faster to compare than NumPy's
+        values = positions.tolist() if isinstance(positions, np.ndarray) else positions
+        for name, position in zip(names, values):  # noqa: B905 as many of each, see above
             k = index.get(name)
             if k is None:
                 if name not in self._both_index:  # a joint among motors, say, is no stranger
@@ -209,8 +211,7 @@ class Conditioner:
         confirmed = list(held)
         held.clear()
         if confirmed[0][0] < channel.last_stamp:
-            self.clock_jumps += 1
-            self.reset()
+            self._jump_back()
             channel = self._channels[k]
         else:
             self.gaps += 1
@@ -218,15 +219,36 @@ class Conditioner:
             self._append(channel, when, angle)
         return True
 
+    def _jump_back(self) -> None:
+        """Start anew; what other channels hold from the new time is theirs from now on."""
+        self.clock_jumps += 1
+        held = [
+            channel.held if channel.held and channel.held[0][0] < channel.last_stamp else []
+            for channel in self._channels
+        ]
+        for channel, kept in zip(self._channels, held, strict=True):
+            if channel.held and not kept:
+                self._drop_held(channel)
+        confirmed = [list(kept) for kept in held]
+        self.reset()
+        for channel, kept in zip(self._channels, confirmed, strict=True):
+            for when, angle in kept:
+                self._append(channel, when, angle)
+
     def _complete_samples(self) -> list[Sample]:
         """All stamps of all channels up to the one that every channel has reached."""
         if self._missing:
             return []
         channels = self._channels
-        until = min(channel.last_stamp for channel in channels)
+        until = channels[0].last_stamp
+        for channel in channels:
+            until = min(until, channel.last_stamp)
         given_out = self._given_out
         if given_out < 0:
             given_out = max(channel.readings[0][0] for channel in channels) - 1
+        elif given_out >= until:
+            return []
+        motors = self._motor_count
         samples: list[Sample] = []
         while given_out < until:
             stamp = until
@@ -236,7 +258,7 @@ class Conditioner:
                         stamp = min(stamp, when)
                         break
             values = np.array([_value_at(channel.readings, stamp) for channel in channels])
-            samples.append(Sample(stamp, values[: self._motor_count], values[self._motor_count :]))
+            samples.append(Sample(stamp, values[:motors], values[motors:]))
             given_out = stamp
         self._given_out = given_out
         return samples

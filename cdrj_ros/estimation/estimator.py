@@ -20,6 +20,10 @@ NEVER: Final = -1
 """Stamp of a state that has seen no sample."""
 
 
+_empty: Final = np.empty
+_tuple: Final = tuple.__new__
+
+
 class Sample(NamedTuple):
     """Encoder readings of all motors and joints at one time."""
 
@@ -133,16 +137,15 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     Returns:
         The new state and the estimate at the sample's stamp.
     """
-    stamp = sample[0]
+    stamp, motor_angle, joint_angle = sample
     before, values = state
-    out = np.empty(model.out_size)
+    out = _empty(model.out_size)
     dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
-    solved = advance(model.plan, model.numbers, values, sample[1], sample[2], dt, out)
-    size = model.state_size
-    layout = model.layout
+    solved = advance(model.plan, model.numbers, values, motor_angle, joint_angle, dt, out)
+    # the constructors of named tuples take twice as long and do the same
     return (
-        State(stamp, out[:size]),
-        Estimate(stamp, out[size : size + layout.size], layout, solved),
+        _tuple(State, (stamp, out[model.state_part])),
+        _tuple(Estimate, (stamp, out[model.estimate_part], model.layout, solved)),
     )
 
 

@@ -81,13 +81,14 @@ OK, SLACK, OVERLOAD, UNSURE, STALE, INVALID = 0, 1, 2, 4, 8, 16
     IN_MATERIAL,
     IN_WRAPS,
     IN_LOSSES,
+    IN_HALVES,
     IN_FRAMES,
     IN_NODES,
     IN_MOTORS,
     IN_JOINTS,
     IN_TABLES,
     HEADER,
-) = range(24)
+) = range(25)
 
 # Integer columns of a cable; first_motor and last_motor are -1 where the end is an anchor.
 (
@@ -430,8 +431,13 @@ def _report_cable(
             x = t_out * direction[e + 1, 0] - t_in * direction[e, 0]
             y = t_out * direction[e + 1, 1] - t_in * direction[e, 1]
         else:
-            x = (t_out + t_in) * sin(0.5 * wrap[i])
-            y = (t_out - t_in) * cos(0.5 * wrap[i])
+            if plan[plan[AT_PULLEYS] + 2 * i + 1] < 0:  # the wrap never changes
+                along = numbers[plan[IN_HALVES] + 2 * i]
+                across = numbers[plan[IN_HALVES] + 2 * i + 1]
+            else:
+                along, across = sin(0.5 * wrap[i]), cos(0.5 * wrap[i])
+            x = (t_out + t_in) * along
+            y = (t_out - t_in) * across
         force[0, i] = x
         force[1, i] = y
         force[2, i] = sqrt(x * x + y * y)  # (38)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import pi
+from math import cos, pi, sin
 from typing import Any, Final
 
 import numpy as np
@@ -80,6 +80,9 @@ class Model:
     state_size: int
     out_size: int
     """State, estimate and the kernel's scratch."""
+    state_part: slice
+    estimate_part: slice
+    """Where state and estimate lie in what the kernel writes."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +171,7 @@ def _pack(robot: Robot) -> Model:
     pulley_rows: list[list[int]] = []
     pulley_numbers: list[list[float]] = []
     losses: list[tuple[float, float]] = []
+    halves: list[tuple[float, float]] = []
     spans: list[float] = []
     wraps: list[float] = []
     node_rows: list[list[int]] = []
@@ -226,6 +230,7 @@ def _pack(robot: Robot) -> Model:
                     row[cable_kernel.CELLS],
                 )
             )
+            halves.append((sin(0.5 * constant), cos(0.5 * constant)))
             wraps.append(constant)
             pulley_numbers.append(row)
         for profiles in cable.spans or ((),) * (len(cable.nodes) - 1):
@@ -284,6 +289,7 @@ def _pack(robot: Robot) -> Model:
         np.zeros(len(spans)),
         wraps,
         losses,
+        halves,
         frame_numbers,
         node_numbers,
         motor_numbers,
@@ -306,6 +312,8 @@ def _pack(robot: Robot) -> Model:
         layout=layout,
         state_size=size,
         out_size=size + layout.size + int(mechanism.scratch_size(plan)),
+        state_part=slice(0, size),
+        estimate_part=slice(size, size + layout.size),
     )
 
 

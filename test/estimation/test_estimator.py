@@ -1,0 +1,244 @@
+"""The estimator's promises for every law and every robot; test_step.py has the prototype's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cdrj_ros.estimation.estimator import (
+    NEVER,
+    Estimates,
+    Sample,
+    Samples,
+    State,
+    initial_state,
+    run,
+    step,
+)
+from cdrj_ros.model.friction import LAWS
+from cdrj_ros.model.mechanism import INVALID
+from cdrj_ros.model.plan import Model, prepare
+from cdrj_ros.model.robot import Robot
+from cdrj_ros.model.robot_file import load_robot, parse_robot
+
+PROTOTYPE = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+EPOCH_NS = 1_700_000_000_000_000_000
+
+# Two motors, two joints, a cable between two winches, tangents that end within reach.
+ROUTED = """
+name: routed
+motors: [{name: m}, {name: n, effort_sign: -1}]
+joints:
+  - {name: p, range: [-0.8, 0.8], effort_sign: -1}
+  - {name: s, range: [0, 0.35], reference_angle: 0.175}
+frames:
+  - {name: arm, motion: revolute, joint: p, origin: [1, 0]}
+  - {name: slide, parent: arm, motion: prismatic, joint: s, origin: [0.3, 0], direction: [-1, -1]}
+friction: {mu_c: 0.12, mu_s: 0.2, stribeck_speed: 0.01, stribeck: capstan, viscous: 3}
+cables:
+  - name: a
+    axial_stiffness: 5000
+    preload: 20
+    nodes:
+      - {type: winch, motor: m, winding: 1, radius: 0.02, position: [0, 0], turn: ccw}
+      - {type: pulley, radius: 0.05, position: [0.5, 0.4], turn: cw}
+      - {type: pulley, radius: 0.03, frame: arm, position: [0.1, -0.4], turn: ccw}
+      - {type: winch, motor: n, winding: -1, radius: 0.02, frame: slide, position: [0.2, 0], turn: ccw}
+  - name: b
+    axial_stiffness: 5000
+    preload: 5
+    friction: {law: lugre}
+    nodes:
+      - {type: winch, motor: n, winding: 1, radius: 0.02, position: [0, -1], turn: cw}
+      - {type: anchor, frame: slide, position: [0, -0.1]}
+"""  # noqa: E501
+ROUTED_MODEL = prepare(parse_robot(ROUTED))
+
+
+def law_of(law: str) -> Model:
+    cables = tuple(replace(cable, law=law) for cable in PROTOTYPE.cables)
+    robot: Robot = replace(PROTOTYPE, cables=cables)
+    return prepare(robot)
+
+
+def motion(model: Model, size: int, seed: int = 0) -> Samples:
+    """Smooth and random, within the ranges, with uneven and some repeated stamps."""
+    generator = np.random.default_rng(seed)
+    stamps = EPOCH_NS + np.cumsum(generator.choice([0, 300_000, 1_000_000, 1_700_000], size))
+    time = (stamps - stamps[0]) * 1e-9
+    joints = model.robot.joints
+    joint = np.empty((size, len(joints)))
+    for k, one in enumerate(joints):
+        wave = np.sin((3.0 + k) * time) * np.cos((1.3 + k) * time)
+        joint[:, k] = 0.5 * (one.lower + one.upper) + 0.45 * (one.upper - one.lower) * wave
+    motor = np.stack([0.2 * np.sin((5 + k) * time) for k in range(len(model.robot.motors))], axis=1)
+    if model.robot.name == "prototype":
+        motor += 8.0 * np.sin(joint)
+    return Samples(stamps, motor, joint)
+
+
+def part(samples: Samples, begin: int, end: int) -> Samples:
+    return Samples(
+        samples.stamp_ns[begin:end], samples.motor_angle[begin:end], samples.joint_angle[begin:end]
+    )
+
+
+def sample(samples: Samples, k: int) -> Sample:
+    return Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])
+
+
+MODELS = {law: law_of(law) for law in LAWS} | {"routed": ROUTED_MODEL}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_however_it_is_cut_a_run_gives_the_bits_of_step_by_step(name: str) -> None:
+    model = MODELS[name]
+    samples = motion(model, 800)
+    state = initial_state(model)
+    rows = []
+    for k in range(800):
+        state, estimate = step(model, state, sample(samples, k))
+        assert estimate.stamp_ns == state.stamp_ns == samples.stamp_ns[k]
+        rows.append(estimate.values.copy())
+    stepped = np.array(rows)
+    assert np.ptp(stepped[:, model.layout.tension]) > 1.0
+    for cuts in ((0, 800), (0, 1, 800), (0, 333, 333, 700, 800)):
+        resumed, parts = initial_state(model), []
+        for begin, end in pairwise(cuts):
+            resumed, estimates = run(model, resumed, part(samples, begin, end))
+            parts.append(estimates.values)
+        assert np.concatenate(parts).tobytes() == stepped.tobytes()
+        assert resumed.values.tobytes() == state.values.tobytes()
+        assert resumed.stamp_ns == state.stamp_ns
+
+
+def test_an_empty_run_changes_nothing() -> None:
+    start = initial_state(ROUTED_MODEL)
+    state, estimates = run(ROUTED_MODEL, start, part(motion(ROUTED_MODEL, 5), 0, 0))
+    assert state is start
+    assert state.stamp_ns == NEVER
+    assert isinstance(estimates, Estimates)
+    assert estimates.values.shape == (0, ROUTED_MODEL.layout.size)
+
+
+def test_states_and_samples_are_never_changed_in_place() -> None:
+    samples = motion(ROUTED_MODEL, 300)
+    copies = [column.copy() for column in vars(samples).values()]
+    state, _ = run(ROUTED_MODEL, initial_state(ROUTED_MODEL), part(samples, 0, 100))
+    kept = state.values.copy()
+    first = run(ROUTED_MODEL, state, part(samples, 100, 300))[1].values
+    again = run(ROUTED_MODEL, state, part(samples, 100, 300))[1].values
+    assert first.tobytes() == again.tobytes(), "the same state may be used twice"
+    _, one = step(ROUTED_MODEL, state, sample(samples, 100))
+    _, other = step(ROUTED_MODEL, state, sample(samples, 100))
+    assert one.values.tobytes() == other.values.tobytes()
+    assert state.values.tobytes() == kept.tobytes()
+    for column, copy in zip(vars(samples).values(), copies, strict=True):
+        assert column.tobytes() == copy.tobytes()
+
+
+def test_an_estimate_does_not_change_when_the_next_sample_comes() -> None:
+    samples = motion(ROUTED_MODEL, 3)
+    state, estimate = step(ROUTED_MODEL, initial_state(ROUTED_MODEL), sample(samples, 0))
+    tension = estimate.tension.copy()
+    step(ROUTED_MODEL, state, sample(samples, 2))
+    np.testing.assert_array_equal(estimate.tension, tension)
+
+
+def test_the_time_of_the_first_sample_does_not_matter() -> None:
+    samples = motion(ROUTED_MODEL, 200)
+    early = replace(samples, stamp_ns=samples.stamp_ns - EPOCH_NS + 1)
+    one = run(ROUTED_MODEL, initial_state(ROUTED_MODEL), samples)[1].values
+    other = run(ROUTED_MODEL, initial_state(ROUTED_MODEL), early)[1].values
+    assert one.tobytes() == other.tobytes()
+
+
+def test_effort_signs_turn_what_the_cables_exert_into_what_balances_them() -> None:
+    plain = prepare(parse_robot(ROUTED.replace("effort_sign: -1", "effort_sign: 1")))
+    samples = motion(plain, 50)
+    for k in (0, 49):
+        _, signed = step(ROUTED_MODEL, initial_state(ROUTED_MODEL), sample(samples, k))
+        _, without = step(plain, initial_state(plain), sample(samples, k))
+        np.testing.assert_array_equal(signed.motor_effort, without.motor_effort * [1, -1])
+        np.testing.assert_array_equal(signed.joint_effort, without.joint_effort * [-1, 1])
+        assert np.abs(without.joint_effort).min() > 0.0
+
+
+def test_nodal_forces_are_the_vector_sums_of_both_pulls() -> None:
+    model = MODELS["elastoplastic"]
+    samples = motion(model, 500)
+    state, estimates = run(model, initial_state(model), part(samples, 0, 499))
+    _, last = step(model, state, sample(samples, 499))
+    tension = last.tension[:8]
+    wrap = np.radians([40.9, 105.4, 32.1, 57.7, np.nan, 180.0, 90.0])
+    before, after = tension[:-1], tension[1:]
+    wanted = np.sqrt(before**2 + after**2 - 2 * before * after * np.cos(wrap))  # (38)
+    fixed = np.isfinite(wrap)
+    np.testing.assert_allclose(last.nodal_force[:7][fixed], wanted[fixed], rtol=1e-12)
+    np.testing.assert_allclose(last.friction[:7], after - before, atol=1e-12)
+    np.testing.assert_allclose(np.hypot(last.force_x, last.force_y), last.nodal_force, rtol=1e-12)
+    assert estimates.values.shape[0] == 499
+
+
+def assert_refused(state: State) -> None:
+    """An unreachable pose: INVALID, no number, nothing forgotten."""
+    # drum and pulley in the same place
+    pose = np.array([0.1, 0.4 * np.sqrt(2.0)])
+    at = Sample(state.stamp_ns + 1_000_000, np.full(2, 0.3), pose)
+    after, estimate = step(ROUTED_MODEL, state, at)
+    assert not estimate.solved
+    assert np.all(estimate.status.astype(int) & INVALID)
+    assert np.all(np.isfinite(estimate.values))
+    np.testing.assert_array_equal(estimate.tension, 0.0)
+    assert after.values.tobytes() == state.values.tobytes()
+
+
+def test_an_impossible_pose_leaves_the_state_as_it_was() -> None:
+    start = initial_state(ROUTED_MODEL)
+    assert_refused(start)
+    state, _ = run(ROUTED_MODEL, start, motion(ROUTED_MODEL, 300))
+    assert_refused(state)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True, database=None)
+@given(
+    st.sampled_from(sorted(MODELS)),
+    st.lists(
+        st.tuples(
+            st.sampled_from([0, 1, 1_000, 1_000_000, 10**9, 10**13]),
+            st.floats(-30.0, 30.0),
+            st.floats(-30.0, 30.0),
+            st.floats(0.0, 1.0),
+            st.floats(0.0, 1.0),
+        ),
+        min_size=1,
+        max_size=12,
+    ),
+)
+def test_no_motion_within_the_ranges_ever_gives_a_nan(
+    name: str, moves: list[tuple[int, float, float, float, float]]
+) -> None:
+    model = MODELS[name]
+    joints = model.robot.joints
+    state = initial_state(model)
+    stamp = EPOCH_NS
+    for wait, first, second, share, other in moves:
+        stamp += wait
+        motor = np.array([first, second][: len(model.robot.motors)])
+        shares = (share, other)[: len(joints)]
+        joint = np.array(
+            [j.lower + x * (j.upper - j.lower) for j, x in zip(joints, shares, strict=True)]
+        )
+        state, estimate = step(model, state, Sample(stamp, motor, joint))
+        assert np.all(np.isfinite(state.values))
+        assert np.all(np.isfinite(estimate.values))
+        assert np.all(estimate.tension >= 0.0)
+        status = estimate.status.astype(int)
+        assert estimate.solved == (not np.any(status & INVALID))
+        assert np.all(estimate.tension[status & INVALID > 0] == 0.0)
