@@ -81,6 +81,9 @@ class _Builder:
         for kind in ("motors", "joints", "frames", "cables"):
             self._unique(kind)
         self.motors = tuple(self._motors())
+        for k, motor in enumerate(self.motors):
+            if motor.name in self.joints:  # both may be read from one topic
+                raise self.error(f"motors[{k}].name", f"{motor.name!r} is the name of a joint")
         self.frames = tuple(self._frames())
         cables = tuple(
             self._cable(f"cables[{k}]", entry) for k, entry in enumerate(document["cables"])

@@ -38,7 +38,7 @@ def test_contact_cells_give_the_lumped_tensions_element_by_element(truth: Truth)
     relative = (error / truth.tension).mean(axis=0)
     assert relative.mean() < 0.001
     assert relative.max() < 0.002
-    assert error.max() < 2.0  # at reversals, where the cells let go one after the other
+    assert error.max() < 1.0
     assert np.percentile(error, 99.5) < 0.5
 
 
