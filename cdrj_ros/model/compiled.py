@@ -31,11 +31,14 @@ def compiled(function: F) -> F:
     """Compile ``function`` to machine code at first use and keep the result on disk.
 
     IEEE arithmetic is kept (no ``fastmath``): the node and the offline tools must agree bit for
-    bit.  A division by zero yields inf or NaN, as in NumPy.
+    bit.  A division by zero yields inf or NaN, as in NumPy.  Kernels release the interpreter's
+    lock, so that threads run them side by side.
     """
     if getattr(numba.config, "DISABLE_JIT", 0):  # NUMBA_DISABLE_JIT=1, for a debugger
         return function
-    dispatcher: Any = numba.njit(cache=True, error_model="numpy")(function)
+    dispatcher: Any = numba.njit(
+        cache=True, error_model="numpy", nogil=True
+    )(function)
     stamp = source_digest(Path(function.__code__.co_filename))
     dispatcher._cache._cache_file._source_stamp = stamp
     return dispatcher

@@ -2,10 +2,57 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """How readings of an angle sensor become angles, and how well: angle = scale reading + offset.
+
+    Its clock may differ from the others', its reading may start again after a turn.
+    """
+
+    scale: float = 1.0
+    """[-]; negative where the sensor counts the other way."""
+    offset: float = 0.0
+    """[rad]."""
+    period: float = float("inf")
+    """The reading starts again after this much [rad]."""
+    clock_offset_ns: int = 0
+    """Added to the stamps of its readings [ns]."""
+    resolution: float = 0.0
+    """Size of a count [rad]."""
+    noise: float = 0.0
+    """Standard deviation of a reading beside its resolution [rad]."""
+
+
+@dataclass(frozen=True)
+class PassiveTorque:
+    """Torque of an axis itself, beside the cables: (E13) in docs/model.md."""
+
+    bearing_torque: float = 0.0
+    """Coulomb friction [N m]."""
+    bearing_stiffness: float = 0.0
+    """Its slope where the motion turns [N m/rad]; positive where there is friction."""
+    spring_stiffness: float = 0.0
+    """[N m/rad]."""
+    spring_rest: float = 0.0
+    """Angle at which the spring's torque vanishes [rad]."""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How well some numbers of the robot file are known."""
+
+    parameters: tuple[str, ...]
+    """Paths, see ``cdrj_ros.model.parameters``, length p."""
+    covariance: NDArray[np.float64]
+    """Of the numbers in SI, symmetric and positive semidefinite, shape (p, p)."""
 
 
 @dataclass(frozen=True)
@@ -19,6 +66,8 @@ class Motor:
     """Faster readings are refused [rad/s]."""
     effort_sign: int = 1
     """+1: efforts are what the cables exert on the motor; -1: what the motor must supply."""
+    passive: PassiveTorque = PassiveTorque()
+    sensor: Sensor = Sensor()
 
 
 @dataclass(frozen=True)
@@ -36,6 +85,8 @@ class Joint:
     """Faster readings are refused [rad/s]."""
     effort_sign: int = 1
     """+1: efforts are what the cables exert on the joint; -1: what balances them."""
+    passive: PassiveTorque = PassiveTorque()
+    sensor: Sensor = Sensor()
 
 
 @dataclass(frozen=True)
@@ -169,6 +220,8 @@ class Cable:
     """Length between tangent points of every element [m]; empty for cables given by positions."""
     maximum_tension: float = float("inf")
     """Above this an element counts as overloaded [N]."""
+    sensor_noise: float = 0.1
+    """Standard deviation of a load cell whose messages do not give one [N]."""
     law: str = "elastoplastic"
     """Friction law of all its pulleys, one of ``cdrj_ros.model.friction.LAWS``."""
 
@@ -204,3 +257,6 @@ class Robot:
     frames: tuple[Frame, ...] = ()
     source: str = ""
     """The file it was read from."""
+    uncertainty: Uncertainty | None = None
+    document: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    """What the file says, in SI; empty for robots made otherwise."""

@@ -26,10 +26,13 @@ from cdrj_ros.model.robot import (
     Joint,
     Motor,
     Node,
+    PassiveTorque,
     Place,
     Profile,
     Pulley,
     Robot,
+    Sensor,
+    Uncertainty,
     Winch,
 )
 
@@ -37,11 +40,24 @@ MAXIMUM_BYTES: Final = 1_000_000
 """A robot file is small; more is not one."""
 
 
+DEFAULT_BREAKAWAY_ANGLE: Final = 1e-3
+"""Angle within which the friction of an axis builds up where the file does not say [rad]."""
+
+
 def load_robot(path: str | Path) -> Robot:
     """Read a robot file.
 
     Raises:
         RobotFileError: with one line that names the key, what was given and what is allowed.
+    """
+    return build_robot(*load_document(path))
+
+
+def load_document(path: str | Path) -> tuple[Document, str]:
+    """What a robot file says, in SI and checked against the schema, and the file's name.
+
+    Raises:
+        RobotFileError: see ``load_robot``.
     """
     path = Path(path)
     try:
@@ -51,7 +67,7 @@ def load_robot(path: str | Path) -> Robot:
     if len(data) > MAXIMUM_BYTES:
         raise RobotFileError(f"{path} has {len(data)} bytes and is no robot file")
     try:
-        return parse_robot(data.decode(), source=str(path))
+        return parse_document(data.decode(), str(path)), str(path)
     except UnicodeDecodeError as error:
         raise RobotFileError(f"{path} is not UTF-8 text") from error
 
@@ -62,7 +78,16 @@ def parse_robot(text: str, source: str = "robot file") -> Robot:
     Raises:
         RobotFileError: see ``load_robot``.
     """
-    return _Builder(parse_document(text, source), source).robot()
+    return build_robot(parse_document(text, source), source)
+
+
+def build_robot(document: Document, source: str) -> Robot:
+    """The robot of a document that keeps to the schema; checks what a schema cannot say.
+
+    Raises:
+        RobotFileError: see ``load_robot``.
+    """
+    return _Builder(document, source).robot()
 
 
 class _Builder:
@@ -96,6 +121,59 @@ class _Builder:
             cables,
             self.frames if routed else (),
             self.source,
+            self._uncertainty(),
+            document,
+        )
+
+    def _uncertainty(self) -> Uncertainty | None:
+        entry = self.document.get("uncertainty")
+        if entry is None:
+            return None
+        names, stddev = entry["parameters"], np.array(entry["stddev"], dtype=float)
+        if stddev.size != len(names):
+            raise self.error(
+                "uncertainty.stddev",
+                f"must have one entry for each of {len(names)} parameters, got {stddev.size}",
+            )
+        if len(set(names)) != len(names):
+            raise self.error("uncertainty.parameters", "must name every parameter once")
+        rows = entry.get("correlation", np.eye(len(names)).tolist())
+        if [len(row) for row in rows] != [len(names)] * len(names):
+            raise self.error(
+                "uncertainty.correlation", f"must have {len(names)} rows of {len(names)} numbers"
+            )
+        correlation = np.array(rows, dtype=float)
+        if (
+            not np.allclose(correlation, correlation.T, atol=1e-6)
+            or not np.allclose(np.diag(correlation), 1.0, atol=1e-6)
+            or np.linalg.eigvalsh(correlation)[0] < -1e-3
+        ):
+            raise self.error(
+                "uncertainty.correlation",
+                "must be symmetric, with 1 on the diagonal and no negative eigenvalue",
+            )
+        return Uncertainty(tuple(names), correlation * np.outer(stddev, stddev))
+
+    def _sensor(self, path: str, entry: Document) -> Sensor:
+        scale = float(entry.get("scale", 1.0))
+        if scale == 0.0:
+            raise self.error(f"{path}.scale", "must not be 0: every reading would be one angle")
+        return Sensor(
+            scale,
+            float(entry.get("offset", 0.0)),
+            float(entry.get("period", np.inf)),
+            round(entry.get("clock_offset", 0.0) * 1e9),
+            float(entry.get("resolution", 0.0)),
+            float(entry.get("noise", 0.0)),
+        )
+
+    def _passive(self, entry: Document) -> PassiveTorque:
+        torque = float(entry.get("bearing_torque", 0.0))
+        return PassiveTorque(
+            torque,
+            float(entry.get("bearing_stiffness", torque / DEFAULT_BREAKAWAY_ANGLE)),
+            float(entry.get("spring_stiffness", 0.0)),
+            float(entry.get("spring_rest", 0.0)),
         )
 
     def _unique(self, kind: str) -> None:
@@ -106,12 +184,14 @@ class _Builder:
             seen.add(entry["name"])
 
     def _motors(self) -> Iterator[Motor]:
-        for entry in self.document["motors"]:
+        for k, entry in enumerate(self.document["motors"]):
             yield Motor(
                 entry["name"],
                 float(entry.get("reference_angle", 0.0)),
                 float(entry.get("max_speed", np.inf)),
                 entry.get("effort_sign", 1),
+                self._passive(entry),
+                self._sensor(f"motors[{k}]", entry),
             )
 
     def _joints(self) -> Iterator[Joint]:
@@ -132,6 +212,8 @@ class _Builder:
                 reference,
                 float(entry.get("max_speed", np.inf)),
                 entry.get("effort_sign", 1),
+                self._passive(entry),
+                self._sensor(f"joints[{k}]", entry),
             )
 
     def _frames(self) -> Iterator[Frame]:
@@ -229,6 +311,7 @@ class _Builder:
             nodes,
             spans,
             float(entry.get("max_tension", np.inf)),
+            float(entry.get("sensor_noise", 0.1)),
             law,
         )
 
