@@ -36,9 +36,7 @@ def compiled(function: F) -> F:
     """
     if getattr(numba.config, "DISABLE_JIT", 0):  # NUMBA_DISABLE_JIT=1, for a debugger
         return function
-    dispatcher: Any = numba.njit(
-        cache=True, error_model="numpy", nogil=True
-    )(function)
+    dispatcher: Any = numba.njit(cache=True, error_model="numpy", nogil=True)(function)
     stamp = source_digest(Path(function.__code__.co_filename))
     dispatcher._cache._cache_file._source_stamp = stamp
     return dispatcher

@@ -86,9 +86,10 @@ OK, SLACK, OVERLOAD, UNSURE, STALE, INVALID = 0, 1, 2, 4, 8, 16
     IN_NODES,
     IN_MOTORS,
     IN_JOINTS,
+    IN_AXES,
     IN_TABLES,
     HEADER,
-) = range(25)
+) = range(26)
 
 # Integer columns of a cable; first_motor and last_motor are -1 where the end is an anchor.
 (
@@ -119,8 +120,18 @@ TARGET, TARGET_INDEX, TERM_JOINT, TERM_TABLE, TERM_COLUMNS = range(5)
 SPAN, WRAP = 0, 1
 
 # Rows of motors and joints.
-MOTOR_REFERENCE, MOTOR_EFFORT_SIGN, MOTOR_COLUMNS = range(3)
-TABLE_LOW, TABLE_STEP, JOINT_EFFORT_SIGN, JOINT_COLUMNS = range(4)
+MOTOR_REFERENCE, MOTOR_COLUMNS = range(2)
+TABLE_LOW, TABLE_STEP, JOINT_COLUMNS = range(3)
+
+# Rows of axes: all motors, then all joints.
+(
+    EFFORT_SIGN,
+    BEARING_TORQUE,
+    BEARING_STIFFNESS,
+    SPRING_STIFFNESS,
+    SPRING_REST,
+    AXIS_COLUMNS,
+) = range(6)
 
 STARTED: Final = 0
 """Place of the flag in the state that says whether a first sample has been seen."""
@@ -131,9 +142,16 @@ def state_size(plan: Indices) -> int:
     """Floats of the state.
 
     In this order: the flag ``STARTED``, length and material of every element, bristle force, slip
-    speed and lagged slip speed of every pulley, the drums of both ends of every cable.
+    speed and lagged slip speed of every pulley, angle and bearing friction of every axis, the
+    drums of both ends of every cable.
     """
-    return 1 + 2 * plan[ELEMENTS] + 3 * plan[PULLEYS] + 2 * plan[CABLES] * MEMORY_SIZE
+    return (
+        1
+        + 2 * plan[ELEMENTS]
+        + 3 * plan[PULLEYS]
+        + 2 * (plan[MOTORS] + plan[JOINTS])
+        + 2 * plan[CABLES] * MEMORY_SIZE
+    )
 
 
 @compiled
@@ -449,6 +467,27 @@ def _report_cable(
 
 
 @compiled
+def _passive_torque(
+    numbers: Vector, at: int, friction_before: float, turned: float, angle: float
+) -> tuple[float, float]:
+    """Torque of an axis beside its cables and the friction in it [N m], (E13).
+
+    Args:
+        numbers: the prepared robot.
+        at: the axis' row.
+        friction_before: of its bearing [N m].
+        turned: since then [rad].
+        angle: now [rad].
+    """
+    most = numbers[at + BEARING_TORQUE]
+    friction = friction_before + numbers[at + BEARING_STIFFNESS] * turned
+    friction = min(max(friction, -most), most)
+    return -friction - numbers[at + SPRING_STIFFNESS] * (
+        angle - numbers[at + SPRING_REST]
+    ), friction
+
+
+@compiled
 def advance(
     plan: Indices,
     numbers: Vector,
@@ -485,6 +524,11 @@ def advance(
     n += pulleys
     lagged_before, lagged = before[n : n + pulleys], out[n : n + pulleys]
     n += pulleys
+    axes = motors + joints
+    angle_before, angle_now = before[n : n + axes], out[n : n + axes]
+    n += axes
+    bearing_before, bearing = before[n : n + axes], out[n : n + axes]
+    n += axes
     drums = out[n : n + 2 * cables * MEMORY_SIZE]
     for k in range(n, n + 2 * cables * MEMORY_SIZE):
         out[k] = before[k]
@@ -590,10 +634,18 @@ def advance(
             plan, numbers, c, solved, tension, wrap, direction, speed, length_by_joint,
             status, force, motor_effort, joint_effort,
         )  # fmt: skip
-    for m in range(motors):
-        motor_effort[m] *= numbers[plan[IN_MOTORS] + m * MOTOR_COLUMNS + MOTOR_EFFORT_SIGN]
-    for j in range(joints):
-        joint_effort[j] *= numbers[plan[IN_JOINTS] + j * JOINT_COLUMNS + JOINT_EFFORT_SIGN]
+    for a in range(axes):
+        at = plan[IN_AXES] + a * AXIS_COLUMNS
+        angle = motor_angle[a] if a < motors else joint_angle[a - motors]
+        turned = angle - angle_before[a] if started else 0.0
+        torque, bearing[a] = _passive_torque(numbers, at, bearing_before[a], turned, angle)
+        angle_now[a] = angle
+        if a < motors:
+            motor_effort[a] = numbers[at + EFFORT_SIGN] * (motor_effort[a] + torque)
+        else:
+            joint_effort[a - motors] = numbers[at + EFFORT_SIGN] * (
+                joint_effort[a - motors] + torque
+            )
     return solved_all
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from itertools import pairwise
 from math import cos, pi, sin
 from typing import Any, Final
@@ -254,10 +254,13 @@ def _pack(robot: Robot) -> Model:
         [frame.x, frame.y, frame.angle, *frame.direction, frame.rolling_radius]
         for frame in robot.frames
     ]
-    motor_numbers = [[motor.reference_angle, motor.effort_sign] for motor in robot.motors]
+    motor_numbers = [[motor.reference_angle] for motor in robot.motors]
     joint_numbers = [
-        [joint.lower, (joint.upper - joint.lower) / geometry.TABLE_INTERVALS, joint.effort_sign]
+        [joint.lower, (joint.upper - joint.lower) / geometry.TABLE_INTERVALS]
         for joint in robot.joints
+    ]
+    axis_numbers = [
+        [axis.effort_sign, *astuple(axis.passive)] for axis in (*robot.motors, *robot.joints)
     ]
 
     header = np.zeros(mechanism.HEADER, dtype=np.int64)
@@ -294,6 +297,7 @@ def _pack(robot: Robot) -> Model:
         node_numbers,
         motor_numbers,
         joint_numbers,
+        axis_numbers,
         np.concatenate(tables) if tables else [],
     )
     for numbers_block in blocks:
