@@ -4,7 +4,8 @@ Every motor and joint is a channel of its own.  A channel's readings pass a gate
 brought to one time line: the union of all stamps, every channel interpolated linearly between its
 own readings.  An estimate therefore waits until the slowest channel has been heard (holding the
 last joint angle while the motor moves on would inject a sawtooth into the tensions).  The result
-does not depend on the order in which different topics arrive.  docs/conditioning.md.
+does not depend on the order in which different topics arrive.  Whoever cannot wait may have the
+slower channels predicted.  docs/conditioning.md.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Sample, Samples
-from cdrj_ros.model.robot import Robot
+from cdrj_ros.model.errors import UsageError
+from cdrj_ros.model.robot import Robot, Sensor
 
 Stamps = NDArray[np.int64]
 Vector = NDArray[np.float64]
@@ -47,6 +49,18 @@ CONFIRMATIONS: Final = 5
 RANGE_MARGIN: Final = 1e-9
 """Rounding allowed at the ends of a joint's range [rad]."""
 
+STRAGGLERS: Final = 100
+"""Readings from before a jump of the clock that a channel may still deliver after it."""
+
+MODES: Final = ("wait", "predict")
+"""What happens while a channel lags: wait for it, or carry it on with its velocity."""
+
+HORIZON_NS: Final = 20_000_000
+"""A channel is predicted at most this far beyond its last reading [ns]."""
+
+SPEED_WINDOW_NS: Final = 20_000_000
+"""The velocity is that over the last readings of this time [ns]."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -59,13 +73,21 @@ class Limits:
     """[rad]."""
     max_speed: float = float("inf")
     """[rad/s]."""
+    sensor: Sensor = field(default_factory=Sensor)
+    """How readings become angles."""
 
 
 def limits_of(robot: Robot) -> tuple[Limits, ...]:
     """Limits of all motors, then all joints, in the robot's order."""
     return (
-        *(Limits(motor.name, max_speed=motor.max_speed) for motor in robot.motors),
-        *(Limits(joint.name, joint.lower, joint.upper, joint.max_speed) for joint in robot.joints),
+        *(
+            Limits(motor.name, max_speed=motor.max_speed, sensor=motor.sensor)
+            for motor in robot.motors
+        ),
+        *(
+            Limits(joint.name, joint.lower, joint.upper, joint.max_speed, joint.sensor)
+            for joint in robot.joints
+        ),
     )
 
 
@@ -80,12 +102,53 @@ class _Channel:
     """Accepted; the first one is the newest at or before the last sample that was given out."""
     held: list[tuple[int, float]] = field(default_factory=list)
     """Readings from a clock that may have jumped."""
+    last_reading: float = 0.0
+    """As the sensor gave it, before its period was taken into account [rad]."""
+    turns: int = 0
+    """How often the reading has started again."""
+    recent: deque[tuple[int, float]] = field(default_factory=deque)
+    """What the velocity is taken from."""
+    left_behind: int = -1
+    """Last stamp before the clock went back, until a reading of the new time has come [ns]."""
+    stragglers: int = 0
+
+    def turns_at(self, reading: float) -> int:
+        """How often the reading has started again if it is the next one."""
+        if self.last_stamp < 0 or self.limits.sensor.period == float("inf"):
+            return self.turns
+        return self.turns + round((self.last_reading - reading) / self.limits.sensor.period)
+
+    def angle_at(self, reading: float) -> float:
+        """Angle [rad] of a reading if it is the next one."""
+        sensor = self.limits.sensor
+        if sensor.period != float("inf"):
+            reading = reading + sensor.period * self.turns_at(reading)
+        if sensor.scale != 1.0 or sensor.offset != 0.0:
+            reading = sensor.scale * reading + sensor.offset
+        return reading
+
+    def velocity(self) -> float:
+        """Over the last ``SPEED_WINDOW_NS`` [rad/s]; 0 where there is one reading."""
+        begin, first = self.recent[0]
+        span = self.last_stamp - begin
+        return (self.last_value - first) / span * 1e9 if span > 0 else 0.0
 
 
 class Conditioner:
     """The gates and the time line of one robot; feed it messages, take samples."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, mode: str = "wait", horizon_ns: int = HORIZON_NS) -> None:
+        """Prepare the channels.
+
+        Args:
+            robot: names, sensors and limits.
+            mode: one of ``MODES``.
+            horizon_ns: how far to predict at most [ns].
+        """
+        if mode not in MODES:
+            raise UsageError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
+        self._predict = mode == "predict"
+        self._horizon = horizon_ns
         self._limits = limits_of(robot)
         motors, joints = robot.motors, robot.joints
         self._motor_count = len(motors)
@@ -100,6 +163,8 @@ class Conditioner:
         """Times that the clock has gone back and everything was started anew."""
         self.gaps = 0
         """Times that a channel was silent for longer than ``MAX_GAP_NS``."""
+        self.lag_ns = 0
+        """How far the last samples lay behind the newest reading [ns]: the cost of waiting."""
         self.reset()
 
     def reset(self) -> None:
@@ -154,13 +219,15 @@ class Conditioner:
                 news = True
         return self._complete_samples() if news else []
 
-    def _admit(self, k: int, stamp: int, value: float) -> bool:
+    def _admit(self, k: int, stamp: int, reading: float) -> bool:
         """The gate; True where the reading, or ones held before it, joined the channel."""
         channel = self._channels[k]
         limits = channel.limits
-        if value - value != 0.0:  # NaN and both infinities
+        if reading - reading != 0.0:  # NaN and both infinities
             self.refused["not_finite"] += 1
             return False
+        stamp += limits.sensor.clock_offset_ns
+        value = channel.angle_at(reading)
         if not limits.lower - RANGE_MARGIN <= value <= limits.upper + RANGE_MARGIN:
             self.refused["out_of_range"] += 1
             return False
@@ -171,26 +238,50 @@ class Conditioner:
                 self.refused["repeated"] += 1
                 return False
             if ahead > MAX_GAP_NS or ahead < -MAX_GAP_NS:
-                return self._hold(k, stamp, value)
+                return self._hold(k, stamp, reading)
             if ahead < 0:
                 if not channel.held:
                     self.refused["late"] += 1
                     return False
-                return self._hold(k, stamp, value)
+                return self._hold(k, stamp, reading)
             if abs(value - channel.last_value) > limits.max_speed * (ahead * 1e-9):
                 self.refused["implausible"] += 1
                 return False
+        elif channel.left_behind >= 0 and self._is_straggler(channel, stamp):
+            self.refused["late"] += 1
+            return False
         if channel.held:
             self._drop_held(channel)
-        self._append(channel, stamp, value)
+        self._append(channel, stamp, reading)
         return True
 
-    def _append(self, channel: _Channel, stamp: int, value: float) -> None:
+    def _is_straggler(self, channel: _Channel, stamp: int) -> bool:
+        """Whether a channel's first reading after a jump back is still one from before it.
+
+        A topic's last messages may arrive after another topic has gone back already.
+        """
+        if abs(stamp - channel.left_behind) > MAX_GAP_NS or channel.stragglers >= STRAGGLERS:
+            return False
+        newest = max(other.last_stamp for other in self._channels)
+        if stamp - newest <= MAX_GAP_NS:
+            return False
+        channel.stragglers += 1
+        return True
+
+    def _append(self, channel: _Channel, stamp: int, reading: float) -> None:
+        value = channel.angle_at(reading)
+        channel.turns = channel.turns_at(reading)
         if channel.last_stamp < 0:
             self._missing -= 1
         channel.last_stamp = stamp
         channel.last_value = value
+        channel.last_reading = reading
         channel.readings.append((stamp, value))
+        if self._predict:
+            recent = channel.recent
+            recent.append((stamp, value))
+            while stamp - recent[0][0] > SPEED_WINDOW_NS and len(recent) > 2:
+                recent.popleft()
         self.accepted += 1
 
     def _drop_held(self, channel: _Channel) -> None:
@@ -199,13 +290,13 @@ class Conditioner:
             self.refused["future" if stamp > channel.last_stamp else "late"] += 1
         channel.held.clear()
 
-    def _hold(self, k: int, stamp: int, value: float) -> bool:
+    def _hold(self, k: int, stamp: int, reading: float) -> bool:
         """Keep a reading of another time until enough others follow it."""
         channel = self._channels[k]
         held = channel.held
         if held and not 0 < stamp - held[-1][0] <= MAX_GAP_NS:
             self._drop_held(channel)
-        held.append((stamp, value))
+        held.append((stamp, reading))
         if len(held) < CONFIRMATIONS:
             return False
         confirmed = list(held)
@@ -230,8 +321,10 @@ class Conditioner:
             if channel.held and not kept:
                 self._drop_held(channel)
         confirmed = [list(kept) for kept in held]
+        left_behind = [channel.last_stamp for channel in self._channels]
         self.reset()
-        for channel, kept in zip(self._channels, confirmed, strict=True):
+        for channel, kept, last in zip(self._channels, confirmed, left_behind, strict=True):
+            channel.left_behind = last
             for when, angle in kept:
                 self._append(channel, when, angle)
 
@@ -244,12 +337,12 @@ class Conditioner:
         for channel in channels:
             until = min(until, channel.last_stamp)
         given_out = self._given_out
-        if given_out < 0:
-            given_out = max(channel.readings[0][0] for channel in channels) - 1
-        elif given_out >= until:
-            return []
         motors = self._motor_count
         samples: list[Sample] = []
+        if given_out < 0:
+            given_out = max(channel.readings[0][0] for channel in channels) - 1
+        elif given_out >= until and not self._predict:
+            return samples
         while given_out < until:
             stamp = until
             for channel in channels:
@@ -260,8 +353,24 @@ class Conditioner:
             values = np.array([_value_at(channel.readings, stamp) for channel in channels])
             samples.append(Sample(stamp, values[:motors], values[motors:]))
             given_out = stamp
+        newest = max(channel.last_stamp for channel in channels)
+        if self._predict and given_out < newest <= until + self._horizon:
+            values = np.array([_predicted(channel, newest) for channel in channels])
+            samples.append(Sample(newest, values[:motors], values[motors:]))
+            given_out = newest
+            for channel in channels:  # nobody asks for what lies behind
+                while len(channel.readings) > 1 and channel.readings[1][0] <= given_out:
+                    channel.readings.popleft()
         self._given_out = given_out
+        self.lag_ns = newest - given_out
         return samples
+
+
+def _predicted(channel: _Channel, stamp: int) -> float:
+    """A channel's angle at, or beyond, its last reading [rad], within its limits."""
+    ahead = stamp - channel.last_stamp
+    value = channel.last_value + channel.velocity() * (ahead * 1e-9)
+    return min(max(value, channel.limits.lower), channel.limits.upper)
 
 
 def _value_at(readings: deque[tuple[int, float]], stamp: int) -> float:
@@ -300,13 +409,17 @@ class Conditioned:
 
 
 def condition(
-    robot: Robot, motors: Mapping[str, Readings], joints: Mapping[str, Readings]
+    robot: Robot,
+    motors: Mapping[str, Readings],
+    joints: Mapping[str, Readings],
+    mode: str = "wait",
 ) -> Conditioned:
     """Condition a recording; the same samples, bit for bit, as feeding it message by message.
 
     Args:
-        robot: names and limits of the channels.
+        robot: names, sensors and limits of the channels.
         motors, joints: readings by name; every name of the robot must be there.
+        mode: one of ``MODES``.
 
     Returns:
         The samples and what was refused.
@@ -318,12 +431,29 @@ def condition(
     strangers = [
         r for channels in (motors, joints) for name, r in channels.items() if name not in names
     ]
-    if all(_is_clean(readings, limit) for readings, limit in zip(known, limits, strict=True)):
+    angles = [
+        _angles(readings, limit.sensor) for readings, limit in zip(known, limits, strict=True)
+    ]
+    clean = all(_is_clean(readings, limit) for readings, limit in zip(angles, limits, strict=True))
+    if clean and mode == "wait" and all(readings.stamp_ns[0] > 0 for readings in known):
         refused = dict.fromkeys(REFUSALS, 0)
         refused["unknown_name"] = sum(readings.stamp_ns.size for readings in strangers)
         accepted = sum(readings.stamp_ns.size for readings in known)
-        return Conditioned((_merge(known, len(robot.motors)),), refused, accepted, 0, 0)
-    return _replay(robot, motors, joints)
+        return Conditioned((_merge(angles, len(robot.motors)),), refused, accepted, 0, 0)
+    return _replay(robot, motors, joints, mode)
+
+
+def _angles(readings: Readings, sensor: Sensor) -> Readings:
+    """Readings as angles, as ``_Channel.angle_at`` makes them."""
+    stamps, value = readings.stamp_ns, readings.value
+    if sensor.clock_offset_ns:
+        stamps = stamps + sensor.clock_offset_ns
+    if sensor.period != float("inf") and np.all(np.isfinite(value)):
+        turns = np.cumsum(np.rint(-np.diff(value, prepend=value[:1]) / sensor.period))
+        value = value + sensor.period * turns
+    if sensor.scale != 1.0 or sensor.offset != 0.0:
+        value = sensor.scale * value + sensor.offset
+    return Readings(stamps, readings.arrival_ns, value)
 
 
 def _is_clean(readings: Readings, limits: Limits) -> bool:
@@ -372,10 +502,10 @@ def _values_at(readings: Readings, stamps: Stamps) -> Vector:
 
 
 def _replay(
-    robot: Robot, motors: Mapping[str, Readings], joints: Mapping[str, Readings]
+    robot: Robot, motors: Mapping[str, Readings], joints: Mapping[str, Readings], mode: str
 ) -> Conditioned:
     """Reading by reading, in order of arrival."""
-    conditioner = Conditioner(robot)
+    conditioner = Conditioner(robot, mode)
     feeds = [(conditioner.feed_motors, name, r) for name, r in motors.items()]
     feeds += [(conditioner.feed_joints, name, r) for name, r in joints.items()]
     arrival = np.concatenate([readings.arrival_ns for _, _, readings in feeds])

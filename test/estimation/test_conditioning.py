@@ -393,3 +393,141 @@ def test_every_reading_is_accepted_refused_or_held_and_offline_agrees(data: st.D
         conditioner.accepted, conditioner.clock_jumps, conditioner.gaps,
     )  # fmt: skip
     assert conditioner.accepted + sum(conditioner.refused.values()) + listener.held() == sent
+
+
+def _two_clocks(mode="wait", **sensor):
+    text = f"""
+name: pair
+motors: [{{name: m{"".join(f", {key}: {value}" for key, value in sensor.items())}}}]
+joints: [{{name: j, range: [-10, 10]}}]
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 10
+    nodes: [{{type: winch, motor: m, radius: 0.01, winding: 1}}, {{type: anchor}}]
+    spans: [{{joint: j, offset: 1.0, slope: 0.01}}]
+"""
+    robot = parse_robot(text)
+    return robot, Conditioner(robot, mode)
+
+
+def _readings(stamps, values):
+    stamps = np.asarray(stamps, dtype=np.int64)
+    return Readings(stamps, stamps.copy(), np.asarray(values, dtype=float))
+
+
+def _events(motor, joint):
+    """(arrival, 0 for the motor or 1 for the joint, stamp, value) of all readings."""
+    return [
+        (arrival, which, stamp, value)
+        for which, r in enumerate((motor, joint))
+        for stamp, arrival, value in zip(r.stamp_ns, r.arrival_ns, r.value, strict=True)
+    ]
+
+
+def _in_order(conditioner, robot, motor, joint):
+    """Feed both channels in order of arrival; all samples."""
+    events = _events(motor, joint)
+    samples = []
+    for _, which, stamp, value in sorted(events):
+        feed = conditioner.feed_joints if which else conditioner.feed_motors
+        samples += feed(int(stamp), ("j" if which else "m",), (float(value),))
+    return samples
+
+
+def test_a_reading_becomes_an_angle_by_scale_offset_and_clock_offset():
+    _, conditioner = _two_clocks(scale=-2.0, offset=0.5, clock_offset=0.001)
+    conditioner.feed_motors(10_000_000, ("m",), (0.1,))
+    conditioner.feed_joints(11_000_000, ("j",), (0.0,))
+    (sample,) = conditioner.feed_joints(12_000_000, ("j",), (0.0,)) or [None]
+    assert sample is None  # the motor has been heard until 11 ms only
+    samples = conditioner.feed_motors(12_000_000, ("m",), (0.2,))
+    assert [s.stamp_ns for s in samples] == [12_000_000]
+    assert samples[0].motor_angle[0] == pytest.approx(-2.0 * 0.2 + 0.5 + 0.1)  # half way back
+
+
+def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped_alike_online_and_in_bulk():
+    period = 2.0 * np.pi
+    robot, conditioner = _two_clocks(period=period, scale=0.5)
+    stamps = 1_000_000 * np.arange(1, 3001)
+    truth = 9.0 * np.sin(stamps * 2e-9)  # several turns to and fro
+    motor = _readings(stamps, np.mod(truth, period))
+    joint = _readings(stamps, np.zeros(stamps.size))
+    bulk = condition(robot, {"m": motor}, {"j": joint}).segments[0]
+    online = _in_order(conditioner, robot, motor, joint)
+    assert np.array_equal(bulk.motor_angle[:, 0], [s.motor_angle[0] for s in online])
+    assert np.allclose(np.diff(bulk.motor_angle[:, 0]), 0.5 * np.diff(truth), atol=1e-12)
+
+
+def _lagging_joint():
+    """A joint encoder at half the rate whose messages come 3 ms late; both move at 1 rad/s."""
+    stamps = 1_000_000 * np.arange(1, 401)
+    motor = _readings(stamps, stamps * 1e-9)
+    slow = stamps[::2]
+    return motor, Readings(slow, slow + 3_000_000, slow * -1e-9)
+
+
+def test_predicting_answers_at_once_what_waiting_answers_late():
+    motor, joint = _lagging_joint()
+    for mode, lag in (("wait", 5_000_000), ("predict", 0)):
+        _, conditioner = _two_clocks(mode)
+        worst = 0
+        samples = []
+        for arrival, which, stamp, value in sorted(_events(motor, joint)):
+            feed = conditioner.feed_joints if which else conditioner.feed_motors
+            samples += feed(int(stamp), ("j" if which else "m",), (float(value),))
+            if which == 0 and arrival > 50_000_000:
+                worst = max(worst, int(arrival) - samples[-1].stamp_ns)
+        assert worst == lag
+        late = [s for s in samples if s.stamp_ns > 20_000_000]
+        assert np.allclose([s.joint_angle[0] + s.stamp_ns * 1e-9 for s in late], 0.0, atol=1e-9)
+        assert np.all(np.diff([s.stamp_ns for s in samples]) > 0)
+
+
+def test_prediction_ends_at_its_horizon_and_goes_on_without_a_lost_reading():
+    robot, conditioner = _two_clocks("predict")
+    stamps = 1_000_000 * np.arange(1, 301)
+    motor = _readings(stamps, stamps * 1e-9)
+    silent = (stamps > 100_000_000) & (stamps < 200_000_000)
+    joint = _readings(stamps[~silent], np.zeros(int(np.sum(~silent))))
+    samples = _in_order(conditioner, robot, motor, joint)
+    stamped = [s.stamp_ns for s in samples]
+    assert np.array_equal(stamped, stamps)  # the joint's silence is filled in once it is over
+    assert np.allclose([s.motor_angle[0] for s in samples], stamps * 1e-9)
+
+
+def test_prediction_keeps_no_more_readings_the_longer_it_runs():
+    _, conditioner = _two_clocks("predict")
+    for k in range(1, 5000):
+        conditioner.feed_motors(1_000_000 * k, ("m",), (0.0,))
+        if k > 3:
+            conditioner.feed_joints(1_000_000 * (k - 3), ("j",), (0.0,))
+    assert max(len(c.readings) + len(c.recent) for c in conditioner._channels) < 60
+
+
+def test_prediction_offline_is_prediction_online():
+    motor, joint = _lagging_joint()
+    robot, conditioner = _two_clocks("predict")
+    online = _in_order(conditioner, robot, motor, joint)
+    bulk = condition(robot, {"m": motor}, {"j": joint}, mode="predict").segments[0]
+    assert np.array_equal(bulk.stamp_ns, [s.stamp_ns for s in online])
+    assert np.array_equal(bulk.joint_angle[:, 0], [s.joint_angle[0] for s in online])
+
+
+def test_stragglers_of_a_slower_topic_do_not_undo_a_loop_of_the_recording():
+    _, conditioner = _two_clocks()
+    second = 1_000_000_000
+    for k in range(1, 50):
+        conditioner.feed_motors(100 * second + k * 1_000_000, ("m",), (0.0,))
+        conditioner.feed_joints(100 * second + k * 1_000_000, ("j",), (0.0,))
+    for k in range(1, 8):  # the motor's topic has gone back already
+        conditioner.feed_motors(10 * second + k * 1_000_000, ("m",), (0.0,))
+    assert conditioner.clock_jumps == 1
+    conditioner.feed_joints(100 * second + 50 * 1_000_000, ("j",), (0.0,))
+    samples = []
+    for k in range(1, 30):
+        samples += conditioner.feed_joints(10 * second + k * 1_000_000, ("j",), (0.0,))
+        samples += conditioner.feed_motors(10 * second + (k + 7) * 1_000_000, ("m",), (0.0,))
+    assert conditioner.clock_jumps == 1
+    assert conditioner.refused["late"] == 1
+    assert [s.stamp_ns for s in samples] == [10 * second + k * 1_000_000 for k in range(1, 30)]
