@@ -1,0 +1,1 @@
+"""Parts of ``cdrj_ros.estimation.identify``; docs/identification.md."""

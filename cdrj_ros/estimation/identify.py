@@ -1,0 +1,243 @@
+"""Parameters of the robot file from recordings: eq. (44) of the source and everything beyond it.
+
+    minimise over theta   sum_c sum_k loss( ((estimate_c(theta) - reference_c) / sigma_c)^2 )
+
+where the estimates come from ``run``, the one estimator, causally, over whole recordings.  The
+source's (44) is the case of one unknown, rho, and two channels.  docs/identification.md.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.identification.certainty import certainty
+from cdrj_ros.estimation.identification.residuals import (
+    CONDITIONING_KEYS,
+    Observations,
+    Problem,
+    Recorded,
+    chosen_channels,
+    observe,
+    samples_of,
+    spreads,
+)
+from cdrj_ros.estimation.identification.solution import (
+    LOSSES,
+    Progress,
+    jacobian,
+    many_starts,
+    robust_weights,
+    solve,
+    thresholds,
+)
+from cdrj_ros.estimation.identification.unknowns import Unknown, values_by_path
+from cdrj_ros.model.document import Document
+from cdrj_ros.model.errors import UsageError
+from cdrj_ros.model.plan import prepare
+from cdrj_ros.model.robot_file import build_robot
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+COARSE_SAMPLES: Final = 20_000
+"""Samples of the first rounds, all recordings together: friction hardly depends on rate."""
+
+LOWEST_RATE: Final = 100.0
+"""Samples a second that the first rounds keep at least [Hz]."""
+
+MOST_RESIDUALS: Final = 400_000
+"""References are thinned until a round has no more."""
+
+COARSE_STEPS: Final = 60
+FINE_STEPS: Final = 6
+
+WEIGHTS: Final = ("spread", "noise")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to identify."""
+
+    channels: tuple[str, ...] = ()
+    """Patterns of the references to fit; empty: all."""
+    weights: str = "spread"
+    """What a channel's residuals are divided by, one of ``WEIGHTS``."""
+    sigmas: Mapping[str, float] | None = None
+    """Or by this, by pattern of the channel [N] or [N m]."""
+    loss: str = "linear"
+    """One of ``LOSSES``."""
+    starts: int = 1
+    seed: int = 0
+    settle_s: float = 0.0
+    """Time at the beginning of each recording that is not compared [s]."""
+    coarse: bool = False
+    """Leave out the last round, over every sample."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What was found."""
+
+    unknowns: tuple[Unknown, ...]
+    values: Vector
+    """[SI], shape (p,)."""
+    stddev: Vector
+    """[SI], shape (p,)."""
+    correlation: Table
+    """Shape (p, p)."""
+    findings: tuple[str, ...]
+    """What the data could not tell, in sentences."""
+    channels: tuple[str, ...]
+    """References that were fitted."""
+    samples: int
+    """Of the last round."""
+    residuals: int
+    """Of the last round."""
+    rms: float
+    """Root mean square residual of the last round, in units of each channel's sigma."""
+    evaluations: int
+    """Runs of all recordings, thinned ones included."""
+
+    @property
+    def by_path(self) -> dict[str, float]:
+        """The numbers by path [SI], tied ones each."""
+        return values_by_path(self.unknowns, self.values)
+
+
+def identify(
+    document: Document,
+    source: str,
+    unknowns: Sequence[Unknown],
+    recordings: Sequence[Recorded],
+    settings: Settings = Settings(),
+    say: Progress = lambda text: None,
+) -> Identification:
+    """Find the unknowns.
+
+    Args:
+        document: the robot file's, with the numbers to start from.
+        source: its name.
+        unknowns: see ``parse_unknowns``.
+        recordings: all are fitted together.
+        settings: how.
+        say: called with a line now and then.
+
+    Raises:
+        UsageError: nothing to fit, or nothing to fit it to.
+        RobotFileError: the numbers to start from describe no possible robot.
+    """
+    _check(unknowns, recordings, settings)
+    model = prepare(build_robot(document, source))
+    channels = chosen_channels(model.layout, recordings, settings.channels)
+    sigmas = spreads(model.layout, recordings, channels, settings.weights)
+    sigmas |= _given_sigmas(channels, settings.sigmas or {})
+    moving = any(path.rsplit(".", 1)[-1] in CONDITIONING_KEYS for u in unknowns for path in u.paths)
+    total = sum(samples_of(model, one).stamp_ns.size for one in recordings)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+
+        def problem(coarse: bool) -> Problem:
+            observations = [
+                observe(
+                    model, one, sigmas, _stride(model, one, total) if coarse else 1,
+                    MOST_RESIDUALS // len(recordings), settings.settle_s, moving,
+                )
+                for one in recordings
+            ]  # fmt: skip
+            return Problem(document, source, unknowns, observations, pool)
+
+        rough = problem(coarse=True)
+        strides = [one.stride for one in rough.observations]
+        last_round = not settings.coarse and max(strides) > 1
+        say(f"{len(unknowns)} unknowns, {len(channels)} references, {_count(rough)} samples first")
+        loss = settings.loss
+        found, same = many_starts(
+            rough, settings.starts, settings.seed, "linear", COARSE_STEPS, say
+        )
+        best = found[0]
+        if loss != "linear":
+            best = solve(rough, best.coordinates, loss, COARSE_STEPS, say)
+        last, coordinates, evaluations = rough, best.coordinates, 0
+        if last_round:
+            last = problem(coarse=False)
+            say(f"all {_count(last)} samples")
+            coordinates = solve(last, coordinates, loss, FINE_STEPS, say).coordinates
+            evaluations = last.evaluations
+        say("standard errors")
+        here = rough.residuals(coordinates)
+        slopes = jacobian(rough, coordinates, central=True)[: here.size]
+        bend = thresholds(rough, here)
+        known = certainty(rough, coordinates, here, slopes, robust_weights(loss, here, bend))
+        residuals = last.residuals(coordinates)
+        findings = known.findings
+        if settings.starts > 1:
+            findings += (_of_starts(len(found), same),)
+        return Identification(
+            tuple(unknowns),
+            last.values(coordinates),
+            known.stddev,
+            known.correlation,
+            findings,
+            channels,
+            _count(last),
+            residuals.size,
+            float(np.sqrt(np.mean(residuals**2))),
+            evaluations + rough.evaluations,
+        )
+
+
+def _check(unknowns: Sequence[Unknown], recordings: Sequence[Recorded], settings: Settings) -> None:
+    if not unknowns:
+        raise UsageError("there is nothing to fit")
+    if not recordings:
+        raise UsageError("there is no recording to fit to")
+    if settings.loss not in LOSSES:
+        raise UsageError(f"the loss must be one of {', '.join(LOSSES)}, got {settings.loss!r}")
+    if settings.weights not in WEIGHTS:
+        raise UsageError(f"weights must be one of {', '.join(WEIGHTS)}, got {settings.weights!r}")
+    if not 1 <= settings.starts <= 1000:
+        raise UsageError(f"starts must be in [1, 1000], got {settings.starts}")
+
+
+def _given_sigmas(channels: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
+    from fnmatch import fnmatchcase
+
+    result = {}
+    for pattern, sigma in given.items():
+        matching = [name for name in channels if fnmatchcase(name, pattern)]
+        if not matching:
+            raise UsageError(f"no fitted reference is called {pattern}: {', '.join(channels)}")
+        result |= dict.fromkeys(matching, sigma)
+    return result
+
+
+def _stride(model: object, recorded: Recorded, total: int) -> int:
+    """Thinning of the first rounds, never below ``LOWEST_RATE``."""
+    stamps = next(iter({**recorded.motors, **recorded.joints}.values())).stamp_ns
+    duration = max(float(stamps[-1] - stamps[0]) * 1e-9, 1e-9)
+    rate = stamps.size / duration
+    return int(max(1, min(round(total / COARSE_SAMPLES), rate // LOWEST_RATE)))
+
+
+def _count(problem: Problem) -> int:
+    def samples(one: Observations) -> int:
+        if one.samples is not None:
+            return one.samples.stamp_ns.size
+        longest = max(
+            r.stamp_ns.size for r in {**one.recorded.motors, **one.recorded.joints}.values()
+        )
+        return longest // one.stride
+
+    return sum(samples(one) for one in problem.observations)
+
+
+def _of_starts(count: int, same: int) -> str:
+    if same == count:
+        return f"All {count} starts ended in the same minimum."
+    return f"{same} of {count} starts ended in the best minimum; the others stayed in worse ones."
