@@ -7,7 +7,6 @@ import platform
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from time import monotonic
@@ -18,7 +17,7 @@ from cdrj_ros.bag import Topics
 from cdrj_ros.estimation.comparison import BagComparison
 from cdrj_ros.model.errors import CdrjError, RobotFileError, UsageError
 from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot_file import load_robot
+from cdrj_ros.model.robot_file import build_robot, load_document
 
 DONE: Final = 0
 BAD_INPUT: Final = 2
@@ -99,22 +98,22 @@ def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model
     Raises:
         CdrjError: what is wrong with either, in one line.
     """
-    robot = load_robot(_robot_file(path))
+    document, source = load_document(_robot_file(path))
     if not preload:
-        return prepare(robot)
+        return prepare(build_robot(document, source))
     try:
         values = [float(v) for v in (preload.split(",") if isinstance(preload, str) else preload)]
     except ValueError as error:
         raise UsageError(f"preload must be numbers and commas, got {preload!r}") from error
-    if len(values) != len(robot.cables) or not all(0.0 <= value < 1e6 for value in values):
+    cables = document["cables"]
+    if len(values) != len(cables) or not all(0.0 <= value < 1e6 for value in values):
         raise UsageError(
-            f"preload needs {len(robot.cables)} tensions in [0, 1e6) N, one for each of "
-            f"{', '.join(cable.name for cable in robot.cables)}; got {preload!r}"
+            f"preload needs {len(cables)} tensions in [0, 1e6) N, one for each of "
+            f"{', '.join(cable['name'] for cable in cables)}; got {preload!r}"
         )
-    cables = tuple(
-        replace(cable, preload=value) for cable, value in zip(robot.cables, values, strict=True)
-    )
-    return prepare(replace(robot, cables=cables))
+    for cable, value in zip(cables, values, strict=True):
+        cable["preload"] = value
+    return prepare(build_robot(document, source))
 
 
 def _robot_file(path: str) -> Path:

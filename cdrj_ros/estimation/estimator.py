@@ -119,6 +119,9 @@ class Estimates:
     values: NDArray[np.float64]
     """Shape (n, layout.size)."""
     layout: Layout
+    stddev: NDArray[np.float64] | None = None
+    """Standard deviations of tensions, magnitudes of nodal forces, efforts of motors and of joints,
+    shape (n, elements + pulleys + motors + joints); see ``cdrj_ros.estimation.uncertainty``."""
 
 
 def initial_state(model: Model) -> State:

@@ -101,8 +101,12 @@ class Shape:
     """False where a tangent does not exist or a wrap is negative."""
 
 
-def prepare(robot: Robot) -> Model:
+def prepare(robot: Robot, check_range: bool = True) -> Model:
     """Prepare a robot for stepping.
+
+    Args:
+        robot: the description.
+        check_range: whether to look at poses all over the joint ranges.
 
     Raises:
         RobotFileError: the geometry is impossible somewhere in the joint ranges.
@@ -127,7 +131,8 @@ def prepare(robot: Robot) -> Model:
                 )
             numbers[at + element] = length / (1.0 + cable.preload / cable.axial_stiffness)
             element += 1
-    _check_range(model)
+    if check_range:
+        _check_range(model)
     numbers.flags.writeable = False
     model.plan.flags.writeable = False
     return model
@@ -212,6 +217,7 @@ def _pack(robot: Robot) -> Model:
                 cable.maximum_tension,
                 *((first.radius, first.winding) if isinstance(first, Winch) else (0.0, 0.0)),
                 *((last.radius, last.winding) if isinstance(last, Winch) else (0.0, 0.0)),
+                cable.preload,
             ]
         )
         for k, pulley in enumerate(cable.pulleys):
@@ -259,9 +265,7 @@ def _pack(robot: Robot) -> Model:
         [joint.lower, (joint.upper - joint.lower) / geometry.TABLE_INTERVALS]
         for joint in robot.joints
     ]
-    axis_numbers = [
-        [axis.effort_sign, *astuple(axis.passive)] for axis in (*robot.motors, *robot.joints)
-    ]
+    axis_numbers = [[axis.effort_sign, *astuple(axis.passive)] for axis in robot.axes]
 
     header = np.zeros(mechanism.HEADER, dtype=np.int64)
     header[mechanism.MOTORS : mechanism.AT_CABLES] = [

@@ -260,3 +260,8 @@ class Robot:
     uncertainty: Uncertainty | None = None
     document: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
     """What the file says, in SI; empty for robots made otherwise."""
+
+    @property
+    def axes(self) -> tuple[Motor | Joint, ...]:
+        """All motors, then all joints."""
+        return (*self.motors, *self.joints)

@@ -1,0 +1,355 @@
+"""How sure the estimate is: an ensemble of estimators that differ in everything that is not known.
+
+Every member has its own parameters, drawn from their covariance, its own readings, within noise
+and resolution, and its own friction history, since at the start nobody knows on which side of its
+bound a pulley's friction lies.  Members go through the same ``advance`` as the estimate, so what
+pulleys forget when they slip, members forget too, and the spread narrows by itself.
+
+At each sample one member in turn is brought up to date: the cost is that of one more estimate,
+whatever the number of members, and the spread is complete after as many samples.  Friction hardly
+depends on rate, so a member may take all the samples since its last turn in one step.
+docs/uncertainty.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import sqrt
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, Sample, Samples, State
+from cdrj_ros.model import mechanism
+from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.errors import CdrjError
+from cdrj_ros.model.mechanism import STARTED, advance, impose_friction
+from cdrj_ros.model.parameters import find_number, with_numbers
+from cdrj_ros.model.plan import Layout, Model, prepare
+from cdrj_ros.model.robot import Robot
+from cdrj_ros.model.robot_file import build_robot
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+MEMBERS: Final = 32
+"""Members of the ensemble: the standard deviation is known to 1 / sqrt(2 * 32) = 12 %."""
+
+PERTURBATIONS: Final = 1021
+"""Rows of random reading errors that members take in turn; a prime, so that none has its own."""
+
+SATURATED: Final = 0.7
+"""Share of cables whose pulleys start at their bounds, as after a long motion."""
+
+FRONTS: Final = (0.6, 0.25, 0.15)
+"""Chances that the sense of friction changes nowhere along a cable, at one place, at two."""
+
+
+WOUND_SPREAD: Final = 0.3
+"""Spread of the logarithm of the tension at which the cable on a drum was wound."""
+
+
+def spread_columns(layout: Layout) -> NDArray[np.int64]:
+    """Where the quantities with a standard deviation lie in the estimate.
+
+    Tensions of all elements, magnitudes of the force on all pulleys, efforts of all motors, then
+    of all joints.
+    """
+    parts = (layout.tension, layout.magnitude, layout.motor_effort, layout.joint_effort)
+    return np.concatenate([np.arange(part.start, part.stop) for part in parts]).astype(np.int64)
+
+
+@compiled
+def _advance_member(
+    plan: NDArray[np.int64],
+    numbers: Vector,
+    state: Vector,
+    share: Vector,
+    motor_angle: Vector,
+    joint_angle: Vector,
+    dt: float,
+    estimate_size: int,
+    out: Vector,
+) -> bool:
+    """Bring one member up to date, or start it with its friction history; False: not solved."""
+    size = state.size
+    if state[STARTED] == 0.0:
+        advance(plan, numbers, state, motor_angle, joint_angle, 0.0, out)
+        state[:] = out[:size]
+        impose_friction(plan, numbers, joint_angle, share, state, out[size + estimate_size :])
+        dt = 0.0
+    solved = advance(plan, numbers, state, motor_angle, joint_angle, dt, out)
+    state[:] = out[:size]
+    return solved
+
+
+@compiled
+def _update(
+    plan: NDArray[np.int64],
+    numbers: Table,
+    states: Table,
+    stamps: NDArray[np.int64],
+    shares: Table,
+    reading_errors: Table,
+    turn: NDArray[np.int64],
+    count: int,
+    columns: NDArray[np.int64],
+    stamp: int,
+    motor_angle: Vector,
+    joint_angle: Vector,
+    estimate: Vector,
+    deviation: Table,
+    variance: Vector,
+    readings: Vector,
+    out: Vector,
+    stddev: Vector,
+) -> None:
+    """Bring the next ``count`` members up to date and write the standard deviations."""
+    members, size = states.shape
+    motors, joints = motor_angle.size, joint_angle.size
+    for _ in range(count):
+        k = turn[0] % members
+        errors = reading_errors[turn[0] % reading_errors.shape[0]]
+        turn[0] += 1
+        for m in range(motors):
+            readings[m] = motor_angle[m] + errors[m]
+        for j in range(joints):
+            readings[motors + j] = joint_angle[j] + errors[motors + j]
+        dt = (stamp - stamps[k]) * 1e-9
+        solved = _advance_member(
+            plan, numbers[k], states[k], shares[k], readings[:motors], readings[motors:],
+            dt, estimate.size, out,
+        )  # fmt: skip
+        stamps[k] = stamp
+        if not solved:
+            continue
+        for c in range(columns.size):
+            d = out[size + columns[c]] - estimate[columns[c]]
+            variance[c] += (d * d - deviation[k, c] * deviation[k, c]) / members
+            deviation[k, c] = d
+        if k == members - 1:  # rounding does not add up
+            for c in range(columns.size):
+                total = 0.0
+                for i in range(members):
+                    total += deviation[i, c] * deviation[i, c]
+                variance[c] = total / members
+    for c in range(columns.size):
+        stddev[c] = sqrt(max(variance[c], 0.0))
+
+
+@compiled
+def _run(
+    plan: NDArray[np.int64],
+    nominal: Vector,
+    state: Vector,
+    numbers: Table,
+    states: Table,
+    stamps: NDArray[np.int64],
+    shares: Table,
+    reading_errors: Table,
+    turn: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    sample_stamps: NDArray[np.int64],
+    motor_angles: Table,
+    joint_angles: Table,
+    dt: Vector,
+    deviation: Table,
+    variance: Vector,
+    readings: Vector,
+    out: Vector,
+    estimates: Table,
+    stddevs: Table,
+) -> None:
+    """``advance`` and ``_update`` over many samples, the very same functions."""
+    size = state.size
+    wanted = estimates.shape[1]
+    for k in range(dt.size):
+        started = state[STARTED] != 0.0
+        solved = advance(plan, nominal, state, motor_angles[k], joint_angles[k], dt[k], out)
+        state[:] = out[:size]
+        estimates[k] = out[size : size + wanted]
+        count = 1 if started else states.shape[0]
+        if not solved:
+            count = 0
+        _update(
+            plan, numbers, states, stamps, shares, reading_errors, turn, count, columns,
+            sample_stamps[k], motor_angles[k], joint_angles[k], estimates[k], deviation, variance,
+            readings, out, stddevs[k],
+        )  # fmt: skip
+
+
+class Spread:
+    """The ensemble of one robot; ``update`` after every ``step``, with what it took and gave."""
+
+    def __init__(self, model: Model, members: int = MEMBERS, seed: int = 0) -> None:
+        """Draw the members.
+
+        Args:
+            model: the prepared robot; its uncertainty and its sensors say what is not known.
+            members: their number, even and at least 8.
+            seed: of the draws; the same seed gives the same spread.
+        """
+        if members < 8 or members % 2:
+            raise ValueError(f"members must be even and at least 8, got {members}")
+        generator = np.random.default_rng(seed)
+        robot = model.robot
+        self.model = model
+        self.columns = spread_columns(model.layout)
+        rows = draw_members(robot, members, generator)
+        if rows:
+            numbers = np.stack([prepare(one, check_range=False).numbers for one in rows])
+        else:
+            numbers = np.repeat(model.numbers[None, :], members, axis=0)
+        wind_differently(model, numbers, generator)
+        self._numbers = numbers
+        self._shares = np.concatenate(
+            [friction_shares(members, len(cable.pulleys), generator) for cable in robot.cables],
+            axis=1,
+        )
+        self._errors = reading_errors(robot, generator)
+        self._states = np.zeros((members, model.state_size))
+        self._stamps = np.zeros(members, dtype=np.int64)
+        self._turn = np.zeros(1, dtype=np.int64)
+        self._out = np.empty(model.out_size)
+        self._readings = np.empty(len(robot.motors) + len(robot.joints))
+        self._deviation = np.zeros((members, self.columns.size))
+        self._variance = np.zeros(self.columns.size)
+        self._generator = generator
+
+    def reset(self) -> None:
+        """Forget what the members have seen; the next sample starts them anew."""
+        self._states[:] = 0.0
+        self._deviation[:] = 0.0
+        self._variance[:] = 0.0
+
+    def update(self, sample: Sample, estimate: Estimate) -> Vector:
+        """Take the sample of a step and what came of it.
+
+        Returns:
+            Standard deviations, in the order of ``spread_columns``.
+        """
+        count = 1 if self._states[0, STARTED] else len(self._states)
+        stddev = np.empty(self.columns.size)
+        self._advance(sample, estimate, count if estimate.solved else 0, stddev)
+        return stddev
+
+    def _advance(self, sample: Sample, estimate: Estimate, count: int, stddev: Vector) -> None:
+        _update(
+            self.model.plan, self._numbers, self._states, self._stamps, self._shares,
+            self._errors, self._turn, count, self.columns, sample.stamp_ns, sample.motor_angle,
+            sample.joint_angle, estimate.values, self._deviation, self._variance, self._readings,
+            self._out, stddev,
+        )  # fmt: skip
+
+    def run(self, state: State, samples: Samples) -> tuple[State, Estimates]:
+        """``step`` and ``update`` over many samples in one call; bit for bit the same numbers."""
+        model = self.model
+        stamps = samples.stamp_ns
+        estimates = np.empty((stamps.size, model.layout.size))
+        stddev = np.empty((stamps.size, self.columns.size))
+        if stamps.size == 0:
+            return state, Estimates(stamps, estimates, model.layout, stddev)
+        first = state.stamp_ns if state.stamp_ns != NEVER else int(stamps[0])
+        dt = np.diff(stamps, prepend=np.int64(first)) * 1e-9
+        values = state.values.copy()
+        _run(
+            model.plan, model.numbers, values, self._numbers, self._states,
+            self._stamps, self._shares, self._errors, self._turn, self.columns, stamps,
+            samples.motor_angle, samples.joint_angle, dt, self._deviation, self._variance,
+            self._readings, self._out, estimates, stddev,
+        )  # fmt: skip
+        return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout, stddev)
+
+
+def draw_members(robot: Robot, members: int, generator: np.random.Generator) -> list[Robot]:
+    """Robots whose parameters are drawn from their covariance; empty where all are exact.
+
+    In pairs to both sides of the mean, and where there are fewer parameters than pairs with
+    exactly the given covariance, so that what depends linearly on them has exactly its spread.
+    """
+    known = robot.uncertainty
+    if known is None or not robot.document:
+        return []
+    values, vectors = np.linalg.eigh(known.covariance)
+    factor = vectors * np.sqrt(np.maximum(values, 0.0))
+    pairs, p = members // 2, len(known.parameters)
+    normal = generator.standard_normal((pairs, p))
+    if pairs >= p:
+        normal = np.linalg.qr(normal)[0] * np.sqrt(pairs)
+    draws = np.concatenate([normal, -normal]) @ factor.T
+    return [_drawn(robot, known.parameters, draw) for draw in draws]
+
+
+def _drawn(robot: Robot, parameters: tuple[str, ...], draw: Vector) -> Robot:
+    """The robot with its parameters moved by ``draw``, less far where no robot is there."""
+    document: Any = robot.document
+    for share in (1.0, 0.5, 0.25):
+        values = {}
+        for path, change in zip(parameters, draw * share, strict=True):
+            number = find_number(document, path)
+            values[path] = _within(number.value + float(change), number.rules, number.value)
+        try:
+            return build_robot(with_numbers(document, values), robot.source)
+        except CdrjError:
+            continue
+    return robot
+
+
+def _within(value: float, rules: Mapping[str, Any], given: float) -> float:
+    """The value within the range that the schema allows."""
+    value = max(value, rules.get("minimum", value))
+    value = min(value, rules.get("maximum", value))
+    if value <= rules.get("exclusiveMinimum", -np.inf) or value >= rules.get(
+        "exclusiveMaximum", np.inf
+    ):
+        return given
+    return value
+
+
+def wind_differently(model: Model, numbers: Table, generator: np.random.Generator) -> None:
+    """Let the cable on the drums have been wound at tensions of which nothing is known.
+
+    It lies there at the tension of the moment in which it was wound (E3), not at the preload.
+
+    Args:
+        model: the prepared robot.
+        numbers: of all members, shape (members, numbers), changed.
+        generator: of the draws.
+    """
+    first = int(model.plan[mechanism.IN_CABLES])
+    half = len(numbers) // 2
+    for c in range(len(model.robot.cables)):
+        at = first + c * mechanism.CABLE_NUMBERS + mechanism.WOUND_TENSION
+        normal = generator.standard_normal(half)
+        numbers[:, at] *= np.exp(WOUND_SPREAD * np.concatenate([normal, -normal]))
+
+
+def friction_shares(members: int, pulleys: int, generator: np.random.Generator) -> Table:
+    """Friction histories that motions before the start may have left behind.
+
+    Returns:
+        Share of every pulley's bound that its friction holds, shape (members, pulleys): of one
+        sense as far as the last motion has come along the cable, of the other beyond, mostly all
+        of the bound; as many members with one sense as with the other.
+    """
+    half = members // 2
+    fronts = generator.integers(0, pulleys + 1, (half, len(FRONTS) - 1))
+    there = generator.choice(len(FRONTS), (half, 1), p=FRONTS) > np.arange(len(FRONTS) - 1)
+    behind = np.arange(pulleys)[None, :, None] >= fronts[:, None, :]
+    passed = (behind & there[:, None, :]).sum(axis=2)
+    shares = np.where(passed % 2 == 0, 1.0, -1.0)
+    partly = generator.random(half) > SATURATED
+    shares[partly] *= generator.random((int(partly.sum()), pulleys))
+    return np.concatenate([shares, -shares])
+
+
+def reading_errors(robot: Robot, generator: np.random.Generator) -> Table:
+    """Errors of motor and joint angles [rad] from noise and resolution, (PERTURBATIONS, axes)."""
+    sensors = [axis.sensor for axis in robot.axes]
+    scale = np.array([abs(sensor.scale) for sensor in sensors])
+    noise = scale * np.array([sensor.noise for sensor in sensors])
+    count = scale * np.array([sensor.resolution for sensor in sensors])
+    shape = (PERTURBATIONS, len(sensors))
+    errors = noise * generator.standard_normal(shape) + count * (generator.random(shape) - 0.5)
+    return np.ascontiguousarray(errors)
