@@ -255,6 +255,23 @@ class JointStateDecoder:
         del family[self.KEPT :]
 
 
+def joint_state_efforts(payload: bytes) -> tuple[int, tuple[str, ...], npt.NDArray[np.float64]]:
+    """The efforts of a JointState: (stamp_ns, names, effort [N m], shape (n,)).
+
+    Not for every message: it reads the whole layout.
+
+    Raises:
+        MessageError: not a JointState, or not as many efforts as names.
+    """
+    layout = read_layout(payload, JOINT_STATE.fields)
+    names, span = layout.texts["name"], layout.numbers["effort"]
+    if len(names) != span.count:
+        raise MessageError(f"{len(names)} names but {span.count} efforts")
+    sec, nanosec = struct.unpack_from(layout.order + "iI", payload, ENCAPSULATION)
+    effort = np.frombuffer(payload, span.dtype, span.count, span.offset).astype(np.float64)
+    return sec * 1_000_000_000 + nanosec, names, effort
+
+
 class Template:
     """The bytes of one message of fixed names and array sizes, its numbers to be patched in.
 

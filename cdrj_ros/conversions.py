@@ -31,11 +31,21 @@ PADDING: Final = 7
 class EstimateEncoder:
     """Writes estimates of one robot as messages, always into the same buffers."""
 
-    def __init__(self, layout: Layout, frame_id: str = "") -> None:
-        """Prepare the three messages; the names never change."""
+    def __init__(self, layout: Layout, frame_id: str = "", uncertain: bool = False) -> None:
+        """Prepare the three messages; the names never change.
+
+        Args:
+            layout: places in the estimate.
+            frame_id: of the headers.
+            uncertain: whether standard deviations will be given.
+        """
         self._layout = layout
-        self._tensions = Template(CABLE_TENSIONS, layout.elements, ("tension", "status"), frame_id)
-        self._forces = Template(NODAL_FORCES, layout.pulleys, FORCE_ARRAYS, frame_id)
+        more = ("stddev",) if uncertain else ()
+        self._tensions = Template(
+            CABLE_TENSIONS, layout.elements, ("tension", "status", *more), frame_id
+        )
+        self._forces = Template(NODAL_FORCES, layout.pulleys, (*FORCE_ARRAYS, *more), frame_id)
+        self._elements, self._pulleys = len(layout.elements), len(layout.pulleys)
         self._efforts = Template(JOINT_STATE, layout.motors + layout.joints, ("effort",), frame_id)
         self._flat = np.zeros(len(layout.pulleys))
         before: list[int] = []
@@ -47,16 +57,19 @@ class EstimateEncoder:
         self._before = np.array(before, dtype=np.intp)
         self._after = self._before + 1
 
-    def tensions(self, estimate: Estimate) -> bytes:
-        """cdrj_msgs/CableTensions."""
+    def tensions(self, estimate: Estimate, stddev: NDArray[np.float64] | None = None) -> bytes:
+        """cdrj_msgs/CableTensions; with standard deviations, in the order of ``spread_columns``."""
         values, layout = estimate.values, self._layout
+        more = {} if stddev is None else {"stddev": stddev[: self._elements]}
         return self._tensions.encode(
-            estimate.stamp_ns, tension=values[layout.tension], status=values[layout.status]
+            estimate.stamp_ns, tension=values[layout.tension], status=values[layout.status], **more
         )
 
-    def nodal_forces(self, estimate: Estimate) -> bytes:
+    def nodal_forces(self, estimate: Estimate, stddev: NDArray[np.float64] | None = None) -> bytes:
         """cdrj_msgs/NodalForces; a pulley has the flags of both of its elements."""
         values, layout = estimate.values, self._layout
+        first = self._elements
+        more = {} if stddev is None else {"stddev": stddev[first : first + self._pulleys]}
         status = values[layout.status].astype(np.uint8)
         return self._forces.encode(
             estimate.stamp_ns,
@@ -67,6 +80,7 @@ class EstimateEncoder:
             friction=values[layout.friction],
             slip_speed=values[layout.slip_speed],
             status=status[self._before] | status[self._after],
+            **more,
         )
 
     def efforts(self, estimate: Estimate) -> bytes:
@@ -92,10 +106,17 @@ class AnswerReader:
     def __init__(self, layout: Layout) -> None:
         """Prepare the places of the arrays."""
         self.layout = layout
+        tensions, forces = ("tension", "status"), FORCE_ARRAYS
         self._templates = {
-            "tension": Template(CABLE_TENSIONS, layout.elements, ("tension", "status")),
-            "nodal_force": Template(NODAL_FORCES, layout.pulleys, FORCE_ARRAYS),
-            "effort": Template(JOINT_STATE, layout.motors + layout.joints, ("effort",)),
+            "tension": [
+                Template(CABLE_TENSIONS, layout.elements, (*tensions, "stddev")),
+                Template(CABLE_TENSIONS, layout.elements, tensions),
+            ],
+            "nodal_force": [
+                Template(NODAL_FORCES, layout.pulleys, (*forces, "stddev")),
+                Template(NODAL_FORCES, layout.pulleys, forces),
+            ],
+            "effort": [Template(JOINT_STATE, layout.motors + layout.joints, ("effort",))],
         }
 
     def stamp(self, payload: bytes) -> int:
@@ -108,9 +129,14 @@ class AnswerReader:
     ) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]:
         """Stamps [ns], shape (n,), and arrays, shape (n, names), of messages of one kind.
 
-        Messages of another shape (another robot's, say) are left out.
+        With ``stddev`` where the first message has it.  Messages of another shape (another
+        robot's, say) are left out.
         """
-        template = self._templates[kind]
+        template = self._templates[kind][-1]
+        for candidate in self._templates[kind]:
+            if payloads and 0 <= len(payloads[0]) - len(candidate.payload) <= PADDING:
+                template = candidate
+                break
         size = len(template.payload)
         alike = [payload[:size] for payload in payloads if 0 <= len(payload) - size <= PADDING]
         rows = np.frombuffer(b"".join(alike), np.uint8).reshape(len(alike), size)

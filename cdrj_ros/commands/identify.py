@@ -153,9 +153,7 @@ def _body(argv: Sequence[str]) -> int:
         result["hold_out"] = pooled_errors(held)
         _print_errors("on bags held out", held, found.channels, _compared(model, held_out, topics))
     if arguments.cross_validate is not None:
-        unseen = _cross_validated(
-            document, source, found, recordings, arguments, settings, topics
-        )
+        unseen = _cross_validated(document, source, found, recordings, arguments, settings, topics)
         result["cross_validation"] = pooled_errors(unseen)
         _print_errors("of fits that had not seen the bag", unseen, found.channels)
     if arguments.out:
@@ -314,7 +312,9 @@ def _cross_validated(
                 f"--cross-validate {pattern} must match some of the bags and not all: "
                 f"{', '.join(names)}"
             )
-        again = [_started_at(u, float(v)) for u, v in zip(found.unknowns, found.values, strict=True)]
+        again = [
+            _started_at(u, float(v)) for u, v in zip(found.unknowns, found.values, strict=True)
+        ]
         fold = identify(begin, source, again, others, rough, _Lines())
         robot = build_robot(with_numbers(document, fold.by_path), source)
         judged = _compared(prepare(robot), [arguments.bags[k] for k in out], topics)

@@ -26,7 +26,7 @@ from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.errors import CdrjError
 from cdrj_ros.model.mechanism import STARTED, advance, impose_friction
 from cdrj_ros.model.parameters import find_number, with_numbers
-from cdrj_ros.model.plan import Layout, Model, prepare
+from cdrj_ros.model.plan import Layout, Model, prepare, shape_at
 from cdrj_ros.model.robot import Robot
 from cdrj_ros.model.robot_file import build_robot
 
@@ -182,13 +182,17 @@ def _run(
 class Spread:
     """The ensemble of one robot; ``update`` after every ``step``, with what it took and gave."""
 
-    def __init__(self, model: Model, members: int = MEMBERS, seed: int = 0) -> None:
+    def __init__(
+        self, model: Model, members: int = MEMBERS, seed: int = 0, preload_share: float = 0.0
+    ) -> None:
         """Draw the members.
 
         Args:
             model: the prepared robot; its uncertainty and its sensors say what is not known.
             members: their number, even and at least 8.
             seed: of the draws; the same seed gives the same spread.
+            preload_share: standard deviation of every preload beside the robot file's, as a share
+                of it.
         """
         if members < 8 or members % 2:
             raise ValueError(f"members must be even and at least 8, got {members}")
@@ -202,26 +206,57 @@ class Spread:
         else:
             numbers = np.repeat(model.numbers[None, :], members, axis=0)
         wind_differently(model, numbers, generator)
-        self._numbers = numbers
+        if preload_share > 0.0:
+            preload_differently(model, numbers, preload_share, generator)
+        self.numbers = numbers
         self._shares = np.concatenate(
             [friction_shares(members, len(cable.pulleys), generator) for cable in robot.cables],
             axis=1,
         )
         self._errors = reading_errors(robot, generator)
-        self._states = np.zeros((members, model.state_size))
-        self._stamps = np.zeros(members, dtype=np.int64)
+        self.states = np.zeros((members, model.state_size))
+        self.stamps = np.zeros(members, dtype=np.int64)
         self._turn = np.zeros(1, dtype=np.int64)
         self._out = np.empty(model.out_size)
         self._readings = np.empty(len(robot.motors) + len(robot.joints))
-        self._deviation = np.zeros((members, self.columns.size))
-        self._variance = np.zeros(self.columns.size)
-        self._generator = generator
+        self.deviation = np.zeros((members, self.columns.size))
+        self.variance = np.zeros(self.columns.size)
+        self.generator = generator
 
     def reset(self) -> None:
         """Forget what the members have seen; the next sample starts them anew."""
-        self._states[:] = 0.0
-        self._deviation[:] = 0.0
-        self._variance[:] = 0.0
+        self.states[:] = 0.0
+        self._turn[0] = 0
+        self.deviation[:] = 0.0
+        self.variance[:] = 0.0
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """What the members know, to be given to ``recall`` later."""
+        return {
+            "members": self.states,
+            "member_stamps": self.stamps,
+            "member_numbers": self.numbers,
+            "turn": self._turn,
+            "deviation": self.deviation,
+        }
+
+    def recall(self, arrays: Mapping[str, NDArray[Any]]) -> bool:
+        """Take up what ``memory`` gave; False, and nothing changed, where it does not fit."""
+        own = self.memory()
+        for name, values in own.items():
+            there = arrays.get(name)
+            if there is None or there.shape != values.shape or there.dtype != values.dtype:
+                return False
+            if values.dtype == np.float64 and not np.all(np.isfinite(there)):
+                return False
+        for name, values in own.items():
+            values[:] = arrays[name]
+        self.variance[:] = (self.deviation**2).mean(axis=0)
+        return True
+
+    def shift_clock(self, by_ns: int) -> None:
+        """Move the members' stamps."""
+        self.stamps += by_ns
 
     def update(self, sample: Sample, estimate: Estimate) -> Vector:
         """Take the sample of a step and what came of it.
@@ -229,16 +264,20 @@ class Spread:
         Returns:
             Standard deviations, in the order of ``spread_columns``.
         """
-        count = 1 if self._states[0, STARTED] else len(self._states)
+        count = 1 if self.states[0, STARTED] else len(self.states)
         stddev = np.empty(self.columns.size)
         self._advance(sample, estimate, count if estimate.solved else 0, stddev)
         return stddev
 
+    def catch_up(self, sample: Sample, estimate: Estimate) -> None:
+        """Bring all members to the sample that ``update`` has seen last."""
+        self._advance(sample, estimate, len(self.states), np.empty(self.columns.size))
+
     def _advance(self, sample: Sample, estimate: Estimate, count: int, stddev: Vector) -> None:
         _update(
-            self.model.plan, self._numbers, self._states, self._stamps, self._shares,
+            self.model.plan, self.numbers, self.states, self.stamps, self._shares,
             self._errors, self._turn, count, self.columns, sample.stamp_ns, sample.motor_angle,
-            sample.joint_angle, estimate.values, self._deviation, self._variance, self._readings,
+            sample.joint_angle, estimate.values, self.deviation, self.variance, self._readings,
             self._out, stddev,
         )  # fmt: skip
 
@@ -254,9 +293,9 @@ class Spread:
         dt = np.diff(stamps, prepend=np.int64(first)) * 1e-9
         values = state.values.copy()
         _run(
-            model.plan, model.numbers, values, self._numbers, self._states,
-            self._stamps, self._shares, self._errors, self._turn, self.columns, stamps,
-            samples.motor_angle, samples.joint_angle, dt, self._deviation, self._variance,
+            model.plan, model.numbers, values, self.numbers, self.states,
+            self.stamps, self._shares, self._errors, self._turn, self.columns, stamps,
+            samples.motor_angle, samples.joint_angle, dt, self.deviation, self.variance,
             self._readings, self._out, estimates, stddev,
         )  # fmt: skip
         return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout, stddev)
@@ -323,6 +362,26 @@ def wind_differently(model: Model, numbers: Table, generator: np.random.Generato
         at = first + c * mechanism.CABLE_NUMBERS + mechanism.WOUND_TENSION
         normal = generator.standard_normal(half)
         numbers[:, at] *= np.exp(WOUND_SPREAD * np.concatenate([normal, -normal]))
+
+
+def preload_differently(
+    model: Model, numbers: Table, share: float, generator: np.random.Generator
+) -> None:
+    """Let the members' preloads differ, cable by cable, by ``share`` of them."""
+    shape = shape_at(model, np.array([joint.reference_angle for joint in model.robot.joints]))
+    half = len(numbers) // 2
+    first = int(model.plan[mechanism.IN_MATERIAL])
+    element = 0
+    for c, cable in enumerate(model.robot.cables):
+        at = int(model.plan[mechanism.IN_CABLES]) + c * mechanism.CABLE_NUMBERS
+        normal = generator.standard_normal(half)
+        change = 1.0 + share * np.concatenate([normal, -normal])
+        preload = numbers[:, at + mechanism.PRELOAD] * np.maximum(change, 0.0)
+        numbers[:, at + mechanism.PRELOAD] = preload
+        stretch = 1.0 + preload / numbers[:, at + mechanism.AXIAL_STIFFNESS]
+        for _ in cable.element_names:
+            numbers[:, first + element] = shape.length[element] / stretch
+            element += 1
 
 
 def friction_shares(members: int, pulleys: int, generator: np.random.Generator) -> Table:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.model.mechanism import INVALID, OVERLOAD, SLACK
+from cdrj_ros.estimation.live import LiveEstimator, Output
+from cdrj_ros.model.mechanism import INVALID, OVERLOAD, SLACK, UNSURE
 
 WINDOW = 4096
 """Steps over which the step time is judged."""
@@ -45,47 +45,66 @@ def names_with(estimate: Estimate, flag: int) -> list[str]:
 
 def status_of(
     name: str,
-    hardware: str,
-    estimate: Estimate | None,
+    live: LiveEstimator,
+    output: Output | None,
     rate_hz: float,
     age_s: float | None,
     timeout_s: float,
     times: StepTimes,
-    unsolved: int,
-    refused: Mapping[str, int],
 ) -> DiagnosticStatus:
-    """One DiagnosticStatus of the estimator."""
-    slack = names_with(estimate, SLACK) if estimate else []
-    overload = names_with(estimate, OVERLOAD) if estimate else []
-    invalid = names_with(estimate, INVALID) if estimate else []
+    """One DiagnosticStatus of the estimator; times are those of the node's clock."""
+    estimate = output.estimate if output else None
+    flagged = {
+        flag: names_with(estimate, flag) if estimate else []
+        for flag in (SLACK, OVERLOAD, UNSURE, INVALID)
+    }
+    health = live.fusion.health.values() if live.fusion else ()
+    dropped = {one.name: one.dropped for one in health if one.dropped}
     level, message = DiagnosticStatus.OK, "estimating"
     if estimate is None:
         level, message = DiagnosticStatus.WARN, "waiting for every motor and joint"
     elif age_s is None or age_s > timeout_s:
         level, message = DiagnosticStatus.STALE, f"no input for {timeout_s:g} s"
-    elif invalid:
-        level, message = DiagnosticStatus.ERROR, f"not solved: {', '.join(invalid)}"
-    elif overload:
-        level, message = DiagnosticStatus.ERROR, f"overload: {', '.join(overload)}"
-    elif slack:
-        level, message = DiagnosticStatus.WARN, f"slack: {', '.join(slack)}"
+    elif flagged[INVALID]:
+        level, message = DiagnosticStatus.ERROR, f"not solved: {', '.join(flagged[INVALID])}"
+    elif flagged[OVERLOAD]:
+        level, message = DiagnosticStatus.ERROR, f"overload: {', '.join(flagged[OVERLOAD])}"
+    elif dropped:
+        level = DiagnosticStatus.WARN
+        message = "; ".join(f"sensor {one} dropped: {why}" for one, why in dropped.items())
+    elif flagged[SLACK]:
+        level, message = DiagnosticStatus.WARN, f"slack: {', '.join(flagged[SLACK])}"
+    elif flagged[UNSURE]:
+        level, message = DiagnosticStatus.WARN, f"unsure: {', '.join(flagged[UNSURE])}"
     p50, p99 = times.percentiles_us()
+    conditioner = live.conditioner
     values = {
         "rate [Hz]": f"{rate_hz:.1f}",
         "age [s]": "none" if age_s is None else f"{age_s:.3f}",
+        "lag behind the newest reading [ms]": f"{conditioner.lag_ns * 1e-6:.3f}",
         "steps": str(times.count),
         "step time p50 [us]": f"{p50:.1f}",
         "step time p99 [us]": f"{p99:.1f}",
-        "samples not solved": str(unsolved),
-        "slack elements": ", ".join(slack) or "none",
-        "overloaded elements": ", ".join(overload) or "none",
-        **{f"refused: {cause}": str(count) for cause, count in refused.items()},
+        "samples not solved": str(live.unsolved),
+        "slack elements": ", ".join(flagged[SLACK]) or "none",
+        "overloaded elements": ", ".join(flagged[OVERLOAD]) or "none",
+        "unsure elements": ", ".join(flagged[UNSURE]) or "none",
+        "preload [N]": ", ".join(f"{c.name} {c.preload:.6g}" for c in live.model.robot.cables),
+        "readings accepted": str(conditioner.accepted),
+        "clock jumps": str(conditioner.clock_jumps),
+        "gaps": str(conditioner.gaps),
+        **{f"refused: {cause}": str(n) for cause, n in conditioner.refused.items()},
     }
+    if live.fusion:
+        values["refused: unknown element"] = str(live.unknown_elements)
+    for one in health:
+        said = f"dropped: {one.dropped}" if one.dropped else "used"
+        values[f"sensor {one.name}"] = f"{said}; {one.used} readings used, {one.refused} refused"
     return DiagnosticStatus(
         level=level,
         name=name,
         message=message,
-        hardware_id=hardware,
+        hardware_id=live.model.robot.name,
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )
 

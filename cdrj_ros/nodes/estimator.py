@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
 import gc
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from cdrj_msgs.msg import CableTensions, NodalForces
+from cdrj_msgs.srv import SetPreload
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -21,221 +24,322 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_ros.cdr import JointStateDecoder, MessageError
+from cdrj_ros.cdr import JointStateDecoder, MessageError, joint_state_efforts
 from cdrj_ros.commands.shared import BAD_INPUT, DONE, load_model
 from cdrj_ros.conversions import EstimateEncoder, marked_stale
-from cdrj_ros.estimation.conditioning import Conditioner
-from cdrj_ros.estimation.estimator import Estimate, Sample, initial_state, step
+from cdrj_ros.estimation.estimator import Sample
+from cdrj_ros.estimation.live import LiveEstimator, Output
+from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.model.errors import CdrjError, UsageError
-from cdrj_ros.model.plan import Model
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
+from cdrj_ros.nodes.settings import (
+    changed_options,
+    declare_friction,
+    declare_number,
+    declare_options,
+    declare_preload,
+    declare_text,
+)
 from cdrj_ros.nodes.spinning import STOP_POLL_S, ros_context
 
 DEPTH = 1000
 """Messages that a topic may queue: a burst of a second at 1 kHz is not lost."""
 
+WATCHES = 4
+"""Looks at the inputs within the timeout."""
+
 
 class EstimatorNode(Node):
     """Subscribes, steps, publishes."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, state_file: Path | None = None, **options: Any) -> None:
         """Read the parameters and the robot file, then open topics and services.
+
+        Args:
+            state_file: kept up to date, and taken up at the start; never a parameter, so that
+                nobody on the network can have a file written.
+            options: of rclpy's Node.
 
         Raises:
             CdrjError: the robot file is missing or wrong.
         """
         super().__init__("estimator", namespace="cdrj", **options)
-        path = self._declare_text("robot", "", "Robot file (YAML), or the name of an installed one")
+        path = declare_text(self, "robot", "", "Robot file (YAML), or the name of an installed one")
         if not path:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
-        self.timeout_s = self._declare_number(
-            "timeout", 0.5, 0.001, 3600.0, "Silence after which outputs are marked stale [s]"
-        )
-        frame_id = self._declare_text("frame_id", "", "frame_id of the outgoing headers")
-        preload = self.declare_parameter(
-            "preload",
-            Parameter.Type.DOUBLE_ARRAY,
-            ParameterDescriptor(
-                description="Preload of every cable [N]; unset: the robot file's", read_only=True
-            ),
-        ).value
-        self.model: Model = load_model(path, preload)
+        self.timeout_s = declare_number(
+            self, "timeout", 0.5, 0.001, 3600.0, "Silence after which outputs are marked stale [s]",
+            read_only=True,
+        )  # fmt: skip
+        self._frame_id = declare_text(self, "frame_id", "", "frame_id of the outgoing headers")
+        model = load_model(path, declare_preload(self))
+        self.live = LiveEstimator(model, declare_options(self))
+        if friction := declare_friction(self):
+            self.live.set_numbers(friction)
         self._warm_up()
-        self.conditioner = Conditioner(self.model.robot)
-        self.encoder = EstimateEncoder(self.model.layout, frame_id)
-        self.state = initial_state(self.model)
-        self.estimate: Estimate | None = None
-        self.times = StepTimes()
-        self.unsolved = 0
-        self._jumps = 0
-        self._heard_s: float | None = None
-        self._published = 0
-
-        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-        overridable = QoSOverridingOptions.with_default_policies()
-        self.tensions = self.create_publisher(
-            CableTensions, "tensions", qos, qos_overriding_options=overridable
-        )
-        self.forces = self.create_publisher(
-            NodalForces, "nodal_forces", qos, qos_overriding_options=overridable
-        )
-        self.efforts = self.create_publisher(
-            JointState, "efforts", qos, qos_overriding_options=overridable
-        )
-        self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self._subscribe(qos, overridable)
-        self.create_timer(1.0, self._on_diagnostics)
-        self.create_timer(self.timeout_s / 2.0, self._on_watchdog)
+        self._state_file = state_file
+        if state_file is not None:
+            self._read_state(state_file)
+        self._open()
         gc.collect()
         gc.freeze()  # what lives as long as the node is not looked at again and again
-        layout = self.model.layout
+        layout = model.layout
         self.get_logger().info(
-            f"{self.model.robot.name}: {len(layout.motors)} motors, {len(layout.joints)} joints, "
+            f"{model.robot.name}: {len(layout.motors)} motors, {len(layout.joints)} joints, "
             f"{len(layout.elements)} elements, {len(layout.pulleys)} pulleys"
         )
 
-    def _declare_text(self, name: str, default: str, description: str) -> str:
-        descriptor = ParameterDescriptor(description=description, read_only=True)
-        return str(self.declare_parameter(name, default, descriptor).value)
-
-    def _declare_number(
-        self, name: str, default: float, low: float, high: float, description: str
-    ) -> float:
-        descriptor = ParameterDescriptor(
-            description=description,
-            read_only=True,
-            floating_point_range=[FloatingPointRange(from_value=low, to_value=high)],
+    def _open(self) -> None:
+        """Topics, services, timers."""
+        live = self.live
+        self.encoder = EstimateEncoder(
+            live.model.layout, self._frame_id, uncertain=live.spread is not None
         )
-        return float(self.declare_parameter(name, default, descriptor).value)
+        self.output: Output | None = None
+        self.times = StepTimes()
+        self._published = 0
+        self._seen = 0
+        self._diagnosed = 0
+        self._heard_ns: int | None = None
+        self._diagnosed_ns = self._now_ns()
+
+        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+        overridable = QoSOverridingOptions.with_default_policies()
+        self.tensions, self.forces, self.efforts = (
+            self.create_publisher(message, topic, qos, qos_overriding_options=overridable)
+            for message, topic in (
+                (CableTensions, "tensions"),
+                (NodalForces, "nodal_forces"),
+                (JointState, "efforts"),
+            )
+        )
+        self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/tare", self._on_tare)
+        self.create_service(SetPreload, "~/set_preload", self._on_set_preload)
+        self._subscribe(qos, overridable)
+        self.create_timer(1.0, self._on_diagnostics)
+        self.create_timer(self.timeout_s / WATCHES, self._on_watch)
+        self.add_on_set_parameters_callback(self._on_parameters)
+
+    def _now_ns(self) -> int:
+        """Time of the node's clock, simulated time included [ns]."""
+        return int(self.get_clock().now().nanoseconds)
 
     def _warm_up(self) -> None:
         """Compile or load the kernels before the first message, not during it."""
         begin = perf_counter()
+        robot = self.live.model.robot
         reference = Sample(
-            0,
-            np.array([motor.reference_angle for motor in self.model.robot.motors]),
-            np.array([joint.reference_angle for joint in self.model.robot.joints]),
+            1_000_000_000,
+            np.array([motor.reference_angle for motor in robot.motors]),
+            np.array([joint.reference_angle for joint in robot.joints]),
         )
-        state, _ = step(self.model, initial_state(self.model), reference)
-        step(self.model, state, reference._replace(stamp_ns=1_000_000))
+        self.live.take(reference)
+        self.live.take(reference._replace(stamp_ns=1_001_000_000))
+        self.live.reset()
         took = perf_counter() - begin
         if took > 2.0:
             self.get_logger().info(f"kernels compiled in {took:.0f} s; kept for the next start")
 
+    def _read_state(self, path: Path) -> None:
+        try:
+            if words := read_state(self.live, path):
+                self.get_logger().info(words)
+        except StateFileError as error:
+            self.get_logger().warning(f"{error}; starting without it")
+
+    def write_state(self) -> None:
+        """Keep what is known, where a state file was asked for."""
+        if self._state_file is None:
+            return
+        try:
+            write_state(self.live, self._state_file)
+        except StateFileError as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=60.0)
+
     def _subscribe(self, qos: QoSProfile, overridable: QoSOverridingOptions) -> None:
         motors = self.resolve_topic_name("motor_states")
         joints = self.resolve_topic_name("joint_states")
+        kinds = {"motor_states": "motors", "joint_states": "joints"}
         if motors == joints:
-            feeds = {"motor_states": self.conditioner.feed_both}
-        else:
-            feeds = {
-                "motor_states": self.conditioner.feed_motors,
-                "joint_states": self.conditioner.feed_joints,
-            }
-        for topic, feed in feeds.items():
+            kinds = {"motor_states": "both"}
+        for topic, kind in kinds.items():
             self.create_subscription(
                 JointState,
                 topic,
-                self._listener(feed),
+                self._listener(kind),
                 qos,
                 raw=True,
                 qos_overriding_options=overridable,
             )
+        if self.live.options.tension_sensors:
+            self.create_subscription(
+                CableTensions,
+                "tension_sensors",
+                self._on_tensions,
+                qos,
+                qos_overriding_options=overridable,
+            )
 
-    def _listener(self, feed: Callable[..., list[Sample]]) -> Callable[[bytes], None]:
+    def _listener(self, kind: str) -> Callable[[bytes], None]:
         """The callback of one topic: decode, condition, step, publish."""
         decode = JointStateDecoder()
-        refused = self.conditioner.refused
+        live = self.live
+        feed, refused = live.feed, live.conditioner.refused
+        with_efforts = live.options.track_preload and kind != "joints"
 
         def on_message(payload: bytes) -> None:
+            begin = perf_counter()
             try:
                 stamp, names, position = decode(payload)
+                if with_efforts:
+                    live.feed_efforts(*joint_state_efforts(payload))
             except MessageError:
                 refused["malformed"] += 1
                 return
-            samples = feed(stamp, names, position)
-            if self.conditioner.clock_jumps != self._jumps:
-                self._jumps = self.conditioner.clock_jumps
-                self.state = initial_state(self.model)
+            jumped, outputs = feed(kind, stamp, names, position)
+            if jumped:
                 self.get_logger().warning("the clock of the inputs went back: started anew")
-            for sample in samples:
-                self._step(sample)
+            if outputs:
+                self.times.add((perf_counter() - begin) / len(outputs))
+                for output in outputs:
+                    self._publish(output)
 
         return on_message
 
-    def _step(self, sample: Sample) -> None:
-        begin = perf_counter()
-        self.state, estimate = step(self.model, self.state, sample)
-        self.times.add(perf_counter() - begin)
-        self.estimate = estimate
-        if not estimate.solved:
-            self.unsolved += 1
-        self._publish(estimate)
-        self._published += 1
-        self._heard_s = begin
-
-    def _publish(self, estimate: Estimate) -> None:
-        self.tensions.publish(self.encoder.tensions(estimate))
-        self.forces.publish(self.encoder.nodal_forces(estimate))
+    def _publish(self, output: Output) -> None:
+        estimate, stddev = self.output = output
+        self.tensions.publish(self.encoder.tensions(estimate, stddev))
+        self.forces.publish(self.encoder.nodal_forces(estimate, stddev))
         self.efforts.publish(self.encoder.efforts(estimate))
+        self._published += 1
 
-    def _on_watchdog(self) -> None:
+    def _on_tensions(self, message: CableTensions) -> None:
+        stamp = message.header.stamp
+        self.live.feed_tensions(
+            stamp.sec * 1_000_000_000 + stamp.nanosec, message.name, message.tension, message.stddev
+        )
+
+    def _on_watch(self) -> None:
         """Say again, and marked stale, what was known when the inputs fell silent."""
-        if self.estimate is None or self._heard_s is None:
-            return
-        if perf_counter() - self._heard_s > self.timeout_s:
-            stale = marked_stale(self.estimate)
-            self.tensions.publish(self.encoder.tensions(stale))
-            self.forces.publish(self.encoder.nodal_forces(stale))
+        now = self._now_ns()
+        if self._published != self._seen or (self._heard_ns or 0) > now:
+            self._seen, self._heard_ns = self._published, now
+        elif self.output is not None and now - (self._heard_ns or now) > self.timeout_s * 1e9:
+            stale = marked_stale(self.output.estimate)
+            self.tensions.publish(self.encoder.tensions(stale, self.output.stddev))
+            self.forces.publish(self.encoder.nodal_forces(stale, self.output.stddev))
 
     def _on_diagnostics(self) -> None:
-        age = None if self._heard_s is None else perf_counter() - self._heard_s
+        now = self._now_ns()
+        elapsed = (now - self._diagnosed_ns) * 1e-9
+        rate = (self._published - self._diagnosed) / elapsed if elapsed > 0.0 else 0.0
+        self._diagnosed, self._diagnosed_ns = self._published, now
         status = status_of(
             self.get_fully_qualified_name().lstrip("/"),
-            self.model.robot.name,
-            self.estimate,
-            float(self._published),
-            age,
+            self.live,
+            self.output,
+            rate,
+            None if self._heard_ns is None else max(now - self._heard_ns, 0) * 1e-9,
             self.timeout_s,
             self.times,
-            self.unsolved,
-            self.conditioner.refused,
         )
-        self._published = 0
         self.diagnostics.publish(diagnostic_array(self.get_clock().now().to_msg(), status))
+        self.write_state()
+
+    def _forget(self) -> None:
+        self.output = None
+        self._heard_ns = None
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.conditioner.reset()
-        self.state = initial_state(self.model)
-        self.estimate = None
-        self._heard_s = None
+        self.live.reset()
+        self._forget()
         response.success = True
         response.message = (
-            f"{self.model.robot.name}: friction history and waiting readings forgotten; the next "
-            "sample of every motor and joint starts anew"
+            f"{self.live.model.robot.name}: friction history and waiting readings forgotten; the "
+            "next sample of every motor and joint starts anew"
         )
         return response
+
+    def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.message = self.live.tare()
+            response.success = True
+            self._forget()
+            self.get_logger().info(response.message)
+        except CdrjError as error:
+            response.success, response.message = False, f"nothing changed: {error}"
+        return response
+
+    def _on_set_preload(
+        self, request: SetPreload.Request, response: SetPreload.Response
+    ) -> SetPreload.Response:
+        try:
+            if len(request.cable) != len(request.preload):
+                raise UsageError(
+                    f"as many preloads as cables are needed, got {len(request.cable)} cables and "
+                    f"{len(request.preload)} preloads"
+                )
+            if len(set(request.cable)) != len(request.cable):
+                raise UsageError("a cable is named twice")
+            changes = dict(zip(request.cable, request.preload, strict=True))
+            response.message = self.live.set_preload(changes)
+            response.success = True
+            self._forget()
+            self.get_logger().info(f"preload of {response.message}")
+        except CdrjError as error:
+            response.success, response.message = False, f"nothing changed: {error}"
+        return response
+
+    def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        before = self.live.last_ns
+        try:
+            words = changed_options(self.live, changes)
+        except CdrjError as error:
+            return SetParametersResult(successful=False, reason=f"nothing changed: {error}")
+        if self.live.last_ns != before:
+            self._forget()
+        if words:
+            self.get_logger().info(words)
+        return SetParametersResult(successful=True)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}; see --help")
+
+
+def _arguments(arguments: list[str]) -> argparse.Namespace:
+    parser = _Parser(
+        prog="estimator",
+        usage="estimator [--state-file FILE] --ros-args -p robot:=FILE [-p timeout:=S] "
+        "[-r FROM:=TO] ...",
+        description="Tension of every cable element and force on every pulley from motor encoders "
+        "and joint angles. Topics in the namespace /cdrj: in motor_states, joint_states, "
+        "tension_sensors; out tensions, nodal_forces, efforts; /diagnostics. Services: ~/reset, "
+        "~/tare, ~/set_preload.",
+    )
+    parser.add_argument(
+        "--state-file", type=Path, metavar="FILE",
+        help="what is known is written there every second, and taken up at the next start",
+    )  # fmt: skip
+    return parser.parse_args(arguments)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     arguments = list(sys.argv if argv is None else ["estimator", *argv])
-    rest = remove_ros_args(arguments)[1:]
-    if rest in (["--help"], ["-h"]):
-        print(
-            "usage: estimator --ros-args -p robot:=FILE [-p timeout:=S] [-r FROM:=TO] ...\n\n"
-            "Tension of every cable element and force on every pulley from motor encoders and\n"
-            "joint angles. Topics in the namespace /cdrj: in motor_states, joint_states; out\n"
-            "tensions, nodal_forces, efforts; /diagnostics. Service: ~/reset."
-        )
-        return DONE
-    if rest:
-        print(f"estimator: unknown arguments {' '.join(rest)}; see --help", file=sys.stderr)
+    try:
+        own = _arguments(remove_ros_args(arguments)[1:])
+    except CdrjError as error:
+        print(f"estimator: {error}", file=sys.stderr)
         return BAD_INPUT
     with ros_context(arguments) as stop:
         try:
-            node = EstimatorNode()
+            node = EstimatorNode(own.state_file)
         except CdrjError as error:
             print(f"estimator: {error}", file=sys.stderr)
             return BAD_INPUT
@@ -245,6 +349,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             while not stop:
                 executor.spin_once(timeout_sec=STOP_POLL_S)
         finally:
+            node.write_state()
             executor.shutdown()
             node.destroy_node()
     return DONE

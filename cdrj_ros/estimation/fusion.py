@@ -1,0 +1,307 @@
+"""Measured tensions and efforts beside the angles: an ensemble Kalman filter, and who is believed.
+
+A load cell at one element says something of every element of its cable, by how the members'
+tensions vary together; a motor's effort says something of all cables on its drum.  The ensemble
+knows how much (Evensen 2003; perturbed observations, restricted to the cables concerned).  What is
+corrected is the material in the elements: elongation, friction history and the preload in one.
+docs/uncertainty.md.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.estimator import Estimate, Sample, State
+from cdrj_ros.estimation.uncertainty import Spread
+from cdrj_ros.model import mechanism
+from cdrj_ros.model.plan import Model, shape_at
+from cdrj_ros.model.robot import Winch
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+MODEL_ERROR: Final = 0.01
+"""Share of a measured value that the model may miss, beside the sensor's noise."""
+
+SLOW_DRIFT: Final = 0.002
+"""Spread that a preload gains in a second beside a load cell, as a share of it."""
+
+FREE_DRIFT: Final = 0.02
+"""The same where the preload is tracked from a motor's effort."""
+
+JUDGED: Final = 50
+"""Readings over which a sensor is judged."""
+
+TOO_FAR: Final = 9.0
+"""A sensor whose squared residuals, over their expected variance, are more on average is wrong."""
+
+STIFF: Final = 4.0
+"""A reading that stands still while the estimate moves by more noises than this is frozen."""
+
+HISTORY_NS: Final = 200_000_000
+"""A measurement may be this old [ns]."""
+
+
+@dataclass
+class SensorHealth:
+    """Whether one sensor is still believed."""
+
+    name: str
+    dropped: str = ""
+    """Why it is believed no more; empty while it is."""
+    used: int = 0
+    """Readings taken so far."""
+    refused: int = 0
+    """Readings refused: not finite, too old, or of a sensor that has been dropped."""
+    _squares: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    _values: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    _expected: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+
+    def judge(self, value: float, expected: float, variance: float, noise: float) -> bool:
+        """Take a reading; True where it may be used.
+
+        Args:
+            value: measured [N] or [N m].
+            expected: estimated for the same time.
+            variance: of their difference, if all is as assumed.
+            noise: of the sensor.
+        """
+        if self.dropped:
+            self.refused += 1
+            return False
+        self._squares.append((value - expected) ** 2 / variance)
+        self._values.append(value)
+        self._expected.append(expected)
+        if len(self._squares) == JUDGED:
+            mean = sum(self._squares) / JUDGED
+            if max(self._values) == min(self._values) and (
+                max(self._expected) - min(self._expected) > STIFF * noise
+            ):
+                self.dropped = f"frozen at {value:.4g} while the estimate moves"
+            elif mean > TOO_FAR:
+                self.dropped = (
+                    f"{mean**0.5:.1f} standard deviations from the estimate over {JUDGED} readings "
+                    f"(measured {value:.4g}, expected {expected:.4g})"
+                )
+        if self.dropped:
+            self.refused += 1
+            return False
+        self.used += 1
+        return True
+
+
+class Fusion:
+    """Corrects estimate and ensemble by what other sensors say."""
+
+    def __init__(self, spread: Spread, drift: float = SLOW_DRIFT) -> None:
+        """Prepare for one robot.
+
+        Args:
+            spread: its ensemble, changed by every correction.
+            drift: spread that preloads gain in a second, as a share of them.
+        """
+        model = spread.model
+        layout, robot = model.layout, model.robot
+        self.spread = spread
+        self.model = model
+        self._drift = drift
+        self._cables = [_CablePlaces(model, c) for c in range(len(robot.cables))]
+        self._element_cable = {
+            name: c for c, cable in enumerate(robot.cables) for name in cable.element_names
+        }
+        self._element = {name: k for k, name in enumerate(layout.elements)}
+        first_motor = len(layout.elements) + len(layout.pulleys)
+        self._motor = {name: first_motor + k for k, name in enumerate(layout.motors)}
+        self._motor_cables = {
+            motor: [
+                c
+                for c, cable in enumerate(robot.cables)
+                if any(isinstance(n, Winch) and n.motor == motor for n in cable.nodes)
+            ]
+            for motor in layout.motors
+        }
+        self.health: dict[str, SensorHealth] = {}
+        self._history: deque[tuple[int, Vector]] = deque()
+        self._last_ns: dict[str, int] = {}
+
+    def reset(self) -> None:
+        """Forget what was measured; sensors are believed again."""
+        self.health.clear()
+        self._history.clear()
+        self._last_ns.clear()
+
+    def remember(self, estimate: Estimate) -> None:
+        """Keep an estimate for measurements that are yet to come."""
+        history = self._history
+        history.append((estimate.stamp_ns, estimate.values))
+        while estimate.stamp_ns - history[0][0] > HISTORY_NS:
+            history.popleft()
+
+    def noise_of(self, element: str) -> float:
+        """Noise of a load cell whose messages do not give one [N]."""
+        return self.model.robot.cables[self._element_cable[element]].sensor_noise
+
+    def knows(self, element: str) -> bool:
+        """Whether there is such an element."""
+        return element in self._element
+
+    def tension(
+        self, sample: Sample, state: State, stamp_ns: int, element: str, value: float, noise: float
+    ) -> State:
+        """Correct by a measured tension.
+
+        Args:
+            sample: the last one taken.
+            state: after it.
+            stamp_ns: time of the measurement [ns], after ``HISTORY_NS`` before the sample.
+            element: ``cable/element``.
+            value: measured [N].
+            noise: its standard deviation [N], positive.
+
+        Returns:
+            The corrected state; the same one where the reading was refused.
+        """
+        column = self._element[element]
+        cables = [self._element_cable[element]]
+        return self._correct(sample, state, stamp_ns, element, column, cables, value, noise)
+
+    def motor_effort(
+        self, sample: Sample, state: State, stamp_ns: int, motor: str, value: float, noise: float
+    ) -> State:
+        """Correct by a motor's measured effort [N m]; otherwise as ``tension``."""
+        column, cables = self._motor[motor], self._motor_cables[motor]
+        return self._correct(sample, state, stamp_ns, motor, column, cables, value, noise)
+
+    def _correct(
+        self,
+        sample: Sample,
+        state: State,
+        stamp_ns: int,
+        name: str,
+        column: int,
+        cables: list[int],
+        value: float,
+        noise: float,
+    ) -> State:
+        spread = self.spread
+        health = self.health.setdefault(name, SensorHealth(name))
+        place = int(spread.columns[column])
+        expected = self._expected(stamp_ns, place)
+        if not np.isfinite(value) or expected is None:
+            health.refused += 1
+            return state
+        now = Estimate(sample.stamp_ns, self._history[-1][1], self.model.layout, True)
+        spread.catch_up(sample, now)
+        self._let_drift(name, sample.stamp_ns, cables)
+        deviation = spread.deviation
+        members = len(deviation)
+        h = deviation[:, column].copy()
+        own = noise**2 + (MODEL_ERROR * value) ** 2
+        variance = float(h @ h) / members + own
+        if not health.judge(value, expected, variance, noise):
+            return state
+        gain = deviation.T @ h / (members * variance)
+        concerned = np.zeros(gain.size, dtype=bool)
+        concerned[len(self.model.layout.elements) + len(self.model.layout.pulleys) :] = True
+        for c in cables:
+            concerned[self._cables[c].elements] = True
+            concerned[self._cables[c].pulleys] = True
+        gain[~concerned] = 0.0
+        errors = np.sqrt(own) * spread.generator.standard_normal(members)
+        errors -= errors.mean()
+        innovation = value - expected
+        change = (innovation - h + errors)[:, None] * gain
+        values = state.values.copy()
+        for c in cables:
+            places = self._cables[c]
+            shift = gain[places.elements] * innovation
+            places.stretch(values[None, :], self.model.numbers[None, :], shift[None, :])
+            places.stretch(spread.states, spread.numbers, change[:, places.elements])
+        deviation += change - gain * innovation
+        spread.variance[:] = (deviation**2).mean(axis=0)
+        return State(state.stamp_ns, values)
+
+    def _expected(self, stamp_ns: int, place: int) -> float | None:
+        """What was estimated for the time of a measurement; None where that is too long ago."""
+        history = self._history
+        if not history or not history[0][0] <= stamp_ns <= history[-1][0]:
+            return None
+        after = len(history) - 1
+        while after > 0 and history[after - 1][0] >= stamp_ns:
+            after -= 1
+        stamp, values = history[after]
+        if stamp == stamp_ns or after == 0:
+            return float(values[place])
+        before, earlier = history[after - 1]
+        share = (stamp_ns - before) / (stamp - before)
+        return float(earlier[place] + share * (values[place] - earlier[place]))
+
+    def _let_drift(self, name: str, stamp_ns: int, cables: list[int]) -> None:
+        """Preloads are not what they were: a random walk of every member's."""
+        passed = (stamp_ns - self._last_ns.get(name, stamp_ns)) * 1e-9
+        self._last_ns[name] = stamp_ns
+        if passed <= 0.0:
+            return
+        spread = self.spread
+        for c in cables:
+            places = self._cables[c]
+            preload = max(self.model.robot.cables[c].preload, 1.0)
+            draw = self._drift * preload * np.sqrt(passed)
+            normal = spread.generator.standard_normal(len(spread.states))
+            shift = np.outer(draw * (normal - normal.mean()), np.ones(places.count))
+            places.stretch(spread.states, spread.numbers, shift)
+            spread.deviation[:, places.elements] += shift
+            spread.deviation[:, places.pulleys] += shift[:, :1] * places.lever
+            for column, arm in places.motors:
+                spread.deviation[:, column] += arm * shift[:, 0]
+
+
+class _CablePlaces:
+    """Where one cable's values lie in states, numbers and deviations."""
+
+    def __init__(self, model: Model, c: int) -> None:
+        robot, layout, plan = model.robot, model.layout, model.plan
+        row = int(plan[mechanism.AT_CABLES]) + c * mechanism.CABLE_INDICES
+        first = int(plan[row + mechanism.FIRST_ELEMENT])
+        self.count = int(plan[row + mechanism.ELEMENT_COUNT])
+        elements = len(layout.elements)
+        self.elements = slice(first, first + self.count)
+        self.pulleys = slice(elements + first - c, elements + first - c + self.count - 1)
+        self._length = slice(1 + first, 1 + first + self.count)
+        self._material = slice(1 + elements + first, 1 + elements + first + self.count)
+        bristle = 1 + 2 * elements + first - c
+        self._bristle = slice(bristle, bristle + self.count - 1)
+        numbers = int(plan[mechanism.IN_CABLES]) + c * mechanism.CABLE_NUMBERS
+        self._stiffness = numbers + mechanism.AXIAL_STIFFNESS
+        wrap = np.array([_mean_wrap(model, first - c + k) for k in range(self.count - 1)])
+        self.lever = 2.0 * np.sin(0.5 * wrap)
+        """Force on every pulley per newton of tension [-]."""
+        motors = {motor.name: k for k, motor in enumerate(robot.motors)}
+        offset = elements + len(layout.pulleys)
+        self.motors = [
+            (
+                offset + motors[node.motor],
+                -robot.motors[motors[node.motor]].effort_sign * node.winding * node.radius,
+            )
+            for node in (robot.cables[c].nodes[0], robot.cables[c].nodes[-1])
+            if isinstance(node, Winch)
+        ]
+
+    def stretch(self, states: Table, numbers: Table, shift: Table) -> None:
+        """Move the tensions of some states by ``shift`` [N], shape (states, elements)."""
+        stiffness = numbers[:, self._stiffness, None]
+        length, material = states[:, self._length], states[:, self._material]
+        tension = stiffness * (length / material - 1.0) + shift
+        states[:, self._material] = length / (1.0 + tension / stiffness)
+        states[:, self._bristle] = np.diff(np.maximum(tension, 0.0), axis=1)
+
+
+def _mean_wrap(model: Model, pulley: int) -> float:
+    """Wrap of a pulley in the reference pose [rad]."""
+    reference = np.array([joint.reference_angle for joint in model.robot.joints])
+    return float(shape_at(model, reference).wrap[pulley])

@@ -1,0 +1,168 @@
+"""The estimator's parameters: declared with words, ranges and units; what may change, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from cdrj_ros.estimation.conditioning import MODES
+from cdrj_ros.estimation.live import LiveEstimator, Options
+from cdrj_ros.model.document import schema
+from cdrj_ros.model.errors import CdrjError, UsageError
+from cdrj_ros.model.parameters import number_at
+
+FRICTION: Final = (
+    "mu_c",
+    "mu_s",
+    "rho",
+    "bearing_friction",
+    "bristle_stiffness",
+    "viscous",
+)
+"""Keys of the robot file's common friction that may change while running."""
+
+UNSET: Final = -1.0
+"""Value of a friction parameter that leaves the robot file's."""
+
+
+def declare_text(node: Node, name: str, default: str, description: str) -> str:
+    """A text that cannot change."""
+    descriptor = ParameterDescriptor(description=description, read_only=True)
+    return str(node.declare_parameter(name, default, descriptor).value)
+
+
+def declare_flag(node: Node, name: str, default: bool, description: str) -> bool:
+    """A switch that cannot change."""
+    descriptor = ParameterDescriptor(description=description, read_only=True)
+    return bool(node.declare_parameter(name, default, descriptor).value)
+
+
+def declare_number(
+    node: Node,
+    name: str,
+    default: float,
+    low: float,
+    high: float,
+    description: str,
+    read_only: bool = False,
+) -> float:
+    """A number with its range."""
+    descriptor = ParameterDescriptor(
+        description=description,
+        read_only=read_only,
+        floating_point_range=[FloatingPointRange(from_value=low, to_value=high)],
+    )
+    return float(node.declare_parameter(name, default, descriptor).value)
+
+
+def declare_options(node: Node) -> Options:
+    """How to run.
+
+    Raises:
+        UsageError: a mode that does not exist.
+    """
+    mode = declare_text(
+        node, "conditioning", "wait", "wait for the slower topic, or predict it with its velocity"
+    )
+    if mode not in MODES:
+        raise UsageError(f"conditioning must be one of {', '.join(MODES)}, got {mode!r}")
+    return Options(
+        conditioning=mode,
+        uncertainty=declare_flag(
+            node, "uncertainty", True, "Whether to estimate standard deviations"
+        ),
+        unsure_share=declare_number(
+            node, "unsure_share", 0.1, 0.001, 10.0,
+            "An element is UNSURE whose standard deviation exceeds this share of its tension or "
+            "preload [-]",
+        ),
+        tension_sensors=declare_flag(
+            node, "tension_sensors", False, "Whether to use load cells on ~tension_sensors"
+        ),
+        track_preload=declare_flag(
+            node, "track_preload", False,
+            "Whether to correct preloads by the efforts in motor_states",
+        ),
+        effort_noise=declare_number(
+            node, "effort_noise", 0.01, 1e-6, 1e6,
+            "Standard deviation of the efforts in motor_states [N m]", read_only=True,
+        ),
+    )  # fmt: skip
+
+
+def declare_preload(node: Node) -> Sequence[float] | None:
+    """Preloads of all cables [N], or None for the robot file's."""
+    value: Any = node.declare_parameter(
+        "preload",
+        Parameter.Type.DOUBLE_ARRAY,
+        ParameterDescriptor(
+            description="Preload of every cable in the reference pose [N]; unset: the robot "
+            "file's. Setting it starts the estimate anew"
+        ),
+    ).value
+    return value or None
+
+
+def declare_friction(node: Node) -> dict[str, float]:
+    """Common friction that is given as parameters instead of in the robot file, by path."""
+    rules = schema()["$defs"]["friction"]["properties"]
+    given = {}
+    for key in FRICTION:
+        rule = rules[key]
+        value = declare_number(
+            node, f"friction.{key}", UNSET, UNSET, float(rule.get("maximum", 1e12)),
+            f"{rule['description']} Instead of the robot file's common value; {UNSET:g}: that one",
+        )  # fmt: skip
+        if value != UNSET:
+            given[f"friction.{key}"] = value
+    return given
+
+
+def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
+    """Apply changes of parameters to a running estimator, all or none.
+
+    Returns:
+        What was done, in words; empty where nothing concerns the estimator.
+
+    Raises:
+        CdrjError: what is wrong; nothing has changed then.
+    """
+    words = []
+    values: dict[str, float] = {}
+    preload: Sequence[float] | None = None
+    for change in changes:
+        if change.name.startswith("friction."):
+            value = float(change.value)
+            if value == UNSET:
+                value = number_at(dict(live.original), change.name)
+            elif value < 0.0:
+                raise UsageError(f"{change.name} must be at least 0, or {UNSET:g}; got {value:g}")
+            values[change.name] = value
+        elif change.name == "preload":
+            if change.value is None:
+                raise UsageError("preload cannot be unset while running")
+            preload = list(change.value)
+    cables = [cable.name for cable in live.model.robot.cables]
+    if preload is not None and len(preload) != len(cables):
+        raise UsageError(
+            f"preload needs {len(cables)} tensions, of {', '.join(cables)}; got {len(preload)}"
+        )
+    before = live.model
+    if values:
+        words.append(live.set_numbers(values))
+    if preload is not None:
+        try:
+            words.append(live.set_preload(dict(zip(cables, preload, strict=True))))
+        except CdrjError:
+            if values:
+                live.use(before)
+            raise
+    for change in changes:
+        if change.name == "unsure_share":
+            live.set_unsure_share(float(change.value))
+            words.append(f"unsure_share = {change.value:g}")
+    return "; ".join(words)
