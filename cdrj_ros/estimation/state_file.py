@@ -82,7 +82,7 @@ def read_state(live: LiveEstimator, path: Path) -> str:
     try:
         if path.stat().st_size > MAXIMUM_BYTES:
             raise StateFileError(f"{path} is too large for a state file")
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
         return ""
