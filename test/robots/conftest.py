@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +127,7 @@ def smooth(duration: float, *points: float) -> np.ndarray:
     """Rest, then from point to point with rest in between, no jump of speed."""
     leg = np.arange(round(duration * RATE)) / (duration * RATE)
     ease = leg * leg * (3.0 - 2.0 * leg)
-    parts = [a + (b - a) * ease for a, b in zip(points, points[1:], strict=False)]
+    parts = [a + (b - a) * ease for a, b in pairwise(points)]
     return np.concatenate([*parts, points[-1:]])
 
 

@@ -47,7 +47,7 @@ def lift(
         "height": height,
         "tension": values[:, model.layout.tension],
         "force": values[:, model.layout.joint_effort][:, 0],
-        "torque": values[:, model.layout.motor_effort][:, 0],
+        "torque": -values[:, model.layout.motor_effort][:, 0],  # the rope unwinds the drum
         "raising": np.arange(third + 50, 2 * third - 10),
         "lowering": np.arange(2 * third + 50, 3 * third - 10),
     }
