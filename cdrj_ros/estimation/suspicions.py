@@ -20,6 +20,9 @@ from cdrj_ros.model.robot import Anchor, Cable, Pulley, Robot, Winch
 NARROW_WRAP: Final = 2.0 * pi / 180.0
 """A cable that wraps less than this is about to leave its pulley [rad]."""
 
+WRONG_SENSE: Final = 1.5 * pi
+"""Wrap of a pulley given by its position, beyond which its sense of turning is doubtful [rad]."""
+
 SHORTEST_SHARE: Final = 0.1
 """Of its longest span, to which an element should not shrink [-]."""
 
@@ -89,6 +92,12 @@ def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspici
                 pulley.name,
                 f"the wrap falls to {degrees(wrap.low):.1f}°{_at(robot, wrap.low_at)}: the cable "
                 "is about to leave the pulley",
+            )
+        if cable.routed and WRONG_SENSE < wrap.high <= 2.0 * pi:
+            yield Suspicion(
+                pulley.name,
+                f"the wrap grows to {degrees(wrap.high):.0f}°{_at(robot, wrap.high_at)}: is turn "
+                "the other way round?",
             )
         if wrap.high > 2.0 * pi:
             yield Suspicion(

@@ -254,7 +254,7 @@ def _draw_placed(
                 alpha=1.0 if bold else GHOST, zorder=5 if bold else 3,
                 solid_joinstyle="round", solid_capstyle="round",
             )  # fmt: skip
-            _draw_nodes(axes, robot.cables[c], pose, _colour(c), bold)
+            _draw_nodes(axes, robot.cables[c], pose, line, _colour(c), bold)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.04)
     axes.autoscale_view()
@@ -324,11 +324,13 @@ def _hull(points: Sequence[tuple[float, float]]) -> Points:
     return np.array([*half(ordered), *half(ordered[::-1])] or ordered)
 
 
-def _draw_nodes(axes: Axes, cable: Cable, pose: Pose, colour: str, bold: bool) -> None:
-    base_only = not bold
+def _draw_nodes(
+    axes: Axes, cable: Cable, pose: Pose, line: Points, colour: str, bold: bool
+) -> None:
+    ends = (line[0].tolist(), line[-1].tolist())
     for node in cable.nodes:
         assert node.place is not None
-        if base_only and node.place.frame == "base":
+        if not bold and node.place.frame == "base":
             continue  # it has not moved
         x, y = centre_of(pose, node.place)
         alpha = 1.0 if bold else GHOST
@@ -344,10 +346,12 @@ def _draw_nodes(axes: Axes, cable: Cable, pose: Pose, colour: str, bold: bool) -
                 Circle((x, y), 0.35 * node.radius, facecolor=INK, alpha=alpha, zorder=zorder)
             )
         elif isinstance(node, Anchor):
-            if node.radius > 0.0:
+            if node.radius > 0.0:  # a sector: the square where the cable comes to lie on it
+                x, y = ends[0 if node is cable.nodes[0] else 1]
                 axes.add_patch(
                     Circle(
-                        (x, y), node.radius, fill=False, edgecolor=colour, linewidth=1.2,
+                        centre_of(pose, node.place), node.radius, fill=False, edgecolor=colour,
+                        linewidth=1.2,
                         linestyle=(0, (2, 2)), alpha=alpha, zorder=zorder,
                     )
                 )  # fmt: skip
