@@ -70,6 +70,7 @@ def draw_robot(inspection: Inspection, size: tuple[float, float] | None = None) 
     Args:
         inspection: of ``cdrj_ros.estimation.inspection``.
         size: width and height [px]; one unit of the drawing is one pixel.  Default: what fits it.
+            Below some 600 px labels of long cables come to lie on each other.
     """
     robot = inspection.model.robot
     placed = [c for c, cable in enumerate(robot.cables) if cable.routed]
@@ -91,7 +92,7 @@ def draw_robot(inspection: Inspection, size: tuple[float, float] | None = None) 
         axes = _axes(figure, (64.0, below + 46.0, width - 78.0, height - below - 46.0 - head))
         _draw_placed(axes, inspection, placed, handles, columns)
         figure.text(
-            16.0 / width, 1.0 - _TITLE / height, _poses_text(robot), fontsize=FONT_SIZE - 1,
+            16.0 / width, 1.0 - _TITLE / height, _poses_text(robot, width), fontsize=FONT_SIZE - 1,
             color=MUTED, va="top", parse_math=False,
         )  # fmt: skip
     if unrolled:
@@ -425,7 +426,9 @@ def _dress(axes: Axes, handles: list[Line2D], columns: int) -> None:
     axes.tick_params(length=3, color=RULE, labelsize=FONT_SIZE - 1, labelcolor=MUTED)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-        axis.set_major_formatter(lambda value, _: f"{1e3 * value:.0f}".replace("-", "\u2212"))
+        axis.set_major_formatter(
+            lambda value, _: f"{1e3 * value:.0f}".replace("-", "\N{MINUS SIGN}")
+        )
     axes.set_xlabel("x [mm]", fontsize=FONT_SIZE, color=MUTED)
     axes.set_ylabel("y [mm]", fontsize=FONT_SIZE, color=MUTED)
     legend = axes.legend(
@@ -437,19 +440,20 @@ def _dress(axes: Axes, handles: list[Line2D], columns: int) -> None:
         text.set_parse_math(False)
 
 
-def _poses_text(robot: Robot) -> str:
+def _poses_text(robot: Robot, width: float) -> str:
+    """What is drawn faded, as far as there is room [px] to say it."""
     positions = prismatic_joints(robot)
     ranges = [
         f"{joint.name} {joint.lower:g} to {joint.upper:g} m"
         if joint.name in positions
-        else f"{joint.name} {degrees(joint.lower):g} to {degrees(joint.upper):g}°"
+        else f"{joint.name} {degrees(joint.lower):.4g} to {degrees(joint.upper):.4g}°"
         for joint in robot.joints
     ]
-    return (
-        "reference pose; faded: " + ", ".join(ranges).replace("-", "\u2212")
-        if ranges
-        else "reference pose"
-    )
+    if not ranges:
+        return "reference pose"
+    text = "reference pose; faded: " + ", ".join(ranges).replace("-", "\N{MINUS SIGN}")
+    fits = 0.55 * FONT_SIZE * len(text) < width - 32.0
+    return text if fits else "reference pose; faded: ends of the joint ranges"
 
 
 # --- by spans -------------------------------------------------------------------------------------
@@ -485,11 +489,12 @@ def _draw_unrolled(axes: Axes, inspection: Inspection, cables: Sequence[int]) ->
         )  # fmt: skip
         _unrolled_elements(axes, check, x, y, _colour(c))
         _unrolled_nodes(axes, robot.cables[c], check, x, y, _colour(c))
-    note = "unrolled; below the line free spans [mm]" + (
-        ", to scale" if to_scale else ", short ones drawn longer"
-    )
+    scale = ", to scale" if to_scale else ", short ones drawn longer"
+    note = f"unrolled; below the line free spans [mm]{scale}; above it wrap angles"
+    if 0.55 * FONT_SIZE * len(note) > box.width:
+        note = "unrolled; free spans [mm], wrap angles"
     axes.text(
-        box.width, box.height + 18.0, note + "; above it wrap angles", fontsize=FONT_SIZE - 1,
+        box.width, box.height + 18.0, note, fontsize=FONT_SIZE - 1,
         color=MUTED, ha="right",
     )  # fmt: skip
 

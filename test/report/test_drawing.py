@@ -141,6 +141,14 @@ def test_a_picture_has_the_size_that_was_asked_for(inspections: dict[str, Inspec
     np.testing.assert_allclose(72.0 * figure.get_size_inches(), [390.0, 300.0])
 
 
+def test_ranges_are_named_where_there_is_room(inspections: dict[str, Inspection]) -> None:
+    (wide,) = (text for text in texts(draw_robot(inspections["parallel"])) if "faded" in text)
+    assert "phi \N{MINUS SIGN}12 to 12°" in wide
+    small = draw_robot(inspections["parallel"], (390.0, 300.0))
+    (narrow,) = (text for text in texts(small) if "faded" in text)
+    assert len(narrow) < len(wide)
+
+
 def test_a_robot_of_both_kinds_shows_both() -> None:
     text = MIXED.replace("mixed_$cables$", "mixed")
     figure = draw_robot(inspect_robot(prepare(parse_robot(text))))
