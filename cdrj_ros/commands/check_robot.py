@@ -1,0 +1,320 @@
+"""``check_robot``: is a robot file right, what do its cables do, and what looks odd about them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from math import degrees, isfinite, pi
+from typing import TYPE_CHECKING, Any, Final
+
+from cdrj_ros.commands.shared import DONE, load_model, run_command
+from cdrj_ros.estimation.inspection import (
+    CableCheck,
+    Extent,
+    Inspection,
+    inspect_robot,
+    pose_text,
+    prismatic_joints,
+)
+from cdrj_ros.estimation.suspicions import Suspicion, find_suspicions
+from cdrj_ros.model.errors import UsageError
+from cdrj_ros.model.robot import Robot
+from cdrj_ros.model.robot_file import load_document
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+LEAST_WIDTH: Final = 132
+"""Columns of a table, even where the terminal has fewer: nothing is cut off."""
+
+
+def _body(argv: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(prog="check_robot", description=__doc__.split(": ", 1)[1])
+    parser.add_argument("robot", metavar="ROBOT", help="robot file (YAML), or an installed one")
+    parser.add_argument(
+        "--preload", metavar="N,N,...", help="preload of every cable [N] (default: the file's)"
+    )
+    parser.add_argument(
+        "--load", action="append", default=[], metavar="JOINT=EFFORT",
+        help="effort that the cables must exert on a joint in every pose [N m], or [N] for a "
+        "prismatic joint; repeatable",
+    )  # fmt: skip
+    parser.add_argument("--png", metavar="FILE", help="draw the cables")
+    parser.add_argument("--json", metavar="FILE", help="write the same as JSON; - for the terminal")
+    arguments = parser.parse_args(argv)
+    model = load_model(arguments.robot, arguments.preload)
+    inspection = inspect_robot(model, _loads(arguments.load))
+    suspicions = find_suspicions(inspection, _moduli(model.robot))
+    if arguments.json == "-":
+        print(_json_text(inspection, suspicions), end="")
+    else:
+        _print(inspection, suspicions)
+    if arguments.json and arguments.json != "-":
+        from cdrj_ros.report.files import write_text
+
+        write_text(arguments.json, _json_text(inspection, suspicions))
+        print(f"figures: {arguments.json}")
+    if arguments.png:
+        from cdrj_ros.report.drawing import draw_robot, write_png
+
+        write_png(draw_robot(inspection), arguments.png)
+        print(f"drawing: {arguments.png}", file=sys.stderr if arguments.json == "-" else None)
+    return DONE
+
+
+def _loads(entries: Sequence[str]) -> dict[str, float]:
+    loads = {}
+    for entry in (one for several in entries for one in several.split(",")):
+        name, equals, value = entry.partition("=")
+        try:
+            effort = float(value)
+        except ValueError:
+            effort = float("nan")
+        if not (name and equals and isfinite(effort)):
+            raise UsageError(f"--load must be JOINT=EFFORT with a number, got {entry!r}")
+        if name in loads:
+            raise UsageError(f"--load gives {name} twice")
+        loads[name] = effort
+    return loads
+
+
+def _moduli(robot: Robot) -> dict[str, float]:
+    """Young's modulus of the cables for which the file gives one [Pa]."""
+    document, _ = load_document(robot.source)
+    return {
+        cable["name"]: float(cable["youngs_modulus"])
+        for cable in document["cables"]
+        if "youngs_modulus" in cable
+    }
+
+
+# --- for people -----------------------------------------------------------------------------------
+
+
+def _print(inspection: Inspection, suspicions: Sequence[Suspicion]) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False, soft_wrap=True)
+    wide = Console(highlight=False, width=max(console.width, LEAST_WIDTH))
+    robot = inspection.model.robot
+    console.print(Text(_headline(inspection), style="bold"))
+    for motor in inspection.motors:
+        turns = motor.angle.width / (2.0 * pi)
+        console.print(Text(f"motor {motor.name}: {turns:.2f} turns to follow the joints"))
+    for cable in inspection.cables:
+        console.print()
+        wide.print(_table(inspection, cable))
+        for fact in _facts(inspection, cable):
+            console.print(Text(f"  {fact}"))
+    console.print()
+    grave = [suspicion for suspicion in suspicions if suspicion.grave]
+    remarks = [suspicion for suspicion in suspicions if not suspicion.grave]
+    if not grave:
+        console.print(Text(f"{robot.name}: nothing suspicious", style="green"))
+    for title, style, entries in (
+        ("suspicious", "bold yellow", grave),
+        ("good to know", "bold", remarks),
+    ):
+        if entries:
+            console.print(Text(f"{title}:", style=style))
+        for entry in entries:
+            line = Text("  ")
+            line.append(entry.where, style="bold").append(f": {entry.text}")
+            console.print(line)
+
+
+def _headline(inspection: Inspection) -> str:
+    robot = inspection.model.robot
+    layout = inspection.model.layout
+
+    def count(number: int, word: str) -> str:
+        return f"{number} {word}" + ("" if number == 1 else "s")
+
+    parts = [
+        count(len(robot.motors), "motor"),
+        count(len(robot.joints), "joint"),
+        count(len(robot.cables), "cable"),
+        count(len(layout.elements), "element"),
+        count(len(layout.pulleys), "pulley"),
+    ]
+    loads = "".join(
+        f", load {value:g} {'N' if name in prismatic_joints(robot) else 'N m'} on {name}"
+        for name, value in inspection.loads.items()
+    )
+    return f"{robot.name}: {', '.join(parts)}; {len(inspection.poses)} poses{loads}"
+
+
+def _table(inspection: Inspection, cable: CableCheck) -> Table:
+    """Elements and pulleys in the order in which the cable meets them."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text  # as markup, [mm] would be taken for a style
+
+    robot = inspection.model.robot
+    table = Table(
+        title=cable.name, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
+        pad_edge=False,
+    )  # fmt: skip
+    table.add_column("")
+    table.add_column(Text("length [mm]"), justify="right", no_wrap=True)
+    for joint in robot.joints:
+        unit = "-" if joint.name in prismatic_joints(robot) else "mm"
+        table.add_column(Text(f"arm {joint.name} [{unit}]"), justify="right", no_wrap=True)
+    for heading in ("wrap [°]", "η at rest", "η sliding", "passes [mm]"):
+        table.add_column(Text(heading), justify="right", no_wrap=True)
+    blank = [""] * (1 + len(robot.joints))
+    for k, element in enumerate(cable.elements):
+        arms = _arms(robot, element.moment_arm)
+        table.add_row(f"element {k + 1}", _shown(element.length, 1e3, 1), *arms)
+        if k < len(cable.pulleys):
+            pulley = cable.pulleys[k]
+            table.add_row(
+                f"pulley {k + 2}",
+                *blank,
+                _shown(pulley.wrap, 180.0 / pi, 1),
+                _shown(pulley.transmission_at_rest, 1.0, 3),
+                _shown(pulley.transmission_sliding, 1.0, 3),
+                f"{1e3 * pulley.passing:.2f}",
+                style="dim",
+            )
+    table.add_section()
+    table.add_row(
+        "whole cable",
+        _shown(cable.length, 1e3, 1),
+        *_arms(robot, cable.moment_arm),
+        "",
+        _shown(cable.transmission_at_rest, 1.0, 3),
+        _shown(cable.transmission_sliding, 1.0, 3),
+        "",
+        style="bold",
+    )
+    return table
+
+
+def _arms(robot: Robot, arms: Sequence[Extent]) -> list[str]:
+    positions = prismatic_joints(robot)
+    return [
+        _shown(arm, 1.0, 3) if joint.name in positions else _shown(arm, 1e3, 2)
+        for joint, arm in zip(robot.joints, arms, strict=True)
+    ]
+
+
+def _shown(extent: Extent, factor: float, decimals: int) -> str:
+    """``40.9`` or ``0.6 … 78.5``."""
+    low, high = (f"{factor * value + 0.0:.{decimals}f}" for value in (extent.low, extent.high))
+    zero = f"{0.0:.{decimals}f}"
+    low, high = (zero if text == f"-{zero}" else text for text in (low, high))
+    return low if low == high else f"{low} … {high}"
+
+
+def _facts(inspection: Inspection, check: CableCheck) -> Iterator[str]:
+    robot = inspection.model.robot
+    cable = next(cable for cable in robot.cables if cable.name == check.name)
+    yield (
+        f"EA {cable.axial_stiffness:.4g} N, {1e-3 * check.stiffness:.3g} N/mm, "
+        f"preload {cable.preload:g} N, law {cable.law}"
+    )
+    limit = f"; max_tension {cable.maximum_tension:g} N" if isfinite(cable.maximum_tension) else ""
+    loaded = "under the load" if inspection.loads else "when the motors follow"
+    where = pose_text(robot, check.worst.high_at)
+    yield (
+        f"tension {loaded}: {_shown(check.followed, 1.0, 2)} N; worst {check.worst.high:.4g} N, at "
+        f"the pulling end with every pulley slipping{f' ({where})' if where else ''}{limit}"
+    )
+    still = [
+        f"{joint.name} moved by {1e3 * way:.2f} mm"
+        if joint.name in prismatic_joints(robot)
+        else f"{joint.name} turned by {degrees(way):.2f}°"
+        for joint, way in zip(robot.joints, check.slack_after, strict=True)
+        if isfinite(way)
+    ]
+    if still and cable.preload > 0.0:
+        yield f"with the motors still its preload is gone with {' or '.join(still)}"
+
+
+# --- for programs ---------------------------------------------------------------------------------
+
+
+def _json_text(inspection: Inspection, suspicions: Sequence[Suspicion]) -> str:
+    document = _document(inspection, suspicions)
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _document(inspection: Inspection, suspicions: Sequence[Suspicion]) -> dict[str, Any]:
+    """Everything that is printed, in SI units; ``null`` for what has no value."""
+    robot = inspection.model.robot
+    names = inspection.model.layout.joints
+
+    def extent(values: Extent) -> dict[str, Any]:
+        return {
+            "low": values.low,
+            "high": values.high,
+            "low_at": dict(zip(names, values.low_at, strict=True)),
+            "high_at": dict(zip(names, values.high_at, strict=True)),
+        }
+
+    def by_joint(values: Sequence[Any]) -> dict[str, Any]:
+        return dict(zip(names, values, strict=True))
+
+    cables = []
+    for cable, check in zip(robot.cables, inspection.cables, strict=True):
+        cables.append(
+            {
+                "name": check.name,
+                "axial_stiffness": cable.axial_stiffness,
+                "preload": cable.preload,
+                "max_tension": cable.maximum_tension if isfinite(cable.maximum_tension) else None,
+                "law": cable.law,
+                "length": extent(check.length),
+                "stiffness": check.stiffness,
+                "moment_arm": by_joint([extent(arm) for arm in check.moment_arm]),
+                "transmission_at_rest": extent(check.transmission_at_rest),
+                "transmission_sliding": extent(check.transmission_sliding),
+                "tension": extent(check.followed),
+                "worst_tension": extent(check.worst),
+                "slack_after": by_joint(
+                    [way if isfinite(way) else None for way in check.slack_after]
+                ),
+                "elements": [
+                    {
+                        "name": element.name,
+                        "length": extent(element.length),
+                        "span": extent(element.span),
+                        "moment_arm": by_joint([extent(arm) for arm in element.moment_arm]),
+                    }
+                    for element in check.elements
+                ],
+                "pulleys": [
+                    {
+                        "name": pulley.name,
+                        "wrap_angle": extent(pulley.wrap),
+                        "transmission_at_rest": extent(pulley.transmission_at_rest),
+                        "transmission_sliding": extent(pulley.transmission_sliding),
+                        "passing": pulley.passing,
+                        "needed_to_slip": pulley.needed,
+                    }
+                    for pulley in check.pulleys
+                ],
+            }
+        )
+    return {
+        "robot": robot.name,
+        "source": robot.source,
+        "poses": len(inspection.poses),
+        "loads": dict(inspection.loads),
+        "motors": [
+            {"name": motor.name, "angle": extent(motor.angle)} for motor in inspection.motors
+        ],
+        "cables": cables,
+        "suspicions": [
+            {"where": entry.where, "text": entry.text, "grave": entry.grave} for entry in suspicions
+        ],
+    }
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return run_command("check_robot", _body, argv)

@@ -1,0 +1,277 @@
+"""check_robot as a user runs it, and what it finds suspicious."""
+
+from __future__ import annotations
+
+import json
+from math import exp, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.commands import check_robot
+from cdrj_ros.estimation.inspection import inspect_robot, transmissions
+from cdrj_ros.estimation.suspicions import Suspicion, find_suspicions
+from cdrj_ros.model.friction import bearing_transmission, sliding_transmission
+from cdrj_ros.model.plan import prepare
+from cdrj_ros.model.robot_file import load_robot, parse_robot
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
+PROTOTYPE = (ROBOTS / "prototype.yaml").read_text("utf-8")
+
+PLAIN = """\
+name: plain
+motors: [{name: m}]
+joints: [{name: q, range: [-0.5, 0.5]}]
+friction: {mu_c: 0.1, rho: 0.2, bearing_friction: 0.005}
+cables:
+  - name: a
+    youngs_modulus_gpa: 100
+    diameter_mm: 1
+    preload: 20
+    max_tension: 300
+    nodes:
+      - {type: winch, motor: m, winding: 1, radius: 0.01}
+      - {type: pulley, radius: 0.02, bearing_diameter: 0.01, wrap_angle: 1.5}
+      - {type: anchor}
+    spans: [0.5, {joint: q, offset: 0.4, slope: -0.02}]
+  - name: b
+    youngs_modulus_gpa: 100
+    diameter_mm: 1
+    preload: 20
+    max_tension: 300
+    nodes:
+      - {type: winch, motor: m, winding: -1, radius: 0.01}
+      - {type: pulley, radius: 0.02, bearing_diameter: 0.01, wrap_angle: 1.5}
+      - {type: anchor}
+    spans: [0.5, {joint: q, offset: 0.4, slope: 0.02}]
+"""
+
+
+def found(
+    text: str, loads: dict[str, float] | None = None, **moduli: float
+) -> tuple[Suspicion, ...]:
+    return find_suspicions(inspect_robot(prepare(parse_robot(text)), loads), moduli)
+
+
+def written(path: Path) -> dict[str, Any]:
+    def refuse(text: str) -> float:
+        raise AssertionError(f"{text} is no JSON number")
+
+    document: dict[str, Any] = json.loads(path.read_text(), parse_constant=refuse)
+    return document
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_robot_is_checked_drawn_and_written(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    png, out = tmp_path / "robot.png", tmp_path / "robot.json"
+    arguments = [str(ROBOTS / f"{name}.yaml"), "--png", str(png), "--json", str(out)]
+    assert check_robot.main(arguments) == 0
+    printed = capsys.readouterr().out
+    robot = load_robot(ROBOTS / f"{name}.yaml")
+    for cable in robot.cables:
+        assert cable.name in printed
+    for heading in ("length [mm]", "wrap [°]", "η at rest", "passes [mm]"):
+        assert heading in printed, heading
+    assert png.read_bytes().startswith(b"\x89PNG")
+    document = written(out)
+    assert document["robot"] == name
+    assert [cable["name"] for cable in document["cables"]] == [c.name for c in robot.cables]
+    for entry in document["suspicions"]:
+        assert entry["text"] in printed
+
+
+def test_an_installed_robot_is_found_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check_robot.main(["hoist", "--load", "load=500"]) == 0
+    assert "load 500 N on load" in capsys.readouterr().out
+
+
+def test_json_alone_goes_to_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check_robot.main(["finger", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["robot"] == "finger"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["no_such_robot"], ["no_such_robot"]),
+        (["hoist", "--load", "load"], ["--load", "JOINT=EFFORT"]),
+        (["hoist", "--load", "load=much"], ["--load", "much"]),
+        (["hoist", "--load", "elbow=3"], ["elbow", "load"]),
+        (["hoist", "--load", "load=3,load=4"], ["twice"]),
+        (["prototype", "--preload", "3"], ["preload", "2"]),
+    ],
+)
+def test_a_wrong_command_line_is_one_line_and_exit_code_2(
+    arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check_robot.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert len(error.strip().splitlines()) == 1
+    assert all(word in error for word in words), error
+
+
+def test_a_wrong_file_is_one_line_that_names_the_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(PROTOTYPE.replace("mu_c: 0.15", "mu_c: -0.15"))
+    assert check_robot.main([str(robot)]) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("check_robot: friction.mu_c must be at least 0, got -0.15")
+    assert "\n" not in error
+
+
+def test_the_prototypes_transmissions_are_those_of_the_tables() -> None:
+    inspection = inspect_robot(prepare(load_robot(ROBOTS / "prototype.yaml")))
+    wraps = [40.9, 105.4, 32.1, 57.7, 78.5, 180.0, 90.0]
+    radii = [11.0, 11.0, 11.0, 6.5, 4.5, 4.5, 4.5]
+    bearings = [10.0, 10.0, 10.0, 6.0, 5.0, 5.0, 5.0]
+    for cable in inspection.cables:
+        for pulley, wrap, radius, bearing in zip(
+            cable.pulleys, map(radians, wraps), radii, bearings, strict=True
+        ):
+            rolling = 0.8 * bearing_transmission(wrap, 0.01 * bearing / radius)
+            for speed, extent in (
+                (0.0, pulley.transmission_at_rest),
+                (100.0, pulley.transmission_sliding),
+            ):
+                sliding = 0.2 * sliding_transmission(speed, 0.15, 0.20, 0.05, wrap, 0)
+                assert extent.low == pytest.approx(sliding + rolling, abs=1e-12)
+        product = np.prod([pulley.transmission_at_rest.low for pulley in cable.pulleys])
+        assert cable.transmission_at_rest.low == pytest.approx(product)
+        assert cable.worst.high == pytest.approx(cable.followed.high / product)
+
+
+def test_the_laws_without_static_or_bearing_friction_are_known() -> None:
+    robot = parse_robot(PLAIN.replace("mu_c: 0.1,", "mu_c: 0.1, law: euler,"))
+    eta = transmissions(robot.cables[0], robot.cables[0].pulleys[0], 1.5)
+    assert eta == pytest.approx((exp(-0.15), exp(-0.15)))
+    robot = parse_robot(PLAIN.replace("mu_c: 0.1,", "mu_c: 0.1, law: none,"))
+    assert transmissions(robot.cables[0], robot.cables[0].pulleys[0], 1.5) == (1.0, 1.0)
+
+
+def test_the_worst_tension_of_the_hoist_is_the_textbooks() -> None:
+    inspection = inspect_robot(prepare(load_robot(ROBOTS / "hoist.yaml")), {"load": 500.0})
+    (rope,) = inspection.cables
+    assert (rope.followed.low, rope.followed.high) == pytest.approx((125.0, 125.0))
+    eta = (30.0 - 0.6) / (30.0 + 0.6)
+    assert rope.worst.high == pytest.approx(125.0 / eta**4)
+
+
+def test_a_load_is_carried_by_the_cable_that_pulls_its_way() -> None:
+    inspection = inspect_robot(prepare(parse_robot(PLAIN)), {"q": 0.3})
+    a, b = inspection.cables
+    difference = 0.3 / 0.02
+    assert a.followed.high == pytest.approx(20.0 + difference / 2, rel=1e-3)
+    assert b.followed.low == pytest.approx(20.0 - difference / 2, rel=1e-3)
+
+
+def test_preloads_are_gone_after_the_motion_that_stretches_them_away() -> None:
+    inspection = inspect_robot(prepare(parse_robot(PLAIN)))
+    cable = inspection.cables[0]
+    assert cable.slack_after[0] == pytest.approx(20.0 / (cable.stiffness * 0.02))
+
+
+def test_cable_passes_a_pulley_by_what_the_elements_behind_it_change() -> None:
+    inspection = inspect_robot(prepare(parse_robot(PLAIN)))
+    assert inspection.cables[0].pulleys[0].passing == pytest.approx(0.02)
+    assert inspection.motors[0].angle.width == pytest.approx(2.0)
+
+
+def test_nothing_is_suspicious_about_a_plain_robot() -> None:
+    assert found(PLAIN) == ()
+
+
+WINCH_B = "- {type: winch, motor: m, winding: -1, radius: 0.01}"
+JOINT = "{name: q, range: [-0.5, 0.5]}"
+STATIC = "mu_c: 0.1, law: euler, mu_s: 0.2, stribeck_speed: 0.1"
+FIRST_SPANS = "spans: [0.5, {joint: q, offset: 0.4, slope: -0.02}]"
+
+ODD = [
+    ("wrap_angle: 1.5}", "wrap_angle: {joint: q, offset: 0.51, slope: 1}}",
+     "a/2", "about to leave"),
+    ("wrap_angle: 1.5}", "wrap_angle: 6.5}", "a/2", "a whole turn"),
+    ("offset: 0.4, slope: -0.02", "offset: 0.021, slope: -0.04", "a/2", "free span shrinks"),
+    (FIRST_SPANS, "spans: [{joint: q, offset: 0.5, slope: -0.02}, 0.4]",
+     "a/2", "slips only as the tension changes"),
+    ("mu_c: 0.1", STATIC, "a/2", "mu_s = 0.2 is without effect"),
+    ("mu_c: 0.1,", "mu_c: 0.1, stribeck_speed: 0.1,", "a/2", "stribeck_speed is without effect"),
+    ("rho: 0.2, ", "", "a/2", "rho is 1"),
+    ("rho: 0.2", "rho: 0", "a/2", "mu_c = 0.1 is without effect"),
+    ("bearing_diameter: 0.01, ", "", "a/2", "bearing_diameter is 0"),
+    ("mu_c: 0.1, rho: 0.2, bearing_friction: 0.005", "rho: 0.2", "a/2", "no friction at all"),
+    ("offset: 0.4, slope: -0.02", "angle: [-0.5, 0, 0.5], value: [0.4, 0.39, 0.4]",
+     "a", "changes sign"),
+    (JOINT, "{name: q, range: [-18, 18]}", "m", "turns over the joint range"),
+    ("mu_c: 0.1, rho: 0.2", "mu_c: 0.9, rho: 0.9", "a", "of the tension"),
+    ("winding: -1", "winding: 1", "b", "even as the motors follow"),
+    (WINCH_B, "- {type: anchor}", "b", "has no winch"),
+    ("max_tension: 300", "max_tension: 20", "a", "above max_tension"),
+    ("    max_tension: 300\n", "", "a", "no max_tension"),
+    ("diameter_mm: 1", "diameter_mm: 0.05", "a", "stretches it by"),
+    ("{name: m}", "{name: m}, {name: idle}", "idle", "moves no cable"),
+    (JOINT, f"{JOINT}, {{name: idle, range: [0, 1]}}", "idle", "not moved by any cable"),
+    ("[{name: m}]", "[{name: m, effort_sign: -1}]", "m", "effort_sign is -1"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "where", "words"), ODD, ids=[one[3] for one in ODD])
+def test_what_is_odd_is_said(old: str, new: str, where: str, words: str) -> None:
+    assert old in PLAIN
+    suspicions = found(PLAIN.replace(old, new, 1))
+    matching = [one for one in suspicions if words in one.text]
+    assert where in [one.where for one in matching], suspicions
+    assert all("\n" not in one.text for one in suspicions)
+
+
+def test_a_modulus_that_no_cable_has_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(PLAIN.replace("youngs_modulus_gpa: 100", "youngs_modulus_gpa: 2000", 1))
+    assert check_robot.main([str(robot)]) == 0
+    printed = capsys.readouterr().out
+    assert "a: youngs_modulus is 2e+03 GPa" in printed
+    assert "b: youngs_modulus" not in printed
+
+
+def test_a_load_that_only_a_pushing_cable_would_balance_is_said() -> None:
+    one = find_suspicions(
+        inspect_robot(prepare(load_robot(ROBOTS / "hoist.yaml")), {"load": -50.0})
+    )
+    assert any("no tensions of at least 0 N" in entry.text for entry in one)
+
+
+def test_windings_that_contradict_the_senses_are_said() -> None:
+    text = (ROBOTS / "prototype_positions.yaml").read_text("utf-8")
+    assert not any("contradict" in entry.text for entry in found(text))
+    wrong = text.replace("winding: -1", "winding: 1")
+    assert any(
+        entry.where == "winch" and "contradict" in entry.text and entry.grave
+        for entry in found(wrong)
+    )
+
+
+def test_a_dead_point_of_all_cables_is_said() -> None:
+    dead = PLAIN
+    for slope in ("-0.02", "0.02"):
+        dead = dead.replace(
+            f"offset: 0.4, slope: {slope}", "angle: [-0.5, 0, 0.5], value: [0.4, 0.39, 0.4]"
+        )
+    (loose,) = (one for one in found(dead) if "without changing any cable's length" in one.text)
+    assert loose.where == "q"
+    assert "at q = 0.0°" in loose.text
+    assert loose.grave
+
+
+def test_the_grave_comes_first() -> None:
+    suspicions = found(PROTOTYPE)
+    order = [entry.grave for entry in suspicions]
+    assert order == sorted(order, reverse=True)
+    assert True in order
+    assert False in order

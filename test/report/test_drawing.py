@@ -1,0 +1,168 @@
+"""What is drawn is what the geometry says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib.colors as mcolors
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from cdrj_ros.estimation.inspection import Inspection, inspect_robot
+from cdrj_ros.model.plan import prepare
+from cdrj_ros.model.robot_file import load_robot, parse_robot
+from cdrj_ros.report.drawing import cable_line, draw_robot, pose_of, write_png
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
+PLACED = ["finger", "hoist", "parallel", "prototype_positions"]
+
+MIXED = """\
+name: mixed_$cables$
+motors: [{name: m}]
+joints: [{name: q, range: [-0.5, 0.5]}]
+frames: [{name: arm, motion: revolute, joint: q, origin: [1, 0]}]
+cables:
+  - name: by_spans
+    axial_stiffness: 1000
+    preload: 5
+    nodes:
+      - {type: winch, motor: m, winding: 1, radius: 0.01}
+      - {type: pulley, radius: 0.02, wrap_angle: 1.5}
+      - {type: anchor}
+    spans: [0.5, {joint: q, offset: 0.4, slope: 0.1}]
+  - name: by_positions
+    axial_stiffness: 1000
+    preload: 5
+    nodes:
+      - {type: winch, motor: m, winding: -1, radius: 0.05, position: [0, 0], turn: ccw}
+      - {type: pulley, radius: 0.04, position: [0.5, 0.3], turn: cw}
+      - {type: anchor, radius: 0.1, frame: arm, position: [0, 0], turn: cw}
+"""
+
+
+@pytest.fixture(scope="module")
+def inspections() -> dict[str, Inspection]:
+    return {name: inspect_robot(prepare(load_robot(ROBOTS / f"{name}.yaml"))) for name in NAMES}
+
+
+def texts(figure: Figure) -> list[str]:
+    found = [text.get_text() for text in figure.texts]
+    for axes in figure.axes:
+        found += [text.get_text() for text in axes.texts]
+        legend = axes.get_legend()
+        found += [text.get_text() for text in legend.get_texts()] if legend else []
+    return found
+
+
+@pytest.mark.parametrize("name", PLACED)
+def test_the_drawn_line_is_as_long_as_the_cable(
+    name: str, inspections: dict[str, Inspection]
+) -> None:
+    inspection = inspections[name]
+    model = inspection.model
+    begin = pose_of(inspection, inspection.poses[0])
+    for angle in inspection.poses[:: max(1, len(inspection.poses) // 7)]:
+        pose = pose_of(inspection, angle)
+        element = 0
+        for c, cable in enumerate(model.robot.cables):
+            part = slice(element, element + len(cable.nodes) - 1)
+            element = part.stop
+            drawn = [
+                np.hypot(*np.diff(cable_line(inspection, at, c), axis=0).T).sum()
+                for at in (begin, pose)
+            ]
+            # what a drum takes up as the first element turns is counted, and not drawn
+            first = [at.shape.direction[part.start] for at in (begin, pose)]
+            turned = np.arctan2(
+                first[0][0] * first[1][1] - first[0][1] * first[1][0], first[0] @ first[1]
+            )
+            winch = cable.nodes[0]
+            assert winch.place is not None
+            on_drum = winch.place.turn * winch.radius * turned
+            change = pose.shape.length[part].sum() - begin.shape.length[part].sum()
+            assert drawn[1] - drawn[0] == pytest.approx(change - on_drum, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", PLACED)
+def test_the_line_leaves_every_pulley_along_its_tangent(
+    name: str, inspections: dict[str, Inspection]
+) -> None:
+    inspection = inspections[name]
+    pose = pose_of(inspection, inspection.poses[-1])
+    for c in range(len(inspection.cables)):
+        steps = np.diff(cable_line(inspection, pose, c), axis=0)
+        steps = steps[np.hypot(*steps.T) > 1e-9]
+        angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        assert np.abs(np.diff(angle)).max() < 0.06, "a corner"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_robot_is_drawn_with_its_names_and_numbers(
+    name: str, inspections: dict[str, Inspection], tmp_path: Path
+) -> None:
+    inspection = inspections[name]
+    figure = draw_robot(inspection)
+    found = texts(figure)
+    assert name in found
+    for cable in inspection.cables:
+        assert cable.name in found
+    numbers = sum(text.isdigit() for text in found)
+    assert numbers >= len(inspection.model.layout.elements)
+    write_png(figure, str(tmp_path / "robot.png"))
+    header = (tmp_path / "robot.png").read_bytes()[:24]
+    assert header.startswith(b"\x89PNG")
+    width, height = (int.from_bytes(header[at : at + 4], "big") for at in (16, 20))
+    assert 600 <= width <= 2200
+    assert 300 <= height <= 2200
+
+
+@pytest.mark.parametrize("name", PLACED)
+def test_element_numbers_do_not_lie_on_each_other(
+    name: str, inspections: dict[str, Inspection]
+) -> None:
+    figure = draw_robot(inspections[name])
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    places = np.array(
+        [
+            axes.transData.transform(text.get_position())
+            for text in axes.texts
+            if text.get_text().isdigit()
+        ]
+    )
+    apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
+    assert apart[~np.eye(len(places), dtype=bool)].min() > 9.0
+
+
+def test_a_picture_has_the_size_that_was_asked_for(inspections: dict[str, Inspection]) -> None:
+    figure = draw_robot(inspections["finger"], (390.0, 300.0))
+    np.testing.assert_allclose(72.0 * figure.get_size_inches(), [390.0, 300.0])
+
+
+def test_ranges_are_named_where_there_is_room(inspections: dict[str, Inspection]) -> None:
+    (wide,) = (text for text in texts(draw_robot(inspections["parallel"])) if "faded" in text)
+    assert "phi \N{MINUS SIGN}12 to 12°" in wide
+    small = draw_robot(inspections["parallel"], (390.0, 300.0))
+    (narrow,) = (text for text in texts(small) if "faded" in text)
+    assert len(narrow) < len(wide)
+
+
+def test_a_robot_of_both_kinds_shows_both() -> None:
+    text = MIXED.replace("mixed_$cables$", "mixed")
+    figure = draw_robot(inspect_robot(prepare(parse_robot(text))))
+    assert len(figure.axes) == 2
+    found = texts(figure)
+    assert "350–450" in found  # the span that moves [mm]
+    assert "85.9°" in found
+
+
+def test_cables_have_colours_that_can_be_told_apart(inspections: dict[str, Inspection]) -> None:
+    (axes,) = draw_robot(inspections["parallel"]).axes
+    legend = axes.get_legend()
+    assert legend is not None
+    colours = [mcolors.to_rgb(line.get_color()) for line in legend.get_lines()[:4]]
+    for k, one in enumerate(colours):
+        for other in colours[:k]:
+            assert np.abs(np.subtract(one, other)).max() > 0.2

@@ -1,0 +1,120 @@
+"""The hoist against the block and tackle of the textbooks.
+
+With a rope that runs over every sheave, the fall on the pulling side carries 1/eta of the next one.
+Raising a load W on n falls behind a lead sheave takes W / (eta + eta^2 + ... ) at the winch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from cdrj_ros.model.plan import Model, prepare
+
+WEIGHT = 500.0
+FALLS = 4
+DRUM = 0.080
+
+
+def sheave_efficiency(radius: float, bearing_diameter: float, f_d: float) -> float:
+    """eta of a sheave that a rope wraps by half a turn: the bearing carries both pulls.
+
+    (T1 - T2) r = f_d d (T1 + T2).
+    """
+    return (radius - f_d * bearing_diameter) / (radius + f_d * bearing_diameter)
+
+
+ETA = sheave_efficiency(0.030, 0.012, 0.05)
+
+
+@pytest.fixture(scope="module")
+def lift(
+    models: dict[str, Model], balance: Callable[..., tuple[np.ndarray, np.ndarray]], path: Callable
+) -> dict[str, np.ndarray]:
+    """Pick the load up, raise it by 50 mm, lower it again; the rope always carries the weight."""
+    model = models["hoist"]
+    height = path(0.4, 0.0, 0.0, 0.05, 0.0)
+    force = np.full(height.size, WEIGHT)
+    ramp = 100
+    force[:ramp] = WEIGHT * np.arange(ramp) / ramp  # the rope tightens, the load still stands
+    motor, values = balance(model, height, force)
+    assert np.all(values[ramp:, model.layout.status] == 0)
+    third = (height.size - 1) // 3
+    return {
+        "motor": motor,
+        "height": height,
+        "tension": values[:, model.layout.tension],
+        "force": values[:, model.layout.joint_effort][:, 0],
+        "torque": -values[:, model.layout.motor_effort][:, 0],  # the rope unwinds the drum
+        "raising": np.arange(third + 50, 2 * third - 10),
+        "lowering": np.arange(2 * third + 50, 3 * third - 10),
+    }
+
+
+def test_a_sheave_has_the_usual_efficiency() -> None:
+    assert pytest.approx(0.961, abs=5e-4) == ETA
+
+
+def test_the_falls_carry_the_load(lift: dict[str, np.ndarray]) -> None:
+    falls = lift["tension"][100:, 1:].sum(axis=1)
+    np.testing.assert_allclose(falls, WEIGHT, rtol=1e-6)
+    np.testing.assert_allclose(lift["force"][100:], WEIGHT, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("phase", "exponent"), [("raising", 1.0), ("lowering", -1.0)])
+def test_each_sheave_takes_its_share_where_all_slip(
+    phase: str, exponent: float, lift: dict[str, np.ndarray]
+) -> None:
+    tension = lift["tension"][lift[phase]]
+    ratio = tension[:, 1:] / tension[:, :-1]
+    np.testing.assert_allclose(ratio, ETA**exponent, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("phase", "exponent"), [("raising", 1), ("lowering", -1)])
+def test_the_pull_at_the_winch_is_that_of_the_textbook(
+    phase: str, exponent: int, lift: dict[str, np.ndarray]
+) -> None:
+    closed_form = WEIGHT / sum(ETA ** (exponent * k) for k in range(1, FALLS + 1))
+    np.testing.assert_allclose(lift["tension"][lift[phase], 0], closed_form, rtol=1e-6)
+    np.testing.assert_allclose(lift["torque"][lift[phase]], closed_form * DRUM, rtol=1e-6)
+    # 138 N to raise, 113 N to lower; 125 N without friction
+    assert (closed_form > WEIGHT / FALLS) == (phase == "raising")
+
+
+def test_work_in_is_work_out_and_what_the_sheaves_take(lift: dict[str, np.ndarray]) -> None:
+    part = lift["raising"]
+    motor = np.diff(lift["motor"][part])
+    done = np.sum(0.5 * (lift["torque"][part][1:] + lift["torque"][part][:-1]) * motor)
+    lifted = WEIGHT * np.ptp(lift["height"][part])
+    efficiency = sum(ETA**k for k in range(1, FALLS + 1)) / FALLS
+    assert lifted / done == pytest.approx(efficiency, rel=1e-3)  # the rope stretches a little
+
+
+def test_between_raising_and_lowering_the_sheaves_hold(lift: dict[str, np.ndarray]) -> None:
+    turn = slice(int(lift["raising"][-1]), int(lift["lowering"][0]))
+    ratio = lift["tension"][turn, 1:] / lift["tension"][turn, :-1]
+    assert np.all(ratio > ETA * (1.0 - 1e-9))
+    assert np.all(ratio < (1.0 + 1e-9) / ETA)
+    assert np.any((ratio > 1.001 * ETA) & (ratio < 0.999 / ETA))
+
+
+def test_without_friction_every_fall_carries_a_quarter(
+    variant: Callable, balance: Callable, path: Callable
+) -> None:
+    model = prepare(variant("hoist", law="none"))
+    height = path(0.1, 0.0, 0.02)
+    _, values = balance(model, height, np.full(height.size, WEIGHT))
+    np.testing.assert_allclose(values[:, model.layout.tension], WEIGHT / FALLS, rtol=1e-6)
+
+
+def test_a_rope_without_load_is_slack_and_pulls_nothing(models: dict[str, Model]) -> None:
+    from cdrj_ros.estimation.estimator import Sample, initial_state, step
+    from cdrj_ros.model.mechanism import SLACK
+
+    model = models["hoist"]
+    payed_out = Sample(1, np.array([-0.1]), np.array([0.0]))
+    _, estimate = step(model, initial_state(model), payed_out)
+    assert np.all(estimate.tension == 0.0)
+    assert np.all(estimate.status.astype(int) & SLACK)

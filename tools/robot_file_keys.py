@@ -1,0 +1,152 @@
+#!/usr/bin/env python3
+"""Write the key reference of docs/robot_file.md from the schema, between its two markers.
+
+python tools/robot_file_keys.py            write it
+python tools/robot_file_keys.py --check    exit code 1 where document and schema differ
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from cdrj_ros.model.document import schema  # noqa: E402
+
+DOCUMENT = ROOT / "docs" / "robot_file.md"
+BEGIN = "<!-- keys: written by tools/robot_file_keys.py from robot.schema.json -->"
+END = "<!-- end of keys -->"
+
+PLACES = {
+    "motor": "`motors[]`",
+    "joint": "`joints[]`",
+    "frame": "`frames[]`",
+    "friction": "`friction`, `cables[].friction`, `cables[].nodes[].friction`",
+    "cable": "`cables[]`",
+    "winch": "`cables[].nodes[]` with `type: winch`",
+    "pulley": "`cables[].nodes[]` with `type: pulley`",
+    "anchor": "`cables[].nodes[]` with `type: anchor`",
+    "term": "a function of one joint, in `spans` and `wrap_angle`",
+}
+"""What the parts of the schema are in a file; parts that are not listed go by their own name."""
+
+SKIPPED = {"name", "sign", "point", "profile", "node"}
+"""Parts that are types of a single value, or a choice between others."""
+
+UNIT = re.compile(r"\s*\[([^\]]+)\]")
+DEFAULT = re.compile(r"\s*Default:? (.+?)\.(?=\s|$)")
+
+
+def reference() -> str:
+    """All tables, as Markdown."""
+    document = schema()
+    parts = [_table("the file itself", document)]
+    parts += [
+        _table(PLACES.get(name, f"`{name}`"), part)
+        for name, part in document["$defs"].items()
+        if name not in SKIPPED and "properties" in part
+    ]
+    return "\n".join(parts)
+
+
+def updated(text: str) -> str:
+    """The document with the tables of the present schema between its markers."""
+    begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
+    return f"{text[:begin]}\n\n{reference()}\n{text[end:]}"
+
+
+def _table(title: str, part: dict[str, Any]) -> str:
+    required = set(part.get("required", ()))
+    lines = [
+        f"### {title[0].upper()}{title[1:]}",
+        "",
+        "| key | type | unit | default | allowed | meaning |",
+        "|---|---|---|---|---|---|",
+    ]
+    for key, given in part["properties"].items():
+        rule = _resolved(given)
+        meaning, unit, default = _described(rule.get("description", ""))
+        if "const" in rule:
+            default, meaning = "required", meaning or "What the cable meets here."
+        cells = [
+            f"`{key}`", _type(rule), unit, "required" if key in required else default,
+            _allowed(rule), meaning,
+        ]  # fmt: skip
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") or "–" for cell in cells) + " |")
+    return "\n".join([*lines, ""])
+
+
+def _resolved(rule: dict[str, Any]) -> dict[str, Any]:
+    """A rule with what it refers to; a description beside the reference counts more."""
+    if "$ref" not in rule:
+        return rule
+    name = rule["$ref"].rsplit("/", 1)[1]
+    return {**schema()["$defs"][name], **rule, "part": name}
+
+
+def _described(text: str) -> tuple[str, str, str]:
+    """Meaning, unit and default of a description: what it is [unit]. Default this."""
+    default = ""
+    if found := DEFAULT.search(text):
+        default = found[1]
+        text = text[: found.start()] + text[found.end() :]
+    units = UNIT.findall(text)
+    if len(units) == 1:
+        text = UNIT.sub("", text)
+    return text.strip(), ", ".join(units).replace("-", "\N{EN DASH}"), default
+
+
+def _type(rule: dict[str, Any]) -> str:
+    part = rule.get("part", "")
+    if part == "name":
+        return "name"
+    if part == "profile":
+        return "number or function"
+    if part == "point":
+        return "2 numbers"
+    if part and "properties" in rule:
+        return "mapping"
+    if "const" in rule or ("enum" in rule and "type" not in rule):
+        return "word"
+    if rule.get("type") == "array":
+        item = _resolved(rule.get("items", {}))
+        kind = {"number or function": "numbers or functions", "list of numbers": "lists of numbers"}
+        return "list of " + kind.get(_type(item), f"{_type(item)}s")
+    return {"object": "mapping", "integer": "integer", "string": "word"}.get(
+        rule.get("type", ""), rule.get("type", "mapping")
+    )
+
+
+def _allowed(rule: dict[str, Any]) -> str:
+    if "const" in rule:
+        return f"`{rule['const']}`"
+    if "enum" in rule:
+        return ", ".join(f"`{value}`" for value in rule["enum"])
+    if rule.get("type") == "array" and ("minItems" in rule or "maxItems" in rule):
+        least, most = rule.get("minItems", 0), rule.get("maxItems")
+        if rule.get("part") == "point":
+            return ""
+        return f"{least} or more" if most is None else f"{least} to {most}"
+    low = [f"> {rule['exclusiveMinimum']:g}"] if "exclusiveMinimum" in rule else []
+    low += [f"≥ {rule['minimum']:g}"] if "minimum" in rule else []
+    high = [f"< {rule['exclusiveMaximum']:g}"] if "exclusiveMaximum" in rule else []
+    high += [f"≤ {rule['maximum']:g}"] if "maximum" in rule else []
+    return ", ".join([*low, *high])
+
+
+def main(argv: list[str]) -> int:
+    """Write or check the document."""
+    text = DOCUMENT.read_text("utf-8")
+    new = updated(text)
+    if "--check" in argv:
+        return int(new != text)
+    DOCUMENT.write_text(new, "utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
