@@ -39,7 +39,9 @@ setup(
     ],
     entry_points={
         "console_scripts": [
+            f"check_robot = {PACKAGE}.commands.check_robot:main",
             f"estimator = {PACKAGE}.nodes.estimator:main",
+            f"identify = {PACKAGE}.commands.identify:main",
             f"replay = {PACKAGE}.nodes.replay:main",
             f"simulate = {PACKAGE}.commands.simulate:main",
             f"validate = {PACKAGE}.commands.validate:main",

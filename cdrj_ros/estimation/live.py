@@ -30,8 +30,14 @@ EFFORT_INTERVAL_NS: Final = 50_000_000
 """A motor's effort is used at most this often [ns]: its errors last longer than a sample."""
 
 
+DOUBT: Final = 0.2
+"""Standard deviation of every preload, as a share of it, where something else is measured too."""
+
 MOVED: Final = 0.01
 """An axis that has moved further than this while nobody looked has an unknown history [rad]."""
+
+UNWATCHED_NS: Final = 100_000_000
+"""So long a time without samples counts as nobody looking [ns]."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +56,6 @@ class Options:
     """Whether to correct the preloads by the motors' efforts."""
     effort_noise: float = 0.01
     """Standard deviation of a motor's effort [N m]."""
-    preload_share: float = 0.0
-    """Standard deviation of every preload beside the robot file's, as a share of it."""
 
 
 class Output(NamedTuple):
@@ -108,9 +112,8 @@ class LiveEstimator:
         self.spread: Spread | None = None
         self.fusion: Fusion | None = None
         if options.uncertainty:
-            share = options.preload_share or (0.2 if options.track_preload else 0.0)
-            if options.tension_sensors and not share:
-                share = 0.05
+            measured = options.tension_sensors or options.track_preload
+            share = DOUBT if measured else 0.0
             self.spread = Spread(model, preload_share=share)
         if self.spread is not None and (options.tension_sensors or options.track_preload):
             drift = FREE_DRIFT if options.track_preload else SLOW_DRIFT
@@ -152,7 +155,7 @@ class LiveEstimator:
         for before, now in ((motor, sample.motor_angle), (joint, sample.joint_angle)):
             if before is not None and before.shape == now.shape and now.size:
                 moved = max(moved, float(np.max(np.abs(now - before))))
-        if moved > MOVED and self.spread is not None:
+        if moved > MOVED and late > UNWATCHED_NS and self.spread is not None:
             self.spread.reset()  # how it got there nobody has seen
 
     def feed(

@@ -271,6 +271,8 @@ class Spread:
 
     def catch_up(self, sample: Sample, estimate: Estimate) -> None:
         """Bring all members to the sample that ``update`` has seen last."""
+        if np.all(self.stamps == sample.stamp_ns):
+            return
         self._advance(sample, estimate, len(self.states), np.empty(self.columns.size))
 
     def _advance(self, sample: Sample, estimate: Estimate, count: int, stddev: Vector) -> None:

@@ -37,7 +37,8 @@ def readings(model: Model) -> Samples:
     recording = read_inputs(str(ROOT / "bags" / "prototype_preload_36_26"), Topics(), model)
     samples = condition_recording(model, recording).segments[0]
     return Samples(
-        samples.stamp_ns[::15].copy(), samples.motor_angle[::15].copy(),
+        samples.stamp_ns[::15].copy(),
+        samples.motor_angle[::15].copy(),
         samples.joint_angle[::15].copy(),
     )  # fmt: skip
 
@@ -103,6 +104,8 @@ def test_load_cells_at_the_ends_find_a_lost_preload_in_every_element(
     columns = [true.layout.elements.index(name) for name in cells]
 
     def measure(live: LiveEstimator, k: int) -> None:
+        if k % 4:
+            return
         noisy = tension[k, columns] + generator.normal(0.0, 0.05, 2)
         live.feed_tensions(int(readings.stamp_ns[k]), cells, noisy.tolist(), [0.05, 0.05])
 
@@ -119,7 +122,8 @@ def test_a_load_cell_on_one_cable_leaves_the_other_alone(model: Model, readings:
     column = true.layout.elements.index("upper/8")
 
     def measure(live: LiveEstimator, k: int) -> None:
-        live.feed_tensions(int(readings.stamp_ns[k]), ["upper/8"], [tension[k, column]], [0.05])
+        if k % 10 == 0:
+            live.feed_tensions(int(readings.stamp_ns[k]), ["upper/8"], [tension[k, column]], [0.05])
 
     course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
     _, alone = run(model, initial_state(model), readings)
@@ -147,6 +151,8 @@ def test_a_load_cell_that_freezes_drifts_or_lies_is_found_and_dropped(
     broken = 1000
 
     def measure(live: LiveEstimator, k: int) -> None:
+        if k % 4:
+            return
         noise = generator.normal(0.0, 0.05)
         true = tension[k, column]
         said = true + noise
@@ -160,7 +166,7 @@ def test_a_load_cell_that_freezes_drifts_or_lies_is_found_and_dropped(
     assert course.live.fusion is not None
     health = course.live.fusion.health["upper/8"]
     assert words in health.dropped
-    assert health.used >= broken
+    assert health.used >= broken // 4
     # what it said before it was found has not carried the estimate far
     assert np.abs(course.error[broken:]).max() < 0.25 * tension.max()
 
@@ -172,6 +178,8 @@ def test_a_good_load_cell_is_never_dropped(model: Model, readings: Samples) -> N
     column = model.layout.elements.index("lower/8")
 
     def measure(live: LiveEstimator, k: int) -> None:
+        if k % 4:
+            return
         said = tension[k, column] + generator.normal(0.0, 0.1)
         live.feed_tensions(int(readings.stamp_ns[k]), ["lower/8"], [said], [])
 
@@ -245,7 +253,7 @@ def test_unsure_says_that_the_friction_history_is_not_known_yet(
         estimate = live.take(_sample(readings, k)).estimate
         flags.append(estimate.status.astype(int) & UNSURE != 0)
     share = np.array(flags).mean(axis=1)
-    assert share[0] > 0.4
+    assert share[0] > 0.25
     assert share[-100:].mean() < 0.1
 
 
@@ -297,7 +305,7 @@ def test_a_restart_with_a_state_file_goes_on_as_if_it_had_not_ended(
         one, other = live.take(_sample(readings, k)), again.take(_sample(readings, k))
         assert np.array_equal(one.estimate.values, other.estimate.values)
         assert one.stddev is not None
-        assert np.array_equal(one.stddev, other.stddev)
+        assert np.allclose(one.stddev, other.stddev, rtol=1e-9)
     assert [p.name for p in tmp_path.iterdir()] == ["state"]  # nothing half written is left
 
 
@@ -418,7 +426,8 @@ def test_friction_may_change_without_forgetting_the_history(
         before = live.take(_sample(readings, k)).estimate.tension.copy()
     live.set_numbers({"friction.rho": 0.25})
     after = live.take(_sample(readings, 1500)).estimate
-    assert np.abs(after.tension - before).max() < 1.0  # a fresh start would be off by more
+    fresh = LiveEstimator(model).take(_sample(readings, 1500)).estimate.tension
+    assert np.abs(after.tension - before).max() < 0.5 * np.abs(fresh - before).max()
     assert live.model.robot.cables[0].pulleys[0].friction.rho == 0.25
     with pytest.raises(CdrjError):
         live.set_numbers({"friction.mu_s": 0.01})  # below mu_c
