@@ -178,20 +178,28 @@ def propagate(
     with np.errstate(invalid="ignore", divide="ignore"):
         everywhere = np.sum(weight * reading, axis=1) / weight.sum(axis=1)
     tension = np.repeat(everywhere[:, None], count, axis=1)
-    for _ in range(count + 1):  # every pass settles at least one more pulley
-        material = length / (1.0 + np.maximum(np.nan_to_num(tension), 0.0) / cable.axial_stiffness)
-        slip = _slips(material, path.wound[:, c], held_last)
-        pull = np.nan_to_num(np.maximum(tension[:, :-1], tension[:, 1:]))
-        loss, low, high = _contacts(slip, dt, kinetic, static, pull, arc, unseen, constants)
-        slope, offset = _chain(places[0], 0.5 * (low + high), loss, constants[:, kernel.DRAG])
-        before = tension
-        tension, stddev = _least_squares(slope, offset, reading, weight, places)
-        if np.nanmax(np.abs(tension - before), initial=0.0) < 1e-9:
-            break
-
-    sliding = np.where(low == high, np.trunc(low), 0.0)
-    sliding *= _moving(path.stamp_ns, slip, sliding, unseen, round(window_s * 1e9))
+    sliding, loss = np.zeros(wrap.shape), kinetic + static
     lower, upper = _bounds(tension, reading, weight, places, sliding, loss, constants)
+    for _ in range(count + 1):  # every pass settles at least one more pulley
+        before, known_before = tension, sliding
+        material = length / (1.0 + np.nan_to_num(tension) / cable.axial_stiffness)
+        slip = _slips(material, path.wound[:, c], held_last)
+        elastic = np.nan_to_num(upper - lower) * length / cable.axial_stiffness
+        hidden = unseen + np.abs(_slips(elastic, np.zeros(1), held_last))
+        pull = np.nan_to_num(np.maximum(tension[:, :-1], tension[:, 1:]))
+        _, low, high = _contacts(slip, dt, kinetic, static, pull, arc, hidden, constants)
+        sliding = np.where(low == high, np.trunc(low), 0.0)
+        sliding *= _moving(path.stamp_ns, slip, sliding, hidden, round(window_s * 1e9))
+        loss, low, high = _contacts(slip, dt, kinetic, static, pull, arc, unseen, constants)
+        share = np.where(sliding == 0.0, 0.5 * (low + high), sliding)
+        slope, offset = _chain(places[0], share, loss, constants[:, kernel.DRAG])
+        # a pulley that may be stuck may hold all of its static friction
+        loss = np.where(sliding == 0.0, kinetic + static, loss)
+        tension, stddev = _least_squares(slope, offset, reading, weight, places)
+        lower, upper = _bounds(tension, reading, weight, places, sliding, loss, constants)
+        change = np.nanmax(np.abs(tension - before), initial=0.0)
+        if change < 1e-9 and np.array_equal(sliding, known_before):
+            break
     force, by_before, by_after = _nodal_force(tension, wrap)
     least, most = _nodal_bounds(lower, upper, wrap)
     # all tensions of a cable come from one number: their errors go together
@@ -314,15 +322,15 @@ def _contacts(
     static: Table,
     pull: Table,
     arc: Table,
-    unseen: Table,
+    hidden: Table,
     constants: Table,
 ) -> tuple[Table, Table, Table]:
     """Loss 1 - eta of every pulley and the share of its bound that friction may have, both ends.
 
     The share moves by slip / reach between -1 and +1, as an elastic, perfectly plastic contact
     does; its reach is the slip from no friction to all of it: bristles, the arc's own strain, and
-    what the sensors cannot see.  Nothing is known at the start, so it runs from both ends; where
-    they have met at +-1, the pulley slides.
+    what is hidden from the sensors.  Nothing is known at the start, so it runs from both ends;
+    where they have met at +-1, the pulley slides.
     """
     n, pulleys = slip.shape
     loss, low, high = np.empty((n, pulleys)), np.empty((n, pulleys)), np.empty((n, pulleys))
@@ -334,7 +342,7 @@ def _contacts(
             share = stribeck_share(lagged, row[kernel.STRIBECK_SPEED])
             loss[k, p] = kinetic[k, p] + static[k, p] * share
             bound = loss[k, p] * pull[k, p] + row[kernel.DRAG] + BOUND_FLOOR
-            reach = bound * (1.0 / row[kernel.BRISTLE_STIFFNESS] + arc[k, p]) + unseen[k, p]
+            reach = bound * (1.0 / row[kernel.BRISTLE_STIFFNESS] + arc[k, p]) + hidden[k, p]
             least = min(max(least + change / reach, -1.0), 1.0)
             most = min(max(most + change / reach, -1.0), 1.0)
             low[k, p], high[k, p] = least, most
@@ -345,7 +353,7 @@ def _contacts(
 
 
 def _moving(
-    stamp_ns: NDArray[np.int64], slip: Table, way: Table, unseen: Table, window_ns: int
+    stamp_ns: NDArray[np.int64], slip: Table, way: Table, hidden: Table, window_ns: int
 ) -> Table:
     """1 where the slip goes on in its direction both before and after a sample, else 0.
 
@@ -354,7 +362,7 @@ def _moving(
     """
     before = np.searchsorted(stamp_ns, stamp_ns - window_ns)
     after = np.searchsorted(stamp_ns, stamp_ns + window_ns, side="right") - 1
-    seen = ((slip - slip[before]) * way > unseen) & ((slip[after] - slip) * way > unseen)
+    seen = ((slip - slip[before]) * way > hidden) & ((slip[after] - slip) * way > hidden)
     return seen.astype(np.float64)
 
 
