@@ -87,14 +87,14 @@ def test_where_every_pulley_slides_any_element_gives_all_the_others(
     sliding = (result.sliding != 0).all(axis=1)
     assert sliding.mean() > 0.1
     assert np.ptp(true[sliding] / true[sliding][:, :1], axis=0).max() > 0.2, "both directions"
-    off = np.abs(result.tension / true - 1.0)[sliding]
+    off = (np.abs(result.tension - true) / (true + 1.0))[sliding]
     assert np.percentile(off, 99) < 1e-3
     assert off.max() < 1e-2, "static friction where the motion begins"
     # the nodal forces are the estimator's too
     layout = swept[0].layout
     pulleys = [layout.pulleys.index(name) for name in result.pulleys]
     force = swept[2].values[:, layout.magnitude][:, pulleys]
-    off = np.abs(result.nodal_force / force - 1.0)[sliding]
+    off = (np.abs(result.nodal_force - force) / (force + 1.0))[sliding]
     assert np.percentile(off, 99) < 2e-3
 
 
@@ -114,7 +114,8 @@ def test_the_truth_lies_within_the_bounds_whatever_is_stuck(swept: Run, element:
     assert inside.mean() > 0.998
     stuck = (result.sliding == 0).all(axis=1)
     width = (result.upper - result.lower).max(axis=1)
-    assert width[stuck].min() > 1.0, "a stuck cable leaves newtons open"
+    known = true[:, result.elements.index(element)]
+    assert np.all(width[stuck] >= 0.1 * known[stuck]), "a stuck cable leaves much open"
     assert np.all(width[(result.sliding != 0).all(axis=1)] < 1e-9)
 
 
@@ -201,7 +202,7 @@ def _motors(ends: tuple[str, str]) -> str:
 ROUTED = """
 name: routed
 motors: [{name: m}]
-joints: [{name: q, range: [-0.8, 0.8]}]
+joints: [{name: q, range: [-1.2, 0.1], reference_angle: -0.5}]
 frames: [{name: link, joint: q, motion: revolute, origin: [0.3, 0.0]}]
 friction: {law: elastoplastic, mu_c: 0.15, bearing_friction: 0.01}
 cables:
@@ -209,19 +210,19 @@ cables:
     axial_stiffness: 6283
     preload: 30
     nodes:
-      - {type: winch, motor: m, winding: 1, radius: 0.015, position: [0, 0.02], turn: -1}
-      - {type: pulley, radius: 0.01, position: [0.15, 0.06], turn: -1, bearing_torque: 0.002}
-      - {type: pulley, radius: 0.01, position: [0.3, 0.03], turn: -1}
-      - {type: anchor, frame: link, position: [0.1, 0.02]}
+      - {type: winch, motor: m, winding: 1, radius: 0.015, position: [0, 0.02], turn: cw}
+      - {type: pulley, radius: 0.01, position: [0.15, 0.06], turn: cw, bearing_torque: 0.002}
+      - {type: pulley, radius: 0.01, position: [0.3, 0.03], turn: cw}
+      - {type: anchor, frame: link, position: [0.1, -0.03]}
 """
 
 
 def test_cables_given_by_positions_are_propagated_alike() -> None:
     model = prepare(parse_robot(ROUTED))
     time = np.arange(4000) * STEP_NS * 1e-9
-    joint = 0.6 * np.sin(2.0 * pi * 0.25 * time)
+    joint = -0.5 + 0.5 * np.sin(2.0 * pi * 0.25 * time)
     lengths = path_of(model, np.arange(4000), joint[:, None]).length.sum(axis=1)
-    motor = (lengths - lengths[0]) / 0.015
+    motor = (lengths[0] - lengths) / 0.015  # the winch pays out what the link takes
     routed = model, *estimated(model, motor, joint)
     assert tensions(routed).min() > 1.0, "taut throughout"
     result = from_element(routed, "c/3")
@@ -264,7 +265,7 @@ def test_two_sensors_are_weighted_by_their_noise(swept: Run) -> None:
     assert sliding.sum() > 300
     # information adds up, element by element
     information = sum(1.0 / one.stddev[sliding, :7] ** 2 for one in alone)
-    np.testing.assert_allclose(both.stddev[sliding, :7] ** -2, information, rtol=1e-2)
+    np.testing.assert_allclose(both.stddev[sliding, :7] ** -2, information, rtol=2e-2)
     # and the error is what it says
     score = ((both.tension[:, :7] - true[:, :7]) / both.stddev[:, :7])[sliding]
     assert score.std(axis=0) == pytest.approx(np.ones(7), abs=0.15)
