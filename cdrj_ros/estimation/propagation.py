@@ -5,7 +5,7 @@ way the cable slips over every pulley follows from the lengths behind it, and a 
 its two tensions by its transmission: every element is a known multiple of the measured one.  A
 pulley that has not slipped far enough since its last reversal leaves an interval.
 
-docs/model.md, section 6.
+docs/model.md, section 10.
 """
 
 from __future__ import annotations

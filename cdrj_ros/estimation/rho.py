@@ -1,6 +1,6 @@
 """The sliding influence rho of a cable from a nodal force and a tension: equation (44).
 
-docs/model.md, section 7.
+docs/model.md, section 11.
 """
 
 from __future__ import annotations
