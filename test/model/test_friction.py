@@ -343,3 +343,83 @@ def test_sliding_forgets_the_past() -> None:
             assert force == pytest.approx(4.0, rel=1e-12)
             assert by_slip == pytest.approx(0.0, abs=1e-6)
             assert by_bound == pytest.approx(1.0, abs=1e-9)
+
+
+# The source's ranges for its fig. 8, and a wrap of 90 degrees as on its pulley 8.
+MU_S_RANGE, MU_C_RANGE = np.linspace(0.2, 0.4, 21), np.linspace(0.1, 0.2, 21)
+
+
+def eta_d(speed: float, mu_c: float, mu_s: float, v_s: float, beta: float = pi / 2) -> float:
+    return sliding_transmission(speed, mu_c, mu_s, v_s, beta, PRINTED)
+
+
+def test_sliding_transmission_falls_with_either_coefficient_and_rises_with_speed() -> None:
+    by_static = np.array([eta_d(0.01, MU_C, mu_s, STRIBECK_SPEED) for mu_s in MU_S_RANGE])
+    # (35) is linear in mu_s: the slope is (1 - e^{-mu_c beta}) / mu_c times what is left of it
+    left = stribeck_share(0.01, STRIBECK_SPEED)
+    slope = -(1.0 - exp(-MU_C * pi / 2)) / MU_C * left
+    np.testing.assert_allclose(np.gradient(by_static, MU_S_RANGE), slope, rtol=1e-9)
+
+    by_kinetic = np.array([eta_d(1.0, mu_c, 0.4, STRIBECK_SPEED) for mu_c in MU_C_RANGE])
+    assert np.all(np.diff(by_kinetic) < 0.0)
+    # nearly linear, as the source finds: the tangent's change over the range is a few per cent
+    bend = np.diff(by_kinetic, 2) / np.diff(by_kinetic)[1:]
+    assert np.abs(bend).max() < 0.02
+
+    speeds = np.geomspace(1e-4, 1.0, 41)
+    by_speed = np.array([eta_d(v, MU_C, MU_S, STRIBECK_SPEED) for v in speeds])
+    assert np.all(np.diff(by_speed) >= 0.0)
+    by_stribeck = np.array([eta_d(0.01, MU_C, MU_S, v_s) for v_s in speeds])
+    assert np.all(np.diff(by_stribeck) <= 0.0), "a higher v_s keeps static friction longer"
+    # only the ratio of both speeds counts
+    np.testing.assert_allclose(
+        by_speed, [eta_d(1e-3 * v, MU_C, MU_S, 1e-3 * STRIBECK_SPEED) for v in speeds], rtol=1e-12
+    )
+
+
+def test_sliding_transmission_does_not_stay_above_what_the_source_claims() -> None:
+    at_rest = [eta_d(0.0, MU_C, MU_S, STRIBECK_SPEED, beta) for beta in WRAPS]
+    assert sum(eta > 0.8 for eta in at_rest) == 3
+    worst = min(eta_d(0.0, mu_c, mu_s, 0.05) for mu_c in MU_C_RANGE for mu_s in MU_S_RANGE)
+    assert worst < 0.5
+
+
+def test_bearing_transmission_falls_with_friction_and_wrap_and_rises_with_the_radius() -> None:
+    def eta_r(beta: float, f_d: float, d: float, r: float) -> float:
+        return bearing_transmission(beta, f_d * d / r)
+
+    frictions = np.linspace(0.0, 0.05, 26)
+    by_friction = np.array([eta_r(pi, f, 0.005, 0.0045) for f in frictions])
+    assert by_friction[0] == 1.0
+    assert np.all(np.diff(by_friction) < 0.0)
+    # to first order the loss is f_d d / r_p times the load 2 sin(beta / 2) per unit of tension
+    for beta in (0.5, pi / 2, pi):
+        small = 1e-6
+        slope = (eta_r(beta, small, 0.01, 0.011) - 1.0) / small
+        assert slope == pytest.approx(-2.0 * np.sin(beta / 2) * 0.01 / 0.011, rel=1e-4)
+    by_radius = np.array([eta_r(pi, 0.01, 0.005, r) for r in np.linspace(0.003, 0.02, 18)])
+    assert np.all(np.diff(by_radius) > 0.0)
+
+
+@pytest.mark.parametrize("form", [PRINTED, CAPSTAN])
+def test_rho_of_nought_is_the_bearing_alone_and_rho_of_one_sliding_alone(form: int) -> None:
+    for beta, ratio in TABLE:
+        kinetic, static = blended_loss(0.0, MU_C, MU_S, beta, ratio, form, 1.0)
+        assert static == 0.0, "a bearing knows no Stribeck effect"
+        assert 1.0 - kinetic == pytest.approx(bearing_transmission(beta, ratio), abs=1e-15)
+        assert blended_loss(1.0, MU_C, MU_S, beta, ratio, form, 1.0) == pytest.approx(
+            sliding_loss(MU_C, MU_S, beta, form), abs=1e-15
+        )
+
+
+def test_sliding_takes_more_of_the_sources_cable_than_its_bearings_do() -> None:
+    # fig. 9: what is left at the far end of all seven pulleys
+    left = [
+        np.prod([1.0 - sum(blended_loss(rho, MU_C, MU_S, *row, PRINTED, 1.0)) for row in TABLE])
+        for rho in np.linspace(0.0, 1.0, 11)
+    ]
+    assert left[0] == pytest.approx(0.9169, abs=5e-5)
+    assert left[-1] == pytest.approx(
+        np.prod([0.8646, 0.6785, 0.8925, 0.8131, 0.7523, 0.4990, 0.7201]), rel=3e-4
+    )
+    assert np.all(np.diff(left) < 0.0)

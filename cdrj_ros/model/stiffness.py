@@ -1,0 +1,214 @@
+"""Stiffness of a cable over pulleys: equations (11)-(28), with the blocks the source omits.
+
+A cable of n nodes in space has n - 1 elements; element i runs from node i to node i + 1 along the
+unit vector u_i.  Its unknowns are the displacements of all nodes and the slips of the n - 2
+pulleys; a pulley's slip is material that moves past it towards the last node.  The pull of the
+cable on node i and the imbalance at pulley i are
+
+    F_i = t_i u_i - t_{i-1} u_{i-1}                                            from (12)
+    r_i = t_i - eta_i t_{i-1}    where it slips towards the first node         (24)
+    r_i = eta_i t_i - t_{i-1}    where it slips towards the last node
+
+and K = -d(F, r) / d(displacement, slip), so that (27) reads (T - F, T_0) = K (Delta, S).
+docs/model.md, section 9.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.errors import UsageError
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """K of (28) and its blocks; n nodes in d dimensions, displacements ordered node by node."""
+
+    matrix: Table
+    """K, shape (d n + n - 2, d n + n - 2)."""
+    nodes: int
+    """n."""
+    dimensions: int
+    """d, 2 or 3."""
+
+    @property
+    def node_by_node(self) -> Table:
+        """K_DD of (20) [N/m], shape (d n, d n)."""
+        return self.matrix[: self._split, : self._split]
+
+    @property
+    def node_by_slip(self) -> Table:
+        """K_Ds of (20) [N/m], shape (d n, n - 2)."""
+        return self.matrix[: self._split, self._split :]
+
+    @property
+    def slip_by_node(self) -> Table:
+        """K_sD of (26) [N/m], shape (n - 2, d n)."""
+        return self.matrix[self._split :, : self._split]
+
+    @property
+    def slip_by_slip(self) -> Table:
+        """K_ss of (26) [N/m], tridiagonal, shape (n - 2, n - 2)."""
+        return self.matrix[self._split :, self._split :]
+
+    @property
+    def _split(self) -> int:
+        return self.nodes * self.dimensions
+
+    def slips(self, displacement: Table) -> Vector:
+        """(26) solved for S [m]: slips that keep every pulley in balance.
+
+        Args:
+            displacement: of the nodes from a state in balance [m], shape (n, d).
+
+        Raises:
+            UsageError: slack elements leave the slips undetermined.
+        """
+        try:
+            return np.linalg.solve(
+                self.slip_by_slip, -self.slip_by_node @ np.ravel(displacement)
+            ).astype(np.float64)
+        except np.linalg.LinAlgError:
+            raise UsageError("slack elements leave the slips undetermined") from None
+
+    def condensed(self) -> Table:
+        """K_DD - K_Ds K_ss^-1 K_sD [N/m]: the nodes' stiffness with the pulleys in balance.
+
+        Raises:
+            UsageError: slack elements leave the slips undetermined.
+        """
+        try:
+            following = np.linalg.solve(self.slip_by_slip, self.slip_by_node)
+        except np.linalg.LinAlgError:
+            raise UsageError("slack elements leave the slips undetermined") from None
+        return self.node_by_node - self.node_by_slip @ following
+
+
+def nominal_stiffness(axial_stiffness: float, length: Vector) -> Vector:
+    """(14): k = EA / L [N/m]."""
+    return axial_stiffness / length
+
+
+def exact_stiffness(
+    axial_stiffness: float, length: Vector, tension: Vector
+) -> tuple[Vector, Vector]:
+    """Slopes of t = EA (L / l - 1) by the length and, negated, by the material [N/m].
+
+    EA / l = k (1 + t / EA) and EA L / l^2 = k (1 + t / EA)^2: to first order both are (14).
+    """
+    stretch = 1.0 + tension / axial_stiffness
+    nominal = nominal_stiffness(axial_stiffness, length)
+    return nominal * stretch, nominal * stretch**2
+
+
+def linear_tension(preload: Vector, stiffness: Vector, elongation: Vector, slip: Vector) -> Vector:
+    """(11): t = max(t_0 + k (elongation - s_i + s_{i+1}), 0) [N].
+
+    Args:
+        preload: t_0 of the elements [N], shape (n - 1,).
+        stiffness: k of the elements [N/m], shape (n - 1,).
+        elongation: of the elements, u_{i+1} - u_i [m], shape (n - 1,).
+        slip: at all nodes, shape (n,); 0 at an end that holds its cable [m].
+    """
+    return np.maximum(preload + stiffness * (elongation + np.diff(slip)), 0.0)
+
+
+def stiffness_matrix(
+    position: Table,
+    tension: Vector,
+    by_length: Vector,
+    by_material: Vector | None = None,
+    transmission: Vector | None = None,
+    direction: Vector | None = None,
+    geometric: bool = True,
+) -> Stiffness:
+    """(18)-(28): K of one cable, assembled element by element.
+
+    Args:
+        position: of the nodes [m], shape (n, d), d = 2 or 3.
+        tension: of the elements [N], shape (n - 1,).  An element without tension is slack and
+            has no stiffness: Gamma+ of (11).
+        by_length: dt/dL of the elements [N/m], shape (n - 1,); k of (14), or ``exact_stiffness``.
+        by_material: -dt/dl of the elements [N/m]; ``by_length`` where not given.
+        transmission: eta of the pulleys in (0, 1], shape (n - 2,); 1 where not given.
+        direction: of the pulleys' slip, +1 towards the last node, -1 towards the first (the
+            source's case (24)), shape (n - 2,); -1 where not given.
+        geometric: with the turning of the elements, t / L (I - u u^T), which makes K the
+            derivative of the forces; without it K is the source's (19).
+
+    Raises:
+        UsageError: shapes that do not fit, nodes that coincide, a value out of its range.
+    """
+    x = np.asarray(position, dtype=np.float64)
+    if x.ndim != 2 or x.shape[0] < 2 or x.shape[1] not in (2, 3):
+        raise UsageError(f"position must have the shape (n, 2) or (n, 3), got {x.shape}")
+    n, d = x.shape
+    t = _sized("tension", tension, n - 1)
+    taut = t > 0.0
+    k_length = np.where(taut, _sized("by_length", by_length, n - 1), 0.0)
+    k_material = (
+        k_length
+        if by_material is None
+        else np.where(taut, _sized("by_material", by_material, n - 1), 0.0)
+    )
+    eta = np.ones(n - 2) if transmission is None else _sized("transmission", transmission, n - 2)
+    way = np.full(n - 2, -1.0) if direction is None else _sized("direction", direction, n - 2)
+    if not (np.all(eta > 0.0) and np.all(eta <= 1.0)):
+        raise UsageError("transmission must be in (0, 1]")
+    if not np.all(np.abs(way) == 1.0):
+        raise UsageError("direction must be +1 or -1")
+    if not np.all(t >= 0.0):
+        raise UsageError("tension must not be negative")
+    chord = np.diff(x, axis=0)
+    length = np.linalg.norm(chord, axis=1)
+    if not np.all(length > 0.0):
+        raise UsageError("neighbouring nodes coincide")
+
+    matrix = np.zeros((d * n + n - 2, d * n + n - 2))
+    ahead, behind = _weights(eta, way)
+    for i in range(n - 1):
+        u = chord[i] / length[i]  # lambda of (17)
+        by_node = np.concatenate([-u, u]) * k_length[i]  # dt_i by both ends
+        pull = np.concatenate([u, -u])  # of the element on its ends, per newton
+        ends = slice(d * i, d * (i + 2))
+        matrix[ends, ends] -= np.outer(pull, by_node)  # k_DD of (19)
+        if geometric:
+            across = t[i] / length[i] * (np.eye(d) - np.outer(u, u))
+            matrix[ends, ends] += np.kron([[1.0, -1.0], [-1.0, 1.0]], across)
+        slips = [(p, sign) for p, sign in ((i - 1, -1.0), (i, 1.0)) if 0 <= p < n - 2]
+        for p, sign in slips:  # material enters past its first node and leaves past its last
+            column = d * n + p
+            matrix[ends, column] -= pull * sign * k_material[i]  # k_Ds of (19)
+        for p, weight in ((i - 1, ahead), (i, -behind)):  # the pulleys before and behind it
+            if 0 <= p < n - 2:
+                row = d * n + p
+                matrix[row, ends] -= weight[p] * by_node  # (25)
+                for q, sign in slips:
+                    matrix[row, d * n + q] -= weight[p] * sign * k_material[i]
+    return Stiffness(matrix, n, d)
+
+
+def imbalance(tension: Vector, transmission: Vector, direction: Vector) -> Vector:
+    """(24) at every pulley [N], shape (n - 2,): 0 where it slips and its tensions fit."""
+    t = np.asarray(tension)
+    ahead, behind = _weights(np.asarray(transmission), np.asarray(direction))
+    return ahead * t[1:] - behind * t[:-1]
+
+
+def _weights(transmission: Vector, direction: Vector) -> tuple[Vector, Vector]:
+    """Factors of the tensions after and before a pulley in (24): eta stands on the pull side."""
+    forward = direction > 0.0
+    return np.where(forward, transmission, 1.0), np.where(forward, 1.0, transmission)
+
+
+def _sized(name: str, values: Vector, size: int) -> Vector:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != (size,):
+        raise UsageError(f"{name} must have the shape ({size},), got {array.shape}")
+    return array

@@ -1,0 +1,185 @@
+"""The rolling joint against Lagrange's equations, energy and virtual work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy
+from scipy.integrate import solve_ivp
+
+from cdrj_ros.model.errors import UsageError
+from cdrj_ros.model.joint import RollingLoad, RollingStrands
+from cdrj_ros.model.plan import prepare, shape_at
+from cdrj_ros.model.robot import Robot
+
+LOAD = RollingLoad(joint_mass=0.23, load_mass=0.31, rolling_radius=0.043, load_distance=0.152)
+PRINTED = replace(LOAD, form="published")
+ANGLES = np.linspace(-0.7, 0.7, 29)
+GENERATOR = np.random.default_rng(3)
+SPEEDS, ACCELERATIONS = GENERATOR.normal(size=(2, ANGLES.size)) * [[3.0], [20.0]]
+
+
+@pytest.fixture(scope="module")
+def symbolic() -> Callable[..., np.ndarray]:
+    """Kinetic energy and Lagrange's torque from positions alone."""
+    t, m_j, m_l, r, d, g = sympy.symbols("t m_j m_l r d g", positive=True)
+    q = sympy.Function("q")(t)
+    centre = 2 * r * sympy.Matrix([sympy.cos(q), sympy.sin(q)])
+    load = centre + d * sympy.Matrix([sympy.cos(2 * q), sympy.sin(2 * q)])
+    disc = m_j * r**2 / 2
+    kinetic = (
+        m_j * centre.diff(t).dot(centre.diff(t))
+        + disc * (2 * q.diff(t)) ** 2
+        + m_l * load.diff(t).dot(load.diff(t))
+    ) / 2
+    potential = m_j * g * centre[1] + m_l * g * load[1]
+    lagrangian = kinetic - potential
+    torque = lagrangian.diff(q.diff(t)).diff(t) - lagrangian.diff(q)
+    a, v, x = sympy.symbols("a v x")
+
+    def plain(expression: sympy.Expr) -> sympy.Expr:
+        return expression.subs(q.diff(t, 2), a).subs(q.diff(t), v).subs(q, x)
+
+    numbers = sympy.lambdify(
+        (x, v, a, m_j, m_l, r, d, g), [plain(e) for e in (kinetic, potential, torque)], "numpy"
+    )
+
+    def evaluate(load: RollingLoad) -> np.ndarray:
+        return np.array(
+            numbers(
+                ANGLES, SPEEDS, ACCELERATIONS, load.joint_mass, load.load_mass,
+                load.rolling_radius, load.load_distance, load.gravity,
+            )
+        )  # fmt: skip
+
+    return evaluate
+
+
+def test_energies_and_torque_are_those_of_lagrange(symbolic: Callable[..., np.ndarray]) -> None:
+    kinetic, potential, torque = symbolic(LOAD)
+    np.testing.assert_allclose(LOAD.kinetic_energy(ANGLES, SPEEDS), kinetic, rtol=1e-12)
+    np.testing.assert_allclose(LOAD.potential_energy(ANGLES), potential, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(
+        LOAD.torque(ANGLES, SPEEDS, ACCELERATIONS), torque, rtol=1e-11, atol=1e-13
+    )
+
+
+@pytest.mark.parametrize("load", [LOAD, PRINTED], ids=lambda load: load.form)
+def test_each_form_follows_from_its_own_energies(load: RollingLoad) -> None:
+    # d/dt of (kinetic + potential) is torque times speed, whatever the motion
+    step = 1e-6
+    ahead = ANGLES + step * SPEEDS, SPEEDS + step * ACCELERATIONS
+    behind = ANGLES - step * SPEEDS, SPEEDS - step * ACCELERATIONS
+
+    def energy(angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        return load.kinetic_energy(angle, speed) + load.potential_energy(angle)
+
+    power = (energy(*ahead) - energy(*behind)) / (2 * step)
+    torque = load.torque(ANGLES, SPEEDS, ACCELERATIONS)
+    np.testing.assert_allclose(torque * SPEEDS, power, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("load", [LOAD, PRINTED], ids=lambda load: load.form)
+def test_forward_dynamics_undo_inverse_dynamics(load: RollingLoad) -> None:
+    torque = load.torque(ANGLES, SPEEDS, ACCELERATIONS)
+    np.testing.assert_allclose(load.acceleration(ANGLES, SPEEDS, torque), ACCELERATIONS, rtol=1e-12)
+
+
+@pytest.mark.parametrize("load", [LOAD, PRINTED], ids=lambda load: load.form)
+def test_a_frictionless_swing_keeps_its_energy_to_the_integrators_order(load: RollingLoad) -> None:
+    def motion(_: float, state: np.ndarray) -> list[float]:
+        return [state[1], float(load.acceleration(state[0], state[1], np.float64(0.0)))]
+
+    def drift(tolerance: float) -> float:
+        swing = solve_ivp(motion, (0.0, 5.0), [0.4, 0.0], rtol=tolerance, atol=tolerance)
+        energy = load.kinetic_energy(*swing.y) + load.potential_energy(swing.y[0])
+        assert swing.success
+        assert np.ptp(swing.y[0]) > 1.0, "it swings"
+        return float(np.abs(energy - energy[0]).max())
+
+    coarse, fine = drift(1e-6), drift(1e-9)
+    assert fine < 1e-7
+    # error per step goes with the tolerance
+    assert 100.0 < coarse / fine < 10_000.0
+
+
+def test_the_printed_dynamics_differ_by_the_loads_two_terms() -> None:
+    r, d, m = LOAD.rolling_radius, LOAD.load_distance, LOAD.load_mass
+    heavier = PRINTED.inertia(ANGLES) - LOAD.inertia(ANGLES)
+    np.testing.assert_allclose(heavier, m * d * (d - 4 * r * np.cos(ANGLES)), atol=1e-15)
+    centrifugal = PRINTED.centrifugal_torque(ANGLES, SPEEDS)
+    np.testing.assert_allclose(centrifugal, 0.5 * LOAD.centrifugal_torque(ANGLES, SPEEDS))
+    np.testing.assert_array_equal(PRINTED.weight_torque(ANGLES), LOAD.weight_torque(ANGLES))
+    alone = replace(LOAD, load_mass=0.0)
+    np.testing.assert_array_equal(
+        alone.torque(ANGLES, SPEEDS, ACCELERATIONS),
+        replace(alone, form="published").torque(ANGLES, SPEEDS, ACCELERATIONS),
+    )
+
+
+def test_strands_keep_their_sum_and_their_angle_comes_back() -> None:
+    strands = RollingStrands(strands=3, distance=0.09, width=0.05)
+    up, down = strands.lengths(ANGLES)
+    np.testing.assert_allclose(up + down, 2 * 3 * 0.09)
+    np.testing.assert_allclose(strands.angle((down - up) / 2), ANGLES, atol=1e-15)
+    assert np.all(np.diff(up) < 0.0), "a positive angle shortens the upper strands"
+    with pytest.raises(UsageError, match=r"must be in \[-0.15, 0.15\] m"):
+        strands.angle(np.array([0.0, 0.151]))
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_amplification_keeps_the_work_and_gives_n_squared_the_stiffness(count: int) -> None:
+    strands, tension, travel = RollingStrands(strands=count), 17.0, 2e-3
+    work_out = strands.output_tension(tension) * strands.output_travel(travel)
+    assert work_out == pytest.approx(tension * travel)
+    stiffness = strands.output_tension(tension) / strands.output_travel(travel)
+    assert strands.output_stiffness(tension / travel) == pytest.approx(stiffness)
+    assert stiffness == pytest.approx(count**2 * tension / travel)
+
+
+def test_torque_is_the_virtual_work_of_the_strands() -> None:
+    strands, small = RollingStrands(strands=4, width=0.07), 1e-6
+    upper, lower = 55.0, 31.0  # of one cable each, the same in all its strands
+    up, down = (
+        (ahead - behind) / (2 * small)
+        for ahead, behind in zip(
+            strands.lengths(ANGLES + small), strands.lengths(ANGLES - small), strict=True
+        )
+    )
+    torque = strands.torque(ANGLES, strands.output_tension(upper), strands.output_tension(lower))
+    np.testing.assert_allclose(torque, -(upper * up + lower * down), rtol=1e-8)
+    difference = strands.tension_difference(ANGLES, torque)
+    np.testing.assert_allclose(difference, 4 * (upper - lower))
+    printed = replace(strands, form="published")
+    np.testing.assert_allclose(printed.tension_difference(ANGLES, torque), 2 * difference)
+
+
+def test_torque_of_the_prototypes_strands_is_that_of_its_lengths_by_joint(
+    prototype: Robot,
+) -> None:
+    model, strands = prepare(prototype), RollingStrands()
+    tension = np.concatenate([np.full(8, 37.0), np.full(8, 22.0)])
+    sixth = prototype.cables[0].pulleys[4]
+    profile = next(p for p in sixth.wrap if p.joint is not None)
+    for angle in ANGLES[2:-2]:
+        by_joint = shape_at(model, np.array([angle])).length_by_joint[:, 0]
+        virtual = -tension @ by_joint
+        # pulley 6 adds what (3) leaves out: its arc grows with the joint, in both cables mirrored
+        slope = np.interp(angle, profile.angle, profile.slope)
+        arc = sixth.radius * slope * (37.0 - 22.0)
+        assert virtual + arc == pytest.approx(
+            float(strands.torque(angle, 2 * 37.0, 2 * 22.0)), rel=1e-9
+        )
+
+
+@pytest.mark.parametrize("kind", [RollingLoad, RollingStrands])
+def test_an_unknown_form_is_refused(kind: type) -> None:
+    with pytest.raises(UsageError, match="form must be one of corrected, published"):
+        kind(form="printed")
+    with pytest.raises(UsageError, match="must be at least 1, got 0"):
+        RollingStrands(strands=0)
+    with pytest.raises(UsageError, match="width must be positive, got -1"):
+        RollingStrands(width=-1.0)
