@@ -108,8 +108,8 @@ def _write(path: str, model: Model, truth: Truth, begin: float, seed: int) -> No
 
     with BagWriter(path) as bag:
         for topic, encoder, name, angle in (
-            (topics.motors, MOTOR_ENCODER, layout.motors[0], truth.motor_angle),
-            (topics.joints, JOINT_ENCODER, layout.joints[0], truth.joint_angle),
+            (topics.motors, MOTOR_ENCODER, layout.motors[0], truth.motor_angle[:, 0]),
+            (topics.joints, JOINT_ENCODER, layout.joints[0], truth.joint_angle[:, 0]),
         ):
             times = reading_times(begin, end, encoder.rate, encoder.phase_s)
             readings = read_encoder(encoder, times, truth.time, angle)
@@ -128,7 +128,7 @@ def _write(path: str, model: Model, truth: Truth, begin: float, seed: int) -> No
             forces, stamps(times), layout.pulleys,
             read(truth.nodal_force, cells.force_noise, cells.force_step),
         )  # fmt: skip
-        both = np.stack([truth.motor_effort, truth.joint_effort], axis=1)
+        both = np.concatenate([truth.motor_effort, truth.joint_effort], axis=1)
         bag.write_joint_states(
             efforts, stamps(times), layout.motors + layout.joints,
             effort=read(both, cells.torque_noise, cells.torque_step),
