@@ -19,14 +19,15 @@ from cdrj_ros.model.robot import Anchor, Cable, Motor, Node, Pulley, Robot, Winc
 Vector = NDArray[np.float64]
 
 KINDS: Final = ("slack", "snap", "slip")
-"""``slack``: the anchor creeps until the preload is lost; ``snap``: it gives way at once by half of
-that; ``slip``: the drum turns less than its encoder for a while, by as much."""
+"""``slack``: the anchor creeps until hardly any preload is left, in the cable and in those on the
+same motor; ``snap``: it gives way at once, by half of the cable's own elongation under preload;
+``slip``: for a while the drum turns less than its encoder, by as much cable."""
 
 DURATION_S: Final = {"slack": 2.0, "snap": 0.002, "slip": 0.5}
 """From the beginning of a fault to its end [s]."""
 
-USUAL_SHARE: Final = {"slack": 1.2, "snap": 0.5, "slip": 0.5}
-"""Of the elongation under preload, that a fault takes away where no amount is given."""
+USUAL_SHARE: Final = {"slack": 0.9, "snap": 0.5, "slip": 0.5}
+"""Of the elongation under preload that a fault takes away where no amount is given."""
 
 ANCHOR_RADIUS: Final = 0.01
 """Of the drum that stands for an anchor that gives way [m]; any would do."""
@@ -110,7 +111,8 @@ def wire(robot: Robot, faults: tuple[Fault, ...]) -> Wiring:
             cables[index] = replace(cables[index], nodes=tuple(nodes))
         amount = fault.amount
         if amount is None:
-            paid_out = USUAL_SHARE[fault.kind] * _elongation(robot, index)
+            together = _wound_together(robot, index) if fault.kind == "slack" else [index]
+            paid_out = USUAL_SHARE[fault.kind] * sum(_elongation(robot, c) for c in together)
             amount = paid_out * stretch / radius if fault.kind == "slip" else paid_out
             if not amount > 0.0:
                 raise UsageError(
@@ -145,6 +147,13 @@ def _end(cable: Cable, fault: Fault) -> tuple[int, float, int]:
             return at, node.radius or ANCHOR_RADIUS, 1
     lacking = "winch" if fault.kind == "slip" else "anchor"
     raise UsageError(f"fault {fault.kind} needs a cable with a {lacking}; {cable.name} has none")
+
+
+def _wound_together(robot: Robot, index: int) -> list[int]:
+    """Cables that share a motor with this one, itself among them."""
+    drums = drums_of(robot)
+    motors = {motor for cable, _, motor, _ in drums if cable == index}
+    return sorted({index} | {cable for cable, _, motor, _ in drums if motor in motors})
 
 
 def _elongation(robot: Robot, index: int) -> float:

@@ -126,7 +126,7 @@ def read_encoder(
     truth_time: Vector,
     angle: Vector,
     generator: np.random.Generator | None = None,
-    sensor: Sensor = Sensor(),
+    sensor: Sensor | None = None,
 ) -> Vector:
     """Readings as whole counts at the given times [s].
 
@@ -135,9 +135,11 @@ def read_encoder(
         times: of the readings [s], shape (n,).
         truth_time, angle: what happened [s], [rad].
         generator: of the noise; needed where there is some.
-        sensor: how the robot file turns readings into angles; a reading is what it undoes.
+        sensor: how the robot file turns readings into angles, which a reading undoes; None: as
+            they are.
     """
     step = 2.0 * np.pi / encoder.counts
+    sensor = sensor or Sensor()
     seen = (np.interp(times, truth_time, angle) - sensor.offset) / sensor.scale + encoder.bias
     if encoder.noise > 0.0:
         if generator is None:

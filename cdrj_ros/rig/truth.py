@@ -225,9 +225,7 @@ def follow(
     for cable, column in zip(robot.cables, following.untaken.T, strict=True):
         worst = float(np.abs(column).max())
         if worst > 1e-6:
-            notes.append(
-                f"no motor takes up {1e3 * worst:.3g} mm of {cable.name}: it is strained"
-            )
+            notes.append(f"no motor takes up {1e3 * worst:.3g} mm of {cable.name}: it is strained")
     return prescribe(
         robot, time, following.motor_angle, joints, cells, progress,
         faults=faults, allow_slack=allow_slack, notes=tuple(notes),
