@@ -56,7 +56,7 @@ PRELOAD_FACTORS: Final = (1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
 """Of the preloads, tried in turn where a cable went slack."""
 
 Vector = NDArray[np.float64]
-Axes = tuple[Motor, ...] | tuple[Joint, ...]
+Axes = Sequence[Motor | Joint]
 
 
 @dataclass(frozen=True)

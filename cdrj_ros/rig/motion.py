@@ -19,7 +19,7 @@ Vector = NDArray[np.float64]
 BLEND: Final = 0.2
 """Share of a move in which it speeds up, and in which it slows down."""
 
-RANDOM_TONES: Final = 6
+RANDOM_TONES: Final = 4
 """Sines in a random motion."""
 
 RECORDED_BAND: Final = 5.0

@@ -49,6 +49,9 @@ Progress = Callable[[int], None]
 BALANCE_TOLERANCE: Final = 1e-6
 """Largest imbalance of the joint [N m]."""
 
+WORTH_SAYING: Final = 0.02
+"""Imbalance of a waiting joint that a note tells, as a share of 1 N m plus its torque."""
+
 BATCH: Final = 1000
 """Samples between two reports of progress."""
 
@@ -112,7 +115,8 @@ class Rig:
     def drums(self, motor_angle: Table, offset: Table) -> Table:
         """Angles of all motors of the fine robot [rad], shape (n, all motors)."""
         owner = self.wiring.owner
-        return np.where(owner >= 0, motor_angle[:, owner], 0.0) + offset
+        angles = np.where(owner >= 0, motor_angle[:, owner], 0.0) + offset
+        return np.ascontiguousarray(angles)
 
 
 def make_rig(robot: Robot, cells: int, faults: Sequence[Fault] = ()) -> Rig:
@@ -181,7 +185,7 @@ def simulate(
     phase, excused = 0, False
     for begin in range(0, n, BATCH):
         end = min(begin + BATCH, n)
-        done, angle, phase, excused = _balance(
+        done, angle, phase, excused, asked = _balance(
             fine.plan, fine.numbers, state, angle, rising, phase, excused, joints, torque,
             dt[begin:end], motor_speed, place, base, direction, offset[begin:end],
             happening[begin:end], drive[begin:end], phases[begin:end], lacking[begin:end],
@@ -189,6 +193,13 @@ def simulate(
         )  # fmt: skip
         require_taut(rig, time[begin:], joints[phases[begin : begin + done]],
                      estimates[begin : begin + done], allow_slack)  # fmt: skip
+        if done < end - begin and asked > motor_speed:
+            raise UsageError(
+                f"the motion asks the motor for {asked:.3g} rad/s at "
+                f"{robot.joints[joint].name} = {joints[phase, joint]:.4g} rad, "
+                f"t = {time[begin + done]:.4g} s, and it may turn at {motor_speed:.3g} rad/s: move "
+                "more slowly or allow it more"
+            )
         if done < end - begin:
             raise UsageError(
                 f"no winch angle balances {joint_torque[phase]:.4g} N m at "
@@ -199,9 +210,24 @@ def simulate(
             progress(end)
     motors = len(robot.motors)
     motor_angle = base[phases, :motors] + np.multiply.outer(drive, direction[:motors])
-    held = float(np.sum(dt[np.abs(lacking) > 1e-3 * (1.0 + np.abs(torque[phases]))]))
-    notes = (f"the joint waited unbalanced for {held:.3g} s",) if faults and held > 0.0 else ()
+    notes = _waiting_notes(time, phases, lacking, torque[phases])
     return read_out(rig, time, motor_angle, joints[phases], estimates, offset, lacking, notes)
+
+
+def _waiting_notes(
+    time: Vector, phases: NDArray[np.int64], lacking: Vector, torque: Vector
+) -> tuple[str, ...]:
+    """Whether the joint, waiting for its motor, was out of balance by more than a little."""
+    waiting = np.diff(phases, prepend=-1) == 0
+    worst = float(np.abs(lacking[waiting]).max(initial=0.0))
+    if worst <= WORTH_SAYING * (1.0 + float(np.abs(torque).max())):
+        return ()
+    at = time[waiting][np.argmax(np.abs(lacking[waiting]))]
+    note = (
+        f"the joint waited for its motor in {int(waiting.sum())} samples, unbalanced by up to "
+        f"{worst:.3g} N m (t = {at:.4g} s)"
+    )
+    return (note,)
 
 
 def follow(
@@ -298,7 +324,8 @@ def _drive(rig: Rig, joints: Table, joint: int) -> tuple[Table, Vector, float]:
         base = np.zeros((joints.shape[0], owner.size))
         return base, direction, robot.motors[0].reference_angle
     motors = follow_joints(rig.lumped, joints).motor_angle
-    return np.where(owner >= 0, motors[:, owner], 0.0), direction, 0.0
+    base = np.where(owner >= 0, motors[:, owner], 0.0)
+    return np.ascontiguousarray(base), direction, 0.0
 
 
 def _start(
@@ -390,12 +417,12 @@ def _balance(
     phases: NDArray[np.int64],
     lacking: Vector,
     estimates: Table,
-) -> tuple[int, float, int, bool]:
+) -> tuple[int, float, int, bool, float]:
     """Drive of the motors sample by sample: bracket, then regula falsi (Illinois).
 
     Friction makes the joint's effort a very flat function of the winch angle just after a
     reversal, so the bracket is widened geometrically.  Returns (samples done, drive, phase,
-    whether a fault is being made up for).
+    whether a fault is being made up for, speed that was asked of the motor where it gave up).
     """
     size = state.size
     wanted = estimates.shape[1]
@@ -440,6 +467,7 @@ def _balance(
         excused = excused or happening[k]
         if abs(b - angle) > motor_speed * dt[k] and dt[k] > 0.0:
             following = phase  # the joint waits for the motor
+            asked = abs(b - angle) / dt[k] if abs(fb) <= BALANCE_TOLERANCE else 0.0
             b = angle + (motor_speed * dt[k] if b > angle else -motor_speed * dt[k])
             before = _imbalance(
                 plan, numbers, state, motors, base[phase], direction, moved, angle, joints[phase],
@@ -450,16 +478,16 @@ def _balance(
                 torque[phase], dt[k], effort_place, out,
             )  # fmt: skip
             if abs(fb - before) > 0.1 * (1.0 + abs(torque[phase])) and not excused:
-                return k, angle, phase, excused
+                return k, angle, phase, excused, asked
         elif abs(fb) > BALANCE_TOLERANCE:
-            return k, angle, phase, excused
+            return k, angle, phase, excused, 0.0
         else:
             excused = happening[k]
         angle, phase = b, following
         drive[k], phases[k], lacking[k] = b, phase, fb
         state[:] = out[:size]
         estimates[k] = out[size : size + wanted]
-    return dt.size, angle, phase, excused
+    return dt.size, angle, phase, excused, 0.0
 
 
 def require_taut(
