@@ -1,13 +1,19 @@
-"""What the rig's sensors report of the truth: resolution, rate, phase and noise."""
+"""What the rig's sensors report of the truth: resolution, rate, phase, noise, jitter, dropouts."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.model.robot import Sensor
+
 Vector = NDArray[np.float64]
+
+MOST_JITTER: Final = 0.45
+"""A stamp is never further from its reading than this share of a period: order is kept."""
 
 
 @dataclass(frozen=True)
@@ -15,11 +21,21 @@ class Encoder:
     """An angle sensor that counts."""
 
     counts: int
-    """Counts per turn."""
+    """Counts per turn (per metre on a prismatic joint: per 2 pi m)."""
     rate: float
     """Readings per second [Hz]."""
     phase_s: float = 0.0
     """Time of its first reading after the recording's start [s]."""
+    noise: float = 0.0
+    """Standard deviation before counting [rad]."""
+    bias: float = 0.0
+    """It reads too much by this [rad]."""
+    jitter_s: float = 0.0
+    """Standard deviation of the stamps about the time of reading [s]."""
+    dropout: float = 0.0
+    """Share of readings that are lost, in [0, 1)."""
+    burst_s: float = 0.0
+    """Mean duration of a loss [s]; 0: each reading is lost or not by itself."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +52,26 @@ class LoadCells:
     """Resolution [N]."""
     torque_step: float = 2.0**-13
     """Resolution [N m]."""
+    force_bias: float = 0.0
+    """They read too much by this [N]."""
+    torque_bias: float = 0.0
+    """They read too much by this [N m]."""
+    jitter_s: float = 0.0
+    """Standard deviation of the stamps about the time of reading [s]."""
+    dropout: float = 0.0
+    """Share of readings that are lost, in [0, 1)."""
+    burst_s: float = 0.0
+    """Mean duration of a loss [s]; 0: each reading is lost or not by itself."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When a sensor reads, and what its messages say about that."""
+
+    times: Vector
+    """Of the readings that arrive [s], shape (n,), increasing."""
+    stamps: Vector
+    """[s], shape (n,), increasing."""
 
 
 MOTOR_ENCODER = Encoder(81_920, 1000.0)
@@ -49,10 +85,69 @@ def reading_times(begin: float, end: float, rate: float, phase_s: float = 0.0) -
     return times
 
 
-def read_encoder(encoder: Encoder, times: Vector, truth_time: Vector, angle: Vector) -> Vector:
-    """Angles [rad] as whole counts at the given times [s]."""
+def schedule(
+    sensor: Encoder | LoadCells, begin: float, end: float, generator: np.random.Generator
+) -> Schedule:
+    """Readings within [begin, end] [s] without those that are lost, stamped with jitter."""
+    phase_s = sensor.phase_s if isinstance(sensor, Encoder) else 0.0
+    times = reading_times(begin, end, sensor.rate, phase_s)
+    stamps = times
+    if sensor.jitter_s > 0.0:
+        most = MOST_JITTER / sensor.rate
+        stamps = times + np.clip(generator.normal(0.0, sensor.jitter_s, times.size), -most, most)
+    if sensor.dropout > 0.0:
+        kept = ~lost(times.size, sensor.dropout, sensor.burst_s * sensor.rate, generator)
+        times, stamps = times[kept], stamps[kept]
+    return Schedule(times, stamps)
+
+
+def lost(
+    count: int, share: float, burst: float, generator: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Which of ``count`` readings are lost, in bursts of ``burst`` on average (Gilbert 1960).
+
+    A burst of at most 1 / (1 - share) is what losing each reading by itself gives.
+    """
+    if burst <= 1.0 / (1.0 - share):
+        return np.asarray(generator.random(count) < share)
+    gone = np.zeros(count, dtype=np.bool_)
+    good = burst * (1.0 - share) / share  # mean number of readings between losses
+    at = 0 if generator.random() < share else int(generator.geometric(min(1.0 / good, 1.0)))
+    while at < count:
+        length = int(generator.geometric(1.0 / burst))
+        gone[at : at + length] = True
+        at += length + int(generator.geometric(min(1.0 / good, 1.0)))
+    return gone
+
+
+def read_encoder(
+    encoder: Encoder,
+    times: Vector,
+    truth_time: Vector,
+    angle: Vector,
+    generator: np.random.Generator | None = None,
+    sensor: Sensor | None = None,
+) -> Vector:
+    """Readings as whole counts at the given times [s].
+
+    Args:
+        encoder: its counts, noise and bias.
+        times: of the readings [s], shape (n,).
+        truth_time, angle: what happened [s], [rad].
+        generator: of the noise; needed where there is some.
+        sensor: how the robot file turns readings into angles, which a reading undoes; None: as
+            they are.
+    """
     step = 2.0 * np.pi / encoder.counts
-    counted: Vector = np.round(np.interp(times, truth_time, angle) / step) * step
+    sensor = sensor or Sensor()
+    seen = (np.interp(times, truth_time, angle) - sensor.offset) / sensor.scale + encoder.bias
+    if encoder.noise > 0.0:
+        if generator is None:
+            raise ValueError("noise needs a generator")
+        seen = seen + generator.normal(0.0, encoder.noise, times.size)
+    counted: Vector = np.round(seen / step) * step
+    if np.isfinite(sensor.period):  # starts again half a turn from 0
+        counted -= sensor.period * np.round(counted / sensor.period)
     return counted
 
 
@@ -63,10 +158,11 @@ def read_cells(
     noise: float,
     step: float,
     generator: np.random.Generator,
+    bias: float = 0.0,
 ) -> NDArray[np.float64]:
     """Noisy, quantised readings of columns of truth, shape (times, columns)."""
     columns = [np.interp(times, truth_time, column) for column in values.T]
-    ideal = np.stack(columns, axis=1)
+    ideal = np.stack(columns, axis=1) + bias
     read: NDArray[np.float64] = (
         np.round((ideal + generator.normal(0.0, noise, ideal.shape)) / step) * step
     )

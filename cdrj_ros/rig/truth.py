@@ -1,13 +1,16 @@
-"""Truth for validation: contact divided into cells, the winch found so that the joint balances.
+"""Truth for validation: contact divided into cells, motion prescribed at joints, motors or both.
 
 The estimator lumps the friction of a pulley into one contact.  Here every pulley is a chain of
 cells with their own bristles, so that adhesion and sliding arcs (Grashof) form by themselves.
+
+``simulate`` finds the motor for which the cables balance a joint, ``follow`` turns the motors as a
+position controller would, ``prescribe`` takes both; ``rig/forward.py`` lets a joint move freely.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -16,19 +19,46 @@ from numpy.typing import NDArray
 from cdrj_ros.model import mechanism
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.errors import UsageError
-from cdrj_ros.model.mechanism import advance
+from cdrj_ros.model.mechanism import INVALID, advance, advance_all
 from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot import Cable, Node, Profile, Pulley, Robot
+from cdrj_ros.model.robot import Robot
+from cdrj_ros.rig.cells import Divided, divide, divide_contacts
+from cdrj_ros.rig.faults import Fault, Wiring, wire
+from cdrj_ros.rig.follow import follow_joints, pull_together, shapes_along
+
+__all__ = [
+    "BALANCE_TOLERANCE",
+    "BATCH",
+    "Fault",
+    "Rig",
+    "SlackError",
+    "Truth",
+    "divide_contacts",
+    "follow",
+    "make_rig",
+    "prescribe",
+    "read_out",
+    "require_taut",
+    "simulate",
+]
 
 Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+Progress = Callable[[int], None]
 
 BALANCE_TOLERANCE: Final = 1e-6
 """Largest imbalance of the joint [N m]."""
 
+WORTH_SAYING: Final = 0.02
+"""Imbalance of a waiting joint that a note tells, as a share of 1 N m plus its torque."""
+
 BATCH: Final = 1000
 """Samples between two reports of progress."""
 
-_NO_SPAN = (Profile(None, np.empty(0), np.zeros(1), np.empty(0)),)
+SEARCHED: Final = 20.0
+"""The first sample's motor angle is sought this far from the reference [rad]."""
+
+SEARCH_POINTS: Final = 40001
 
 
 @dataclass(frozen=True)
@@ -37,122 +67,309 @@ class Truth:
 
     time: Vector
     """[s], shape (n,)."""
-    motor_angle: Vector
-    """Winch angle that balances the joint [rad], shape (n,)."""
-    joint_angle: Vector
-    """[rad], shape (n,)."""
-    tension: NDArray[np.float64]
+    motor_angle: Table
+    """As the encoders would see it, were they perfect [rad], shape (n, motors)."""
+    joint_angle: Table
+    """[rad], shape (n, joints)."""
+    tension: Table
     """Of every element of the lumped robot [N], shape (n, elements)."""
-    nodal_force: NDArray[np.float64]
+    nodal_force: Table
     """Magnitude on every pulley [N], shape (n, pulleys)."""
-    motor_effort: Vector
-    """Of the cables on the motor [N m], shape (n,)."""
-    joint_effort: Vector
-    """Of the cables on the joint [N m], shape (n,)."""
+    motor_effort: Table
+    """Of the cables on the motors [N m], shape (n, motors)."""
+    joint_effort: Table
+    """Of the cables on the joints [N m], shape (n, joints)."""
+    imbalance: Vector
+    """What the cables exert beyond need on the joint that they balance [N m], shape (n,)."""
+    unseen: Table
+    """How far each faulty end turned where no encoder looks [rad], shape (n, faulty ends)."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know, in plain words."""
+
+    @property
+    def slack(self) -> NDArray[np.bool_]:
+        """Whether each element is slack, shape (n, elements)."""
+        return np.asarray(self.tension <= 0.0)
 
 
-def divide_contacts(robot: Robot, cells: int) -> Robot:
-    """The same robot with every pulley cut into ``cells`` equal contact cells.
+class SlackError(UsageError):
+    """A motion that asks for a slack cable."""
+
+    def __init__(self, element: str, time: float, pose: str) -> None:
+        self.element, self.time, self.pose = element, time, pose
+        super().__init__(
+            f"the motion asks for a slack cable: element {element} has no tension at "
+            f"t = {time:.4g} s{', ' + pose if pose else ''}"
+        )
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A robot prepared for its truth."""
+
+    lumped: Model
+    fine: Model
+    divided: Divided
+    wiring: Wiring
+
+    def drums(self, motor_angle: Table, offset: Table) -> Table:
+        """Angles of all motors of the fine robot [rad], shape (n, all motors)."""
+        owner = self.wiring.owner
+        angles = np.where(owner >= 0, motor_angle[:, owner], 0.0) + offset
+        return np.ascontiguousarray(angles)
+
+
+def make_rig(robot: Robot, cells: int, faults: Sequence[Fault] = ()) -> Rig:
+    """Divide contacts and give faulty ends motors of their own.
 
     Raises:
-        UsageError: for cables described by positions.
+        UsageError: an impossible fault.
     """
-    return replace(robot, cables=tuple(_divide_cable(cable, cells) for cable in robot.cables))
-
-
-def _divide_cable(cable: Cable, cells: int) -> Cable:
-    if cable.routed:
-        raise UsageError(
-            f"cable {cable.name} is described by positions; contact cells need spans and wraps"
-        )
-    nodes: list[Node] = [cable.nodes[0]]
-    spans = [cable.spans[0]]
-    for pulley, span in zip(cable.pulleys, cable.spans[1:], strict=True):
-        wrap = tuple(
-            replace(profile, value=profile.value / cells, slope=profile.slope / cells)
-            for profile in pulley.wrap
-        )
-        cell: Pulley = replace(pulley, wrap=wrap, cells=cells)
-        nodes += [cell] * cells
-        spans += [_NO_SPAN] * (cells - 1) + [span]
-    nodes.append(cable.nodes[-1])
-    return replace(cable, nodes=tuple(nodes), spans=tuple(spans))
+    wiring = wire(robot, tuple(faults))
+    divided = divide(wiring.robot, cells)
+    return Rig(prepare(robot), prepare(divided.robot), divided, wiring)
 
 
 def simulate(
     robot: Robot,
     time: Vector,
-    joint_angle: Vector,
+    joint_angle: NDArray[np.float64],
     joint_torque: Vector,
     motor_speed: float = 5.0,
     cells: int = 8,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
+    *,
+    joint: int = 0,
+    faults: Sequence[Fault] = (),
+    allow_slack: bool = False,
 ) -> Truth:
-    """Move one joint as prescribed and turn its one motor so that the torques balance.
+    """Move the joints as prescribed and turn the motors so that one joint's torques balance.
+
+    One motor is turned freely.  Several follow the joints (``follow``) and beyond that turn in
+    proportion, in the way in which they load the joint.  The other joints are held.
 
     Args:
-        robot: one motor and one joint.
+        robot: at least one motor and one joint.
         time: increasing [s], shape (n,).
-        joint_angle: prescribed [rad], shape (n,).
-        joint_torque: what the cables must exert on the joint [N m], shape (n,).
+        joint_angle: prescribed [rad], shape (n,) for one joint, (n, joints) for several.
+        joint_torque: what the cables must exert on the balanced joint [N m], shape (n,).
         motor_speed: where the motor would have to turn faster than this [rad/s], the joint waits.
             At a reversal friction holds the joint's tensions while the motor takes up the
             difference along the cable: the joint dwells, as on the real machine.
         cells: contact cells a pulley.
         progress: called with the number of samples done.
+        joint: the balanced one.
+        faults: what breaks.  While the motor makes up for a fault the joint waits unbalanced.
+        allow_slack: cables may lose their tension; with faults they always may.
 
     Raises:
-        UsageError: more than one motor or joint, or a motion that no taut cable can balance.
+        SlackError: a cable goes slack.
+        UsageError: no motor or joint, or a motion that no taut cable can balance.
     """
-    if len(robot.motors) != 1 or len(robot.joints) != 1:
-        raise UsageError("the simulated rig has one motor and one joint")
-    fine = prepare(divide_contacts(robot, cells))
-    lumped = prepare(robot)
+    if not robot.motors or not robot.joints:
+        raise UsageError("a balanced rig needs at least one motor and one joint")
+    rig = make_rig(robot, cells, faults)
+    fine = rig.fine
     n = time.size
+    joints = _columns(joint_angle, n, len(robot.joints), "joint_angle")
     estimates = np.empty((n, fine.layout.size))
-    motor = np.empty(n)
-    realised = np.empty(n)
+    drive, phases, lacking = np.empty(n), np.empty(n, dtype=np.int64), np.empty(n)
     state = np.zeros(fine.state_size)
     dt = np.diff(time, prepend=time[0])
-    torque = joint_torque * robot.joints[0].effort_sign
-    angle, rising = _start(fine, joint_angle[0], torque[0])
-    phase = 0
+    torque = joint_torque * robot.joints[joint].effort_sign
+    offset = rig.wiring.offset(time)
+    happening = rig.wiring.during(time)
+    base, direction, centre = _drive(rig, joints, joint)
+    place = fine.layout.joint_effort.start + joint
+    angle, rising = _start(rig, base[0] + offset[0], direction, centre, joints[0], torque[0], place)
+    phase, excused = 0, False
     for begin in range(0, n, BATCH):
         end = min(begin + BATCH, n)
-        done, angle, phase = _balance(
-            fine.plan, fine.numbers, state, angle, rising, phase, joint_angle, torque,
-            dt[begin:end], motor_speed, fine.layout.joint_effort.start,
-            motor[begin:end], realised[begin:end], estimates[begin:end],
+        done, angle, phase, excused, asked = _balance(
+            fine.plan, fine.numbers, state, angle, rising, phase, excused, joints, torque,
+            dt[begin:end], motor_speed, place, base, direction, offset[begin:end],
+            happening[begin:end], drive[begin:end], phases[begin:end], lacking[begin:end],
+            estimates[begin:end],
         )  # fmt: skip
+        require_taut(rig, time[begin:], joints[phases[begin : begin + done]],
+                     estimates[begin : begin + done], allow_slack)  # fmt: skip
+        if done < end - begin and asked > motor_speed:
+            raise UsageError(
+                f"the motion asks the motor for {asked:.3g} rad/s at "
+                f"{robot.joints[joint].name} = {joints[phase, joint]:.4g} rad, "
+                f"t = {time[begin + done]:.4g} s, and it may turn at {motor_speed:.3g} rad/s: move "
+                "more slowly or allow it more"
+            )
         if done < end - begin:
             raise UsageError(
                 f"no winch angle balances {joint_torque[phase]:.4g} N m at "
-                f"{robot.joints[0].name} = {joint_angle[phase]:.4g} rad, "
+                f"{robot.joints[joint].name} = {joints[phase, joint]:.4g} rad, "
                 f"t = {time[begin + done]:.4g} s: a cable would have to push"
             )
         if progress is not None:
             progress(end)
-    return _read_out(lumped, fine, cells, time, motor, realised, estimates)
+    motors = len(robot.motors)
+    motor_angle = base[phases, :motors] + np.multiply.outer(drive, direction[:motors])
+    notes = _waiting_notes(time, phases, lacking, torque[phases])
+    return read_out(rig, time, motor_angle, joints[phases], estimates, offset, lacking, notes)
 
 
-def _start(model: Model, joint_angle: float, torque: float) -> tuple[float, float]:
-    """Winch angle that balances the frictionless start, and the sign of d(effort)/d(angle)."""
-    reference = model.robot.motors[0].reference_angle
-    out = np.empty(model.out_size)
-    place = model.state_size + model.layout.joint_effort.start
-    empty = np.zeros(model.state_size)
-    angles = reference + np.linspace(-20.0, 20.0, 40001)
+def _waiting_notes(
+    time: Vector, phases: NDArray[np.int64], lacking: Vector, torque: Vector
+) -> tuple[str, ...]:
+    """Whether the joint, waiting for its motor, was out of balance by more than a little."""
+    waiting = np.diff(phases, prepend=-1) == 0
+    worst = float(np.abs(lacking[waiting]).max(initial=0.0))
+    if worst <= WORTH_SAYING * (1.0 + float(np.abs(torque).max())):
+        return ()
+    at = time[waiting][np.argmax(np.abs(lacking[waiting]))]
+    note = (
+        f"the joint waited for its motor in {int(waiting.sum())} samples, unbalanced by up to "
+        f"{worst:.3g} N m (t = {at:.4g} s)"
+    )
+    return (note,)
+
+
+def follow(
+    robot: Robot,
+    time: Vector,
+    joint_angle: NDArray[np.float64],
+    cells: int = 8,
+    progress: Progress | None = None,
+    *,
+    faults: Sequence[Fault] = (),
+    allow_slack: bool = False,
+) -> Truth:
+    """Move the joints as prescribed, the motors so that they keep the cables' lengths.
+
+    Arguments and errors as ``simulate``.
+    """
+    joints = _columns(joint_angle, time.size, len(robot.joints), "joint_angle")
+    model = prepare(robot)
+    following = follow_joints(model, joints)
+    notes = []
+    for cable, column in zip(robot.cables, following.untaken.T, strict=True):
+        worst = float(np.abs(column).max())
+        if worst > 1e-6:
+            notes.append(f"no motor takes up {1e3 * worst:.3g} mm of {cable.name}: it is strained")
+    return prescribe(
+        robot, time, following.motor_angle, joints, cells, progress,
+        faults=faults, allow_slack=allow_slack, notes=tuple(notes),
+    )  # fmt: skip
+
+
+def prescribe(
+    robot: Robot,
+    time: Vector,
+    motor_angle: NDArray[np.float64],
+    joint_angle: NDArray[np.float64],
+    cells: int = 8,
+    progress: Progress | None = None,
+    *,
+    faults: Sequence[Fault] = (),
+    allow_slack: bool = False,
+    notes: tuple[str, ...] = (),
+) -> Truth:
+    """Motors and joints both move as prescribed; tensions and efforts follow.
+
+    Args:
+        robot: any.
+        time: increasing [s], shape (n,).
+        motor_angle: [rad], shape (n, motors).
+        joint_angle: [rad], shape (n, joints).
+        cells, progress, faults, allow_slack: as in ``simulate``.
+        notes: for the truth.
+
+    Raises:
+        SlackError: a cable goes slack.
+        UsageError: the geometry is impossible or a cable is wound in entirely.
+    """
+    rig = make_rig(robot, cells, faults)
+    n = time.size
+    motors = _columns(motor_angle, n, len(robot.motors), "motor_angle")
+    joints = _columns(joint_angle, n, len(robot.joints), "joint_angle")
+    offset = rig.wiring.offset(time)
+    drums = rig.drums(motors, offset)
+    dt = np.diff(time, prepend=time[0])
+    state = np.zeros(rig.fine.state_size)
+    estimates = np.empty((n, rig.fine.layout.size))
+    for begin in range(0, n, BATCH):
+        end = min(begin + BATCH, n)
+        advance_all(
+            rig.fine.plan, rig.fine.numbers, state, drums[begin:end], joints[begin:end],
+            dt[begin:end], estimates[begin:end],
+        )  # fmt: skip
+        require_taut(rig, time[begin:], joints[begin:end], estimates[begin:end], allow_slack)
+        if progress is not None:
+            progress(end)
+    return read_out(rig, time, motors, joints, estimates, offset, np.zeros(n), notes)
+
+
+def _columns(values: NDArray[np.float64], n: int, columns: int, name: str) -> Table:
+    """Of shape (n, columns), from that or, for one column, from (n,)."""
+    shaped = values[:, None] if values.ndim == 1 and columns == 1 else values
+    if shaped.shape != (n, columns):
+        raise UsageError(f"{name} must have the shape {(n, columns)}, got {values.shape}")
+    return np.ascontiguousarray(shaped, dtype=np.float64)
+
+
+def _drive(rig: Rig, joints: Table, joint: int) -> tuple[Table, Vector, float]:
+    """Motor angles as ``base`` by phase plus ``direction`` times one unknown; where to seek it.
+
+    Angles of all motors of the fine robot, shapes (n, all motors) and (all motors,).
+    """
+    robot, owner = rig.lumped.robot, rig.wiring.owner
+    direction = np.where(owner >= 0, pull_together(rig.lumped, joint)[owner], 0.0)
+    if len(robot.motors) == 1:
+        base = np.zeros((joints.shape[0], owner.size))
+        return base, direction, robot.motors[0].reference_angle
+    motors = follow_joints(rig.lumped, joints).motor_angle
+    base = np.where(owner >= 0, motors[:, owner], 0.0)
+    return np.ascontiguousarray(base), direction, 0.0
+
+
+def _start(
+    rig: Rig,
+    base: Vector,
+    direction: Vector,
+    centre: float,
+    joint_angle: Vector,
+    torque: float,
+    place: int,
+) -> tuple[float, float]:
+    """Drive that balances the frictionless start, and the sign of d(effort)/d(drive)."""
+    angles = centre + np.linspace(-SEARCHED, SEARCHED, SEARCH_POINTS)
     efforts = np.empty(angles.size)
-    for k, angle in enumerate(angles):
-        advance(
-            model.plan, model.numbers, empty, np.array([angle]), np.array([joint_angle]), 0.0, out
-        )
-        efforts[k] = out[place] - torque
+    fine = rig.fine
+    _scan(fine.plan, fine.numbers, base, direction, angles, joint_angle, place, efforts)
+    efforts -= torque
     crossings = np.flatnonzero(efforts[:-1] * efforts[1:] <= 0.0)
     if crossings.size == 0:
-        raise UsageError(f"no winch angle balances {torque:.4g} N m at the start")
-    near = crossings[np.argmin(np.abs(angles[crossings] - reference))]
+        raise UsageError(
+            f"no winch angle balances {torque:.4g} N m at the start: a cable would have to push"
+        )
+    near = crossings[np.argmin(np.abs(angles[crossings] - centre))]
     return float(angles[near]), float(np.sign(efforts[near + 1] - efforts[near]))
+
+
+@compiled
+def _scan(
+    plan: NDArray[np.int64],
+    numbers: Vector,
+    base: Vector,
+    direction: Vector,
+    angles: Vector,
+    joint_angle: Vector,
+    effort_place: int,
+    efforts: Vector,
+) -> None:
+    """Effort on a joint without friction for many drives."""
+    size = mechanism.state_size(plan)
+    state = np.zeros(size)
+    out = np.empty(size + mechanism.estimate_size(plan) + mechanism.scratch_size(plan))
+    for k in range(angles.size):
+        advance(plan, numbers, state, base + direction * angles[k], joint_angle, 0.0, out)
+        efforts[k] = out[size + effort_place]
 
 
 @compiled
@@ -160,15 +377,21 @@ def _imbalance(
     plan: NDArray[np.int64],
     numbers: Vector,
     state: Vector,
-    motor_angle: float,
-    joint_angle: float,
+    motor_angle: Vector,
+    base: Vector,
+    direction: Vector,
+    offset: Vector,
+    drive: float,
+    joint_angle: Vector,
     torque: float,
     dt: float,
     effort_place: int,
     out: Vector,
 ) -> float:
     """Effort of the cables on the joint less the torque that it needs [N m]."""
-    advance(plan, numbers, state, np.array([motor_angle]), np.array([joint_angle]), dt, out)
+    for m in range(motor_angle.size):
+        motor_angle[m] = base[m] + direction[m] * drive + offset[m]
+    advance(plan, numbers, state, motor_angle, joint_angle, dt, out)
     return out[state.size + effort_place] - torque
 
 
@@ -180,43 +403,60 @@ def _balance(
     angle: float,
     rising: float,
     phase: int,
-    joint_angle: Vector,
+    excused: bool,
+    joints: Table,
     torque: Vector,
     dt: Vector,
     motor_speed: float,
     effort_place: int,
-    motor: Vector,
-    realised: Vector,
-    estimates: NDArray[np.float64],
-) -> tuple[int, float, int]:
-    """Winch angle sample by sample: bracket, then regula falsi (Illinois).
+    base: Table,
+    direction: Vector,
+    offset: Table,
+    happening: NDArray[np.bool_],
+    drive: Vector,
+    phases: NDArray[np.int64],
+    lacking: Vector,
+    estimates: Table,
+) -> tuple[int, float, int, bool, float]:
+    """Drive of the motors sample by sample: bracket, then regula falsi (Illinois).
 
     Friction makes the joint's effort a very flat function of the winch angle just after a
-    reversal, so the bracket is widened geometrically.  Returns (samples done, angle, phase).
+    reversal, so the bracket is widened geometrically.  Returns (samples done, drive, phase,
+    whether a fault is being made up for, speed that was asked of the motor where it gave up).
     """
     size = state.size
     wanted = estimates.shape[1]
     out = np.empty(size + wanted + mechanism.scratch_size(plan))
+    motors = np.empty(direction.size)
     for k in range(dt.size):
         following = min(phase + 1, torque.size - 1) if dt[k] > 0.0 else phase
-        q, needed = joint_angle[following], torque[following]
+        q, needed, start, moved = joints[following], torque[following], base[following], offset[k]
         far = 2.0 * motor_speed * dt[k] + 1e-2
         a = angle
-        fa = _imbalance(plan, numbers, state, a, q, needed, dt[k], effort_place, out)
+        fa = _imbalance(
+            plan, numbers, state, motors, start, direction, moved, a, q, needed, dt[k],
+            effort_place, out,
+        )  # fmt: skip
         b, fb = a, fa
         width = 1e-5
         towards = -rising if fa > 0.0 else rising
         while abs(fb) > BALANCE_TOLERANCE and fa * fb > 0.0 and width < 2.0 * far:
             a, fa = b, fb
             b = angle + towards * width
-            fb = _imbalance(plan, numbers, state, b, q, needed, dt[k], effort_place, out)
+            fb = _imbalance(
+                plan, numbers, state, motors, start, direction, moved, b, q, needed, dt[k],
+                effort_place, out,
+            )  # fmt: skip
             width *= 2.0
         side = 0
         for _ in range(200):
             if abs(fb) <= BALANCE_TOLERANCE or fa * fb > 0.0:
                 break
             c = b - fb * (b - a) / (fb - fa)
-            fc = _imbalance(plan, numbers, state, c, q, needed, dt[k], effort_place, out)
+            fc = _imbalance(
+                plan, numbers, state, motors, start, direction, moved, c, q, needed, dt[k],
+                effort_place, out,
+            )  # fmt: skip
             if fc * fb < 0.0:
                 a, fa = b, fb
                 side = 0
@@ -224,65 +464,114 @@ def _balance(
                 side += 1
                 fa *= 0.5 if side > 0 else 1.0
             b, fb = c, fc
+        excused = excused or happening[k]
         if abs(b - angle) > motor_speed * dt[k] and dt[k] > 0.0:
             following = phase  # the joint waits for the motor
+            asked = abs(b - angle) / dt[k] if abs(fb) <= BALANCE_TOLERANCE else 0.0
             b = angle + (motor_speed * dt[k] if b > angle else -motor_speed * dt[k])
             before = _imbalance(
-                plan, numbers, state, angle, joint_angle[phase], torque[phase], dt[k],
-                effort_place, out,
+                plan, numbers, state, motors, base[phase], direction, moved, angle, joints[phase],
+                torque[phase], dt[k], effort_place, out,
             )  # fmt: skip
-            after = _imbalance(
-                plan, numbers, state, b, joint_angle[phase], torque[phase], dt[k],
-                effort_place, out,
+            fb = _imbalance(
+                plan, numbers, state, motors, base[phase], direction, moved, b, joints[phase],
+                torque[phase], dt[k], effort_place, out,
             )  # fmt: skip
-            if abs(after - before) > 0.1 * (1.0 + abs(torque[phase])):
-                return k, angle, phase
+            if abs(fb - before) > 0.1 * (1.0 + abs(torque[phase])) and not excused:
+                return k, angle, phase, excused, asked
         elif abs(fb) > BALANCE_TOLERANCE:
-            return k, angle, phase
+            return k, angle, phase, excused, 0.0
+        else:
+            excused = happening[k]
         angle, phase = b, following
-        motor[k], realised[k] = b, joint_angle[phase]
+        drive[k], phases[k], lacking[k] = b, phase, fb
         state[:] = out[:size]
         estimates[k] = out[size : size + wanted]
-    return dt.size, angle, phase
+    return dt.size, angle, phase, excused, 0.0
 
 
-def _read_out(
-    lumped: Model,
-    fine: Model,
-    cells: int,
+def require_taut(
+    rig: Rig, time: Vector, joints: Table, estimates: Table, allow_slack: bool
+) -> None:
+    """Refuse what the truth cannot answer for.
+
+    Args:
+        rig: the rig.
+        time: of the estimates, may be longer [s].
+        joints: of the estimates, shape (n, joints).
+        estimates: of the fine robot, shape (n, fine layout.size).
+        allow_slack: cables may lose their tension.
+
+    Raises:
+        SlackError: a cable is slack, and neither option nor fault allows it.
+        UsageError: a cable that cannot be solved.
+    """
+    layout = rig.lumped.layout
+
+    def pose(k: int) -> str:
+        return ", ".join(
+            f"{name} = {angle:.4g}" for name, angle in zip(layout.joints, joints[k], strict=True)
+        )
+
+    status = estimates[:, rig.fine.layout.status].astype(np.int64)
+    broken = np.argwhere(status & INVALID)
+    if broken.size:
+        k, element = broken[0]
+        name = rig.fine.layout.elements[element].split("/")[0]
+        raise UsageError(
+            f"cable {name} cannot be at t = {time[k]:.4g} s"
+            f"{', ' + pose(k) if pose(k) else ''}: it is wound in entirely, or cannot run so"
+        )
+    if allow_slack or rig.wiring.faults:
+        return
+    tension = estimates[:, rig.fine.layout.tension][:, rig.divided.spans]
+    slack = np.argwhere(tension <= 0.0)
+    if slack.size:
+        k, element = slack[0]
+        raise SlackError(layout.elements[element], float(time[k]), pose(k))
+
+
+def read_out(
+    rig: Rig,
     time: Vector,
-    motor: Vector,
-    joint: Vector,
-    estimates: NDArray[np.float64],
+    motor_angle: Table,
+    joint_angle: Table,
+    estimates: Table,
+    offset: Table,
+    imbalance: Vector,
+    notes: tuple[str, ...] = (),
 ) -> Truth:
-    """Free spans and whole pulleys of the divided robot, in the lumped robot's order."""
-    all_tensions = estimates[:, fine.layout.tension]
-    columns, at = [], 0
-    for cable in lumped.robot.cables:
-        count = len(cable.nodes) - 1
-        columns += [at + k * cells for k in range(count)]
-        at += (count - 1) * cells + 1
-    tension = all_tensions[:, columns]
-    forces = []
-    element = 0
-    for cable in lumped.robot.cables:
-        for pulley in cable.pulleys:
-            wrap = sum(
-                float(p.value[0]) if p.joint is None else np.interp(joint, p.angle, p.value)
-                for p in pulley.wrap
-            )
+    """Free spans and whole pulleys of the fine robot, in the lumped robot's order."""
+    robot, layout = rig.lumped.robot, rig.fine.layout
+    tension = estimates[:, layout.tension][:, rig.divided.spans]
+    _, wraps = shapes_along(rig.lumped, joint_angle)
+    forces = np.empty((time.size, len(rig.lumped.layout.pulleys)))
+    element = pulley = 0
+    for cable in robot.cables:
+        for _ in cable.pulleys:
             before, after = tension[:, element], tension[:, element + 1]
-            forces.append(
-                np.sqrt(before**2 + after**2 - 2.0 * before * after * np.cos(wrap))  # (38)
+            forces[:, pulley] = np.sqrt(
+                before**2 + after**2 - 2.0 * before * after * np.cos(wraps[:, pulley])  # (38)
             )
             element += 1
+            pulley += 1
         element += 1
+    all_motors = estimates[:, layout.motor_effort]
+    motors = all_motors[:, : len(robot.motors)].copy()
+    ends = range(len(robot.motors), rig.wiring.owner.size)
+    for end in ends:
+        if rig.wiring.owner[end] >= 0:
+            motors[:, rig.wiring.owner[end]] += all_motors[:, end]
+    whole = tuple(f"not divided into contact cells: {what}" for what in rig.divided.whole)
     return Truth(
         time,
-        motor,
-        joint,
+        motor_angle,
+        joint_angle,
         tension,
-        np.stack(forces, axis=1),
-        estimates[:, fine.layout.motor_effort][:, 0],
-        estimates[:, fine.layout.joint_effort][:, 0],
+        forces,
+        motors,
+        estimates[:, layout.joint_effort].copy(),
+        imbalance,
+        offset[:, list(ends)],
+        (*whole, *notes),
     )

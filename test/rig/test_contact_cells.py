@@ -97,7 +97,7 @@ def test_cells_give_the_lumped_pulleys_tensions_element_by_element() -> None:
     truth = simulate(robot, time, angle, torque, cells=8)
     model = prepare(robot)
     stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
-    samples = Samples(stamps, truth.motor_angle[:, None], truth.joint_angle[:, None])
+    samples = Samples(stamps, truth.motor_angle, truth.joint_angle)
     estimate = run(model, initial_state(model), samples)[1].values[:, model.layout.tension]
     error = np.abs(estimate - truth.tension)
     assert np.ptp(truth.tension, axis=0).min() > 1.0
@@ -116,5 +116,5 @@ def test_a_motion_that_would_need_a_cable_to_push_is_refused() -> None:
 
 def test_only_robots_that_the_rig_can_move_are_simulated() -> None:
     time = np.arange(10) * 1e-3
-    with pytest.raises(UsageError, match="one motor and one joint"):
+    with pytest.raises(UsageError, match="at least one motor and one joint"):
         simulate(half_turn("euler"), time, np.zeros(10), np.zeros(10))

@@ -32,7 +32,7 @@ def truth() -> Truth:
 def test_contact_cells_give_the_lumped_tensions_element_by_element(truth: Truth) -> None:
     model = prepare(ROBOT)
     stamps = 1 + np.round(truth.time * 1e9).astype(np.int64)
-    samples = Samples(stamps, truth.motor_angle[:, None], truth.joint_angle[:, None])
+    samples = Samples(stamps, truth.motor_angle, truth.joint_angle)
     _, estimates = run(model, initial_state(model), samples)
     error = np.abs(estimates.values[:, model.layout.tension] - truth.tension)
     relative = (error / truth.tension).mean(axis=0)
@@ -43,23 +43,23 @@ def test_contact_cells_give_the_lumped_tensions_element_by_element(truth: Truth)
 
 
 def test_the_joint_is_balanced_at_every_sample(truth: Truth) -> None:
-    angle = truth.joint_angle
+    angle = truth.joint_angle[:, 0]
     # where the joint waits for the motor its torque is that of the phase at which it waits
     moving = np.diff(angle, prepend=angle[0] - 1.0) != 0.0
     slow = RollingLoad().torque(angle, np.zeros_like(angle), np.zeros_like(angle))
-    assert np.abs(truth.joint_effort - slow)[moving].max() < 0.05
+    assert np.abs(truth.joint_effort[:, 0] - slow)[moving].max() < 0.05
     assert BALANCE_TOLERANCE < 1e-5
 
 
 def test_the_motor_never_turns_faster_than_it_can(truth: Truth) -> None:
-    speed = np.abs(np.diff(truth.motor_angle)) / np.diff(truth.time)
+    speed = np.abs(np.diff(truth.motor_angle[:, 0])) / np.diff(truth.time)
     assert speed.max() <= 5.0 * (1.0 + 1e-9)
 
 
 def test_hysteresis_costs_work_in_every_cycle(truth: Truth) -> None:
     cycle = slice(2_500, 12_501)
-    angle, effort = truth.motor_angle[cycle], truth.motor_effort[cycle]
-    joint, torque = truth.joint_angle[cycle], truth.joint_effort[cycle]
+    angle, effort = truth.motor_angle[cycle, 0], truth.motor_effort[cycle, 0]
+    joint, torque = truth.joint_angle[cycle, 0], truth.joint_effort[cycle, 0]
     put_in = -_integral(effort, angle) - _integral(torque, joint)
     assert put_in > 0.1
 

@@ -1,0 +1,207 @@
+"""Contact divided into cells: every pulley becomes a chain of cells with bristles of their own.
+
+A divided cable is described by tables: spans and wraps over joint angle.  Those of a cable given by
+positions are tabulated here, which is exact (to the tables' step) where they are sums of functions
+of single joints: with one joint always, with several wherever no span crosses two joints at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.errors import RobotFileError
+from cdrj_ros.model.geometry import TABLE_INTERVALS
+from cdrj_ros.model.plan import Model, prepare, shape_at
+from cdrj_ros.model.robot import Anchor, Cable, Node, Profile, Pulley, Robot, Winch
+
+Vector = NDArray[np.float64]
+
+SMALLEST_WRAP: Final = 1e-3
+"""A pulley whose wrap falls below this somewhere [rad] stays whole."""
+
+LENGTH_TOLERANCE: Final = 1e-8
+"""Largest deviation of a table from the positions [m]."""
+
+WRAP_TOLERANCE: Final = 1e-5
+"""Largest deviation of a table from the positions [rad]."""
+
+CHECKED_POSES: Final = 64
+
+_EMPTY: Final[Vector] = np.empty(0)
+_NO_SPAN = (Profile(None, _EMPTY, np.zeros(1), _EMPTY),)
+
+
+@dataclass(frozen=True)
+class Divided:
+    """A robot with contact cells, and how it relates to the whole one."""
+
+    robot: Robot
+    spans: NDArray[np.int64]
+    """Element of the divided robot that is each element of the whole one, shape (elements,)."""
+    whole: tuple[str, ...]
+    """Pulleys that could not be divided, with the reason."""
+
+
+def divide_contacts(robot: Robot, cells: int) -> Robot:
+    """The same robot with every pulley cut into ``cells`` equal contact cells.
+
+    Pulleys that the cable nearly leaves, and cables given by positions that depend on several
+    joints at once, stay whole: see ``divide``.
+    """
+    return divide(robot, cells).robot
+
+
+def divide(robot: Robot, cells: int) -> Divided:
+    """As ``divide_contacts``, with what the truth needs to read the result."""
+    cables, columns, whole = [], [], []
+    at = 0
+    model = prepare(robot) if cells > 1 and any(cable.routed for cable in robot.cables) else None
+    for index, cable in enumerate(robot.cables):
+        tabulated: Cable | None = cable
+        if cable.routed:
+            tabulated = _tabulated(model, index) if model else None
+        counts = [1] * len(cable.pulleys)
+        if tabulated is None:
+            if cells > 1:
+                whole.append(f"{cable.name}: its spans depend on several joints at once")
+            tabulated = cable
+        elif cells > 1:
+            for p, pulley in enumerate(tabulated.pulleys):
+                if sum(float(profile.value.min()) for profile in pulley.wrap) >= SMALLEST_WRAP:
+                    counts[p] = cells
+                else:
+                    whole.append(f"{cable.pulley_names[p]}: the cable nearly leaves it")
+        cables.append(_cut(tabulated, counts))
+        columns += [at + before for before in np.cumsum([0, *counts]).tolist()]
+        at += sum(counts) + 1
+    return Divided(
+        replace(robot, cables=tuple(cables)), np.array(columns, dtype=np.int64), tuple(whole)
+    )
+
+
+def _cut(cable: Cable, counts: list[int]) -> Cable:
+    if all(count == 1 for count in counts):
+        return cable
+    nodes: list[Node] = [cable.nodes[0]]
+    spans = [cable.spans[0]]
+    for pulley, span, cells in zip(cable.pulleys, cable.spans[1:], counts, strict=True):
+        wrap = tuple(
+            replace(profile, value=profile.value / cells, slope=profile.slope / cells)
+            for profile in pulley.wrap
+        )
+        cell: Pulley = replace(pulley, wrap=wrap, cells=cells)
+        nodes += [cell] * cells
+        spans += [_NO_SPAN] * (cells - 1) + [span]
+    nodes.append(cable.nodes[-1])
+    return replace(cable, nodes=tuple(nodes), spans=tuple(spans))
+
+
+@dataclass(frozen=True)
+class _Course:
+    """One cable along one joint, the others in the reference pose."""
+
+    length: NDArray[np.float64]
+    """(points, elements) [m]."""
+    by_joint: NDArray[np.float64]
+    """(points, elements)."""
+    wrap: NDArray[np.float64]
+    """(points, pulleys) [rad]."""
+
+
+def _tabulated(model: Model, index: int) -> Cable | None:
+    """A cable given by positions as one given by tables; None where it is no sum of such."""
+    robot = model.robot
+    cable = robot.cables[index]
+    first = sum(len(other.nodes) - 1 for other in robot.cables[:index])
+    count = len(cable.nodes) - 1
+    elements = slice(first, first + count)
+    pulleys = slice(first - index, first - index + count - 1)
+    reference = np.array([joint.reference_angle for joint in robot.joints])
+    rest = shape_at(model, reference)
+    length, wrap = rest.length[elements], rest.wrap[pulleys]
+    radius = np.array([pulley.radius for pulley in cable.pulleys])
+
+    def free(lengths: NDArray[np.float64], wraps: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Lengths without the pulleys' arcs, along the last axis."""
+        arcs = 0.5 * radius * wraps
+        spans = lengths.copy()
+        spans[..., 1:] -= arcs
+        spans[..., :-1] -= arcs
+        return spans
+
+    spans = [[_constant(value)] for value in free(length, wrap)]
+    wraps = [[_constant(value)] for value in wrap]
+    for j, joint in enumerate(robot.joints):
+        grid = np.linspace(joint.lower, joint.upper, TABLE_INTERVALS + 1)
+        course = _along(model, reference, j, grid, elements, pulleys)
+        wrap_slope = _slopes(grid, course.wrap)
+        change = free(course.length - length, course.wrap - wrap)
+        slope = free(course.by_joint, wrap_slope)
+        for e in range(count):
+            if np.ptp(course.length[:, e]) > 0.0 or np.ptp(change[:, e]) > 0.0:
+                spans[e].append(Profile(joint.name, grid, change[:, e].copy(), slope[:, e].copy()))
+        for p in range(count - 1):
+            if np.ptp(course.wrap[:, p]) > 0.0:
+                turned = course.wrap[:, p] - wrap[p]
+                wraps[p].append(Profile(joint.name, grid, turned, wrap_slope[:, p].copy()))
+    bare = [
+        replace(node, place=None, wrap=tuple(wraps[k - 1]))
+        if isinstance(node, Pulley)
+        else _without_place(node)
+        for k, node in enumerate(cable.nodes)
+    ]
+    tabulated = replace(cable, nodes=tuple(bare), spans=tuple(map(tuple, spans)))
+    return tabulated if _agrees(model, tabulated, elements, pulleys) else None
+
+
+def _along(
+    model: Model, reference: Vector, j: int, grid: Vector, elements: slice, pulleys: slice
+) -> _Course:
+    poses = np.tile(reference, (grid.size, 1))
+    poses[:, j] = grid
+    shapes = [shape_at(model, pose) for pose in poses]
+    return _Course(
+        np.stack([shape.length[elements] for shape in shapes]),
+        np.stack([shape.length_by_joint[elements, j] for shape in shapes]),
+        np.stack([shape.wrap[pulleys] for shape in shapes]),
+    )
+
+
+def _slopes(grid: Vector, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    from scipy.interpolate import CubicSpline  # slow to import, so only where used
+
+    slopes: NDArray[np.float64] = CubicSpline(grid, values, axis=0)(grid, 1)
+    return slopes
+
+
+def _without_place(node: Node) -> Node:
+    """An end whose winding on its frame stands in the tables."""
+    return replace(node, place=None) if isinstance(node, Winch) else Anchor()
+
+
+def _agrees(model: Model, cable: Cable, elements: slice, pulleys: slice) -> bool:
+    """Whether the tables give what the positions give, anywhere in the ranges."""
+    robot = model.robot
+    try:
+        alone = prepare(replace(robot, cables=(cable,), frames=()))
+    except RobotFileError:  # a sum of such functions would be no cable
+        return False
+    lower = np.array([joint.lower for joint in robot.joints])
+    upper = np.array([joint.upper for joint in robot.joints])
+    shares = np.random.default_rng(0).random((CHECKED_POSES, lower.size))
+    for pose in lower + shares * (upper - lower):
+        told, found = shape_at(model, pose), shape_at(alone, pose)
+        if np.abs(told.length[elements] - found.length).max() > LENGTH_TOLERANCE:
+            return False
+        wraps = np.abs(told.wrap[pulleys] - found.wrap)
+        if wraps.size and wraps.max() > WRAP_TOLERANCE:
+            return False
+    return True
+
+
+def _constant(value: float) -> Profile:
+    return Profile(None, _EMPTY, np.array([value]), _EMPTY)

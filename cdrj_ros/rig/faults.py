@@ -1,0 +1,176 @@
+"""What can break on the rig, and how the truth sees it without the estimator knowing.
+
+Every fault moves material where no encoder looks.  The end that moves gets a motor of its own,
+which turns as the fault says: a drum that slips on its shaft, an anchor that gives way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.errors import UsageError
+from cdrj_ros.model.plan import prepare, shape_at
+from cdrj_ros.model.robot import Anchor, Cable, Motor, Node, Pulley, Robot, Winch
+
+Vector = NDArray[np.float64]
+
+KINDS: Final = ("slack", "snap", "slip")
+"""``slack``: the anchor creeps until hardly any preload is left, in the cable and in those on the
+same motor; ``snap``: it gives way at once, by half of the cable's own elongation under preload;
+``slip``: for a while the drum turns less than its encoder, by as much cable."""
+
+DURATION_S: Final = {"slack": 2.0, "snap": 0.002, "slip": 0.5}
+"""From the beginning of a fault to its end [s]."""
+
+USUAL_SHARE: Final = {"slack": 0.9, "snap": 0.5, "slip": 0.5}
+"""Of the elongation under preload that a fault takes away where no amount is given."""
+
+ANCHOR_RADIUS: Final = 0.01
+"""Of the drum that stands for an anchor that gives way [m]; any would do."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something breaks."""
+
+    kind: str
+    """One of ``KINDS``."""
+    begin: float
+    """[s] on the truth's clock."""
+    amount: float | None = None
+    """Of cable [m] for ``slack`` and ``snap``, of drum [rad] for ``slip``; None: the usual."""
+    cable: str | None = None
+    """Name; None: the first of the robot."""
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """A robot whose faulty ends have motors of their own."""
+
+    robot: Robot
+    """Its first motors are those of the robot without faults."""
+    owner: NDArray[np.int64]
+    """Motor that each of its motors turns with, -1 for none; shape (all motors,)."""
+    faults: tuple[tuple[int, Fault], ...]
+    """Which motor each fault moves, with the amount filled in."""
+    turn: Vector
+    """By what each of these motors turns in all [rad], shape (faults,)."""
+
+    def offset(self, time: Vector) -> NDArray[np.float64]:
+        """How far each motor is from its owner [rad], shape (n, all motors)."""
+        offset = np.zeros((time.size, self.owner.size))
+        for (motor, fault), turn in zip(self.faults, self.turn, strict=True):
+            share = np.clip((time - fault.begin) / DURATION_S[fault.kind], 0.0, 1.0)
+            offset[:, motor] += turn * share * share * (3.0 - 2.0 * share)
+        return offset
+
+    def during(self, time: Vector) -> NDArray[np.bool_]:
+        """Whether any fault is just happening, shape (n,)."""
+        happening = np.zeros(time.shape, dtype=np.bool_)
+        for _, fault in self.faults:
+            happening |= (time >= fault.begin) & (time <= fault.begin + DURATION_S[fault.kind])
+        return happening
+
+
+def wire(robot: Robot, faults: tuple[Fault, ...]) -> Wiring:
+    """Give the ends that the faults move motors of their own.
+
+    Raises:
+        UsageError: a cable that is not there, has no such end, or needs an amount.
+    """
+    names = [motor.name for motor in robot.motors]
+    owner = list(range(len(names)))
+    motors, cables = list(robot.motors), list(robot.cables)
+    moved: list[tuple[int, Fault]] = []
+    turns: list[float] = []
+    taken: dict[tuple[int, int], int] = {}
+    for fault in faults:
+        index = _cable_of(robot, fault)
+        cable = robot.cables[index]
+        place, radius, winding = _end(cable, fault)
+        stretch = 1.0 + cable.preload / cable.axial_stiffness
+        if (index, place) not in taken:
+            taken[index, place] = len(motors)
+            node = cable.nodes[place]
+            if isinstance(node, Winch):
+                motor = robot.motors[names.index(node.motor)]
+                owner.append(names.index(node.motor))
+                extra = Motor(
+                    f"{cable.name}_drum", motor.reference_angle, effort_sign=motor.effort_sign
+                )
+            else:
+                owner.append(-1)
+                extra = Motor(f"{cable.name}_anchor")
+            motors.append(extra)
+            nodes = list(cables[index].nodes)
+            nodes[place] = Winch(extra.name, radius, winding, node.place)
+            cables[index] = replace(cables[index], nodes=tuple(nodes))
+        amount = fault.amount
+        if amount is None:
+            together = _wound_together(robot, index) if fault.kind == "slack" else [index]
+            paid_out = USUAL_SHARE[fault.kind] * sum(_elongation(robot, c) for c in together)
+            amount = paid_out * stretch / radius if fault.kind == "slip" else paid_out
+            if not amount > 0.0:
+                raise UsageError(
+                    f"fault {fault.kind} of {cable.name} needs an amount: without preload there is "
+                    "none to lose"
+                )
+        moved.append((taken[index, place], replace(fault, amount=amount, cable=cable.name)))
+        turns.append(-winding * (amount if fault.kind == "slip" else amount * stretch / radius))
+    wired = replace(robot, motors=tuple(motors), cables=tuple(cables)) if faults else robot
+    return Wiring(wired, np.array(owner, dtype=np.int64), tuple(moved), np.array(turns))
+
+
+def _cable_of(robot: Robot, fault: Fault) -> int:
+    names = [cable.name for cable in robot.cables]
+    if fault.cable is None:
+        return 0
+    if fault.cable not in names:
+        raise UsageError(
+            f"fault {fault.kind} names the cable {fault.cable}; there are {', '.join(names)}"
+        )
+    return names.index(fault.cable)
+
+
+def _end(cable: Cable, fault: Fault) -> tuple[int, float, int]:
+    """Place of the node that moves, the radius of its drum and its winding."""
+    for place in (0, -1) if fault.kind == "slip" else (-1, 0):
+        node: Node = cable.nodes[place]
+        at = place % len(cable.nodes)
+        if fault.kind == "slip" and isinstance(node, Winch):
+            return at, node.radius, node.winding
+        if fault.kind != "slip" and isinstance(node, Anchor):
+            return at, node.radius or ANCHOR_RADIUS, 1
+    lacking = "winch" if fault.kind == "slip" else "anchor"
+    raise UsageError(f"fault {fault.kind} needs a cable with a {lacking}; {cable.name} has none")
+
+
+def _wound_together(robot: Robot, index: int) -> list[int]:
+    """Cables that share a motor with this one, itself among them."""
+    drums = drums_of(robot)
+    motors = {motor for cable, _, motor, _ in drums if cable == index}
+    return sorted({index} | {cable for cable, _, motor, _ in drums if motor in motors})
+
+
+def _elongation(robot: Robot, index: int) -> float:
+    """Of a cable under its preload in the reference pose [m]."""
+    cable = robot.cables[index]
+    first = sum(len(other.nodes) - 1 for other in robot.cables[:index])
+    pose = np.array([joint.reference_angle for joint in robot.joints])
+    length = shape_at(prepare(robot), pose).length[first : first + len(cable.nodes) - 1].sum()
+    return float(length * cable.preload / (cable.axial_stiffness + cable.preload))
+
+
+def drums_of(robot: Robot) -> list[tuple[int, int, int, float]]:
+    """Every drum of a robot: (cable, node, motor, radius with the winding's sign [m])."""
+    names = [motor.name for motor in robot.motors]
+    return [
+        (c, k, names.index(node.motor), node.winding * node.radius)
+        for c, cable in enumerate(robot.cables)
+        for k, node in enumerate(cable.nodes)
+        if isinstance(node, Winch) and not isinstance(node, Pulley)
+    ]

@@ -1,0 +1,119 @@
+"""Motor angles that keep every cable's length to its joints: what a position controller asks for.
+
+A cable keeps its tension where its drums take up what the joints give: r dphi = -dL.  With more
+cables than motors that holds in the least-squares sense, and what is left stretches the cables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.errors import UsageError
+from cdrj_ros.model.geometry import POSE_NUMBERS
+from cdrj_ros.model.mechanism import ELEMENTS, FRAMES, JOINTS, PULLEYS, shape
+from cdrj_ros.model.plan import Model
+from cdrj_ros.rig.faults import drums_of
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Following:
+    """Motors that follow the joints."""
+
+    motor_angle: Table
+    """[rad], shape (n, motors)."""
+    untaken: Table
+    """Length that no drum takes up, of every cable with a winch [m], shape (n, cables)."""
+
+
+@compiled
+def _shapes(
+    plan: NDArray[np.int64], numbers: Vector, joint_angle: Table, lengths: Table, wraps: Table
+) -> int:
+    """Lengths and wraps in many poses; returns the first that is impossible, or their number."""
+    elements, joints, frames = plan[ELEMENTS], plan[JOINTS], plan[FRAMES]
+    by_joint, direction = np.empty((elements, joints)), np.zeros((elements, 2))
+    pose, twist = np.empty((frames, POSE_NUMBERS)), np.empty((frames, joints, 3))
+    for k in range(joint_angle.shape[0]):
+        if not shape(
+            plan, numbers, joint_angle[k], lengths[k], by_joint, wraps[k], direction, pose, twist
+        ):
+            return k
+    return joint_angle.shape[0]
+
+
+def shapes_along(model: Model, joint_angle: Table) -> tuple[Table, Table]:
+    """Length of every element [m] and wrap of every pulley [rad] over many poses.
+
+    Args:
+        model: the prepared robot.
+        joint_angle: shape (n, joints).
+
+    Raises:
+        UsageError: the geometry is impossible in one of them.
+    """
+    n = joint_angle.shape[0]
+    lengths = np.empty((n, int(model.plan[ELEMENTS])))
+    wraps = np.empty((n, int(model.plan[PULLEYS])))
+    done = _shapes(model.plan, model.numbers, np.ascontiguousarray(joint_angle), lengths, wraps)
+    if done < n:
+        pose = ", ".join(
+            f"{name} = {angle:.4g}"
+            for name, angle in zip(model.layout.joints, joint_angle[done], strict=True)
+        )
+        raise UsageError(f"the cables cannot run at {pose}")
+    return lengths, wraps
+
+
+def follow_joints(model: Model, joint_angle: Table) -> Following:
+    """Motor angles that take up what the joints do to the cables, from the reference pose on.
+
+    Args:
+        model: the prepared robot.
+        joint_angle: shape (n, joints).
+
+    Raises:
+        UsageError: the geometry is impossible in one of the poses.
+    """
+    robot = model.robot
+    reference = np.array([[joint.reference_angle for joint in robot.joints]])
+    lengths, _ = shapes_along(model, np.concatenate([reference, joint_angle]))
+    first = np.cumsum([0] + [len(cable.nodes) - 1 for cable in robot.cables])[:-1]
+    total = np.add.reduceat(lengths, first, axis=1)
+    longer = total[1:] - total[0]
+    drums = np.zeros((len(robot.cables), len(robot.motors)))
+    for cable, _, motor, radius in drums_of(robot):
+        drums[cable, motor] += radius
+    wound = np.any(drums != 0.0, axis=1)
+    turned = -longer[:, wound] @ np.linalg.pinv(drums[wound]).T
+    untaken = np.where(wound, longer + turned @ drums.T, 0.0)
+    rest = np.array([motor.reference_angle for motor in robot.motors])
+    return Following(rest + turned, untaken)
+
+
+def pull_together(model: Model, joint: int) -> Vector:
+    """How the motors turn together to load one joint, the fastest at 1; shape (motors,).
+
+    Raises:
+        UsageError: no motor acts on the joint.
+    """
+    robot = model.robot
+    if len(robot.motors) == 1:
+        return np.ones(1)
+    reference = np.array([axis.reference_angle for axis in robot.joints])
+    span = robot.joints[joint].upper - robot.joints[joint].lower
+    poses = np.tile(reference, (2, 1))
+    step = 1e-3 * span
+    poses[1, joint] += step if reference[joint] + step <= robot.joints[joint].upper else -step
+    angles = follow_joints(model, poses).motor_angle
+    way = angles[1] - angles[0]
+    most = float(np.abs(way).max())
+    if most < 1e-9:
+        raise UsageError(f"no motor's cable acts on {robot.joints[joint].name}")
+    return np.asarray(way / most)

@@ -1,0 +1,244 @@
+"""Forward simulation: the motors move as prescribed, one joint by its dynamics under the cables.
+
+Every step solves for the joint's next angle with the cables' torque at both ends of the step
+(trapezoidal rule): cables are stiff, and an explicit step would let a light joint blow up.  Without
+friction and damping the rule keeps the energy of a linear spring exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, sin
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model import mechanism
+from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.errors import UsageError
+from cdrj_ros.model.mechanism import advance
+from cdrj_ros.model.robot import Robot
+from cdrj_ros.rig.faults import Fault
+from cdrj_ros.rig.load import (
+    DAMPING,
+    INERTIA,
+    INERTIA_COS,
+    WEIGHT,
+    WEIGHT_COS,
+    WEIGHT_COS_2,
+    Load,
+    weight,
+)
+from cdrj_ros.rig.truth import BATCH, Progress, Rig, Truth, make_rig, read_out, require_taut
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+MOTION_TOLERANCE: Final = 1e-9
+"""Largest imbalance of torque in a step [N m]."""
+
+UNSOLVED: Final = 1e-4
+"""A step is refused where more than this is missing [N m]."""
+
+START_POINTS: Final = 2001
+"""Poses in which the start's balance is sought."""
+
+
+def swing(
+    robot: Robot,
+    time: Vector,
+    motor_angle: NDArray[np.float64],
+    load: Load,
+    cells: int = 8,
+    progress: Progress | None = None,
+    *,
+    joint: int = 0,
+    joint_angle: NDArray[np.float64] | None = None,
+    start: float | None = None,
+    faults: Sequence[Fault] = (),
+    allow_slack: bool = False,
+) -> Truth:
+    """Turn the motors as prescribed and let one joint move under cables, weight and inertia.
+
+    Args:
+        robot: at least one joint.
+        time: increasing [s], shape (n,).
+        motor_angle: [rad], shape (n, motors).
+        load: what the joint carries.
+        cells: contact cells a pulley.
+        progress: called with the number of samples done.
+        joint: the one that is free.
+        joint_angle: of all joints, shape (n, joints); that of the free one does not count.  None:
+            the others are held in the reference pose.
+        start: angle from which the joint is let go at rest; None: where it is balanced.
+        faults: what breaks.
+        allow_slack: cables may lose their tension; with faults they always may.
+
+    Raises:
+        SlackError: a cable goes slack.
+        UsageError: no pose is balanced at the start, or the joint leaves its range.
+    """
+    if not robot.joints:
+        raise UsageError("a free joint is needed, and the robot has none")
+    rig = make_rig(robot, cells, faults)
+    fine, axis, n = rig.fine, robot.joints[joint], time.size
+    reference = np.array([other.reference_angle for other in robot.joints])
+    joints = np.tile(reference, (n, 1)) if joint_angle is None else joint_angle.copy()
+    motors = np.reshape(motor_angle, (n, -1))
+    if motors.shape[1] != len(robot.motors) or joints.shape != (n, len(robot.joints)):
+        raise UsageError(
+            f"motor_angle must have the shape {(n, len(robot.motors))} and joint_angle "
+            f"{(n, len(robot.joints))}, got {motor_angle.shape} and {joints.shape}"
+        )
+    offset = rig.wiring.offset(time)
+    drums = rig.drums(motors, offset)
+    coefficients = load.coefficients()
+    if start is None:
+        start = _balanced(rig, drums[0], joints[0], joint, coefficients)
+    joints[0, joint] = start
+    dt = np.diff(time, prepend=time[0])
+    state = np.zeros(fine.state_size)
+    estimates = np.empty((n, fine.layout.size))
+    residual = np.empty(n)
+    course = np.array([start, 0.0, 0.0, 0.0])
+    for begin in range(0, n, BATCH):
+        end = min(begin + BATCH, n)
+        done = _swing(
+            fine.plan, fine.numbers, state, course, coefficients, joint, float(axis.effort_sign),
+            fine.layout.joint_effort.start + joint, axis.lower, axis.upper, drums[begin:end],
+            joints[begin:end], dt[begin:end], residual[begin:end], estimates[begin:end],
+        )  # fmt: skip
+        upto = begin + done
+        require_taut(rig, time[begin:], joints[begin:upto], estimates[begin:upto], allow_slack)
+        if upto < end:
+            raise UsageError(
+                f"{axis.name} leaves its range [{axis.lower:.4g}, {axis.upper:.4g}] at "
+                f"t = {time[upto]:.4g} s: the cables cannot hold the load there"
+            )
+        worst = float(np.abs(residual[begin:end]).max())
+        if not worst <= UNSOLVED:
+            raise UsageError(
+                f"the motion of {axis.name} could not be solved to better than {worst:.3g} N m "
+                f"within {time[begin]:.4g} .. {time[end - 1]:.4g} s: take smaller steps"
+            )
+        if progress is not None:
+            progress(end)
+    return read_out(rig, time, motors, joints, estimates, offset, residual)
+
+
+def _balanced(rig: Rig, drums: Vector, joints: Vector, joint: int, coefficients: Vector) -> float:
+    """Angle at which cables without friction hold the load, the nearest to the reference."""
+    axis = rig.lumped.robot.joints[joint]
+    angles = np.linspace(axis.lower, axis.upper, START_POINTS)
+    excess = np.empty(angles.size)
+    place = rig.fine.layout.joint_effort.start + joint
+    out = np.empty(rig.fine.out_size)
+    empty = np.zeros(rig.fine.state_size)
+
+    def beyond(angle: float) -> float:
+        pose = joints.copy()
+        pose[joint] = angle
+        advance(rig.fine.plan, rig.fine.numbers, empty, drums, pose, 0.0, out)
+        effort = out[empty.size + place] * axis.effort_sign
+        return float(effort - weight(coefficients, np.array([angle]))[0])
+
+    for k, angle in enumerate(angles):
+        excess[k] = beyond(float(angle))
+    stable = np.flatnonzero((excess[:-1] >= 0.0) & (excess[1:] < 0.0))
+    if stable.size == 0:
+        raise UsageError(
+            f"the cables hold the load in no pose of {axis.name} at the start: the preload is too "
+            "small for it, or it pulls the wrong way"
+        )
+    near = stable[np.argmin(np.abs(angles[stable] - axis.reference_angle))]
+    from scipy.optimize import brentq  # slow to import, so only where used
+
+    return float(brentq(beyond, angles[near], angles[near + 1], xtol=1e-14))
+
+
+@compiled
+def _required(
+    load: Vector, q0: float, v0: float, q1: float, dt: float, torque0: float, torque1: float
+) -> float:
+    """Torque that the step q0 -> q1 needs beyond what the cables give on average [N m]."""
+    q, v = 0.5 * (q0 + q1), (q1 - q0) / dt
+    inertia = load[INERTIA] + load[INERTIA_COS] * cos(q)
+    held = load[WEIGHT] + load[WEIGHT_COS] * cos(q) + load[WEIGHT_COS_2] * cos(2.0 * q)
+    turning = inertia * 2.0 * (v - v0) / dt - 0.5 * load[INERTIA_COS] * sin(q) * v * v
+    return turning + load[DAMPING] * v + held - 0.5 * (torque0 + torque1)
+
+
+@compiled
+def _swing(
+    plan: NDArray[np.int64],
+    numbers: Vector,
+    state: Vector,
+    course: Vector,
+    load: Vector,
+    joint: int,
+    sign: float,
+    effort_place: int,
+    lower: float,
+    upper: float,
+    drums: Table,
+    joints: Table,
+    dt: Vector,
+    residual: Vector,
+    estimates: Table,
+) -> int:
+    """Steps of a free joint; returns how many stayed within its range.
+
+    ``course`` holds angle, speed, acceleration and torque of the cables, and is carried on.
+    """
+    size = state.size
+    wanted = estimates.shape[1]
+    out = np.empty(size + wanted + mechanism.scratch_size(plan))
+    pose = np.empty(joints.shape[1])
+    for k in range(dt.size):
+        pose[:] = joints[k]
+        q0, v0, torque0 = course[0], course[1], course[3]
+        q, excess = q0, 0.0
+        if dt[k] > 0.0:
+            h = dt[k]
+            q = q0 + h * v0 + 0.5 * h * h * course[2]
+            slope = 2.0 * (load[INERTIA] + load[INERTIA_COS] * cos(q0)) / (h * h)
+            low, high, below, above = -np.inf, np.inf, 0.0, 0.0
+            last, last_excess, tried = q, 0.0, False
+            for _ in range(100):
+                pose[joint] = q
+                advance(plan, numbers, state, drums[k], pose, h, out)
+                torque = sign * out[size + effort_place]
+                excess = _required(load, q0, v0, q, h, torque0, torque)
+                if abs(excess) <= MOTION_TOLERANCE:
+                    break
+                if excess < 0.0:
+                    low, below = q, excess
+                else:
+                    high, above = q, excess
+                steep = slope
+                if tried and q != last:
+                    steep = max((excess - last_excess) / (q - last), slope)
+                last, last_excess, tried = q, excess, True
+                q -= excess / steep
+                if not low < q < high:
+                    q = low - below * (high - low) / (above - below)
+                if not low < q < high or q == last:
+                    break  # as near as numbers can tell
+        else:
+            pose[joint] = q
+            advance(plan, numbers, state, drums[k], pose, 0.0, out)
+        pose_angle = pose[joint]
+        if not lower <= pose_angle <= upper:
+            return k
+        if dt[k] > 0.0:
+            v1 = 2.0 * (pose_angle - q0) / dt[k] - v0
+            course[2] = (v1 - v0) / dt[k]
+            course[1] = v1
+        course[0] = pose_angle
+        course[3] = sign * out[size + effort_place]
+        joints[k, joint] = pose_angle
+        residual[k] = excess
+        state[:] = out[:size]
+        estimates[k] = out[size : size + wanted]
+    return dt.size

@@ -1,0 +1,235 @@
+"""Motions of a joint: functions of time that give angle, speed and acceleration.
+
+Every motion rests at its centre until ``begin`` and has no jump in speed.  Angles in [rad], or [m]
+for a prismatic joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.errors import UsageError
+
+Vector = NDArray[np.float64]
+
+BLEND: Final = 0.2
+"""Share of a move in which it speeds up, and in which it slows down."""
+
+RANDOM_TONES: Final = 4
+"""Sines in a random motion."""
+
+RECORDED_BAND: Final = 5.0
+"""A recorded motion is smoothed above this frequency [Hz]."""
+
+RECORDED_RATE: Final = 200.0
+"""Points per second of a smoothed recording [Hz]."""
+
+
+class Course(NamedTuple):
+    """A joint over time."""
+
+    angle: Vector
+    """[rad], shape (n,)."""
+    speed: Vector
+    """[rad/s], shape (n,)."""
+    acceleration: Vector
+    """[rad/s^2], shape (n,)."""
+
+
+Motion = Callable[[Vector], Course]
+
+
+def differences(time: Vector, angle: Vector) -> Course:
+    """A course from its angles alone, by central differences; shapes (n,), n at least 2."""
+    speed = np.gradient(angle, time)
+    return Course(angle, speed, np.gradient(speed, time))
+
+
+def still(centre: float) -> Motion:
+    """No motion."""
+
+    def course(time: Vector) -> Course:
+        return Course(np.full(time.shape, centre), np.zeros(time.shape), np.zeros(time.shape))
+
+    return course
+
+
+def sine(amplitude: float, frequency: float, begin: float = 0.0, centre: float = 0.0) -> Motion:
+    """A sine [Hz] that grows to its amplitude over the first period."""
+    pulsation = 2.0 * np.pi * frequency
+
+    def course(time: Vector) -> Course:
+        moving = np.maximum(time - begin, 0.0)
+        ramp, ramp_speed, ramp_acceleration = _growth(moving, frequency)
+        wave, slope = np.sin(pulsation * moving), pulsation * np.cos(pulsation * moving)
+        return _after(
+            time >= begin,
+            centre + amplitude * ramp * wave,
+            amplitude * (ramp_speed * wave + ramp * slope),
+            amplitude
+            * (ramp_acceleration * wave + 2.0 * ramp_speed * slope - ramp * pulsation**2 * wave),
+        )
+
+    return course
+
+
+def ramps(amplitude: float, frequency: float, begin: float = 0.0, centre: float = 0.0) -> Motion:
+    """From end to end at constant speed, ``frequency`` times to and fro in a second."""
+    return moves((amplitude, -amplitude), 0.5 / frequency, 0.0, begin, centre)
+
+
+def dwell(amplitude: float, frequency: float, begin: float = 0.0, centre: float = 0.0) -> Motion:
+    """As ``ramps``, but with a rest at the ends, halfway and in the middle, from both sides."""
+    half = 0.5 * amplitude
+    stations = (half, amplitude, half, 0.0, -half, -amplitude, -half, 0.0)
+    each = 1.0 / (frequency * len(stations))
+    return moves(stations, 0.5 * each, 0.5 * each, begin, centre)
+
+
+def moves(
+    stations: Sequence[float],
+    move_s: float,
+    rest_s: float,
+    begin: float = 0.0,
+    centre: float = 0.0,
+) -> Motion:
+    """Go to the stations one after the other, over and over, with trapezoidal speed.
+
+    Args:
+        stations: angles from the centre [rad]; the way to the first starts at the centre.
+        move_s: duration of a move [s], positive.
+        rest_s: rest after it [s].
+        begin: of the first move [s].
+        centre: [rad].
+    """
+    places = np.asarray(stations, dtype=np.float64)
+    blend = BLEND * move_s
+    top = 1.0 / (move_s - blend)  # speed of a move of 1 rad
+
+    def course(time: Vector) -> Course:
+        moving = np.maximum(time - begin, 0.0)
+        index = np.floor(moving / (move_s + rest_s)).astype(np.int64)
+        at = np.minimum(moving - index * (move_s + rest_s), move_s)
+        left = move_s - at
+        share = np.where(
+            at < blend,
+            0.5 * top * at**2 / blend,
+            np.where(left < blend, 1.0 - 0.5 * top * left**2 / blend, top * (at - 0.5 * blend)),
+        )
+        speed = top * np.minimum(np.minimum(at, left) / blend, 1.0)
+        change = top / blend * (np.where(at < blend, 1.0, 0.0) - np.where(left < blend, 1.0, 0.0))
+        goal = places[index % places.size]
+        start = np.where(index > 0, places[(index - 1) % places.size], 0.0)
+        resting = (at >= move_s) | (time < begin)
+        way = goal - start
+        return Course(
+            centre + start + way * share,
+            np.where(resting, 0.0, way * speed),
+            np.where(resting, 0.0, way * change),
+        )
+
+    return course
+
+
+def random(
+    amplitude: float, frequency: float, seed: int, begin: float = 0.0, centre: float = 0.0
+) -> Motion:
+    """Sines of random frequency in [0.1, 1] ``frequency`` [Hz] and random phase.
+
+    Their amplitudes add up to ``amplitude``, so the motion cannot leave its range.
+    """
+    generator = np.random.default_rng([seed, 0x6D6F7665])
+    edges = np.linspace(0.1, 1.0, RANDOM_TONES + 1)
+    share = generator.uniform(edges[:-1], edges[1:])  # one in every part of the band
+    pulsation = 2.0 * np.pi * frequency * share
+    phase = generator.uniform(0.0, 2.0 * np.pi, RANDOM_TONES)
+
+    def course(time: Vector) -> Course:
+        moving = np.maximum(time - begin, 0.0)
+        ramp, ramp_speed, ramp_acceleration = _growth(moving, frequency)
+        turn = np.multiply.outer(moving, pulsation) + phase
+        wave = np.sin(turn).mean(axis=-1)
+        slope = (np.cos(turn) * pulsation).mean(axis=-1)
+        bend = -(np.sin(turn) * pulsation**2).mean(axis=-1)
+        return _after(
+            time >= begin,
+            centre + amplitude * ramp * wave,
+            amplitude * (ramp_speed * wave + ramp * slope),
+            amplitude * (ramp_acceleration * wave + 2.0 * ramp_speed * slope + ramp * bend),
+        )
+
+    return course
+
+
+def recorded(time: Vector, angle: Vector, begin: float = 0.0, blend_s: float = 1.0) -> Motion:
+    """A recorded motion, smoothed so that its acceleration means something.
+
+    It starts from rest: for ``blend_s`` [s] the recording runs slower than it was made, and so it
+    lasts half of that longer.  Beyond its ends it holds.
+
+    Args:
+        time: increasing [s], shape (n,).
+        angle: [rad], shape (n,).
+        begin: when it starts [s].
+        blend_s: [s].
+
+    Raises:
+        UsageError: too short, not increasing, or not finite.
+    """
+    from scipy.interpolate import CubicSpline  # slow to import, so only where used
+    from scipy.signal import butter, sosfiltfilt
+
+    if time.size < 10 or not np.all(np.diff(time) > 0.0) or not np.all(np.isfinite(angle)):
+        raise UsageError(
+            "a recorded motion needs at least 10 finite angles at increasing times, got "
+            f"{time.size} readings"
+        )
+    length = float(time[-1] - time[0])
+    grid = np.linspace(0.0, length, max(round(length * RECORDED_RATE), 40) + 1)
+    values = np.interp(grid, time - time[0], angle)
+    rate = (grid.size - 1) / length
+    if rate > 2.5 * RECORDED_BAND:
+        sections = butter(2, RECORDED_BAND, fs=rate, output="sos")
+        values = sosfiltfilt(sections, values, padlen=min(grid.size - 1, round(rate)))
+    spline = CubicSpline(grid, np.clip(values, angle.min(), angle.max()))
+
+    def course(time: Vector) -> Course:
+        moving = np.maximum(time - begin, 0.0)
+        inside = np.clip(moving / blend_s, 0.0, 1.0)
+        # the recording's own time: its rate rises as a smooth step, 3 u^2 - 2 u^3
+        own = np.where(
+            inside < 1.0, blend_s * (inside**3 - 0.5 * inside**4), moving - 0.5 * blend_s
+        )
+        rate = inside**2 * (3.0 - 2.0 * inside)
+        rate_by = np.where(inside < 1.0, 6.0 * inside * (1.0 - inside) / blend_s, 0.0)
+        there = np.clip(own, 0.0, length)
+        runs = own < length
+        slope = np.where(runs, spline(there, 1), 0.0)
+        bend = np.where(runs, spline(there, 2), 0.0)
+        return Course(spline(there), slope * rate, bend * rate**2 + slope * rate_by)
+
+    return course
+
+
+def recorded_duration(time: Vector, blend_s: float = 1.0) -> float:
+    """How long ``recorded`` moves [s]."""
+    return float(time[-1] - time[0]) + 0.5 * blend_s
+
+
+def _growth(moving: Vector, frequency: float) -> tuple[Vector, Vector, Vector]:
+    """A smooth step over one period, 3 u^2 - 2 u^3, with its derivatives by time."""
+    share = np.minimum(moving * frequency, 1.0)
+    inside = share < 1.0
+    return (
+        share * share * (3.0 - 2.0 * share),
+        6.0 * share * (1.0 - share) * frequency,
+        np.where(inside, 6.0 * (1.0 - 2.0 * share) * frequency**2, 0.0),
+    )
+
+
+def _after(begun: NDArray[np.bool_], angle: Vector, speed: Vector, acceleration: Vector) -> Course:
+    return Course(angle, np.where(begun, speed, 0.0), np.where(begun, acceleration, 0.0))

@@ -1,0 +1,214 @@
+"""The command ``simulate``: every option does what it says, every mistake is explained."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.bag import Recording, Topics, read_recording
+from cdrj_ros.commands.simulate import main
+
+ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+QUICK = ("--duration", "4", "--cells", "1", "--frequency", "0.25", "--amplitude-deg", "20")
+
+
+def run(path: Path, *options: str) -> Recording:
+    assert main([str(path), "--robot", ROBOT, *QUICK, *options]) == 0
+    return read_recording(path)
+
+
+def refused(capsys: pytest.CaptureFixture[str], path: Path, *options: str) -> str:
+    assert main([str(path), "--robot", ROBOT, *QUICK, *options]) == 2
+    assert not path.exists(), "nothing is left behind"
+    text = capsys.readouterr().err.strip().splitlines()[-1]
+    assert text.startswith("simulate: ")
+    return text
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return run(tmp_path_factory.mktemp("plain") / "bag")
+
+
+def _tensions(recording: Recording) -> np.ndarray:
+    return np.stack(
+        [s.value for name, s in recording.references.items() if name.startswith("tension/")]
+    )
+
+
+def test_the_same_command_gives_the_same_bag_and_another_seed_another(
+    tmp_path: Path, plain: Recording
+) -> None:
+    again, other = run(tmp_path / "a"), run(tmp_path / "b", "--seed", "1")
+    np.testing.assert_array_equal(_tensions(again), _tensions(plain))
+    assert np.any(_tensions(other) != _tensions(plain))
+    np.testing.assert_array_equal(again.motors["winch"].value, plain.motors["winch"].value)
+
+
+def test_a_sample_bag_begins_as_the_command_now_makes_it(tmp_path: Path) -> None:
+    sample = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
+    kept = read_recording(sample)
+    assert main([str(tmp_path / "bag"), "--robot", ROBOT, "--duration", "2"]) == 0
+    made = read_recording(tmp_path / "bag")
+    for there, here in (
+        (kept.motors["winch"], made.motors["winch"]),
+        (kept.joints["elbow"], made.joints["elbow"]),
+    ):
+        count = here.value.size - 20  # the end of a motion counts in its derivatives
+        np.testing.assert_array_equal(there.value[:count], here.value[:count])
+        np.testing.assert_array_equal(there.stamp_ns[:count], here.stamp_ns[:count])
+
+
+@pytest.mark.parametrize("motion", ["sine", "ramps", "dwell", "random"])
+@pytest.mark.parametrize("mode", ["balance", "follow", "forward"])
+def test_every_motion_goes_with_every_mode(tmp_path: Path, motion: str, mode: str) -> None:
+    recording = run(tmp_path / "bag", "--motion", motion, "--mode", mode)
+    angle = recording.joints["elbow"].value
+    assert np.ptp(angle) > np.radians(2.0)
+    assert np.abs(angle).max() < np.radians(21.0)
+    assert np.isfinite(_tensions(recording)).all()
+
+
+def test_a_recorded_motion_is_moved_again(tmp_path: Path) -> None:
+    run(tmp_path / "first", "--mode", "follow")
+    recording = run(
+        tmp_path / "second", "--mode", "follow", "--motion", "recorded",
+        "--recorded", str(tmp_path / "first"),
+    )  # fmt: skip
+    first = read_recording(tmp_path / "first").joints["elbow"]
+    second = recording.joints["elbow"]
+    late = (second.stamp_ns - second.stamp_ns[0]) * 1e-9
+    source = (first.stamp_ns - first.stamp_ns[0]) * 1e-9
+    moving = late > 2.5
+    expected = np.interp(late[moving] - 1.5, source, first.value)  # a second of rest, half of blend
+    assert np.abs(second.value[moving] - expected).max() < 2e-3
+
+
+def test_sensors_have_the_defects_that_were_asked_for(tmp_path: Path, plain: Recording) -> None:
+    recording = run(
+        tmp_path / "bag", "--rate", "500,250", "--joint-counts", "1024", "--bias", "0,0.1",
+        "--noise", "0.01,0", "--jitter", "0.0002", "--dropout", "0.1", "--burst", "0.02",
+    )  # fmt: skip
+    motor, joint = recording.motors["winch"], recording.joints["elbow"]
+    assert motor.value.size == pytest.approx(0.9 * 2001, rel=0.15)
+    assert joint.value.size == pytest.approx(0.9 * 1000, rel=0.15)
+    assert np.all(np.diff(motor.stamp_ns) > 0)
+    counts = joint.value / (2.0 * np.pi / 1024)
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    ideal = plain.joints["elbow"]
+    off = joint.value - np.interp(joint.stamp_ns, ideal.stamp_ns, ideal.value)
+    assert off.mean() == pytest.approx(0.1, abs=1e-3)
+    ideal = plain.motors["winch"]
+    off = motor.value - np.interp(motor.stamp_ns, ideal.stamp_ns, ideal.value)
+    assert off.std() == pytest.approx(0.01, rel=0.1)
+
+
+def test_more_payload_parts_the_cables_further(tmp_path: Path, plain: Recording) -> None:
+    heavy = run(tmp_path / "bag", "--payload", "0.6")
+
+    def part(recording: Recording) -> float:
+        upper, lower = (recording.references[f"tension/{c}/8"].value for c in ("upper", "lower"))
+        return float((upper - lower).mean())
+
+    assert part(heavy) > part(plain) + 5.0
+
+
+def test_a_fault_shows_at_its_time_and_its_slack_is_told(
+    tmp_path: Path, plain: Recording, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = run(tmp_path / "bag", "--fault", "slack/lower@2:10")
+    told = capsys.readouterr().out
+    tension, sound = (r.references["tension/lower/4"] for r in (broken, plain))
+    time = (tension.stamp_ns - tension.stamp_ns[0]) * 1e-9
+    np.testing.assert_array_equal(tension.value[time < 1.9], sound.value[time < 1.9])
+    assert np.median(tension.value[time > 3.8]) == pytest.approx(0.0, abs=0.05)
+    assert "note: lower is slack for " in told
+
+
+def test_a_slack_cable_is_refused_with_its_place_and_a_preload_that_helps(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weak = ("--preload", "10,3", "--payload", "0.5")
+    text = refused(capsys, tmp_path / "bag", *weak)
+    assert "element lower/" in text
+    assert "has no tension at t = " in text
+    assert "elbow = " in text
+    preload = text.split("with --preload ")[1].split(" ")[0]
+    run(tmp_path / "taut", "--payload", "0.5", "--preload", preload)
+    slack = run(tmp_path / "slack", *weak, "--allow-slack")
+    assert _tensions(slack).min() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--amplitude-deg", "50"), "--amplitude-deg 50 leaves the range of elbow: at most 40"),
+        (("--cells", "0"), "--cells must be in [1, 200], got 0"),
+        (("--duration", "-1"), "--duration must be in [0.01, 1e+06], got -1"),
+        (("--joint", "knee"), "--joint must be one of elbow, got 'knee'"),
+        (("--dropout", "1.5"), "--dropout must be in [0, 0.99], got 1.5"),
+        (("--rate", "fast"), "--rate must be numbers and commas, got 'fast'"),
+        (("--rate", "1,2,3"), "--rate takes 1 or 2 numbers, got 3"),
+        (("--fault", "rust@3"), "NAME one of slack, snap, slip"),
+        (("--fault", "snap@3:-1"), "the amount must be in (0, 1000], got -1"),
+        (("--fault", "snap/middle@3"), "there are upper, lower"),
+        (("--motion", "recorded"), "--motion recorded and --recorded BAG belong together"),
+        (("--payload", "50"), "10 times the preload would not help"),
+        (("--payload", "1000"), "at the start: a cable would have to push"),
+        (("--mode", "forward", "--payload", "50"), "hold the load in no pose of elbow"),
+    ],
+)
+def test_a_mistake_is_explained_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], words: str
+) -> None:
+    assert words in refused(capsys, tmp_path / "bag", *options)
+
+
+TWO_JOINTS = """
+name: two
+motors: [{name: m1}, {name: m2}]
+joints:
+  - {name: a, range_deg: [-40, 40], scale: -2.0, offset: 0.5}
+  - {name: b, range_deg: [-40, 40], clock_offset: 0.25}
+friction: {mu_c: 0.1}
+cables:
+  - name: one
+    axial_stiffness: 5000
+    preload: 20
+    nodes:
+      - {type: winch, motor: m1, radius_mm: 10, winding: 1}
+      - {type: pulley, radius_mm: 10, wrap_angle_deg: 90}
+      - {type: anchor}
+    spans: [0.2, [{joint: a, offset_mm: 200, slope_mm: 10}, {joint: b, slope_mm: 8}]]
+  - name: two
+    axial_stiffness: 5000
+    preload: 20
+    nodes:
+      - {type: winch, motor: m2, radius_mm: 10, winding: 1}
+      - {type: pulley, radius_mm: 10, wrap_angle_deg: 90}
+      - {type: anchor}
+    spans: [0.2, [{joint: a, offset_mm: 200, slope_mm: -10}, {joint: b, slope_mm: -8}]]
+"""
+
+
+def test_several_joints_follow_with_motions_of_their_own(tmp_path: Path) -> None:
+    robot = tmp_path / "two.yaml"
+    robot.write_text(TWO_JOINTS)
+    code = main(
+        [
+            str(tmp_path / "bag"), "--robot", str(robot), "--joint", "a", "--joint", "b",
+            "--amplitude-deg", "30,15", "--frequency", "0.5,0.7", "--duration", "4",
+        ]
+    )  # fmt: skip
+    assert code == 0
+    recording = read_recording(tmp_path / "bag", Topics())
+    assert set(recording.motors) == {"m1", "m2"}
+    a, b = recording.joints["a"], recording.joints["b"]
+    angle = -2.0 * a.value + 0.5  # as the robot file reads it
+    assert np.abs(angle).max() == pytest.approx(np.radians(30.0), rel=0.01)
+    assert np.abs(b.value).max() == pytest.approx(np.radians(15.0), rel=0.01)
+    assert a.stamp_ns[0] - b.stamp_ns[0] == 250_000_000
+    effort = recording.references["effort/a"].value
+    assert np.ptp(effort) > 0.01

@@ -1,0 +1,177 @@
+"""Any number of motors, joints and cables, by tables or by positions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace as Robots
+
+import numpy as np
+import pytest
+
+from cdrj_ros.model.errors import UsageError
+from cdrj_ros.model.plan import prepare, shape_at
+from cdrj_ros.model.robot import Robot
+from cdrj_ros.rig.cells import divide
+from cdrj_ros.rig.follow import follow_joints, pull_together
+from cdrj_ros.rig.load import make_load
+from cdrj_ros.rig.motion import differences, sine
+from cdrj_ros.rig.truth import follow, simulate
+
+TIME = np.arange(3_001) / 1000.0
+
+
+def _poses(robot: Robot, count: int = 20) -> np.ndarray:
+    lower = np.array([joint.lower for joint in robot.joints])
+    upper = np.array([joint.upper for joint in robot.joints])
+    return lower + np.random.default_rng(2).random((count, lower.size)) * (upper - lower)
+
+
+def _moving(robot: Robot, share: float = 0.5) -> np.ndarray:
+    joints = [
+        sine(share * joint.upper, 0.4 + 0.1 * k, 0.2, joint.reference_angle)(TIME).angle
+        for k, joint in enumerate(robot.joints)
+    ]
+    return np.stack(joints, axis=1)
+
+
+def _frictionless(robot: Robot) -> Robot:
+    return replace(robot, cables=tuple(replace(cable, law="none") for cable in robot.cables))
+
+
+@pytest.mark.parametrize("name", ["prototype", "finger", "hoist"])
+def test_contact_cells_leave_the_geometry_as_it_is(robots: Robots, name: str) -> None:
+    robot = getattr(robots, name)()
+    divided = divide(robot, 6)
+    assert not divided.whole
+    whole, fine = prepare(robot), prepare(divided.robot)
+    assert len(fine.layout.pulleys) == 6 * len(whole.layout.pulleys)
+    for pose in _poses(robot):
+        one, other = shape_at(whole, pose), shape_at(fine, pose)
+        assert other.length.sum() == pytest.approx(one.length.sum(), abs=1e-9)
+        np.testing.assert_allclose(
+            other.length_by_joint.sum(axis=0), one.length_by_joint.sum(axis=0), atol=1e-7
+        )
+        wraps = other.wrap.reshape(-1, 6)
+        np.testing.assert_allclose(wraps.sum(axis=1), one.wrap, atol=1e-6)
+        np.testing.assert_allclose(wraps, wraps[:, :1] * np.ones(6), rtol=1e-12)
+
+
+def test_cables_whose_spans_depend_on_two_joints_at_once_stay_whole_and_that_is_said(
+    robots: Robots,
+) -> None:
+    divided = divide(robots.platform(), 8)
+    assert divided.robot.cables == robots.platform().cables
+    assert len(divided.whole) == 4
+    truth = follow(robots.platform(), TIME[:50], np.zeros((50, 2)))
+    assert any("c0: its spans depend on several joints at once" in note for note in truth.notes)
+
+
+@pytest.mark.parametrize("name", ["prototype", "finger", "platform"])
+def test_following_motors_keep_the_preload_of_frictionless_cables(
+    robots: Robots, name: str
+) -> None:
+    robot = _frictionless(getattr(robots, name)())
+    truth = follow(robot, TIME, _moving(robot), cells=4)
+    element = 0
+    for cable in robot.cables:
+        for _ in cable.element_names:
+            np.testing.assert_allclose(truth.tension[:, element], cable.preload, rtol=1e-6)
+            element += 1
+
+
+@pytest.mark.parametrize("name", ["prototype", "finger", "platform"])
+def test_friction_parts_the_tensions_of_a_cable_when_it_moves(robots: Robots, name: str) -> None:
+    robot = getattr(robots, name)()
+    truth = follow(robot, TIME, _moving(robot), cells=4)
+    count = len(robot.cables[0].nodes) - 1
+    assert np.ptp(truth.tension[-1, :count]) > 0.5
+    assert truth.tension.min() > 0.0
+
+
+def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots) -> None:
+    robot = robots.finger()
+    single = replace(robot.cables[1].nodes[0], motor="flexor_motor", winding=1)
+    cables = (
+        robot.cables[0],
+        replace(robot.cables[1], nodes=(single, *robot.cables[1].nodes[1:])),
+    )
+    coupled = replace(robot, cables=cables, motors=robot.motors[:1])
+    joints = 0.2 * _moving(coupled)
+    truth = follow(coupled, TIME, joints, cells=2)
+    assert [note for note in truth.notes if "no motor takes up" in note]
+    assert np.ptp(truth.tension[:, 0]) > 1.0
+
+
+def test_forces_on_whole_pulleys_are_the_vector_sums_of_their_tensions(
+    robots: Robots,
+) -> None:
+    robot = robots.finger()
+    joints = _moving(robot)
+    truth = follow(robot, TIME, joints, cells=4)
+    model = prepare(robot)
+    for k in (0, 1000, 2500):
+        shape = shape_at(model, joints[k])
+        for cable in range(2):
+            for p in range(2):
+                e = 3 * cable + p
+                pull = (
+                    truth.tension[k, e + 1] * shape.direction[e + 1]
+                    - truth.tension[k, e] * shape.direction[e]
+                )
+                assert truth.nodal_force[k, 2 * cable + p] == pytest.approx(np.hypot(*pull))
+
+
+def test_several_motors_balance_one_joint_together(robots: Robots) -> None:
+    robot = robots.finger()
+    joints = np.zeros((TIME.size, 2))
+    joints[:, 1] = sine(0.2, 0.5, 0.2)(TIME).angle
+    load = make_load("pendulum", 0.05)
+    torque = load.torque(*differences(TIME, joints[:, 1]))
+    truth = simulate(robot, TIME, joints, torque, joint=1, cells=4)
+    np.testing.assert_allclose(np.abs(truth.imbalance), 0.0, atol=1e-6)
+    np.testing.assert_allclose(truth.joint_effort[:, 1], torque, atol=1e-3)
+    followed = follow_joints(prepare(robot), truth.joint_angle).motor_angle
+    beyond = truth.motor_angle - followed
+    way = pull_together(prepare(robot), 1)
+    assert np.abs(way).max() == 1.0
+    np.testing.assert_allclose(beyond, np.outer(beyond @ way, way) / (way @ way), atol=1e-9)
+
+
+def test_more_payload_parts_the_two_cables_further(robots: Robots) -> None:
+    angle = sine(0.3, 0.5, 0.2)(TIME).angle
+    parts = []
+    for mass in (0.0, 0.3, 0.6):
+        torque = make_load("rolling", mass).torque(*differences(TIME, angle))
+        truth = simulate(robots.prototype(), TIME, angle, torque, 20.0, cells=1, allow_slack=True)
+        parts.append((truth.tension[:, 6] - truth.tension[:, 14]).mean())
+    assert parts[0] < parts[1] < parts[2]
+    assert parts[2] - parts[1] == pytest.approx(parts[1] - parts[0], rel=0.1)
+
+
+def test_a_mirrored_motion_without_gravity_mirrors_the_tensions(robots: Robots) -> None:
+    robot = robots.prototype()
+    same = replace(robot, cables=tuple(replace(c, preload=30.0) for c in robot.cables))
+    angle = sine(0.5, 0.5, 0.2)(TIME).angle
+    load = make_load("rolling", 0.3, gravity=0.0)
+    there, back = (
+        simulate(same, TIME, a, load.torque(*differences(TIME, a)), 20.0, cells=2)
+        for a in (angle, -angle)
+    )
+    np.testing.assert_allclose(there.motor_angle, -back.motor_angle, atol=1e-5)
+    np.testing.assert_allclose(there.tension[:, :8], back.tension[:, 8:], atol=2e-3)
+
+
+def test_a_motion_faster_than_its_motor_is_refused_or_its_waits_are_told(robots: Robots) -> None:
+    robot = robots.prototype()
+    angle = sine(0.5, 0.5, 0.2)(TIME).angle
+    torque = make_load("rolling", 0.3, gravity=0.0).torque(*differences(TIME, angle))
+    with pytest.raises(UsageError, match=r"asks the motor for .* it may turn at 5 rad/s"):
+        simulate(robot, TIME, angle, torque, 5.0, cells=2)
+    slow = simulate(robot, TIME, angle, torque, 1.0, cells=2)
+    assert np.abs(np.diff(slow.motor_angle[:, 0])).max() <= 1e-3 * (1.0 + 1e-9)
+    assert [note for note in slow.notes if "waited for its motor" in note]
+
+
+def test_arrays_of_another_shape_are_refused(robots: Robots) -> None:
+    with pytest.raises(UsageError, match=r"joint_angle must have the shape \(10, 2\)"):
+        follow(robots.finger(), TIME[:10], np.zeros(10))
