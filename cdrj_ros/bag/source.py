@@ -67,6 +67,16 @@ def open_source(path: Path | str) -> Source:
     return Source(path, tuple(files), tuple(notes))
 
 
+def size_of(path: Path | str) -> int:
+    """Bytes of a bag's files, at least 1; for shares of progress only."""
+    path = Path(path)
+    try:
+        files = list(path.iterdir()) if path.is_dir() else [path]
+        return max(sum(file.stat().st_size for file in files if file.is_file()), 1)
+    except OSError:
+        return 1
+
+
 def _opened(path: Path, notes: list[str]) -> McapFile | None:
     """One part of a recording; a part that is no MCAP file is left out, with a note."""
     try:

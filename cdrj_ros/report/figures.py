@@ -21,8 +21,9 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.comparison import QUANTITIES, Channel, quantity_of
+from cdrj_ros.estimation.reversals import envelope
 from cdrj_ros.report.numbers import decimals_for, format_number, scale_for
-from cdrj_ros.report.series import Window, envelope, gaps, seconds_since
+from cdrj_ros.report.series import Window, gaps, seconds_since
 
 PALETTE: Final[Mapping[str, str]] = MappingProxyType(
     {

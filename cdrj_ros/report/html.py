@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros.estimation.comparison import QUANTITIES, BagComparison, Channel, quantity_of
+from cdrj_ros.estimation.limits import Judgement
 from cdrj_ros.estimation.metrics import (
     MINIMUM_SHARE,
     NO_SAMPLES,
@@ -25,6 +26,7 @@ from cdrj_ros.estimation.metrics import (
     bag_errors,
     pooled_errors,
 )
+from cdrj_ros.estimation.reversals import turning_points
 from cdrj_ros.report.files import write_text
 from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
 from cdrj_ros.report.series import (
@@ -32,9 +34,8 @@ from cdrj_ros.report.series import (
     closer_look,
     loop_window,
     seconds_since,
-    turning_points,
 )
-from cdrj_ros.report.table import HEADINGS, Row, table_groups
+from cdrj_ros.report.table import Row, headings_of, table_groups
 from cdrj_ros.report.verdict import Verdict, origin_of, telling_channels, verdict
 
 PICTURE_BUDGET: Final = 2_700_000
@@ -50,6 +51,7 @@ def write_report(
     versions: Mapping[str, str],
     beside: Mapping[str, str] | None = None,
     beside_heading: str = "",
+    judgement: Judgement | None = None,
 ) -> None:
     """Write the comparisons as one self-contained HTML page, whole or not at all.
 
@@ -62,6 +64,7 @@ def write_report(
         beside: text for one more column of the table by channel name, for example published
             figures; a quantity's prefix alone ("tension") names its last line.
         beside_heading: heading of that column.
+        judgement: what came of limits, where there were any.
 
     Raises:
         OSError: the file cannot be written; an older one is then untouched.
@@ -122,7 +125,7 @@ def _table(
     for group in table_groups(errors, beside=beside):
         rows = group.rows + ((group.summary,) if group.summary else ())
         with_aside = any(row.aside for row in rows)
-        head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in HEADINGS)
+        head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in headings_of(errors))
         if with_aside:
             head += f'<th scope="col" class="beside">{escape(beside_heading)}</th>'
         body = "\n".join(line(row, with_aside) for row in rows)

@@ -10,6 +10,7 @@ import pytest
 
 from cdrj_ros.bag import BagWriter, read_recording
 from cdrj_ros.commands import simulate, validate
+from cdrj_ros.estimation import metrics
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
@@ -17,7 +18,7 @@ LOW = ROOT / "bags" / "prototype_preload_23_6"
 HIGH = ROOT / "bags" / "prototype_preload_36_26"
 ODD = ROOT.parent / "shared" / "data" / "odd_bags"
 
-FIGURES = {"unit", "n", "mean_abs_error", "mean_relative_error", "rmse", "max_abs_error", "r2"}
+FIGURES = {"unit", "n", *metrics.FIGURES}
 
 
 def _figures(path: Path) -> dict:  # type: ignore[type-arg]
