@@ -229,5 +229,6 @@ def write_results(
             beside=beside,
             beside_heading=heading,
             judgement=judgement,
+            robot=model.robot,
         )
         print(f"report: {arguments.html}")
