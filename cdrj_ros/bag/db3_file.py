@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
+import struct
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
-from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +20,8 @@ from cdrj_ros.model.errors import BagError
 MAGIC: Final = b"SQLite format 3\0"
 _AT_ONCE: Final = 20_000
 """Messages of one stretch."""
+_HEAD: Final = struct.Struct(">16xH10xI")
+"""Size and number of the pages, where a database says them."""
 
 
 class Db3File:
@@ -35,7 +38,7 @@ class Db3File:
         self.messages_read = 0
         self.complete = True
         self.indexed = True
-        _require_sqlite(path)
+        _require_whole(path)
         try:
             with closing(self._connect()) as connection:
                 self._read_channels(connection)
@@ -72,7 +75,7 @@ class Db3File:
         """All channels are known from the start."""
 
     def state(self) -> str:
-        """Nothing is unusual about the file's end."""
+        """Nothing is unusual about the file's end: one that is cut is refused."""
         return ""
 
     def _connect(self) -> sqlite3.Connection:
@@ -111,10 +114,13 @@ class Db3File:
     def _read_times(self, connection: sqlite3.Connection) -> tuple[Int64s, Int64s, Int64s]:
         """Number, time and topic of every message, as far as the file can be read."""
         rows: list[tuple[int, int, int]] = []
-        cursor = connection.execute("SELECT id, timestamp, topic_id FROM messages ORDER BY id")
+        cursor = connection.execute(
+            "SELECT id, timestamp, topic_id FROM messages NOT INDEXED ORDER BY id"
+        )
         try:
-            while more := list(islice(cursor, _AT_ONCE)):
-                rows += [row for row in more if all(isinstance(value, int) for value in row)]
+            for row in cursor:
+                if all(isinstance(value, int) for value in row):
+                    rows.append(row)  # noqa: PERF401 what comes before an error stays
         except sqlite3.Error as error:
             self._damaged(error)
         table = np.array(rows, np.int64).reshape(-1, 3)
@@ -150,17 +156,27 @@ class Db3File:
             self.notes.append(note)
 
 
-def _require_sqlite(path: Path) -> None:
+def _require_whole(path: Path) -> None:
+    """Refuse what is no database, and one that is cut: sqlite would not read either."""
     try:
         with path.open("rb") as stream:
-            head = stream.read(len(MAGIC))
+            head = stream.read(_HEAD.size)
+            size = stream.seek(0, os.SEEK_END)
     except OSError as error:
         raise BagError(f"{path} cannot be read: {error.strerror or error}") from None
     if not head:
         raise BagError(f"{path} is empty, expected a bag stored as sqlite3")
-    if head != MAGIC:
+    if not head.startswith(MAGIC):
         raise BagError(
-            f"{path} is not a bag stored as sqlite3: it begins with {head!r}, expected {MAGIC!r}"
+            f"{path} is not a bag stored as sqlite3: it begins with {head[: len(MAGIC)]!r}, "
+            f"expected {MAGIC!r}"
+        )
+    page, pages = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 1)
+    claimed = (65536 if page == 1 else page) * pages
+    if size < max(claimed, _HEAD.size):
+        raise BagError(
+            f"{path} is cut: {size} of {claimed} bytes are there; `sqlite3 {path} .recover` gives "
+            "what is left as SQL"
         )
 
 

@@ -108,7 +108,9 @@ def _axes(robot: Robot) -> ParameterTable:
     rows += [
         (
             f"{joint.name} (joint)",
-            f"{degrees(joint.lower):.4g} to {degrees(joint.upper):.4g}",
+            f"{degrees(joint.lower):.4g} to {degrees(joint.upper):.4g}".replace(
+                "-", "\N{MINUS SIGN}"
+            ),
             *_axis(joint.passive, joint.sensor),
         )
         for joint in robot.joints
