@@ -141,15 +141,16 @@ def within(zones: Stamps, stamp_ns: Stamps) -> NDArray[np.bool_]:
 def clock_resets(stamp_ns: Stamps) -> Indices:
     """First samples after the clock has gone back for good, in order of arrival, shape (k,).
 
-    One that goes back by more than MAX_GAP_NS, beyond what CONFIRMATIONS samples before it said,
-    with stamps that increase after it: one wild stamp is no reset.
+    Samples from there on, CONFIRMATIONS of them where there are as many, increase and lie before
+    the middle one of as many samples before: the first by more than MAX_GAP_NS.  One wild stamp is
+    no reset.
     """
     resets = []
     for at in (np.flatnonzero(np.diff(stamp_ns) < -MAX_GAP_NS) + 1).tolist():
-        before = stamp_ns[max(at - CONFIRMATIONS, 0) : at]
+        before = np.sort(stamp_ns[max(at - CONFIRMATIONS, 0) : at])
         after = stamp_ns[at : at + CONFIRMATIONS]
-        if stamp_ns[at] + MAX_GAP_NS < np.sort(before)[len(before) // 2] and np.all(
-            np.diff(after) > 0
-        ):
+        middle = before[len(before) // 2]
+        follows = len(after) > 1 and np.all(np.diff(after) > 0)
+        if follows and after[0] + MAX_GAP_NS < middle and after[-1] < middle:
             resets.append(at)
     return np.array(resets, dtype=np.intp)

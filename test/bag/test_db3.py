@@ -80,7 +80,7 @@ def test_a_damaged_page_gives_what_comes_before_it_and_a_note(folder):
     [
         (b"", "is empty"),
         (b"SQLite 2", "begins with"),
-        (b"SQLite format 3\0" * 9, "not a bag"),
+        (b"SQLite format 3\0" * 9, "is cut"),
         (b"SQLite format 3\0", "cut"),
     ],
 )
