@@ -155,8 +155,9 @@ def _lines(description: str, total: float) -> Callable[[float], None]:
         nonlocal last
         if monotonic() - last > LINE_S:
             last = monotonic()
-            left = (last - begin) * (total / done - 1.0) if done > 0.0 else float("inf")
-            remaining = f", {left:.0f} s left" if 0.5 <= left < 1e6 else ""
+            share = done / total
+            left = (last - begin) * (1.0 / share - 1.0) if share >= 0.01 else 0.0
+            remaining = f", {left:.0f} s left" if left >= 0.5 else ""
             text = f"{description}: {100.0 * done / total:.0f} %{remaining}"
             print(text, file=sys.stderr, flush=True)
 

@@ -148,9 +148,11 @@ def _in_processes(
     from threading import Lock
 
     lock, done = Lock(), 0.0
+    context = get_context("forkserver")
+    context.set_forkserver_preload([__name__])  # one import for all workers
     pool = ProcessPoolExecutor(
         jobs,
-        mp_context=get_context("spawn"),
+        mp_context=context,
         initializer=_start_worker,
         initargs=(arguments.robot, arguments.preload),
     )
