@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any, Final
 
@@ -24,6 +25,7 @@ from cdrj_ros.estimation.conditioning import Conditioned, Readings, condition
 from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
 from cdrj_ros.estimation.pulley_friction import PulleyFriction, pulley_friction
 from cdrj_ros.estimation.reversals import clock_resets, reversal_zones
+from cdrj_ros.estimation.uncertainty import Spread
 from cdrj_ros.model.errors import BagError
 from cdrj_ros.model.plan import Layout, Model, shape_at
 
@@ -125,7 +127,11 @@ def stddev_channels(
 
 
 def estimate(
-    model: Model, conditioned: Conditioned, progress: Callable[[float], None] | None = None
+    model: Model,
+    conditioned: Conditioned,
+    progress: Callable[[float], None] | None = None,
+    *,
+    spread: bool = False,
 ) -> Estimates:
     """The estimator over a conditioned recording; started anew where the clock went back.
 
@@ -134,18 +140,20 @@ def estimate(
         conditioned: the recording; its segments follow one another in the result, whose stamps go
             back between them.
         progress: told now and then which share is done, from 0 to 1.
+        spread: standard deviations too, for about as much time again.
     """
     total = max(sum(segment.stamp_ns.size for segment in conditioned.segments), 1)
     done = 0
     parts = []
     for segment in conditioned.segments:
         state = initial_state(model)
+        advance = Spread(model).run if spread else partial(run, model)
         for begin in range(0, segment.stamp_ns.size, AT_ONCE):
             piece = slice(begin, begin + AT_ONCE)
             samples = Samples(
                 segment.stamp_ns[piece], segment.motor_angle[piece], segment.joint_angle[piece]
             )
-            state, part = run(model, state, samples)
+            state, part = advance(state, samples)
             parts.append(part)
             done += samples.stamp_ns.size
             if progress:
@@ -157,7 +165,7 @@ def estimate(
     joined: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("stamp_ns", "values", "stddev")
-        if getattr(parts[0], name, None) is not None
+        if getattr(parts[0], name) is not None
     }
     return replace(parts[0], **joined)
 
@@ -283,7 +291,7 @@ def write_estimates(
         BagError: ``out`` exists, or one of them cannot be read or written.
     """
     layout, values, stamps = estimates.layout, estimates.values, estimates.stamp_ns
-    stddev = getattr(estimates, "stddev", None)
+    stddev = estimates.stddev
     deviations = np.empty((stamps.size, 0)) if stddev is None else stddev
     elements, pulleys = len(layout.elements), len(layout.pulleys)
     log_ns = log_times(recording, estimates)

@@ -34,6 +34,7 @@ from cdrj_ros.estimation.comparison import BagComparison
 from cdrj_ros.estimation.limits import judge, load_limits
 from cdrj_ros.model.errors import BagError, UsageError
 from cdrj_ros.model.plan import Model
+from cdrj_ros.model.robot import Robot
 from cdrj_ros.validation import (
     OUTPUTS,
     compare_with_references,
@@ -64,6 +65,8 @@ class Task:
     """Seconds after the bag's begin from and to which references are compared."""
     outputs: tuple[str, str, str] = OUTPUTS
     """Topics of the estimates in the bag that is written."""
+    spread: bool = False
+    """Standard deviations too."""
     written: str = ""
     """Bag to be made with the estimates beside the original messages; empty for none."""
 
@@ -91,7 +94,7 @@ def _validate(model: Model, task: Task, progress: Progress | None = None) -> Bag
         if progress:
             progress(READING_SHARE + (1.0 - READING_SHARE) * share)
 
-    estimates = estimate(model, conditioned, on)
+    estimates = estimate(model, conditioned, on, spread=task.spread)
     done = perf_counter()
     facts = {
         "samples": f"{estimates.stamp_ns.size}",
@@ -106,7 +109,7 @@ def _validate(model: Model, task: Task, progress: Progress | None = None) -> Bag
         estimates.stamp_ns,
         estimate_channels(model.layout, estimates.values),
         facts,
-        stddev=stddev_channels(model.layout, getattr(estimates, "stddev", None)),
+        stddev=stddev_channels(model.layout, estimates.stddev),
         friction=friction_at_pulleys(estimates),
         window=task.window,
     )
@@ -204,12 +207,17 @@ def _parser() -> argparse.ArgumentParser:
         help="write an MCAP bag of everything in the original with the estimates beside it; of "
         "several bags, one each in the folder OUT",
     )  # fmt: skip
+    parser.add_argument(
+        "--uncertainty", choices=("auto", "on", "off"), default="auto",
+        help="standard deviations of the estimates and how often the reference lies within two of "
+        "them; auto: where the robot file says how well it is known (default %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--quiet", action="store_true", help="print only what is wrong")
     add_result_options(parser)
     return parser
 
 
-def _tasks(arguments: argparse.Namespace) -> list[Task]:
+def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[Task]:
     """One for each bag; refuses what could not be written before anything is read."""
     start, duration = arguments.start, arguments.duration
     if not (isfinite(start) and start >= 0.0):
@@ -218,6 +226,9 @@ def _tasks(arguments: argparse.Namespace) -> list[Task]:
         raise UsageError(f"--duration must be more than 0 s, got {duration}")
     window = (start, float("inf") if duration is None else start + duration)
     topics = topics_of(arguments)
+    spread = arguments.uncertainty == "on"
+    if arguments.uncertainty == "auto":
+        spread = robot.uncertainty is not None
     prefix = topic_prefix(arguments)
     outputs = (prefix + OUTPUTS[0], prefix + OUTPUTS[1], prefix + OUTPUTS[2])
     out = arguments.write_bag
@@ -231,7 +242,7 @@ def _tasks(arguments: argparse.Namespace) -> list[Task]:
             if Path(path).exists():
                 raise BagError(f"{path} exists already; a bag is written to a new folder")
     return [
-        Task(path, topics, window, outputs, new)
+        Task(path, topics, window, outputs, spread, new)
         for path, new in zip(arguments.bags, written, strict=True)
     ]
 
@@ -241,8 +252,8 @@ def _body(argv: Sequence[str]) -> int:
     if not 0 <= arguments.jobs <= MOST_JOBS:
         raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
     limits = load_limits(arguments.limits) if arguments.limits else None
-    tasks = _tasks(arguments)
     model = load_model(arguments.robot, arguments.preload)
+    tasks = _tasks(arguments, model.robot)
     jobs = min(arguments.jobs or os.cpu_count() or 1, len(tasks))
     total = sum(size_of(task.path) for task in tasks)
     with progress_bar("validating", total) as report:

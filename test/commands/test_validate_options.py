@@ -198,7 +198,9 @@ def test_rosbags_and_mcap_read_the_written_bag_by_its_embedded_types(
     tensions, forces, efforts = (seen[topic] for topic in OUTPUTS)
     assert tensions.name[7] == "upper/8"
     assert len(tensions.tension) == 16
-    assert len(tensions.stddev) == 0
+    assert len(tensions.stddev) == 16  # the robot file says how well it is known
+    assert len(forces.stddev) == 14
+    assert min(tensions.stddev) > 0.0
     assert forces.name[0] == "upper/2"
     assert len(forces.slip_speed) == len(forces.magnitude) == 14
     assert efforts.name == ["winch", "elbow"]
@@ -271,6 +273,21 @@ def test_a_window_leaves_the_estimate_as_it_is_and_compares_less(
     assert part["channels"][name]["n"] == pytest.approx(100, abs=1)
     assert part["channels"][name]["max_abs_error"] <= whole["channels"][name]["max_abs_error"]
     assert part["friction"] == whole["friction"]
+
+
+def test_without_uncertainty_there_is_neither_coverage_nor_a_deviation(
+    short: Path, tmp_path: Path
+) -> None:
+    off = run(tmp_path, short, "--uncertainty", "off", "--write-bag", tmp_path / "off")[1]
+    on = run(tmp_path, short, "--uncertainty", "on")[1]
+    for name, channel in off["all"]["channels"].items():
+        assert channel["coverage"] is None
+        assert 0.0 <= on["all"]["channels"][name]["coverage"] <= 1.0
+        assert channel["rmse"] == on["all"]["channels"][name]["rmse"]
+    with AnyReader([tmp_path / "off"]) as reader:
+        connections = [one for one in reader.connections if one.topic == OUTPUTS[0]]
+        _, _, payload = next(reader.messages(connections))
+        assert len(reader.deserialize(payload, connections[0].msgtype).stddev) == 0
 
 
 @pytest.mark.parametrize(
