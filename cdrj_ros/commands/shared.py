@@ -219,6 +219,8 @@ def write_results(
         write_json(arguments.json, comparisons, judgement)
         print(f"figures: {arguments.json}")
     if arguments.html:
+        from cdrj_ros.estimation.inspection import inspect_robot
+        from cdrj_ros.report.drawing import draw_robot
         from cdrj_ros.report.html import write_report
 
         write_report(
@@ -231,5 +233,6 @@ def write_results(
             beside_heading=heading,
             judgement=judgement,
             robot=model.robot,
+            drawing=draw_robot(inspect_robot(model)),
         )
         print(f"report: {arguments.html}")

@@ -251,6 +251,9 @@ def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     if not 0 <= arguments.jobs <= MOST_JOBS:
         raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
+    for path in (arguments.json, arguments.html):
+        if path and not Path(path).absolute().parent.is_dir():
+            raise UsageError(f"{path} cannot be written: there is no folder {Path(path).parent}")
     limits = load_limits(arguments.limits) if arguments.limits else None
     model = load_model(arguments.robot, arguments.preload)
     tasks = _tasks(arguments, model.robot)

@@ -64,6 +64,9 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 50, 8, 26, 38
 _ERROR_HEIGHT, _BETWEEN = 58, 32
 _LINE_WIDTH: Final = {"truth": 3.4, "estimate": 1.1, "error": 0.8, "band": 8.0}
 
+USUAL_BANDS: Final = 1.5
+"""A band up to this many times its median has room around the series."""
+
 BAND_IN_VIEW: Final = 4.0
 """A band up to this many times the largest error is shown whole below the series."""
 
@@ -123,6 +126,8 @@ def over_time(
         clip_on=False,
     )
     _limits(series, time, 5)
+    if half is not None:
+        _keep_in_view(series, (reference, estimate), half)
     _limits(errors, time, 3)
     _symmetric(errors, error, half)
     series.tick_params(labelbottom=False)
@@ -303,6 +308,15 @@ def _draw_band(
     )
 
 
+def _keep_in_view(axes: Axes, lines: Sequence[Floats], half: Floats) -> None:
+    """Room for the usual band: a wide one, as at the start, runs out of the picture."""
+    low = min(float(line.min()) for line in lines)
+    high = max(float(line.max()) for line in lines)
+    usual = min(float(np.nanmax(half)), USUAL_BANDS * float(np.nanmedian(half)))
+    room = max(high - low, usual, 1e-12)
+    axes.set_ylim(low - usual - 0.06 * room, high + usual + 0.06 * room)
+
+
 def _limits(axes: Axes, x: Floats, ticks: int) -> None:
     axes.margins(x=0.0, y=0.06)
     if len(x) and x.min() < x.max():
@@ -319,7 +333,8 @@ def _symmetric(axes: Axes, error: Floats, half: Floats | None = None) -> None:
     """Zero in the middle: too high and too low look alike; the band in view unless it is wide."""
     largest = float(np.abs(error).max())
     if half is not None:
-        largest = max(largest, min(float(np.nanmax(half)), BAND_IN_VIEW * largest))
+        usual = min(float(np.nanmax(half)), USUAL_BANDS * float(np.nanmedian(half)))
+        largest = max(largest, min(usual, BAND_IN_VIEW * largest))
     if largest > 0.0:
         axes.set_ylim(-1.15 * largest, 1.15 * largest)
 
