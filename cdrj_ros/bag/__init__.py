@@ -1,7 +1,8 @@
-"""Bags in MCAP: the only place that opens them.  Knows nothing of ROS at run time."""
+"""Bags in MCAP (or, read only, sqlite3): the only place that opens them; knows no ROS."""
 
 from cdrj_ros.bag.messages import RawMessage, TopicInfo, list_topics, read_messages
 from cdrj_ros.bag.recording import Recording, Series, Topics, read_recording
+from cdrj_ros.bag.source import size_of
 from cdrj_ros.bag.writer import BagWriter
 
 __all__ = [
@@ -14,4 +15,5 @@ __all__ = [
     "list_topics",
     "read_messages",
     "read_recording",
+    "size_of",
 ]

@@ -21,7 +21,11 @@ from cdrj_ros.model.errors import BagError
 
 Float64s = npt.NDArray[np.float64]
 
-_LEAD: Final = 8
+LEAD: Final = 8
+"""Bytes that lie before every payload, so that rows can be padded to words."""
+LARGEST_MESSAGE: Final = 2**26
+"""Bytes; no message of numbers and names comes near."""
+
 _LAYOUTS_AT_ONCE: Final = 16
 """New layouts tried on all rows of a batch; beyond, every message is likely to be different."""
 _LAYOUTS_KEPT: Final = 32
@@ -201,16 +205,18 @@ def plain_payloads(batch: Batch, chosen: Int64s) -> Iterator[tuple[Octets, Int64
         for a, n in zip(start[packed].tolist(), length[packed].tolist(), strict=True)
     ]
     sizes = np.array([len(part) for part in parts], np.int64)
-    joined = np.frombuffer(bytes(_LEAD) + b"".join(parts), np.uint8)
-    yield joined, np.cumsum(sizes) - sizes + _LEAD, sizes, chosen[packed]
+    joined = np.frombuffer(bytes(LEAD) + b"".join(parts), np.uint8)
+    yield joined, np.cumsum(sizes) - sizes + LEAD, sizes, chosen[packed]
 
 
 def unpack_message(data: bytes | memoryview) -> bytes:
     """A payload that was compressed on its own; empty where that cannot be undone."""
     try:
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+            plain: bytes = reader.read(LARGEST_MESSAGE + 1)
     except zstandard.ZstdError:
         return b""
+    return plain if len(plain) <= LARGEST_MESSAGE else b""
 
 
 def merged(blocks: Sequence[Block]) -> dict[str, tuple[Int64s, Int64s, Float64s]]:

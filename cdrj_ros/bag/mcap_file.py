@@ -35,14 +35,18 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 MESSAGE_HEAD: Final = 31
 """Bytes of a message record before its payload: code, length, channel, sequence and two times."""
-LARGEST_CHUNK: Final = 2**32
+LARGEST_CHUNK: Final = 2**30
 """No writer makes chunks this large; a chunk that claims more is damaged."""
+
+_DENSEST: Final = {"lz4": 255, "zstd": 32768}
+"""Bytes that one byte of each compression can stand for, at most."""
 
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 1, 2, 3, 4, 5, 6
 _STATISTICS, _DATA_END = 11, 15
 _FRAME = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _LOOSE_AT_ONCE = 50_000
+_AT_A_TIME = 1 << 22
 _MALFORMED = (EndOfFile, struct.error, ValueError, IndexError)
 
 Int64s = npt.NDArray[np.int64]
@@ -336,7 +340,8 @@ def _require_printable(name: str) -> None:
 def _unpack_chunk(packed: memoryview, stretch: Stretch) -> tuple[bytes | memoryview | None, str]:
     """A chunk's data, and what was wrong with it.  A cut chunk gives what decompresses."""
     raw: bytes | memoryview
-    if stretch.size > LARGEST_CHUNK:
+    dense = LARGEST_CHUNK if stretch.cut else _DENSEST.get(stretch.compression, LARGEST_CHUNK)
+    if stretch.size > min(dense * (len(packed) + _FRAME.size), LARGEST_CHUNK):
         return None, f"claims {stretch.size} bytes"
     try:
         if stretch.compression == "":
@@ -364,7 +369,13 @@ def _unzstd(packed: memoryview, size: int, *, cut: bool) -> bytes:
         return zstandard.ZstdDecompressor().decompress(packed)
     if claimed > LARGEST_CHUNK:
         raise ValueError(f"claims {claimed} bytes")
-    return zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+    with zstandard.ZstdDecompressor().stream_reader(packed) as reader:
+        parts: list[bytes] = []
+        room = size + 1
+        while room > 0 and (part := reader.read(min(room, _AT_A_TIME))):
+            parts.append(part)
+            room -= len(part)
+    return b"".join(parts)
 
 
 def _walk_chunk(

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cdrj_ros.bag.bulk import unpack_message
-from cdrj_ros.bag.mcap_file import ZSTD_MAGIC, Batch, Channel, Int64s, McapFile
+from cdrj_ros.bag.mcap_file import ZSTD_MAGIC, Batch, Channel, Int64s
 from cdrj_ros.bag.recording import require_cdr
-from cdrj_ros.bag.source import Source, open_source
+from cdrj_ros.bag.source import BagFile, Source, open_source
 from cdrj_ros.model.errors import BagError
 
 
@@ -80,7 +80,7 @@ def read_messages(
     return _in_order(source, {channel.topic for channel in wanted}, low, high)
 
 
-def _counts(file: McapFile) -> dict[int, int]:
+def _counts(file: BagFile) -> dict[int, int]:
     """Messages by channel number, every declared channel included."""
     if file.complete and file.indexed and file.counts is not None:
         return {number: file.counts.get(number, 0) for number in file.channels}

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from cdrj_ros.bag.bulk import Block, BulkDecoder, merged
 from cdrj_ros.bag.definitions import message_type
-from cdrj_ros.bag.mcap_file import Batch, Channel, McapFile
-from cdrj_ros.bag.source import Source, open_source
+from cdrj_ros.bag.mcap_file import Batch, Channel
+from cdrj_ros.bag.source import BagFile, Source, open_source
 from cdrj_ros.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.model.errors import BagError
 
@@ -129,7 +129,7 @@ class _Reading:
                     "name others with --motor-topic and --joint-topic"
                 )
 
-    def add(self, file: McapFile, batch: Batch, first: int) -> None:
+    def add(self, file: BagFile, batch: Batch, first: int) -> None:
         for number, channel in file.channels.items():
             if channel.topic not in self._selected:
                 continue

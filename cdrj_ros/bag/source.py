@@ -1,4 +1,4 @@
-"""From a path to the MCAP files of one recording, in order."""
+"""From a path to the files of one recording, in order."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from typing import Any, Final
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from cdrj_ros.bag.db3_file import Db3File
 from cdrj_ros.bag.mcap_file import Channel, McapFile
 from cdrj_ros.model.errors import BagError
 
 METADATA: Final = "metadata.yaml"
-_SUFFIXES: Final = (".mcap", ".mcap.zstd")
-_PART: Final = re.compile(r"(?P<name>.*)_(?P<number>\d+)\.mcap(\.zstd)?")
+_SUFFIXES: Final = (".mcap", ".mcap.zstd", ".db3")
+_PART: Final = re.compile(r"(?P<name>.*)_(?P<number>\d+)\.(mcap(\.zstd)?|db3)")
+
+BagFile = McapFile | Db3File
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ class Source:
     """The files of one recording."""
 
     path: Path
-    files: tuple[McapFile, ...]
+    files: tuple[BagFile, ...]
     notes: tuple[str, ...]
     """What was unusual about the folder."""
 
@@ -57,20 +60,34 @@ def open_source(path: Path | str) -> Source:
         raise BagError(f"{path} does not exist, expected a rosbag2 folder or an .mcap file")
     notes: list[str] = []
     if not path.is_dir():
-        if path.suffix == ".db3":
-            raise BagError(_sqlite(path))
-        return Source(path, (McapFile(path),), ())
+        return Source(path, (_open(path),), ())
     paths = _listed(path, notes) or _found(path, notes)
     files = [file for part in paths if (file := _opened(part, notes)) is not None]
     if not files:
-        raise BagError(f"{path} holds no readable MCAP file: {'; '.join(notes)}")
+        raise BagError(f"{path} holds no readable file of a bag: {'; '.join(notes)}")
     return Source(path, tuple(files), tuple(notes))
 
 
-def _opened(path: Path, notes: list[str]) -> McapFile | None:
-    """One part of a recording; a part that is no MCAP file is left out, with a note."""
+def size_of(path: Path | str) -> int:
+    """Bytes of a bag's files, at least 1; for shares of progress only."""
+    path = Path(path)
     try:
-        return McapFile(path)
+        files = list(path.iterdir()) if path.is_dir() else [path]
+        return max(sum(file.stat().st_size for file in files if file.is_file()), 1)
+    except OSError:
+        return 1
+
+
+def _open(path: Path) -> BagFile:
+    if path.name.endswith(".db3.zstd"):
+        raise BagError(f"{path} is a compressed sqlite3 bag: undo that first, `zstd -d {path}`")
+    return Db3File(path) if path.suffix == ".db3" else McapFile(path)
+
+
+def _opened(path: Path, notes: list[str]) -> BagFile | None:
+    """One part of a recording; a part that cannot be read at all is left out, with a note."""
+    try:
+        return _open(path)
     except BagError as error:
         notes.append(f"left out: {error}")
         return None
@@ -86,9 +103,7 @@ def _listed(folder: Path, notes: list[str]) -> list[Path]:
     except (OSError, UnicodeDecodeError) as error:
         notes.append(f"{METADATA} cannot be read ({error})")
         return []
-    names, storage = _file_names(text)
-    if storage == "sqlite3":
-        raise BagError(_sqlite(folder))
+    names = _file_names(text)
     if not names:
         notes.append(f"{METADATA} lists no files")
         return []
@@ -104,15 +119,14 @@ def _listed(folder: Path, notes: list[str]) -> list[Path]:
     return paths
 
 
-def _file_names(text: str) -> tuple[list[str], str]:
-    """File names and storage of a metadata.yaml; none where it is not one."""
+def _file_names(text: str) -> list[str]:
+    """File names of a metadata.yaml; none where it is not one."""
     try:
         content: Any = YAML(typ="safe").load(text)
         information = content["rosbag2_bagfile_information"]
-        names = [str(name) for name in information["relative_file_paths"]]
-        return names, str(information.get("storage_identifier", ""))
-    except (YAMLError, KeyError, TypeError, AttributeError, ValueError):
-        return [], ""
+        return [str(name) for name in information["relative_file_paths"]]
+    except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError):
+        return []
 
 
 def _found(folder: Path, notes: list[str]) -> list[Path]:
@@ -126,11 +140,9 @@ def _found(folder: Path, notes: list[str]) -> list[Path]:
         if not path.name.endswith(_SUFFIXES):
             continue
         part = _PART.fullmatch(path.name)
-        name = part["name"] if part else path.name.partition(".mcap")[0]
+        name = part["name"] if part else path.name.partition(".mcap")[0].removesuffix(".db3")
         recordings.setdefault(name, []).append((int(part["number"]) if part else 0, path))
     if not recordings:
-        if any(path.suffix == ".db3" for path in paths):
-            raise BagError(_sqlite(folder))
         raise BagError(f"{folder} holds no .mcap file, expected a rosbag2 folder")
     chosen = folder.name if folder.name in recordings else next(iter(recordings))
     others = sorted(set(recordings) - {chosen})
@@ -142,10 +154,3 @@ def _found(folder: Path, notes: list[str]) -> list[Path]:
     if others:
         notes.append(f"other recordings in the folder were left out: {', '.join(others)}")
     return [path for _, path in sorted(recordings[chosen])]
-
-
-def _sqlite(path: Path) -> str:
-    return (
-        f"{path} is a bag stored as sqlite3, expected mcap: convert it, for instance with "
-        f"`rosbags-convert --src {path} --dst {path.with_suffix('')}_mcap --dst-storage mcap`"
-    )

@@ -15,11 +15,13 @@ from typing import Final
 from cdrj_ros import __version__
 from cdrj_ros.bag import Topics
 from cdrj_ros.estimation.comparison import BagComparison
+from cdrj_ros.estimation.limits import Judgement
 from cdrj_ros.model.errors import CdrjError, RobotFileError, UsageError
 from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot_file import build_robot, load_document
 
 DONE: Final = 0
+OUTSIDE_LIMITS: Final = 1
 BAD_INPUT: Final = 2
 INTERRUPTED: Final = 130
 
@@ -54,20 +56,24 @@ def add_robot_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_topic_options(parser: argparse.ArgumentParser) -> None:
-    """``--motor-topic``, ``--joint-topic``, ``--reference``."""
+    """``--motor-topic``, ``--joint-topic``, ``--reference``, ``--topic-prefix``."""
     defaults = Topics()
     parser.add_argument(
-        "--motor-topic", default=defaults.motors, metavar="TOPIC",
-        help="JointState with the motor angles (default %(default)s)",
+        "--motor-topic", metavar="TOPIC",
+        help=f"JointState with the motor angles (default {defaults.motors})",
     )  # fmt: skip
     parser.add_argument(
-        "--joint-topic", default=defaults.joints, metavar="TOPIC",
-        help="JointState with the joint angles (default %(default)s)",
+        "--joint-topic", metavar="TOPIC",
+        help=f"JointState with the joint angles (default {defaults.joints})",
     )  # fmt: skip
     parser.add_argument(
         "--reference", action="append", metavar="TOPIC",
         help="recorded truth: CableTensions, NodalForces, or JointState with efforts; "
         f"repeatable (default {', '.join(defaults.references)})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--topic-prefix", default="", metavar="NAMESPACE",
+        help="put before every default topic: /left for /left/cdrj/motor_states, ...",
     )  # fmt: skip
 
 
@@ -77,13 +83,21 @@ def add_result_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--html", metavar="FILE", help="write a report with pictures")
 
 
+def topic_prefix(arguments: argparse.Namespace) -> str:
+    """What ``--topic-prefix`` puts before topics: empty, or with a leading slash only."""
+    prefix = str(arguments.topic_prefix).strip("/")
+    return f"/{prefix}" if prefix else ""
+
+
 def topics_of(arguments: argparse.Namespace) -> Topics:
     """The topics that the options name."""
+    defaults = Topics()
+    prefix = topic_prefix(arguments)
     references = arguments.reference
     return Topics(
-        arguments.motor_topic,
-        arguments.joint_topic,
-        tuple(references) if references else Topics().references,
+        arguments.motor_topic or prefix + defaults.motors,
+        arguments.joint_topic or prefix + defaults.joints,
+        tuple(references or (prefix + topic for topic in defaults.references)),
     )
 
 
@@ -135,13 +149,17 @@ def _installed_robots() -> Iterator[Path]:
 
 def _lines(description: str, total: float) -> Callable[[float], None]:
     """Progress where there is no terminal: a line now and then."""
-    last = monotonic()
+    begin = last = monotonic()
 
     def report(done: float) -> None:
         nonlocal last
         if monotonic() - last > LINE_S:
             last = monotonic()
-            print(f"{description}: {100.0 * done / total:.0f} %", file=sys.stderr, flush=True)
+            share = done / total
+            left = (last - begin) * (1.0 / share - 1.0) if share >= 0.01 else 0.0
+            remaining = f", {left:.0f} s left" if left >= 0.5 else ""
+            text = f"{description}: {100.0 * done / total:.0f} %{remaining}"
+            print(text, file=sys.stderr, flush=True)
 
     return report
 
@@ -177,10 +195,11 @@ def write_results(
     model: Model,
     comparisons: Sequence[BagComparison],
     title: str,
+    judgement: Judgement | None = None,
 ) -> None:
     """Print the table, then write what the options ask for."""
     from cdrj_ros.estimation.metrics import pooled_errors
-    from cdrj_ros.report.table import print_table
+    from cdrj_ros.report.table import print_judgement, print_table
     from cdrj_ros.validation import PUBLISHED, PUBLISHED_HEADING, robot_summary
 
     beside = PUBLISHED if model.robot.name == "prototype" else None
@@ -192,12 +211,16 @@ def write_results(
             if count:
                 print(f"left out: {comparison.path}: {count} {cause}")
     print_table(pooled_errors(comparisons), title=title, beside=beside, beside_heading=heading)
+    if judgement:
+        print_judgement(judgement)
     if arguments.json:
         from cdrj_ros.report.results_json import write_results as write_json
 
-        write_json(arguments.json, comparisons)
+        write_json(arguments.json, comparisons, judgement)
         print(f"figures: {arguments.json}")
     if arguments.html:
+        from cdrj_ros.estimation.inspection import inspect_robot
+        from cdrj_ros.report.drawing import draw_robot
         from cdrj_ros.report.html import write_report
 
         write_report(
@@ -208,5 +231,8 @@ def write_results(
             versions=versions(),
             beside=beside,
             beside_heading=heading,
+            judgement=judgement,
+            robot=model.robot,
+            drawing=draw_robot(inspect_robot(model)),
         )
         print(f"report: {arguments.html}")

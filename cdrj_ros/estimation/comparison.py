@@ -8,13 +8,16 @@ no estimate beside it is left out and counted.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from cdrj_ros.estimation.pulley_friction import PulleyFriction
+from cdrj_ros.estimation.reversals import within
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -63,7 +66,8 @@ class Channel:
     unit: str
     """Unit of ``estimate`` and ``reference``: "N" or "N·m"."""
     stamp_ns: Stamps
-    """When the reference was taken [ns], strictly increasing, shape (n,)."""
+    """When the reference was taken [ns], strictly increasing, shape (n,); where the clock went
+    back, later passes are moved behind the ones before."""
     estimate: Floats
     """What was estimated [unit], finite, shape (n,)."""
     reference: Floats
@@ -74,12 +78,15 @@ class Channel:
     """Name of the joint whose angle it is; empty where there is none."""
     dropped: Mapping[str, int] = field(default_factory=dict)
     """Reference samples left out, by cause: the keys of DROP_CAUSES."""
+    stddev: Floats | None = None
+    """Standard deviation of ``estimate`` [unit], NaN where unknown, shape (n,); None: no such."""
+    reversal: NDArray[np.bool_] | None = None
+    """Whether a motor or joint is turning round there, shape (n,); None where that is not known."""
 
     def __post_init__(self) -> None:
-        shapes = {
-            len(series) if series.ndim == 1 else -1
-            for series in (self.stamp_ns, self.estimate, self.reference, self.angle)
-        }
+        series = (self.stamp_ns, self.estimate, self.reference, self.angle)
+        more = (self.stddev, self.reversal)
+        shapes = {len(one) if one.ndim == 1 else -1 for one in (*series, *more) if one is not None}
         if len(shapes) != 1 or -1 in shapes:
             raise ValueError(f"{self.name}: stamps and series must all have one shape (n,)")
 
@@ -100,6 +107,8 @@ class BagComparison:
     """Sentences for the reader."""
     facts: Mapping[str, str] = field(default_factory=dict)
     """Rows of free text: rate achieved, latency, versions."""
+    friction: tuple[PulleyFriction, ...] = ()
+    """What friction held at the pulleys, as estimated; empty where that was not kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +130,9 @@ class Angle:
         if np.shape(self.value) != stamps.shape:
             raise ValueError(f"angle of {self.name!r} must have one value per stamp")
 
+
+BETWEEN_PASSES_NS: Final = 1_000_000_000
+"""Time between two passes of a recording whose clock went back, where they are joined [ns]."""
 
 DROP_CAUSES: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -144,6 +156,8 @@ def compare(
     *,
     max_gap_ns: int,
     angle: Angle | Mapping[str, Angle] | None = None,
+    stddev: Mapping[str, ArrayLike] | None = None,
+    zones: Stamps | None = None,
 ) -> tuple[Channel, ...]:
     """Put every estimate that has a reference onto that reference's stamps.
 
@@ -153,6 +167,9 @@ def compare(
         references: by channel name, stamps [ns] and values [unit of the name], in any order.
         max_gap_ns: an estimate is interpolated only between neighbours at most this far apart.
         angle: the joint angle to carry along, one for all or by channel name.
+        stddev: by channel name, standard deviation of the estimates [unit], shape (m,) each; a
+            number that is not finite and at least 0 counts as unknown.
+        zones: when the motion turns round [ns], shape (k, 2), see ``reversal_zones``.
 
     Returns:
         The channels that both sides know, in the order of ``estimates``, empty ones included;
@@ -166,7 +183,8 @@ def compare(
         raise ValueError(f"max_gap_ns must be positive, got {max_gap_ns}")
     own_stamps = _checked_stamps(estimate_stamp_ns, "estimates")
     recorded = dict(references)
-    shared = _Shared({}, {})
+    shared = _Shared({}, {}, {})
+    deviations = dict(stddev or {})
     channels = []
     for name, estimate in estimates.items():
         values = np.asarray(estimate, dtype=np.float64)
@@ -186,15 +204,15 @@ def compare(
                 recorded[name],
                 max_gap_ns,
                 angle.get(name) if isinstance(angle, Mapping) else angle,
+                deviations.get(name),
+                zones,
                 shared,
             )
         )
     return tuple(channels)
 
 
-def unknown_references(
-    estimates: Mapping[str, ArrayLike], references: Mapping[str, Series]
-) -> tuple[str, ...]:
+def unknown_references(estimates: Collection[str], references: Collection[str]) -> tuple[str, ...]:
     """Names of the references that nothing is estimated for, in their order."""
     return tuple(name for name in references if name not in estimates)
 
@@ -208,6 +226,8 @@ def compare_bag(
     *,
     max_gap_ns: int,
     angle: Angle | Mapping[str, Angle] | None = None,
+    stddev: Mapping[str, ArrayLike] | None = None,
+    zones: Stamps | None = None,
     counters: Mapping[str, int] | None = None,
     notes: Sequence[str] = (),
     facts: Mapping[str, str] | None = None,
@@ -217,7 +237,8 @@ def compare_bag(
     Args:
         path: the recording, as the user named it.
         duration_s: its length [s].
-        estimate_stamp_ns, estimates, references, max_gap_ns, angle: as for ``compare``.
+        estimate_stamp_ns, estimates, references, max_gap_ns, angle, stddev, zones: as for
+            ``compare``.
         counters: samples refused elsewhere, by cause.
         notes: sentences for the reader.
         facts: rows of free text for the reader.
@@ -225,18 +246,83 @@ def compare_bag(
     Raises:
         ValueError: as ``compare``.
     """
-    channels = compare(estimate_stamp_ns, estimates, references, max_gap_ns=max_gap_ns, angle=angle)
+    channels = compare(
+        estimate_stamp_ns,
+        estimates,
+        references,
+        max_gap_ns=max_gap_ns,
+        angle=angle,
+        stddev=stddev,
+        zones=zones,
+    )
+    unknown = unknown_references(estimates, references)
+    return summed_up(path, duration_s, channels, unknown, counters, notes, facts)
+
+
+def summed_up(
+    path: str,
+    duration_s: float,
+    channels: Sequence[Channel],
+    unknown: Sequence[str] = (),
+    counters: Mapping[str, int] | None = None,
+    notes: Sequence[str] = (),
+    facts: Mapping[str, str] | None = None,
+) -> BagComparison:
+    """The comparison of a recording whose channels have been compared; see ``compare_bag``.
+
+    Args:
+        unknown: references that nothing is estimated for, see ``unknown_references``.
+    """
     counted: Counter[str] = Counter(counters or {})
     for channel in channels:
         counted.update(channel.dropped)
     remarks = list(notes)
-    unknown = unknown_references(estimates, references)
     if unknown:
         remarks.append(f"Recorded but not estimated, so not compared: {', '.join(unknown)}.")
     silent = [channel.name for channel in channels if len(channel.stamp_ns) == 0]
     if silent:
         remarks.append(f"No reference sample has an estimate beside it: {', '.join(silent)}.")
-    return BagComparison(path, duration_s, channels, dict(counted), tuple(remarks), facts or {})
+    return BagComparison(
+        path, duration_s, tuple(channels), dict(counted), tuple(remarks), facts or {}
+    )
+
+
+def one_after_another(passes: Sequence[Sequence[Channel]]) -> tuple[Channel, ...]:
+    """The channels of several passes over the same stamps as one; later passes are moved behind.
+
+    Args:
+        passes: channels of the same names in the same order, of every pass.
+    """
+    if len(passes) == 1:
+        return tuple(passes[0])
+    shifts, end = [], None
+    for channels in passes:
+        stamps = [channel.stamp_ns for channel in channels if len(channel.stamp_ns)]
+        begin = min((int(own[0]) for own in stamps), default=0)
+        shifts.append(0 if end is None else end + BETWEEN_PASSES_NS - begin)
+        if stamps:
+            end = max(int(own[-1]) for own in stamps) + shifts[-1]
+    return tuple(
+        _joined(
+            [replace(one, stamp_ns=one.stamp_ns + s) for one, s in zip(of, shifts, strict=True)]
+        )
+        for of in zip(*passes, strict=True)
+    )
+
+
+def _joined(parts: Sequence[Channel]) -> Channel:
+    def column(name: str) -> NDArray[Any] | None:
+        own = [getattr(part, name) for part in parts]
+        return None if any(one is None for one in own) else np.concatenate(own)
+
+    dropped: Counter[str] = Counter()
+    for part in parts:
+        dropped.update(part.dropped)
+    arrays: dict[str, Any] = {
+        name: column(name)
+        for name in ("stamp_ns", "estimate", "reference", "angle", "stddev", "reversal")
+    }
+    return replace(parts[0], dropped=dict(dropped), **arrays)
 
 
 class _Placement(NamedTuple):
@@ -263,6 +349,8 @@ class _Shared(NamedTuple):
     """By the array of reference stamps; only for references that are finite throughout."""
     angles: dict[tuple[int, int], Floats]
     """Joint angle [rad] by placement and Angle."""
+    reversals: dict[int, NDArray[np.bool_]]
+    """Whether the motion turns round, by placement."""
 
 
 def _channel(
@@ -272,6 +360,8 @@ def _channel(
     reference: Series,
     max_gap_ns: int,
     angle: Angle | None,
+    stddev: ArrayLike | None,
+    zones: Stamps | None,
     shared: _Shared,
 ) -> Channel:
     given_stamps, given_values = reference
@@ -298,9 +388,13 @@ def _channel(
         if pair not in shared.angles:
             shared.angles[pair] = _angle_at(placement.stamp_ns, angle, max_gap_ns)
         stamp_ns, angle_there = placement.stamp_ns, shared.angles[pair]
+        if zones is not None and id(placement) not in shared.reversals:
+            shared.reversals[id(placement)] = within(zones, stamp_ns)
+        reversal = shared.reversals.get(id(placement))
     else:
         stamp_ns = placement.stamp_ns[usable]
         angle_there = _angle_at(stamp_ns, angle, max_gap_ns)
+        reversal = None if zones is None else within(zones, stamp_ns)
     dropped = dict.fromkeys(DROP_CAUSES, 0)
     dropped.update(placement.dropped)
     dropped["reference_not_finite"] = int(np.count_nonzero(~finite))
@@ -314,7 +408,21 @@ def _channel(
         angle=angle_there,
         angle_name=angle.name if angle is not None else "",
         dropped=dropped,
+        stddev=None if stddev is None else _deviation(name, stddev, values, placement)[usable],
+        reversal=reversal,
     )
+
+
+def _deviation(name: str, stddev: ArrayLike, values: Floats, placement: _Placement) -> Floats:
+    """Standard deviations at the placement's stamps, NaN where unknown."""
+    given = np.asarray(stddev, dtype=np.float64)
+    if given.shape != values.shape:
+        raise ValueError(
+            f"{name}: stddev must have one value per estimate, shape {values.shape}; "
+            f"got {given.shape}"
+        )
+    known = np.isfinite(given) & (given >= 0.0)
+    return _interpolated(np.where(known, given, np.nan), placement)
 
 
 def _place(stamps: Stamps, own_stamps: Stamps, max_gap_ns: int) -> _Placement:

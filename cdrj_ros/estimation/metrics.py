@@ -1,18 +1,19 @@
 """The figures that say how far estimates lie from references: the paper's, and the usual ones.
 
 The paper reports mean error and mean relative error of single channels; RMSE, the largest error
-and R² stand beside them.  Several recordings are pooled by joining their samples, never by
-averaging their figures: a short recording does not weigh as much as a long one.
+and R² stand beside them, the mean error at reversals apart from the rest, and how often the
+reference lies within two standard deviations.  Several recordings are pooled by joining their
+samples, never by averaging their figures: a short recording does not weigh as much as a long one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cdrj_ros.estimation.comparison import BagComparison, Channel
 
@@ -22,6 +23,10 @@ MINIMUM_SHARE: Final = 0.01
 Where a reference passes through zero, |error| / |reference| grows without bound however good the
 estimate is; one such sample would outweigh a thousand others and say nothing about any of them.
 """
+
+
+COVERAGE_SIGMAS: Final = 2.0
+"""Half width of the band whose coverage is reported [standard deviations of the estimate]."""
 
 
 @dataclass(frozen=True)
@@ -40,25 +45,49 @@ class ChannelError:
     """Largest |estimate - reference| [channel's unit]."""
     r2: float | None
     """1 - SSE/SST: share of the reference's variance that the estimate explains."""
+    reversal_error: float | None = None
+    """Mean |estimate - reference| where a motor or joint turns round [channel's unit]."""
+    smooth_error: float | None = None
+    """Mean |estimate - reference| everywhere else [channel's unit]."""
+    coverage: float | None = None
+    """Share of samples of known standard deviation within COVERAGE_SIGMAS of the estimate."""
 
 
-FIGURES: Final = ("mean_abs_error", "mean_relative_error", "rmse", "max_abs_error", "r2")
+FIGURES: Final = (
+    "mean_abs_error",
+    "mean_relative_error",
+    "rmse",
+    "max_abs_error",
+    "r2",
+    "reversal_error",
+    "smooth_error",
+    "coverage",
+)
 """Names of ChannelError's figures, in the order in which they are shown."""
 
 NO_SAMPLES: Final = ChannelError(0, None, None, None, None, None)
 """The error of a channel that has no sample."""
 
 
-def channel_error(estimate: ArrayLike, reference: ArrayLike) -> ChannelError:
+def channel_error(
+    estimate: ArrayLike,
+    reference: ArrayLike,
+    *,
+    stddev: ArrayLike | None = None,
+    reversal: NDArray[np.bool_] | None = None,
+) -> ChannelError:
     """Compare an estimate with its reference, sample by sample.
 
     Args:
         estimate: finite, shape (n,), in any unit.
         reference: finite, shape (n,), in the same unit.
+        stddev: of the estimate, NaN where unknown, shape (n,), in the same unit.
+        reversal: whether the motion turns round there, shape (n,).
 
     Returns:
         The figures: errors in that unit, the others without one.  ``mean_relative_error`` is None
-        where the reference is zero throughout, ``r2`` where it does not vary, all where n is 0.
+        where the reference is zero throughout, ``r2`` where it does not vary, ``coverage`` where no
+        standard deviation is known, all where n is 0.
 
     Raises:
         ValueError: shapes that differ, or values that are not finite.
@@ -97,7 +126,21 @@ def channel_error(estimate: ArrayLike, reference: ArrayLike) -> ChannelError:
         rmse=float(np.sqrt(squares / n)),
         max_abs_error=float(size.max()),
         r2=r2,
+        reversal_error=None if reversal is None else _mean(size[reversal]),
+        smooth_error=None if reversal is None else _mean(size[~reversal]),
+        coverage=None if stddev is None else _coverage(size, np.asarray(stddev, dtype=np.float64)),
     )
+
+
+def _mean(values: NDArray[np.float64]) -> float | None:
+    return float(values.mean()) if len(values) else None
+
+
+def _coverage(size: NDArray[np.float64], stddev: NDArray[np.float64]) -> float | None:
+    known = np.isfinite(stddev)
+    if not known.any():
+        return None
+    return float(np.mean(size[known] <= COVERAGE_SIGMAS * stddev[known]))
 
 
 def bag_errors(comparison: BagComparison) -> dict[str, ChannelError]:
@@ -106,7 +149,10 @@ def bag_errors(comparison: BagComparison) -> dict[str, ChannelError]:
 
 
 def pooled_errors(comparisons: Sequence[BagComparison]) -> dict[str, ChannelError]:
-    """Every channel's error over the joined samples of several recordings, by channel name."""
+    """Every channel's error over the joined samples of several recordings, by channel name.
+
+    What one of the recordings cannot tell (reversals, standard deviations) is then not told.
+    """
     parts: dict[str, list[Channel]] = {}
     for comparison in comparisons:
         for channel in comparison.channels:
@@ -115,9 +161,16 @@ def pooled_errors(comparisons: Sequence[BagComparison]) -> dict[str, ChannelErro
         name: channel_error(
             np.concatenate([channel.estimate for channel in channels]),
             np.concatenate([channel.reference for channel in channels]),
+            stddev=_joined([channel.stddev for channel in channels]),
+            reversal=_joined([channel.reversal for channel in channels]),
         )
         for name, channels in parts.items()
     }
+
+
+def _joined(parts: Sequence[NDArray[Any] | None]) -> NDArray[Any] | None:
+    known = [part for part in parts if part is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
 
 
 def mean_over_channels(errors: Iterable[ChannelError]) -> ChannelError:
@@ -144,4 +197,7 @@ def mean_over_channels(errors: Iterable[ChannelError]) -> ChannelError:
         rmse=mean("rmse"),
         max_abs_error=max(known("max_abs_error"), default=None),
         r2=mean("r2"),
+        reversal_error=mean("reversal_error"),
+        smooth_error=mean("smooth_error"),
+        coverage=mean("coverage"),
     )

@@ -13,29 +13,51 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
 from string import Template
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from cdrj_ros.estimation.comparison import QUANTITIES, BagComparison, Channel, quantity_of
+from cdrj_ros.estimation.limits import Judgement
 from cdrj_ros.estimation.metrics import (
+    COVERAGE_SIGMAS,
     MINIMUM_SHARE,
     NO_SAMPLES,
     ChannelError,
     bag_errors,
     pooled_errors,
 )
+from cdrj_ros.estimation.reversals import AROUND_NS, REVERSAL_SHARE, turning_points
+from cdrj_ros.model.robot import Robot
 from cdrj_ros.report.files import write_text
 from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
+from cdrj_ros.report.parameters import parameter_tables
 from cdrj_ros.report.series import (
     Window,
     closer_look,
     loop_window,
     seconds_since,
-    turning_points,
 )
-from cdrj_ros.report.table import HEADINGS, Row, table_groups
+from cdrj_ros.report.table import (
+    HEADINGS,
+    OUTSIDE_HEADINGS,
+    Row,
+    headings_of,
+    judgement_rows,
+    judgement_sentence,
+    table_groups,
+)
 from cdrj_ros.report.verdict import Verdict, origin_of, telling_channels, verdict
+
+SHARE_IN_WORDS: Final = "difference of the two tensions over the larger one"
+
+LOOP_IN_WORDS: Final = (
+    "Friction over the cable that has passed the pulley where it holds most: upright where the "
+    "cable sticks, level where it slips."
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PICTURE_BUDGET: Final = 2_700_000
 """Characters of pictures on one page; what does not fit is named instead of drawn."""
@@ -50,6 +72,9 @@ def write_report(
     versions: Mapping[str, str],
     beside: Mapping[str, str] | None = None,
     beside_heading: str = "",
+    judgement: Judgement | None = None,
+    robot: Robot | None = None,
+    drawing: Figure | None = None,
 ) -> None:
     """Write the comparisons as one self-contained HTML page, whole or not at all.
 
@@ -62,6 +87,9 @@ def write_report(
         beside: text for one more column of the table by channel name, for example published
             figures; a quantity's prefix alone ("tension") names its last line.
         beside_heading: heading of that column.
+        judgement: what came of limits, where there were any.
+        robot: for the tables of its parameters.
+        drawing: of the robot.
 
     Raises:
         OSError: the file cannot be written; an older one is then untouched.
@@ -74,10 +102,16 @@ def write_report(
         sentence=escape(summary.sentence),
         detail=escape(summary.detail),
         numbers=_numbers(summary),
+        limits=_limits(judgement) if judgement else "",
         pooled=", all recordings together" if len(comparisons) > 1 else "",
         table=_table(errors, _anchors(comparisons), beside, beside_heading),
         bags="\n".join(_bags(comparisons)),
         robot=escape(robot_summary),
+        drawing=_drawing(drawing, robot_summary) if drawing else "",
+        parameters=_parameters(robot) if robot else "",
+        sigmas=f"{COVERAGE_SIGMAS:g}",
+        around=f"{AROUND_NS * 1e-9:g} s",
+        back=f"{100.0 * REVERSAL_SHARE:g} %",
         versions=_rows(versions),
         share=f"{100.0 * MINIMUM_SHARE:g} %",
     )
@@ -97,6 +131,76 @@ def _numbers(summary: Verdict) -> str:
         for number in summary.numbers
     )
     return f'<dl class="numbers">\n{tiles}\n</dl>'
+
+
+def _limits(judgement: Judgement) -> str:
+    """Whether all is within its limits, and what is not."""
+    kind = "outside" if judgement.outside else "within"
+    sentence = f'<p class="limits {kind}">{escape(judgement_sentence(judgement))}</p>'
+    rows = judgement_rows(judgement)
+    return sentence + (_text_table(OUTSIDE_HEADINGS, rows, "outside") if rows else "")
+
+
+def _text_table(headings: Sequence[str], rows: Sequence[Sequence[str]], kind: str = "text") -> str:
+    """A table of text whose first column names the row."""
+    head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in headings)
+    body = "\n".join(
+        f'<tr><th scope="row">{escape(first)}</th>'
+        + "".join(f"<td>{escape(cell)}</td>" for cell in rest)
+        + "</tr>"
+        for first, *rest in rows
+    )
+    return (
+        f'<div class="wide"><table class="{kind}"><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+
+
+def _parameters(robot: Robot) -> str:
+    return "\n".join(
+        _text_table((table.title, *table.headings), table.rows) for table in parameter_tables(robot)
+    )
+
+
+def _drawing(drawing: Figure, label: str) -> str:
+    from cdrj_ros.report.svg import inline_svg
+
+    return f'<figure class="drawing">{inline_svg(drawing, label, "drawing")}</figure>'
+
+
+def _friction(comparison: BagComparison, key: str) -> str:
+    """Bars of every pulley's friction and the loop of the one that holds most."""
+    pulleys = comparison.friction
+    if not pulleys:
+        return ""
+    from cdrj_ros.report.figures import MOST_BARS, friction_bars, friction_loop
+    from cdrj_ros.report.svg import inline_svg
+
+    least = sorted((one.mean_share for one in pulleys), reverse=True)[:MOST_BARS][-1]
+    shown = [one for one in pulleys if one.mean_share >= least][:MOST_BARS]
+    which = "every pulley" if len(shown) == len(pulleys) else f"the {len(shown)} that hold most"
+    figures = [
+        (
+            inline_svg(friction_bars(shown), "Friction of the pulleys", f"{key}-bars"),
+            f"What friction holds at {which}, by node: {SHARE_IN_WORDS}, as estimated.",
+        )
+    ]
+    most = max(pulleys, key=lambda one: one.mean_share)
+    if most.friction is not None and len(most.friction):
+        loop = inline_svg(friction_loop(most), f"Friction loop of {most.name}", f"{key}-loop")
+        figures.append((loop, LOOP_IN_WORDS))
+    body = "\n".join(
+        f"<figure>{picture}<figcaption>{escape(caption)}</figcaption></figure>"
+        for picture, caption in figures
+    )
+    line = (
+        f"most at {most.name}: mean {format_percent(most.mean_share)}, "
+        f"{format_amount(most.mean, 'N')}; largest {format_percent(most.largest_share)}"
+    )
+    return (
+        f'<section class="channel"><h3>Friction at the pulleys <span class="small">'
+        f'{escape(line)}</span></h3><div class="pictures">{body}</div></section>'
+    )
 
 
 def _table(
@@ -119,10 +223,14 @@ def _table(
         return f'<tr{kind}><th scope="row">{label}</th>{cells}{aside}</tr>'
 
     tables = []
-    for group in table_groups(errors, beside=beside):
-        rows = group.rows + ((group.summary,) if group.summary else ())
-        with_aside = any(row.aside for row in rows)
-        head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in HEADINGS)
+    groups = table_groups(errors, beside=beside)
+    lines = {
+        group.title: group.rows + ((group.summary,) if group.summary else ()) for group in groups
+    }
+    with_aside = any(row.aside for rows in lines.values() for row in rows)
+    for group in groups:
+        rows = lines[group.title]
+        head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in headings_of(errors))
         if with_aside:
             head += f'<th scope="col" class="beside">{escape(beside_heading)}</th>'
         body = "\n".join(line(row, with_aside) for row in rows)
@@ -130,7 +238,8 @@ def _table(
             f'<table>\n<thead><tr><th scope="col">{escape(group.title)}</th>{head}</tr></thead>\n'
             f"<tbody>{body}</tbody>\n</table>"
         )
-    return '<div class="tables">\n' + "\n".join(tables) + "\n</div>"
+    kind = "tables many" if len(headings_of(errors)) > len(HEADINGS) else "tables"
+    return f'<div class="{kind}">\n' + "\n".join(tables) + "\n</div>"
 
 
 def _rows(rows: Mapping[str, str]) -> str:
@@ -189,6 +298,7 @@ def _bags(comparisons: Sequence[BagComparison]) -> list[str]:
             heading = "<summary>Error of every channel in this recording</summary>"
             parts.append(f"<details>{heading}{table}</details>")
         parts += [drawn[bag, name] for name in telling[bag]]
+        parts.append(_friction(comparison, f"bag{bag + 1}-friction"))
         parts += _folded(
             comparison, telling[bag], {n: t for (b, n), t in drawn.items() if b == bag}
         )
@@ -247,6 +357,7 @@ def _channel(
             f"{format_percent(error.mean_relative_error)}; "
             f"largest {format_amount(error.max_abs_error, channel.unit)}; "
             f"R² {format_r2(error.r2)}"
+            + (f"; {format_percent(error.coverage, 1)} within ±2σ" if error.coverage else "")
         )
         body = (
             f'<div class="pictures">\n{_pictures(channel, anchor, origin_ns, label_start)}\n</div>'
@@ -287,7 +398,7 @@ def _pictures(channel: Channel, anchor: str, origin_ns: int, label_start: str) -
             (
                 hysteresis(channel, loop),
                 f"over the angle of {channel.angle_name}",
-                f"Over the joint angle, {_span(channel, loop, origin_ns)}.",
+                f"Over the angle of {channel.angle_name}, {_span(channel, loop, origin_ns)}.",
             )
         )
     label = f"{label_start}{channel.name}: recorded and estimated"

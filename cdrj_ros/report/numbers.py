@@ -16,11 +16,11 @@ def format_number(value: float | None, decimals: int) -> str:
     return ABSENT if value is None else f"{value:.{decimals}f}".replace("-", _MINUS)
 
 
-def format_percent(share: float | None) -> str:
-    """A share in percent, two decimals below a hundred percent, or ABSENT."""
+def format_percent(share: float | None, decimals: int = 2) -> str:
+    """A share in percent, with decimals below a hundred percent, or ABSENT."""
     if share is None:
         return ABSENT
-    return f"{100.0 * share:.2f} %" if share < 1.0 else f"{100.0 * share:.0f} %"
+    return f"{100.0 * share:.{decimals}f} %" if share < 1.0 else f"{100.0 * share:.0f} %"
 
 
 def format_r2(r2: float | None) -> str:

@@ -1,8 +1,12 @@
 """Comparisons as a JSON file, for programs: a team's CI, a spreadsheet, another tool.
 
-``{"bags": [{"path", "duration_s", "channels", "counters", "notes"}], "all": {"channels"}}`` where
-``channels`` maps a channel's name to its ``unit``, ``n`` and the figures of ChannelError.
-A figure that cannot be given is null; NaN and infinity never appear.
+``{"format", "version", "bags": [{"path", "duration_s", "channels", "friction", "counters",
+"notes"}], "all": {"channels"}, "limits"}`` where ``channels`` maps a channel's name to its
+``unit``, ``n`` and the figures of ChannelError, ``friction`` a pulley's name to the figures of
+PulleyFriction, and ``limits`` is null or ``{"file", "checked", "outside": [{"where", "channel",
+"figure", "value", "min" or "max", "by"}]}``.  A figure that cannot be given is null; NaN and
+infinity never appear.
+docs/validate.md describes every key.
 """
 
 from __future__ import annotations
@@ -12,42 +16,60 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from cdrj_ros.estimation.comparison import BagComparison, unit_of
+from cdrj_ros.estimation.limits import Judgement
 from cdrj_ros.estimation.metrics import ChannelError, bag_errors, pooled_errors
+from cdrj_ros.estimation.pulley_friction import PulleyFriction
 from cdrj_ros.report.files import write_text
+
+FORMAT: Final = "cdrj_ros/validation"
+VERSION: Final = 2
+"""Raised when a key changes its meaning or goes; new keys do not raise it."""
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
 
-def results(comparisons: Sequence[BagComparison]) -> dict[str, Json]:
+def results(
+    comparisons: Sequence[BagComparison], judgement: Judgement | None = None
+) -> dict[str, Json]:
     """What ``write_results`` writes, as plain lists and dictionaries.
 
     ``all`` holds the figures of the joined samples of every recording.
     """
     return {
+        "format": FORMAT,
+        "version": VERSION,
         "bags": [
             {
                 "path": comparison.path,
                 "duration_s": _finite(comparison.duration_s),
                 "channels": _channels(bag_errors(comparison)),
+                "friction": {one.name: _friction(one) for one in comparison.friction},
                 "counters": {cause: int(n) for cause, n in comparison.counters.items()},
                 "notes": list(comparison.notes),
             }
             for comparison in comparisons
         ],
         "all": {"channels": _channels(pooled_errors(comparisons))},
+        "limits": None if judgement is None else _limits(judgement),
     }
 
 
-def write_results(path: str | os.PathLike[str], comparisons: Sequence[BagComparison]) -> None:
+def write_results(
+    path: str | os.PathLike[str],
+    comparisons: Sequence[BagComparison],
+    judgement: Judgement | None = None,
+) -> None:
     """Write the comparisons as JSON, whole or not at all.
 
     Raises:
         OSError: the file cannot be written; an older one is then untouched.
     """
-    text = json.dumps(results(comparisons), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(
+        results(comparisons, judgement), indent=2, ensure_ascii=False, allow_nan=False
+    )
     write_text(path, text + "\n")
 
 
@@ -58,6 +80,31 @@ def _channels(errors: Mapping[str, ChannelError]) -> dict[str, Json]:
             **{figure: _finite(value) for figure, value in dataclasses.asdict(error).items()},
         }
         for name, error in errors.items()
+    }
+
+
+def _friction(one: PulleyFriction) -> dict[str, Json]:
+    return {
+        name: _finite(getattr(one, name))
+        for name in ("mean", "largest", "mean_share", "largest_share")
+    }
+
+
+def _limits(judgement: Judgement) -> dict[str, Json]:
+    return {
+        "file": judgement.source,
+        "checked": judgement.checked,
+        "outside": [
+            {
+                "where": one.where,
+                "channel": one.channel,
+                "figure": one.figure,
+                "value": _finite(one.value),
+                "min" if one.least else "max": one.bound,
+                "by": _finite(one.by),
+            }
+            for one in judgement.outside
+        ],
     }
 
 

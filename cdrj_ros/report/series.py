@@ -13,9 +13,6 @@ from cdrj_ros.estimation.comparison import Channel
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-REVERSAL_SHARE: Final = 0.05
-"""Share of the angle's range that a motion back must cover to make a turn a reversal."""
-
 GAP_STEPS: Final = 5.0
 """A line is broken where two stamps lie further apart than this many median steps ..."""
 
@@ -24,9 +21,6 @@ GAP_SHARE: Final = 0.005
 
 CYCLES: Final = 2
 """Cycles of motion in a hysteresis loop: more lie on top of one another."""
-
-_SCAN_BUCKETS: Final = 4000
-"""Resolution at which reversals are looked for, in parts of the recording."""
 
 
 @dataclass(frozen=True)
@@ -41,36 +35,6 @@ class Window:
     """The sample at which the joint turns round, None where the window was chosen without."""
 
 
-def envelope(buckets: int, *series: Floats) -> Indices:
-    """Samples that keep the outline of series drawn in few pixels: no peak is ever lost.
-
-    The samples are cut into buckets of consecutive ones; of each bucket the smallest and the
-    largest sample of every series stay, in their order, and the first and last of all.
-
-    Args:
-        buckets: how many buckets, at least 1.
-        series: finite, shape (n,) each, drawn together.
-
-    Returns:
-        Indices to draw, strictly increasing, shape (k,) with k ≤ 2 * buckets * len(series) + 2
-        unless the series are as short as that.
-    """
-    n = len(series[0])
-    size = -(-n // max(buckets, 1))
-    if size <= 2 * len(series):
-        return np.arange(n)
-    whole = n // size
-    starts = np.arange(whole) * size
-    kept = [np.array([0, n - 1])]
-    for values in series:
-        blocks = values[: whole * size].reshape(whole, size)
-        kept += [starts + blocks.argmin(axis=1), starts + blocks.argmax(axis=1)]
-        rest = values[whole * size :]
-        if len(rest):
-            kept.append(whole * size + np.array([rest.argmin(), rest.argmax()]))
-    return np.unique(np.concatenate(kept))
-
-
 def gaps(stamp_ns: NDArray[np.int64]) -> Indices:
     """Samples after which a line over these stamps must be broken, shape (k,)."""
     if len(stamp_ns) < 3:
@@ -83,44 +47,6 @@ def gaps(stamp_ns: NDArray[np.int64]) -> Indices:
 def seconds_since(stamp_ns: NDArray[np.int64], origin_ns: int) -> Floats:
     """Stamps as seconds after an origin; integers are subtracted before they become floats."""
     return (stamp_ns - origin_ns).astype(np.float64) * 1e-9
-
-
-def turning_points(angle: Floats) -> Indices:
-    """Samples at which a motion turns round, noise and ripple apart.
-
-    Args:
-        angle: joint angle [rad], shape (n,); NaN where there is none.
-
-    Returns:
-        Indices of the extremes between which the angle covers at least REVERSAL_SHARE of its
-        range, strictly increasing; start and end of the recording are none.
-    """
-    present = np.flatnonzero(np.isfinite(angle))
-    if len(present) < 3:
-        return np.arange(0)
-    values = angle[present]
-    threshold = REVERSAL_SHARE * float(values.max() - values.min())
-    if threshold <= 0.0:
-        return np.arange(0)
-    coarse = envelope(_SCAN_BUCKETS, values)
-    turns: list[int] = []
-    low = high = 0
-    heading = 0
-    samples = values[coarse].tolist()
-    for at, value in enumerate(samples):
-        if heading >= 0 and value > samples[high]:
-            high = at
-        if heading <= 0 and value < samples[low]:
-            low = at
-        if heading >= 0 and value < samples[high] - threshold:
-            if heading > 0:
-                turns.append(high)
-            heading, low = -1, at
-        elif heading <= 0 and value > samples[low] + threshold:
-            if heading < 0:
-                turns.append(low)
-            heading, high = 1, at
-    return present[coarse[np.array(turns, dtype=np.intp)]]
 
 
 def worst_sample(channel: Channel) -> int:

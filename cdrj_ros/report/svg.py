@@ -16,7 +16,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from cdrj_ros.report.figures import HEIGHT, PALETTE, WIDTH
+from cdrj_ros.report.figures import PALETTE
 
 _BODY: Final = re.compile(r"<svg[^>]*>(.*)</svg>", re.DOTALL)
 _NOISE: Final = re.compile(
@@ -39,7 +39,7 @@ def inline_svg(figure: Figure, label: str, key: str) -> str:
     """The figure as an ``<svg>`` element for an HTML page, without any outside reference.
 
     Args:
-        figure: a figure of WIDTH by HEIGHT pixels.
+        figure: of WIDTH by HEIGHT pixels, or any other size.
         label: what it shows, in words, for readers who cannot see it.
         key: unique on the page; ids inside the picture are made from it.
     """
@@ -59,8 +59,9 @@ def inline_svg(figure: Figure, label: str, key: str) -> str:
     text = _SPACE.sub("><", text)
     while (shorter := _EMPTY.sub("", text)) != text:
         text = shorter
+    width, height = (round(72.0 * float(inches)) for inches in figure.get_size_inches())
     return (
-        f'<svg class="picture" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
+        f'<svg class="picture" viewBox="0 0 {width} {height}" role="img" '
         f'aria-label="{escape(label)}">{text.strip()}</svg>'
     )
 

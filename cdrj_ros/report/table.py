@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, TextIO
 
 from cdrj_ros.estimation.comparison import QUANTITIES, quantity_of
+from cdrj_ros.estimation.limits import Judgement
 from cdrj_ros.estimation.metrics import ChannelError, mean_over_channels
 from cdrj_ros.report.numbers import (
     decimals_for,
@@ -21,7 +22,17 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 HEADINGS: Final = ("mean |error|", "mean rel.", "RMSE", "max |error|", "R²")
-"""Headings of the figures, in the order of metrics.FIGURES."""
+"""Headings of the figures that every table has, in the order of metrics.FIGURES."""
+
+MORE_HEADINGS: Final[Mapping[str, str]] = {
+    "reversal_error": "at reversals",
+    "smooth_error": "elsewhere",
+    "coverage": "in ±2σ",
+}
+"""Headings of the figures that a table has where a channel has them."""
+
+OUTSIDE_HEADINGS: Final = ("outside its limit", "figure", "is", "allowed", "beyond by", "in")
+"""Headings of the table of what is outside its limits."""
 
 SUMMARY_LABELS: Final[Mapping[str, str]] = {
     "tension": "all elements",
@@ -41,7 +52,7 @@ class Row:
     label: str
     """What is printed in front: the name without its prefix."""
     cells: tuple[str, ...]
-    """Formatted figures, one for each of HEADINGS."""
+    """Formatted figures, one for each of ``headings_of``."""
     aside: str
     """What the caller wants beside it, for example a published figure; may be empty."""
 
@@ -60,6 +71,19 @@ class Group:
     """The mean over the channels; None where there is only one."""
 
 
+def headings_of(errors: Mapping[str, ChannelError]) -> tuple[str, ...]:
+    """Headings of the table's figures: HEADINGS, and those of MORE_HEADINGS that are known."""
+    return (*HEADINGS, *(MORE_HEADINGS[figure] for figure in _more(errors)))
+
+
+def _more(errors: Mapping[str, ChannelError]) -> tuple[str, ...]:
+    return tuple(
+        figure
+        for figure in MORE_HEADINGS
+        if any(getattr(error, figure) is not None for error in errors.values())
+    )
+
+
 def table_groups(
     errors: Mapping[str, ChannelError], *, beside: Mapping[str, str] | None = None
 ) -> tuple[Group, ...]:
@@ -74,6 +98,7 @@ def table_groups(
         ValueError: a channel name without a known prefix.
     """
     asides = beside or {}
+    more = _more(errors)
     groups = []
     for quantity, (title, unit) in QUANTITIES.items():
         members = {name: e for name, e in errors.items() if quantity_of(name) == quantity}
@@ -86,14 +111,14 @@ def table_groups(
             Row(
                 name,
                 name.removeprefix(f"{quantity}/"),
-                _cells(error, factor, decimals),
+                _cells(error, factor, decimals, more),
                 asides.get(name, ""),
             )
             for name, error in members.items()
         )
         summary = None
         if len(rows) > 1:
-            cells = _cells(overall, factor, decimals)
+            cells = _cells(overall, factor, decimals, more)
             summary = Row("", SUMMARY_LABELS[quantity], cells, asides.get(quantity, ""))
         groups.append(Group(quantity, f"{title} [{scaled_unit}]", rows, summary))
     return tuple(groups)
@@ -113,7 +138,7 @@ def rich_table(
 
     table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("")
-    for heading in HEADINGS:
+    for heading in headings_of(errors):
         table.add_column(heading, justify="right", no_wrap=True)
     if beside:
         table.add_column(beside_heading)
@@ -135,7 +160,8 @@ def plain_table(
     beside_heading: str = "",
 ) -> str:
     """The table for a log file: aligned columns of text; arguments as for ``print_table``."""
-    lines: list[Sequence[str]] = [["", *HEADINGS, *([beside_heading] if beside else [])]]
+    headings = headings_of(errors)
+    lines: list[Sequence[str]] = [["", *headings, *([beside_heading] if beside else [])]]
     for group in table_groups(errors, beside=beside):
         lines.append([group.title])
         lines.extend(_columns(row, "  ", bool(beside)) for row in group.rows)
@@ -149,7 +175,7 @@ def plain_table(
     for line in lines:
         cells = [line[0].ljust(widths[0])]
         for column, cell in enumerate(line[1:], start=1):
-            right = column <= len(HEADINGS)
+            right = column <= len(headings)
             cells.append(cell.rjust(widths[column]) if right else cell.ljust(widths[column]))
         text.append("  ".join(cells).rstrip())
     return "\n".join(text) + "\n"
@@ -186,8 +212,76 @@ def print_table(
     stream.write(plain_table(errors, title=title, beside=beside, beside_heading=beside_heading))
 
 
-def _cells(error: ChannelError, factor: float, decimals: int) -> tuple[str, ...]:
-    """The figures as text, one for each of HEADINGS; errors times ``factor``."""
+FIGURE_NAMES: Final[Mapping[str, str]] = {
+    "n": "samples",
+    "mean_abs_error": "mean |error|",
+    "mean_relative_error": "mean relative error",
+    "rmse": "RMSE",
+    "max_abs_error": "largest |error|",
+    "r2": "R²",
+    "reversal_error": "mean |error| at reversals",
+    "smooth_error": "mean |error| elsewhere",
+    "coverage": "share within ±2σ",
+}
+"""Every figure in words."""
+
+
+def judgement_rows(judgement: Judgement) -> list[tuple[str, str, str, str, str, str]]:
+    """What is outside: channel, figure, value, bound, how far outside, and where."""
+    rows = []
+    for one in judgement.outside:
+        value, bound, by = (
+            _figure_text(one.figure, one.channel, number)
+            for number in (one.value, one.bound, one.by)
+        )
+        if one.by is not None and one.bound:
+            by += f" ({100.0 * one.by / abs(one.bound):.2g} %)"
+        allowed = f"{'at least' if one.least else 'at most'} {bound}"
+        rows.append((one.channel, FIGURE_NAMES[one.figure], value, allowed, by, one.where))
+    return rows
+
+
+def judgement_sentence(judgement: Judgement) -> str:
+    """The verdict on the limits in a sentence."""
+    outside, checked = len(judgement.outside), judgement.checked
+    if not outside:
+        return f"Within all {checked} limits of {judgement.source}."
+    are = "is" if outside == 1 else "are"
+    return f"{outside} of {checked} figures {are} outside the limits of {judgement.source}."
+
+
+def print_judgement(judgement: Judgement, file: TextIO | None = None) -> None:
+    """Print what is outside the limits, and by how much."""
+    stream = sys.stdout if file is None else file
+    stream.write(judgement_sentence(judgement) + "\n")
+    rows = judgement_rows(judgement)
+    if not rows:
+        return
+    lines = [OUTSIDE_HEADINGS, *rows]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(OUTSIDE_HEADINGS))]
+    for line in lines:
+        text = "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True))
+        stream.write(f"  {text}".rstrip() + "\n")
+
+
+def _figure_text(figure: str, channel: str, value: float | None) -> str:
+    if value is None:
+        return "not known"
+    if figure in ("mean_relative_error", "coverage"):
+        return format_percent(value)
+    if figure == "r2":
+        return format_r2(value)
+    if figure == "n":
+        return f"{value:.0f}"
+    quantity = QUANTITIES.get(channel.partition("/")[0])
+    unit = quantity.unit if quantity else ""
+    return f"{value:.4g} {unit}".rstrip()
+
+
+def _cells(
+    error: ChannelError, factor: float, decimals: int, more: Sequence[str]
+) -> tuple[str, ...]:
+    """The figures as text, one for each heading; errors times ``factor``."""
 
     def scaled(value: float | None) -> str:
         return format_number(None if value is None else factor * value, decimals)
@@ -198,6 +292,12 @@ def _cells(error: ChannelError, factor: float, decimals: int) -> tuple[str, ...]
         scaled(error.rmse),
         scaled(error.max_abs_error),
         format_r2(error.r2),
+        *(
+            format_percent(error.coverage, 1)
+            if figure == "coverage"
+            else scaled(getattr(error, figure))
+            for figure in more
+        ),
     )
 
 

@@ -154,7 +154,9 @@ def test_folders_that_are_no_bag_are_refused_by_name(tmp_path):
         read_recording(tmp_path)
     (tmp_path / "bag_0.db3").touch()
     for path in (tmp_path, tmp_path / "bag_0.db3"):
-        with pytest.raises(BagError, match=r"sqlite3, expected mcap: convert it.*rosbags-convert"):
+        with pytest.raises(
+            BagError, match=r"bag_0\.db3 is empty, expected a bag stored as sqlite3"
+        ):
             read_recording(path)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -133,3 +135,42 @@ def test_channels_count_alike_in_their_mean_and_the_worst_stays_the_worst() -> N
         1010, pytest.approx(2.0), pytest.approx(0.1), pytest.approx(3.0), 5.0, pytest.approx(0.8)
     )
     assert mean_over_channels([]) == NO_SAMPLES
+
+
+def test_errors_at_reversals_are_told_apart_from_the_rest() -> None:
+    reversal = np.array([True, False, False, True])
+    error = channel_error([2.0, 3.0, 3.0, 5.0], [1.0, 3.0, 4.0, 2.0], reversal=reversal)
+    assert error.reversal_error == pytest.approx(2.0)
+    assert error.smooth_error == pytest.approx(0.5)
+    never = channel_error([2.0], [1.0], reversal=np.array([False]))
+    assert never.reversal_error is None
+    assert never.smooth_error == 1.0
+    assert channel_error([2.0], [1.0]).smooth_error is None
+
+
+def test_coverage_of_an_honest_normal_estimate_is_that_of_two_sigmas() -> None:
+    random = np.random.default_rng(8)
+    stddev = random.uniform(0.1, 3.0, 200_000)
+    reference = random.normal(20.0, 5.0, 200_000)
+    estimate = reference + stddev * random.normal(size=200_000)
+    coverage = channel_error(estimate, reference, stddev=stddev).coverage
+    assert coverage == pytest.approx(0.9545, abs=0.002)
+    boastful = channel_error(estimate, reference, stddev=0.5 * stddev).coverage
+    assert boastful == pytest.approx(0.6827, abs=0.004)
+
+
+def test_coverage_counts_only_samples_whose_deviation_is_known() -> None:
+    stddev = np.array([1.0, np.nan, 0.1, np.nan])
+    assert channel_error([1.0, 9.0, 1.0, 9.0], np.zeros(4), stddev=stddev).coverage == 0.5
+    assert channel_error([1.0], [0.0], stddev=[np.nan]).coverage is None
+    assert channel_error([1.0], [1.0], stddev=[0.0]).coverage == 1.0
+
+
+def test_what_one_recording_cannot_tell_the_pool_does_not_tell() -> None:
+    plain = channel("tension/a/1", np.ones(3), np.ones(3))
+    told = replace(plain, stddev=np.ones(3), reversal=np.ones(3, np.bool_))
+    bags = [BagComparison("a", 1.0, (one,)) for one in (plain, told)]
+    pooled = pooled_errors(bags)["tension/a/1"]
+    assert pooled.coverage is None
+    assert pooled.reversal_error is None
+    assert pooled_errors(bags[1:])["tension/a/1"].coverage == 1.0

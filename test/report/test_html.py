@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from cdrj_ros.estimation.comparison import Angle, BagComparison, Channel, compare_bag
+from cdrj_ros.estimation.limits import Judgement, Outside
+from cdrj_ros.estimation.pulley_friction import PulleyFriction
+from cdrj_ros.model.robot_file import load_robot
 from cdrj_ros.report import html
 from cdrj_ros.report.figures import PALETTE
 from cdrj_ros.report.html import write_report
 
+ROBOT = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 VOID = {"meta", "link", "br", "img", "hr", "input"}
 
 
@@ -188,3 +194,57 @@ def test_a_report_does_not_touch_the_callers_matplotlib(
     first = written(tmp_path, few)
     assert dict(matplotlib.rcParams) == before
     assert written(tmp_path, few) == first
+
+
+def test_the_band_the_friction_the_parameters_and_the_limits_are_there(
+    tmp_path: Path, comparison: BagComparison
+) -> None:
+    banded = [replace(c, stddev=np.full(len(c.stamp_ns), 0.5)) for c in comparison.channels[:3]]
+    banded[1].stddev[1000:2000] = np.nan  # type: ignore[index]
+    swing = np.sin(np.linspace(0.0, 20.0, 500))
+    friction = tuple(
+        PulleyFriction(f"upper/{k}", 1.0, 2.0, 0.01 * k, 0.05 * k) for k in range(2, 9)
+    )
+    looped = replace(friction[-1], passed=swing, friction=np.sign(swing))
+    bag = replace(comparison, channels=tuple(banded), friction=(*friction[:-1], looped))
+    outside = Outside("bags/<one>", "tension/upper/8", "rmse", 0.2, 0.1, least=False)
+    robot = load_robot(ROBOT)
+    drawing = Figure(figsize=(6.0, 3.0))
+    write_report(
+        tmp_path / "r.html", [bag], title="t", robot_summary="r", versions={},
+        judgement=Judgement("limits.yaml", 3, (outside,)), robot=robot, drawing=drawing,
+    )  # fmt: skip
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    parser = Strict()
+    parser.feed(text)
+    assert parser.open == []
+    assert text.count("var(--band)") >= 3 * 2 * 2
+    assert "within ±2σ" in text
+    assert "1 of 3 figures is outside the limits of limits.yaml." in text
+    assert text.index("1 of 3 figures") < text.index("<h2>")
+    assert "bags/&lt;one&gt;" in text
+    assert "Friction at the pulleys" in text
+    assert text.count("<svg") == 3 * 3 + 2 + 1
+    assert 'viewBox="0 0 432 216"' in text
+    for row in ("upper/2–4", "μ_c", "6283 N", "elbow (joint)"):
+        assert row in text
+
+
+def test_ten_minutes_with_bands_and_friction_stay_below_three_megabytes(
+    tmp_path: Path, made_up: Callable[..., BagComparison]
+) -> None:
+    long = made_up(duration_s=600.0)
+    random = np.random.default_rng(3)
+    channels = tuple(
+        replace(c, stddev=0.3 + 0.1 * random.random(len(c.stamp_ns))) for c in long.channels
+    )
+    walk = np.cumsum(random.normal(size=600_000))
+    loop = PulleyFriction("upper/2", 1.0, 2.0, 0.1, 0.2, walk, random.normal(size=600_000))
+    written(tmp_path, replace(long, channels=channels, friction=(loop,)))
+    assert (tmp_path / "report.html").stat().st_size < 3_000_000
+
+
+def test_of_many_pulleys_those_that_hold_most_have_a_bar(tmp_path: Path) -> None:
+    many = tuple(PulleyFriction(f"a/{k}", 1.0, 2.0, 1e-3 * k, 2e-3 * k) for k in range(2, 200))
+    text = written(tmp_path, BagComparison("a", 0.0, (), friction=many))
+    assert "the 24 that hold most" in text

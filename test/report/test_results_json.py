@@ -10,7 +10,7 @@ import pytest
 
 from cdrj_ros.estimation.comparison import BagComparison, Channel
 from cdrj_ros.estimation.metrics import FIGURES, bag_errors, pooled_errors
-from cdrj_ros.report.results_json import results, write_results
+from cdrj_ros.report.results_json import FORMAT, VERSION, results, write_results
 
 
 def refuse(constant: str) -> None:
@@ -29,9 +29,11 @@ def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagCom
     write_results(path, bags)
     read = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
     assert read == results(bags)
-    assert set(read) == {"bags", "all"}
+    assert set(read) == {"format", "version", "bags", "all", "limits"}
+    assert (read["format"], read["version"]) == (FORMAT, VERSION)
+    assert read["limits"] is None
     for bag in read["bags"]:
-        assert set(bag) == {"path", "duration_s", "channels", "counters", "notes"}
+        assert set(bag) == {"path", "duration_s", "channels", "friction", "counters", "notes"}
     for channels, errors in (
         (read["bags"][0]["channels"], bag_errors(comparison)),
         (read["all"]["channels"], pooled_errors(bags)),

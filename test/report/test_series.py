@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.estimation.comparison import BagComparison, Channel
-from cdrj_ros.report.series import closer_look, envelope, gaps, loop_window, turning_points
+from cdrj_ros.estimation.reversals import envelope, turning_points
+from cdrj_ros.report.series import closer_look, gaps, loop_window
 
 
 def made(angle: np.ndarray, error: np.ndarray, step_ns: int = 1_000_000) -> Channel:

@@ -1,0 +1,108 @@
+"""Bags in rosbag2's older storage, sqlite3, are read like any other."""
+
+import sqlite3
+from contextlib import closing
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from cdrj_ros.bag import BagWriter, Topics, list_topics, read_messages, read_recording
+from cdrj_ros.model.errors import BagError
+
+ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
+COUNT = 600
+
+
+@pytest.fixture(params=[8, 9])
+def folder(make, tmp_path, request):
+    """A bag by rosbags: version 9 embeds definitions, version 8 only names the types."""
+    path = tmp_path / "bag"
+    with Writer(path, version=request.param, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        channel = writer.add_connection(
+            make.topic, "sensor_msgs/msg/JointState", typestore=make.store
+        )
+        for _, log_ns, payload in make.swing(COUNT):
+            writer.write(channel, log_ns, payload)
+    return path
+
+
+def check_whole(path):
+    read = read_recording(path, ONE_TOPIC)
+    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(COUNT))
+    np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(COUNT))
+    np.testing.assert_array_equal(read.references["effort/motor"].value, 2 * np.arange(COUNT))
+    assert [info.count for info in list_topics(path)] == [COUNT]
+    times = [message.log_ns for message in read_messages(path, ["/joint_states"])]
+    assert times == sorted(times)
+    assert len(times) == COUNT
+    return read.notes
+
+
+def test_a_sqlite3_bag_is_read_with_and_without_its_metadata(folder):
+    assert check_whole(folder) == ()
+    (folder / "metadata.yaml").unlink()
+    assert check_whole(folder) == ("no metadata.yaml",)
+    (file,) = folder.iterdir()
+    assert check_whole(file) == ()
+
+
+def test_a_sqlite3_bag_can_be_copied_into_an_mcap_bag(folder, tmp_path):
+    with BagWriter(tmp_path / "copy") as bag:
+        bag.copy(folder)
+    check_whole(tmp_path / "copy")
+
+
+def test_a_sqlite3_file_that_is_cut_is_refused_by_name_and_size(folder):
+    (file,) = folder.glob("*.db3")
+    content = file.read_bytes()
+    for percent in range(1, 100, 7):
+        file.write_bytes(content[: len(content) * percent // 100])
+        with pytest.raises(BagError, match=rf"is cut: \d+ of {len(content)} bytes are there"):
+            read_recording(file, ONE_TOPIC)
+
+
+def test_a_damaged_page_gives_what_comes_before_it_and_a_note(folder):
+    (file,) = folder.glob("*.db3")
+    content = bytearray(file.read_bytes())
+    at = content.index(b"motor", len(content) // 2) // 4096 * 4096
+    content[at : at + 4096] = bytes(4096)
+    file.write_bytes(content)
+    read = read_recording(file, ONE_TOPIC)
+    values = read.motors["motor"].value
+    assert COUNT / 4 < values.size < COUNT
+    np.testing.assert_array_equal(values, np.arange(values.size))
+    assert any("damaged" in note for note in read.notes)
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        (b"", "is empty"),
+        (b"SQLite 2", "begins with"),
+        (b"SQLite format 3\0" * 9, "is cut"),
+        (b"SQLite format 3\0", "cut"),
+    ],
+)
+def test_a_file_that_is_no_database_is_refused_by_name(tmp_path, content, word):
+    path = tmp_path / "a.db3"
+    path.write_bytes(content)
+    with pytest.raises(BagError, match=word) as caught:
+        read_recording(path, ONE_TOPIC)
+    assert str(path) in str(caught.value)
+
+
+def test_a_database_of_something_else_is_refused_by_name(tmp_path):
+    path = tmp_path / "a.db3"
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("CREATE TABLE songs (title TEXT)")
+        connection.commit()
+    with pytest.raises(BagError, match="no such table: topics"):
+        read_recording(path, ONE_TOPIC)
+
+
+def test_a_database_compressed_whole_says_how_to_undo_that(tmp_path):
+    path = tmp_path / "a.db3.zstd"
+    path.write_bytes(b"\x28\xb5\x2f\xfd")
+    with pytest.raises(BagError, match="compressed sqlite3 bag: undo that first"):
+        read_recording(path, ONE_TOPIC)

@@ -1,0 +1,356 @@
+"""validate's options, and recordings that are not as they should be, as a user meets them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
+from cdrj_ros.commands import validate
+from cdrj_ros.commands.shared import load_model
+from cdrj_ros.validation import (
+    OUTPUTS,
+    condition_recording,
+    estimate,
+    estimate_channels,
+    read_inputs,
+)
+
+ROOT = Path(__file__).parents[2]
+ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
+BAG = ROOT / "bags" / "prototype_preload_36_26"
+SECONDS = 1_000_000_000
+
+
+def stacked(channels: dict[str, Series], prefix: str) -> tuple[list[str], Series]:
+    """Names, and their values side by side, of the channels of one topic."""
+    chosen = {n.removeprefix(prefix): s for n, s in channels.items() if n.startswith(prefix)}
+    first = next(iter(chosen.values()))
+    values = np.stack([series.value for series in chosen.values()], axis=1)
+    return list(chosen), Series(first.stamp_ns, first.log_ns, values)
+
+
+def write(
+    path: Path,
+    recording: Recording,
+    *,
+    until_s: float = 4.0,
+    passes: int = 1,
+    prefix: str = "",
+    delay_ns: int = 0,
+) -> Path:
+    """The first seconds of a recording, played so often with the same stamps, logged later."""
+    topics = Topics()
+    end = recording.start_ns + int(until_s * SECONDS)
+    with BagWriter(path) as bag:
+        for k in range(passes):
+            for topic, channels, start, array in (
+                (topics.motors, recording.motors, "", "position"),
+                (topics.joints, recording.joints, "", "position"),
+                (topics.references[0], recording.references, "tension/", "tension"),
+                (topics.references[2], recording.references, "effort/", "effort"),
+            ):
+                names, series = stacked(dict(channels), start)
+                part = series.log_ns < end
+                log_ns = series.log_ns[part] + delay_ns + k * (end - recording.start_ns + SECONDS)
+                arguments: Any = (prefix + topic, series.stamp_ns[part], names)
+                values = {array: series.value[part]}
+                if array == "tension":
+                    bag.write_tensions(*arguments, series.value[part], log_ns=log_ns)
+                else:
+                    bag.write_joint_states(*arguments, **values, log_ns=log_ns)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return read_recording(BAG)
+
+
+@pytest.fixture(scope="module")
+def short(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("bags") / "short", recording)
+
+
+def run(out: Path, *arguments: object) -> tuple[int, dict[str, Any]]:
+    """Exit code and figures."""
+    json_file = out / "figures.json"
+    code = validate.main([*map(str, arguments), "--robot", str(ROBOT), "--json", str(json_file)])
+    return code, json.loads(json_file.read_text()) if json_file.exists() else {}
+
+
+def one_line(capsys: pytest.CaptureFixture[str], words: Sequence[str]) -> None:
+    error = capsys.readouterr().err
+    lines = [line for line in error.splitlines() if not line.startswith("validating: ")]
+    assert len(lines) == 1, error
+    for word in words:
+        assert word in lines[0]
+
+
+def test_every_pass_of_a_recording_whose_clock_goes_back_is_compared(
+    recording: Recording, short: Path, tmp_path: Path
+) -> None:
+    looped = write(tmp_path / "looped", recording, passes=3)
+    code, figures = run(tmp_path, looped)
+    assert code == 0
+    once = run(tmp_path, short)[1]["bags"][0]["channels"]
+    (bag,) = figures["bags"]
+    assert any("each of the 3 passes is compared" in note for note in bag["notes"])
+    for name, channel in bag["channels"].items():
+        # at the seam a pass may lose the readings that wait for the other topic
+        assert channel["n"] == pytest.approx(3 * once[name]["n"], abs=6)
+        assert channel["rmse"] == pytest.approx(once[name]["rmse"], rel=0.02)
+
+
+def test_several_processes_give_what_one_gives_in_the_same_order(
+    recording: Recording, short: Path, tmp_path: Path
+) -> None:
+    shorter = write(tmp_path / "shorter", recording, until_s=2.0)
+    bags = [short, shorter, BAG]
+    alone, together = (run(tmp_path, *bags, "--jobs", jobs)[1] for jobs in (1, 2))
+    assert [bag["path"] for bag in together["bags"]] == [str(bag) for bag in bags]
+    assert alone == together
+
+
+def test_an_error_in_another_process_is_one_line(
+    short: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"nothing")
+    assert run(tmp_path, short, tmp_path / "a.mcap", "--jobs", 2)[0] == 2
+    lines = [line for line in capfd.readouterr().err.splitlines() if "%" not in line]
+    assert len(lines) == 1
+    assert "a.mcap is not an MCAP file" in lines[0]
+
+
+def test_limits_decide_the_exit_code_and_tell_what_is_outside(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("channels: {tension/*: {mean_relative_error: {max: 0.05}, r2: {max: 1.0}}}")
+    code, figures = run(tmp_path, short, "--limits", limits, "--quiet")
+    assert code == 0
+    assert figures["limits"] == {"file": str(limits), "checked": 32, "outside": []}
+    assert capsys.readouterr().out == ""
+    limits.write_text("channels: {tension/upper/8: {rmse: {max: 1.0e-6}}}")
+    code, figures = run(
+        tmp_path, short, "--limits", limits, "--quiet", "--html", tmp_path / "r.html"
+    )
+    assert code == 1
+    (outside,) = figures["limits"]["outside"]
+    rmse = figures["all"]["channels"]["tension/upper/8"]["rmse"]
+    assert outside == {
+        "where": str(short), "channel": "tension/upper/8", "figure": "rmse",
+        "value": rmse, "max": 1e-6, "by": pytest.approx(rmse - 1e-6),
+    }  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "1 of 1 figures is outside" in printed
+    assert "tension/upper/8" in printed
+    assert "1 of 1 figures is outside" in (tmp_path / "r.html").read_text()
+
+
+def test_a_wrong_file_of_limits_is_one_line_before_any_bag_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("channels: {tension/*: {rsme: {max: 0.05}}}")
+    assert run(tmp_path, "/no/such/bag", "--limits", limits)[0] == 2
+    one_line(capsys, ["channels.tension/*.rsme is not a known key", "'rmse'"])
+
+
+def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
+    recording: Recording, tmp_path: Path
+) -> None:
+    original = write(tmp_path / "original", recording, delay_ns=5_000_000)
+    out = tmp_path / "out"
+    assert run(tmp_path, original, "--write-bag", out)[0] == 0
+    model = load_model(str(ROBOT))
+    read = read_inputs(str(original), Topics(), model)
+    expected = estimate(model, condition_recording(model, read))
+    named = estimate_channels(model.layout, expected.values)
+    again = read_recording(out, Topics(references=OUTPUTS))
+    assert again.notes == ()
+    for name, series in again.references.items():
+        np.testing.assert_array_equal(series.stamp_ns, expected.stamp_ns)
+        np.testing.assert_array_equal(series.log_ns, expected.stamp_ns + 5_000_000)
+        np.testing.assert_array_equal(series.value, named[name])
+    assert set(again.references) == set(named)
+    before, after = read_recording(original), read_recording(out)
+    assert set(before.references) == set(after.references)
+    for name, series in before.references.items():
+        np.testing.assert_array_equal(after.references[name].value, series.value)
+
+
+def test_rosbags_and_mcap_read_the_written_bag_by_its_embedded_types(
+    short: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert run(tmp_path, short, "--write-bag", out)[0] == 0
+    with AnyReader([out]) as reader:
+        seen = {}
+        for connection, _, payload in reader.messages():
+            seen[connection.topic] = reader.deserialize(payload, connection.msgtype)
+    tensions, forces, efforts = (seen[topic] for topic in OUTPUTS)
+    assert tensions.name[7] == "upper/8"
+    assert len(tensions.tension) == 16
+    assert len(tensions.stddev) == 16  # the robot file says how well it is known
+    assert len(forces.stddev) == 14
+    assert min(tensions.stddev) > 0.0
+    assert forces.name[0] == "upper/2"
+    assert len(forces.slip_speed) == len(forces.magnitude) == 14
+    assert efforts.name == ["winch", "elbow"]
+    assert tensions.header.stamp == forces.header.stamp == efforts.header.stamp
+    with (out / "out_0.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
+        topics = {channel.topic for _, channel, _ in reader.iter_messages()}
+    assert topics == set(seen)
+
+
+def test_an_estimate_in_the_original_gives_way_to_the_new_one(short: Path, tmp_path: Path) -> None:
+    once, twice = tmp_path / "once", tmp_path / "twice"
+    assert run(tmp_path, short, "--write-bag", once)[0] == 0
+    assert run(tmp_path, once, "--write-bag", twice)[0] == 0
+    counts = [
+        read_recording(path, Topics(references=OUTPUTS)).references["tension/upper/1"].value.size
+        for path in (once, twice)
+    ]
+    assert counts[0] == counts[1]
+
+
+def test_a_bag_is_never_written_over(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    assert run(tmp_path, short, "--write-bag", out)[0] == 2
+    one_line(capsys, [f"{out} exists already"])
+    assert list(out.iterdir()) == []
+
+
+def test_the_bags_of_several_lie_side_by_side(
+    recording: Recording, short: Path, tmp_path: Path
+) -> None:
+    shorter = write(tmp_path / "shorter", recording, until_s=2.0)
+    assert run(tmp_path, short, shorter, "--write-bag", tmp_path / "out")[0] == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"short", "shorter"}
+
+
+def test_a_prefix_chooses_one_of_several_robots(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    left = write(tmp_path / "left", recording, prefix="/left")
+    both = tmp_path / "both"
+    with BagWriter(both) as bag:
+        bag.copy(left)
+        bag.copy(write(tmp_path / "right", recording, until_s=2.0, prefix="/right"))
+    counts = [
+        run(tmp_path, both, "--topic-prefix", side)[1]["all"]["channels"]["effort/winch"]["n"]
+        for side in ("/left", "right/")
+    ]
+    assert counts[0] > 1.8 * counts[1]
+    capsys.readouterr()
+    assert run(tmp_path, both)[0] == 2
+    one_line(capsys, ["no topic /cdrj/motor_states", "/left/cdrj/motor_states"])
+
+
+def test_a_window_leaves_the_estimate_as_it_is_and_compares_less(
+    short: Path, tmp_path: Path
+) -> None:
+    whole, part = (
+        run(tmp_path, short, *more)[1]["bags"][0]
+        for more in ([], ["--start", "1.5", "--duration", "1"])
+    )
+    assert part["duration_s"] == pytest.approx(1.0)
+    name = "tension/upper/8"
+    assert part["channels"][name]["n"] == pytest.approx(100, abs=1)
+    assert part["channels"][name]["max_abs_error"] <= whole["channels"][name]["max_abs_error"]
+    assert part["friction"] == whole["friction"]
+
+
+def test_without_uncertainty_there_is_neither_coverage_nor_a_deviation(
+    short: Path, tmp_path: Path
+) -> None:
+    off = run(tmp_path, short, "--uncertainty", "off", "--write-bag", tmp_path / "off")[1]
+    on = run(tmp_path, short, "--uncertainty", "on")[1]
+    for name, channel in off["all"]["channels"].items():
+        assert channel["coverage"] is None
+        assert 0.0 <= on["all"]["channels"][name]["coverage"] <= 1.0
+        assert channel["rmse"] == on["all"]["channels"][name]["rmse"]
+    with AnyReader([tmp_path / "off"]) as reader:
+        connections = [one for one in reader.connections if one.topic == OUTPUTS[0]]
+        _, _, payload = next(reader.messages(connections))
+        assert len(reader.deserialize(payload, connections[0].msgtype).stddev) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--start", "-1"], ["--start must be at least 0"]),
+        (["--start", "nan"], ["--start must be at least 0"]),
+        (["--duration", "0"], ["--duration must be more than 0"]),
+        (["--start", "1000"], ["no references in that time"]),
+        (["--jobs", "-1"], ["--jobs must be from 0 to"]),
+        (["--limits", "/no/such/file"], ["/no/such/file cannot be read"]),
+    ],
+)
+def test_options_that_make_no_sense_are_one_line(
+    short: Path,
+    arguments: list[str],
+    words: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(tmp_path, short, *arguments)[0] == 2
+    one_line(capsys, words)
+
+
+def test_header_stamps_of_another_clock_are_no_matter(recording: Recording, tmp_path: Path) -> None:
+    late = write(tmp_path / "late", recording, delay_ns=1_000_000 * SECONDS)
+    code, figures = run(tmp_path, late)
+    assert code == 0
+    assert figures["all"]["channels"]["tension/upper/8"]["mean_relative_error"] < 0.02
+
+
+def _inputs(path: Path, **arrays: Any) -> Path:
+    stamps = np.arange(1, 101) * 10_000_000
+    with BagWriter(path) as bag:
+        bag.write_joint_states("/cdrj/motor_states", stamps, ["winch"], **arrays)
+        bag.write_joint_states("/cdrj/joint_states", stamps, ["elbow"], np.zeros((100, 1)))
+        bag.write_tensions("/reference/tensions", stamps, ["upper/1"], np.ones((100, 1)))
+    return path
+
+
+def test_velocities_alone_are_no_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path, _inputs(tmp_path / "bag", velocity=np.zeros((100, 1))))[0] == 2
+    one_line(capsys, ["/cdrj/motor_states has no motor angles", "100 malformed messages"])
+
+
+def test_an_empty_bag_is_refused_by_what_it_lacks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with BagWriter(tmp_path / "bag"):
+        pass
+    assert run(tmp_path, tmp_path / "bag")[0] == 2
+    one_line(capsys, ["has no topic /cdrj/motor_states, but none"])
+
+
+def test_a_repeated_stamp_counts_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stamps = np.repeat(np.arange(1, 51), 2) * 10_000_000
+    with BagWriter(tmp_path / "bag") as bag:
+        for topic, name in (("/cdrj/motor_states", "winch"), ("/cdrj/joint_states", "elbow")):
+            bag.write_joint_states(topic, stamps, [name], np.zeros((100, 1)))
+        bag.write_tensions("/reference/tensions", stamps, ["upper/1"], np.ones((100, 1)))
+    code, figures = run(tmp_path, tmp_path / "bag")
+    assert code == 0
+    counters = figures["bags"][0]["counters"]
+    assert counters["repeated"] == 100
+    assert counters["reference_repeated"] == 50
