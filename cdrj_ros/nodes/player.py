@@ -373,7 +373,12 @@ class Player:
                 self._do_chores(now, playback, run)
             if stop or controls.stopped or playback.sought or run.trouble or self._gone:
                 break
-            messages = playback.take(now, BATCH) if run.under_way < WINDOW else ()
+            if run.under_way > WINDOW:
+                spin_once(timeout_sec=max(self._chores_s - now, 0.0))
+                while run.under_way > WINDOW and perf_counter() < self._chores_s:
+                    spin_once(timeout_sec=CHORES_S)
+                continue
+            messages = playback.take(now, BATCH)
             if messages:
                 for message in messages:
                     for send, ask in routes[message.topic]:
@@ -387,9 +392,7 @@ class Player:
                 paced = min(paced, run.unanswerable)
                 spin_once(timeout_sec=0.0)
                 continue
-            wait = self._chores_s - now
-            if run.under_way < WINDOW:
-                wait = min(wait, playback.wait_s(now))
+            wait = min(self._chores_s - now, playback.wait_s(now))
             spin_once(timeout_sec=max(wait, 0.0))
         ended = playback.ended
         self._drain(playback, run, watch)

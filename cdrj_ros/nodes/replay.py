@@ -15,7 +15,6 @@ from typing import Final
 
 import numpy as np
 from rclpy.experimental import EventsExecutor
-from rclpy.utilities import remove_ros_args
 
 from cdrj_ros.bag import RawMessage, Recording, Topics, read_recording
 from cdrj_ros.bag.playback import (
@@ -293,6 +292,10 @@ def _open(arguments: argparse.Namespace, model: Model, wiring: Wiring, paths: li
             f"--start-offset: {name} is {(last - first) * 1e-9:.3f} s long, "
             f"got {arguments.start_offset:g} s"
         )
+    if end < begin:
+        raise UsageError(
+            f"nothing to play: the end lies {(begin - end) * 1e-9:.3f} s before the start"
+        )
     return Bag(name, recording, reel, begin, end)
 
 
@@ -422,8 +425,24 @@ def _second_signal_aborts(stop: StopRequest) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
+def _divided(argv: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Our own arguments, and those between ``--ros-args`` and ``--``.
+
+    rclpy's own division would take ``--remap OLD:=NEW`` for a rule of an older ROS.
+    """
+    own: list[str] = []
+    ros: list[str] = []
+    inside = False
+    for argument in argv:
+        inside = inside or argument == "--ros-args"
+        (ros if inside else own).append(argument)
+        inside = inside and argument != "--"
+    return own, ros
+
+
 def _body(argv: Sequence[str]) -> int:
-    arguments = _parser().parse_args(remove_ros_args(["replay", *argv])[1:])
+    own, ros = _divided(argv)
+    arguments = _parser().parse_args(own)
     if arguments.rate is not None:
         try:
             checked_rate(arguments.rate)
@@ -444,7 +463,7 @@ def _body(argv: Sequence[str]) -> int:
     )  # fmt: skip
     groups = [arguments.bags] if arguments.merge else [[path] for path in arguments.bags]
     bags = [_open(arguments, model, wiring, paths) for paths in groups]
-    with ros_context(["replay", *argv]) as stop, _second_signal_aborts(stop):
+    with ros_context(["replay", *ros]) as stop, _second_signal_aborts(stop):
         return _replay(arguments, model, wiring, bags, stop)
 
 

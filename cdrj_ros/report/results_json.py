@@ -1,7 +1,7 @@
 """Comparisons as a JSON file, for programs: a team's CI, a spreadsheet, another tool.
 
-``{"bags": [{"path", "duration_s", "channels", "counters", "notes"}], "all": {"channels"}}`` where
-``channels`` maps a channel's name to its ``unit``, ``n`` and the figures of ChannelError.
+``{"bags": [{"path", "duration_s", "channels", "counters", "notes", "facts"}],
+"all": {"channels"}}`` where ``channels`` maps a channel's name to its ``unit``, ``n`` and the figures of ChannelError.
 A figure that cannot be given is null; NaN and infinity never appear.
 """
 
@@ -34,6 +34,7 @@ def results(comparisons: Sequence[BagComparison]) -> dict[str, Json]:
                 "channels": _channels(bag_errors(comparison)),
                 "counters": {cause: int(n) for cause, n in comparison.counters.items()},
                 "notes": list(comparison.notes),
+                "facts": dict(comparison.facts),
             }
             for comparison in comparisons
         ],
