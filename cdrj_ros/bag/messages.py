@@ -51,7 +51,7 @@ def list_topics(path: Path | str) -> tuple[TopicInfo, ...]:
 
 
 def read_messages(
-    path: Path | str,
+    path: Path | str | Source,
     topic_names: Collection[str],
     *,
     start_ns: int | None = None,
@@ -63,7 +63,7 @@ def read_messages(
     file.  Topics that are not there give nothing; BagError at once where none is there.  Holds no
     more than the parts of the bag that overlap in time.
     """
-    source = open_source(path)
+    source = path if isinstance(path, Source) else open_source(path)
     for file in source.files:
         file.declare_all()
     there = source.channels()

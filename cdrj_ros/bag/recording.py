@@ -73,7 +73,7 @@ class Recording:
 
 
 def read_recording(
-    path: Path | str,
+    path: Path | str | Source,
     topics: Topics = Topics(),
     *,
     motor_names: Collection[str] | None = None,
@@ -84,7 +84,7 @@ def read_recording(
     Of names given, all must appear, and no others are kept; of None, all are kept.  A name that a
     message gives twice has both values.  Raises BagError.
     """
-    source = open_source(path)
+    source = path if isinstance(path, Source) else open_source(path)
     reading = _Reading(source, topics)
     if source.channels_known():
         reading.require_inputs()

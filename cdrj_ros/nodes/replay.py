@@ -3,255 +3,79 @@
 from __future__ import annotations
 
 import argparse
+import math
+import re
+import signal
 import sys
-from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from time import monotonic, perf_counter
-from typing import Any
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+from typing import Final
 
 import numpy as np
-from cdrj_msgs.msg import CableTensions, NodalForces
-from numpy.typing import NDArray
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.utilities import remove_ros_args
-from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
-from cdrj_ros.bag import Topics, read_messages
+from cdrj_ros.bag import RawMessage, Recording, Topics, read_recording
+from cdrj_ros.bag.playback import (
+    MAX_RATE,
+    MIN_RATE,
+    ORDERS,
+    Playback,
+    Reel,
+    checked_rate,
+    log_order,
+    merged_source,
+    stamp_order,
+)
+from cdrj_ros.cdr import BYTE_ORDER, Field, MessageError, read_layout
 from cdrj_ros.commands.shared import (
     DONE,
+    INTERRUPTED,
     add_result_options,
     add_robot_option,
     add_topic_options,
     load_model,
-    progress_bar,
     run_command,
     topics_of,
     write_results,
 )
-from cdrj_ros.conversions import AnswerReader
-from cdrj_ros.estimation.comparison import BagComparison
-from cdrj_ros.model.errors import CdrjError, UsageError
-from cdrj_ros.model.mechanism import STALE
-from cdrj_ros.model.plan import Layout, Model
-from cdrj_ros.nodes.spinning import StopRequest, ros_context
-from cdrj_ros.validation import (
-    compare_with_references,
-    condition_recording,
-    read_inputs,
+from cdrj_ros.model.errors import BagError, UsageError
+from cdrj_ros.model.plan import Model
+from cdrj_ros.nodes.controls import KEYS, Controls, rate_in_words
+from cdrj_ros.nodes.keyboard import Keyboard
+from cdrj_ros.nodes.outcome import Outcome
+from cdrj_ros.nodes.player import (
+    Ending,
+    Extra,
+    Player,
+    ReplayNode,
+    Wiring,
+    message_class,
+    wiring_of,
 )
+from cdrj_ros.nodes.qos import read_overrides, was_latched
+from cdrj_ros.nodes.services import offer_services
+from cdrj_ros.nodes.spinning import StopRequest, ros_context
+from cdrj_ros.nodes.terminal import Display
 
-DEPTH = 1000
-WINDOW = 64
-"""Inputs under way at once: far fewer than any queue holds, so that none is lost."""
+INCOMPLETE: Final = 1
+"""Exit code: played, but estimates were lost or the estimator went away."""
 
-STALLED_S = 3.0
-"""Without a new answer for so long, the inputs under way count as unanswered."""
-
-
-class NoEstimatorError(CdrjError):
-    """No estimator node answered."""
-
-
-@dataclass
-class Answers:
-    """Raw messages of the estimator, in order of arrival."""
-
-    tension: list[bytes] = field(default_factory=list)
-    nodal_force: list[bytes] = field(default_factory=list)
-    effort: list[bytes] = field(default_factory=list)
-
-    def clear(self) -> None:
-        """Forget all."""
-        self.tension.clear()
-        self.nodal_force.clear()
-        self.effort.clear()
+CLOCK_HZ: Final = 40.0
+CLOCK_TOPIC: Final = "/clock"
+_STAMP: Final = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
 
 
-class ReplayNode(Node):
-    """Publishes recorded inputs, unchanged, and keeps the estimator's answers."""
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """One recording to be played."""
 
-    def __init__(self, layout: Layout, **options: Any) -> None:
-        """Open the topics beside an estimator's."""
-        super().__init__("replay", namespace="cdrj", **options)
-        self.reader = AnswerReader(layout)
-        self.answers = Answers()
-        self._newest = {"tension": -1, "nodal_force": -1, "effort": -1}
-        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-        self.motors = self.create_publisher(JointState, "motor_states", qos)
-        self.joints = self.create_publisher(JointState, "joint_states", qos)
-        self.inputs = tuple({p.topic_name: p for p in (self.motors, self.joints)}.values())
-        for message, topic, kind in (
-            (CableTensions, "tensions", "tension"),
-            (NodalForces, "nodal_forces", "nodal_force"),
-            (JointState, "efforts", "effort"),
-        ):
-            self.create_subscription(message, topic, self._listener(kind), qos, raw=True)
-        self.outputs = tuple(map(self.resolve_topic_name, ("tensions", "nodal_forces", "efforts")))
-
-    def _listener(self, kind: str) -> Callable[[bytes], None]:
-        keep = getattr(self.answers, kind).append
-        newest, stamp = self._newest, self.reader.stamp
-
-        def on_answer(payload: bytes) -> None:
-            keep(payload)
-            newest[kind] = stamp(payload)
-
-        return on_answer
-
-    @property
-    def answered_ns(self) -> int:
-        """Stamp up to which all three topics have been heard [ns]; -1 before the first answer."""
-        return min(self._newest.values())
-
-    def forget_answers(self) -> None:
-        """Start listening anew."""
-        self.answers.clear()
-        for kind in self._newest:
-            self._newest[kind] = -1
-
-    def estimator_is_there(self) -> bool:
-        """Whether both ways are open."""
-        return all(topic.get_subscription_count() > 0 for topic in self.inputs) and all(
-            self.count_publishers(topic) > 0 for topic in self.outputs
-        )
-
-
-@dataclass(frozen=True)
-class Played:
-    """What became of the inputs."""
-
-    sent: int
-    unanswered: int
-    duration_s: float
-
-
-def wait_for_estimator(
-    node: ReplayNode, executor: EventsExecutor, stop: StopRequest, name: str, patience_s: float
-) -> None:
-    """Until the estimator listens, is heard, and has forgotten what was before.
-
-    Raises:
-        NoEstimatorError: after ``patience_s``.
-    """
-    client = node.create_client(Trigger, name + "/reset")
-    deadline = monotonic() + patience_s
-    while not (node.estimator_is_there() and client.service_is_ready()):
-        executor.spin_once(timeout_sec=0.05)
-        if stop:
-            raise KeyboardInterrupt
-        if monotonic() > deadline:
-            raise NoEstimatorError(
-                f"no estimator within {patience_s:g} s: start one with "
-                "'ros2 run cdrj_ros estimator --ros-args -p robot:=FILE' in the same ROS domain"
-            )
-    future = client.call_async(Trigger.Request())
-    executor.spin_until_future_complete(future, timeout_sec=max(deadline - monotonic(), 1.0))
-    if not future.done():
-        raise NoEstimatorError(f"the estimator does not answer {name}/reset")
-    node.destroy_client(client)
-    node.forget_answers()
-
-
-def play(
-    node: ReplayNode,
-    executor: EventsExecutor,
-    stop: StopRequest,
-    path: str,
-    topics: Topics,
-    rate: float | None,
-    last_answer_ns: int,
-    progress: Callable[[float], None],
-) -> Played:
-    """Publish every input in order of log time, never more than the estimator keeps up with.
-
-    Args:
-        node: with an estimator beside it.
-        executor: that spins the node.
-        stop: ends the playing early; what was played is still judged.
-        path: the bag.
-        topics: its input topics.
-        rate: times real time; None for as fast as the estimator keeps up.
-        last_answer_ns: stamp after which no answer is to be expected [ns].
-        progress: called with the log time reached [ns].
-    """
-    publishers: dict[str, dict[str, Any]] = {topics.motors: {}, topics.joints: {}}
-    for topic, publisher in ((topics.motors, node.motors), (topics.joints, node.joints)):
-        publishers[topic][publisher.topic_name] = publisher  # each message once on each topic
-    under_way: deque[int] = deque()
-    sent = unanswered = 0
-    first_log = -1
-    begin = perf_counter()
-    for message in read_messages(path, list(publishers)):
-        if first_log < 0:
-            first_log = message.log_ns
-        if rate is not None:
-            due = begin + (message.log_ns - first_log) * 1e-9 / rate
-            while perf_counter() < due and not stop:
-                executor.spin_once(timeout_sec=max(min(due - perf_counter(), 0.01), 0.0))
-        if stop:
-            last_answer_ns = min(last_answer_ns, node.answered_ns)
-            break
-        for publisher in publishers[message.topic].values():
-            publisher.publish(message.data)
-        under_way.append(node.reader.stamp(message.data))
-        sent += 1
-        if sent % 16 == 0:
-            unanswered += _let_answers_in(node, executor, under_way, WINDOW)
-            progress(float(message.log_ns))
-    while under_way and under_way[-1] > last_answer_ns:
-        under_way.pop()  # beyond what every channel has reached: no estimate can be asked for
-    unanswered += _let_answers_in(node, executor, under_way, 0)
-    duration = perf_counter() - begin
-    return Played(sent, unanswered, duration)
-
-
-def _let_answers_in(
-    node: ReplayNode, executor: EventsExecutor, under_way: deque[int], allowed: int
-) -> int:
-    """Spin until no more than ``allowed`` inputs wait; returns how many were given up."""
-    deadline = monotonic() + STALLED_S
-    newest = node.answered_ns
-    executor.spin_once(timeout_sec=0.0)
-    while True:
-        while under_way and under_way[0] <= node.answered_ns:
-            under_way.popleft()
-        if len(under_way) <= allowed:
-            return 0
-        executor.spin_once(timeout_sec=0.05)
-        if node.answered_ns != newest:
-            newest = node.answered_ns
-            deadline = monotonic() + STALLED_S
-        elif monotonic() > deadline:
-            lost = len(under_way)
-            under_way.clear()
-            return lost
-
-
-def answers_as_channels(
-    node: ReplayNode, layout: Layout
-) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]], int]:
-    """Stamps and channels of the answers; an answer counts when all three topics have it."""
-    stamps, tensions = node.reader.arrays("tension", node.answers.tension)
-    fresh = (tensions["status"].astype(np.uint8) & STALE).max(axis=1, initial=0) == 0
-    force_stamps, forces = node.reader.arrays("nodal_force", node.answers.nodal_force)
-    effort_stamps, efforts = node.reader.arrays("effort", node.answers.effort)
-    common = np.intersect1d(np.intersect1d(stamps[fresh], force_stamps), effort_stamps)
-    incomplete = int(np.unique(stamps[fresh]).size - common.size)
-    channels: dict[str, NDArray[np.float64]] = {}
-    for prefix, names, own, values in (
-        ("tension", layout.elements, stamps, tensions["tension"]),
-        ("nodal_force", layout.pulleys, force_stamps, forces["magnitude"]),
-        ("effort", layout.motors + layout.joints, effort_stamps, efforts["effort"]),
-    ):
-        _, first = np.unique(own, return_index=True)
-        rows = first[np.searchsorted(own[first], common)]
-        for k, name in enumerate(names):
-            channels[f"{prefix}/{name}"] = values[rows, k]
-    return common, channels, incomplete
+    path: str
+    recording: Recording
+    reel: Reel
+    begin_ns: int
+    end_ns: int
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -259,95 +83,388 @@ def _parser() -> argparse.ArgumentParser:
         prog="replay",
         description="Play a bag's recorded inputs to a running estimator node, listen to its "
         "answers, compare them with the recorded references and report.",
+        epilog=f"Keys in a terminal: {KEYS}. Services under /cdrj/replay: pause, resume, "
+        "toggle_paused, is_paused, play_next, stop, set_rate, seek, burst, get_playback. "
+        "Exit code: 0 done, or ended at the user's wish; 1 estimates were lost or the estimator "
+        "went away; 2 bad usage or input, or no estimator; 130 interrupted before anything was "
+        "played.",
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
     add_robot_option(parser)
-    parser.add_argument(
-        "--rate", type=float, metavar="X",
-        help="times real time (default: as fast as the estimator keeps up)",
-    )  # fmt: skip
-    parser.add_argument(
+    _add_time_options(parser.add_argument_group("time"))
+    _add_choice_options(parser.add_argument_group("what is played"))
+    group = parser.add_argument_group("estimator")
+    group.add_argument(
         "--estimator", default="/cdrj/estimator", metavar="NAME",
         help="full name of the estimator node (default %(default)s)",
     )  # fmt: skip
-    parser.add_argument(
-        "--patience", type=float, default=120.0, metavar="S",
+    group.add_argument(
+        "--patience", type=_seconds, default=120.0, metavar="S",
         help="how long to wait for the estimator [s] (default %(default)g)",
     )  # fmt: skip
+    group.add_argument(
+        "--wait-for-all-acked", type=_seconds, metavar="S",
+        help="in the end, wait so long for every listener to acknowledge every message [s]",
+    )  # fmt: skip
+    group.add_argument(
+        "--disable-keyboard-controls", action="store_true", help="leave the terminal alone"
+    )
     add_topic_options(parser)
     add_result_options(parser)
     return parser
 
 
-def _judge_bag(
-    node: ReplayNode,
-    executor: EventsExecutor,
-    stop: StopRequest,
-    arguments: argparse.Namespace,
-    model: Model,
-    topics: Topics,
-    path: str,
-) -> BagComparison:
-    """Play one bag to the estimator and compare its answers with the bag's references."""
-    recording = read_inputs(path, topics, model)
-    conditioned = condition_recording(model, recording)
-    expected = sum(segment.stamp_ns.size for segment in conditioned.segments)
-    last = max((int(s.stamp_ns[-1]) for s in conditioned.segments), default=-1)
-    wait_for_estimator(node, executor, stop, arguments.estimator, arguments.patience)
-    print(f"playing {path}", flush=True)
-    span = float(recording.end_ns - recording.start_ns)
-    with progress_bar("replaying", span) as report:
-        played = play(
-            node, executor, stop, path, topics, arguments.rate, last,
-            lambda log_ns: report(log_ns - recording.start_ns),
-        )  # fmt: skip
-    stamps, channels, incomplete = answers_as_channels(node, model.layout)
-    took = max(played.duration_s, 1e-9)
-    facts = {
-        "path": "estimator node in another process, over DDS",
-        "inputs sent": f"{played.sent}",
-        "estimates expected": f"{expected}",
-        "estimates received": f"{stamps.size}",
-        "rate achieved": f"{span * 1e-9 / took:.1f} x real time, {played.sent / took:.0f} inputs/s",
-    }
-    print(f"{played.sent} inputs in {played.duration_s:.2f} s ({facts['rate achieved']})")
-    print(f"{stamps.size} of {expected} estimates received", flush=True)
-    notes: tuple[str, ...] = ()
-    missing = expected - stamps.size
-    if missing or incomplete or played.unanswered:
-        text = (
-            f"{max(missing, 0)} expected estimates did not arrive on all three topics "
-            f"({played.unanswered} inputs were given up after {STALLED_S:g} s without an answer)."
-        )
-        notes = (text,)
-    return compare_with_references(
-        model, path, recording, conditioned, stamps, channels, facts, notes
+def _add_time_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "-r", "--rate", type=float, metavar="X",
+        help=f"times real time, {MIN_RATE:g} to {MAX_RATE:g} "
+        "(default: as fast as the estimator keeps up)",
+    )  # fmt: skip
+    repeat = group.add_mutually_exclusive_group()
+    repeat.add_argument(
+        "-l", "--loop", action="store_true",
+        help="start over at the end, until stopped; the estimator starts anew each time",
+    )  # fmt: skip
+    repeat.add_argument("--passes", type=int, default=1, metavar="N", help="play N times over")
+    group.add_argument(
+        "-d", "--delay", type=_seconds, default=0.0, metavar="S", help="wait before each pass [s]"
     )
+    group.add_argument(
+        "--start-offset", type=_seconds, default=0.0, metavar="S",
+        help="begin so far into the bag [s]",
+    )  # fmt: skip
+    end = group.add_mutually_exclusive_group()
+    end.add_argument(
+        "--playback-duration", type=_seconds, metavar="S", help="end after so much of the bag [s]"
+    )
+    end.add_argument(
+        "--playback-until-sec", type=_seconds, metavar="T",
+        help="end at this time, in seconds since the epoch",
+    )  # fmt: skip
+    end.add_argument("--playback-until-nsec", type=int, metavar="T", help="the same in nanoseconds")
+    group.add_argument("-p", "--start-paused", action="store_true", help="begin paused")
+    group.add_argument(
+        "--message-order", choices=ORDERS, default=ORDERS[0],
+        help="by the time a message was recorded, or by its header stamp (default %(default)s)",
+    )  # fmt: skip
+    clock = group.add_mutually_exclusive_group()
+    clock.add_argument(
+        "--clock", type=_hertz, nargs="?", const=CLOCK_HZ, default=0.0, metavar="HZ",
+        help=f"publish the recording's time on {CLOCK_TOPIC} (default {CLOCK_HZ:g} Hz)",
+    )  # fmt: skip
+    clock.add_argument(
+        "--clock-topics", nargs="+", default=[], metavar="TOPIC",
+        help=f"publish {CLOCK_TOPIC} just before every message of these",
+    )  # fmt: skip
+    clock.add_argument(
+        "--clock-topics-all", action="store_true",
+        help=f"publish {CLOCK_TOPIC} just before every message",
+    )  # fmt: skip
 
 
-def _replay(arguments: argparse.Namespace, model: Model, topics: Topics, stop: StopRequest) -> int:
-    node = ReplayNode(model.layout)
+def _add_choice_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--merge", action="store_true",
+        help="play several bags as one, in order of time (default: one after the other)",
+    )  # fmt: skip
+    group.add_argument(
+        "--topics", nargs="+", default=[], metavar="TOPIC",
+        help="play these as well, beside the estimator's inputs",
+    )  # fmt: skip
+    group.add_argument("-a", "--all", action="store_true", help="play every topic of the bag")
+    group.add_argument("-e", "--regex", metavar="R", help="play topics that match R as well")
+    group.add_argument(
+        "--exclude-topics", nargs="+", default=[], metavar="TOPIC", help="do not play these"
+    )
+    group.add_argument("-x", "--exclude-regex", metavar="R", help="nor those that match R")
+    group.add_argument(
+        "-m", "--remap", nargs="+", default=[], metavar="OLD:=NEW",
+        help="publish topic OLD of the bag as NEW",
+    )  # fmt: skip
+    group.add_argument(
+        "--qos-profile-overrides-path", metavar="FILE",
+        help="YAML of QoS by topic, as for ros2 bag play",
+    )  # fmt: skip
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < 1e10:
+        raise argparse.ArgumentTypeError(f"must be seconds, 0 or more, got {text}")
+    return value
+
+
+def _hertz(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= 1e4:
+        raise argparse.ArgumentTypeError(f"must be in (0, 10000] Hz, got {text}")
+    return value
+
+
+def _extras(arguments: argparse.Namespace, topics: Topics) -> list[Extra]:
+    """What is played beside the inputs.
+
+    Raises:
+        UsageError: a topic that is not there, or one that cannot be left out.
+    """
+    source = merged_source(arguments.bags)
+    for file in source.files:
+        file.declare_all()
+    there = source.channels()
+    inputs = {topics.motors, topics.joints}
+    wanted = set(there) if arguments.all else set(arguments.topics)
+    if missing := sorted(wanted - set(there)):
+        raise UsageError(f"--topics: {source.path} has no {', '.join(missing)}")
+    wanted |= {topic for topic in there if _matches(arguments.regex, topic, "--regex")}
+    dropped = set(arguments.exclude_topics)
+    dropped |= {
+        t for t in there if _matches(arguments.exclude_regex, t, "--exclude-regex") and t in wanted
+    }
+    if needed := sorted(inputs & dropped):
+        raise UsageError(f"--exclude-topics: the estimator needs {', '.join(needed)}")
+    if arguments.clock or arguments.clock_topics or arguments.clock_topics_all:
+        dropped.add(CLOCK_TOPIC)
+    extras = []
+    for topic in sorted(wanted - dropped - inputs):
+        channel = there[topic]
+        try:
+            message_class(channel.msgtype)
+        except UsageError as error:
+            if topic in arguments.topics:
+                raise UsageError(f"--topics: {topic}: {error}") from None
+            print(f"left out: {topic}: {error}", flush=True)
+            continue
+        latched = was_latched(dict(channel.metadata).get("offered_qos_profiles", ""))
+        extras.append(Extra(topic, channel.msgtype, latched))
+    return extras
+
+
+def _matches(pattern: str | None, topic: str, option: str) -> bool:
+    if not pattern:
+        return False
+    try:
+        return re.search(pattern, topic) is not None
+    except re.error as error:
+        raise UsageError(f"{option}: {pattern!r} is no regular expression: {error}") from None
+
+
+def _remap(arguments: argparse.Namespace) -> dict[str, str]:
+    rules = {}
+    for rule in arguments.remap:
+        old, sign, new = rule.partition(":=")
+        if not (old and sign and new):
+            raise UsageError(f"--remap takes OLD:=NEW, got {rule!r}")
+        rules[old] = new
+    return rules
+
+
+def _open(arguments: argparse.Namespace, model: Model, wiring: Wiring, paths: list[str]) -> Bag:
+    """Read what is needed to judge one recording, or several as one, and prepare its playing."""
+    name = " + ".join(paths)
+    topics = wiring.topics
+    recording = read_recording(merged_source(paths), topics)
+    for kind, wanted, there in (
+        ("motor", model.layout.motors, recording.motors),
+        ("joint", model.layout.joints, recording.joints),
+    ):
+        if missing := [one for one in wanted if one not in there]:
+            raise BagError(
+                f"{name} has no {kind} named {', '.join(missing)}; "
+                f"it has {', '.join(sorted(there)) or 'none'}"
+            )
+    source = merged_source(paths)
+    played = [topics.motors, topics.joints, *(extra.topic for extra in wiring.extras)]
+    first, last = recording.start_ns, recording.end_ns
+    if arguments.message_order == ORDERS[0]:
+        reel = log_order(source, played)
+    else:
+        reel, first, last = stamp_order(source, played, _header_stamp)
+    begin = first + round(arguments.start_offset * 1e9)
+    end = last
+    if arguments.playback_duration is not None:
+        end = min(last, begin + round(arguments.playback_duration * 1e9))
+    elif arguments.playback_until_sec is not None:
+        end = min(last, round(arguments.playback_until_sec * 1e9))
+    elif arguments.playback_until_nsec is not None:
+        end = min(last, arguments.playback_until_nsec)
+    if begin > last:
+        raise UsageError(
+            f"--start-offset: {name} is {(last - first) * 1e-9:.3f} s long, "
+            f"got {arguments.start_offset:g} s"
+        )
+    if end < begin:
+        raise UsageError(
+            f"nothing to play: the end lies {(begin - end) * 1e-9:.3f} s before the start"
+        )
+    return Bag(name, recording, reel, begin, end)
+
+
+def _header_stamp(message: RawMessage) -> int:
+    """[ns]; 0 where the message does not begin with a header."""
+    if BYTE_ORDER.get(message.data[:2]) is None:
+        return 0
+    try:
+        numbers = read_layout(message.data, _STAMP).numbers
+    except MessageError:
+        return 0
+    sec, nanosec = (
+        int(np.frombuffer(message.data, span.dtype, 1, span.offset)[0]) for span in numbers.values()
+    )
+    return sec * 1_000_000_000 + nanosec
+
+
+def _play_all(
+    arguments: argparse.Namespace, player: Player, bags: Sequence[Bag]
+) -> tuple[list[Outcome], Ending]:
+    """Every bag in turn, pass after pass; what was heard, by bag, and how it ended."""
+    outcomes = [Outcome(player.model.layout) for _ in bags]
+    rounds = math.inf if arguments.loop else arguments.passes
+    ending, done = Ending.END, 0
+    while done < rounds and ending is Ending.END:
+        done += 1
+        for bag, outcome in zip(bags, outcomes, strict=True):
+            again = "" if rounds == 1 else f", pass {done}"
+            player.display.say(
+                f"playing {bag.path}{again}: {(bag.end_ns - bag.begin_ns) * 1e-9:.3f} s, "
+                f"{rate_in_words(arguments.rate)}"
+            )
+            playback = Playback(
+                bag.reel, bag.begin_ns, bag.end_ns,
+                rate=arguments.rate, paused=arguments.start_paused and done == 1,
+            )  # fmt: skip
+            for played in player.play(playback, arguments.delay):
+                outcome.add(played.heard, whole=played.whole)
+                outcome.span_s += played.span_s
+                outcome.wall_s += played.wall_s
+                outcome.behind_s = max(outcome.behind_s, played.behind_s)
+                ending = played.ending
+                at = "" if ending is Ending.END else f" at {played.from_s + played.span_s:.3f} s"
+                outcome.ending = f"{ending.value}{at}"
+            if ending is not Ending.END or player.stopping:
+                ending = Ending.USER if ending is Ending.END else ending
+                break
+    return outcomes, ending
+
+
+def _replay(
+    arguments: argparse.Namespace, model: Model, wiring: Wiring, bags: Sequence[Bag],
+    stop: StopRequest,
+) -> int:  # fmt: skip
+    node = ReplayNode(wiring)
     executor = EventsExecutor()
     executor.add_node(node)
-    print(f"waiting for {arguments.estimator} ...", flush=True)
+    controls, display, keyboard = Controls(), Display(), Keyboard()
+    player = Player(model, node, executor, stop, controls, keyboard, display)
+    offer_services(node, controls, player)
+    with _keys(arguments, keyboard) as heard:
+        if heard:
+            print(f"keys: {KEYS}")
+        print(f"waiting for {arguments.estimator} ...", flush=True)
+        if not player.wait_for_estimator(arguments.patience):
+            return INTERRUPTED
+        with display.bar():
+            outcomes, ending = _play_all(arguments, player, bags)
+            if arguments.wait_for_all_acked is not None:
+                for topic in node.wait_for_acknowledgements(arguments.wait_for_all_acked):
+                    display.say(f"not every listener of {topic} has acknowledged every message")
+    return _report(arguments, model, bags, outcomes, ending)
+
+
+@contextmanager
+def _keys(arguments: argparse.Namespace, keyboard: Keyboard) -> Iterator[bool]:
+    if arguments.disable_keyboard_controls:
+        yield False
+        return
+    with keyboard.listening() as heard:
+        yield heard
+
+
+def _report(
+    arguments: argparse.Namespace, model: Model, bags: Sequence[Bag],
+    outcomes: Sequence[Outcome], ending: Ending,
+) -> int:  # fmt: skip
+    """Say what was played and how it compares; returns the exit code."""
     comparisons = []
-    for path in arguments.bags:
-        comparisons.append(_judge_bag(node, executor, stop, arguments, model, topics, path))
+    for bag, outcome in zip(bags, outcomes, strict=True):
+        if not outcome.tally.sent:
+            continue
+        comparison = outcome.comparison(bag.path, bag.recording)
+        print(f"{bag.path}:")
+        for name, value in comparison.facts.items():
+            print(f"  {name}: {value}")
+        comparisons.append(comparison)
+    sys.stdout.flush()
+    if not comparisons:
+        print("replay: nothing was played", file=sys.stderr)
+        return INTERRUPTED
+    if any(bag.recording.references for bag in bags):
+        write_results(
+            arguments, model, comparisons, f"{model.robot.name}: estimator node against reference"
+        )
+    else:
+        print("no references in the bag: nothing to compare with; name topics with --reference")
+    if ending is Ending.GONE:
+        print("replay: the estimator went away while it was played to", file=sys.stderr)
+        return INCOMPLETE
+    return DONE if all(outcome.complete for outcome in outcomes) else INCOMPLETE
+
+
+@contextmanager
+def _second_signal_aborts(stop: StopRequest) -> Iterator[None]:
+    """The first Ctrl-C ends the playing and leads to the report; a second one ends at once."""
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
         if stop:
-            break
-    title = f"{model.robot.name}: estimator node against reference"
-    write_results(arguments, model, comparisons, title)
-    return DONE
+            raise KeyboardInterrupt
+        stop.ask(number, frame)
+
+    before = signal.signal(signal.SIGINT, on_signal)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _divided(argv: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Our own arguments, and those between ``--ros-args`` and ``--``.
+
+    rclpy's own division would take ``--remap OLD:=NEW`` for a rule of an older ROS.
+    """
+    own: list[str] = []
+    ros: list[str] = []
+    inside = False
+    for argument in argv:
+        inside = inside or argument == "--ros-args"
+        (ros if inside else own).append(argument)
+        inside = inside and argument != "--"
+    return own, ros
 
 
 def _body(argv: Sequence[str]) -> int:
-    arguments = _parser().parse_args(remove_ros_args(["replay", *argv])[1:])
-    if arguments.rate is not None and not 0.0 < arguments.rate < 1e6:
-        raise UsageError(f"--rate must be in (0, 1e6), got {arguments.rate}")
+    own, ros = _divided(argv)
+    arguments = _parser().parse_args(own)
+    if arguments.rate is not None:
+        try:
+            checked_rate(arguments.rate)
+        except UsageError as error:
+            raise UsageError(f"--rate: {error}") from None
+    if arguments.passes < 1:
+        raise UsageError(f"--passes must be at least 1, got {arguments.passes}")
     model = load_model(arguments.robot, arguments.preload)
     topics = topics_of(arguments)
-    with ros_context(["replay", *argv]) as stop:
-        return _replay(arguments, model, topics, stop)
+    overrides = {}
+    if arguments.qos_profile_overrides_path:
+        overrides = read_overrides(arguments.qos_profile_overrides_path)
+    wiring = wiring_of(
+        topics, _extras(arguments, topics), _remap(arguments), overrides,
+        clock_hz=arguments.clock,
+        clock_topics=None if arguments.clock_topics_all else arguments.clock_topics,
+        estimator=arguments.estimator,
+    )  # fmt: skip
+    groups = [arguments.bags] if arguments.merge else [[path] for path in arguments.bags]
+    bags = [_open(arguments, model, wiring, paths) for paths in groups]
+    with ros_context(["replay", *ros]) as stop, _second_signal_aborts(stop):
+        return _replay(arguments, model, wiring, bags, stop)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,7 +1,7 @@
 """Comparisons as a JSON file, for programs: a team's CI, a spreadsheet, another tool.
 
 ``{"format", "version", "bags": [{"path", "duration_s", "channels", "friction", "counters",
-"notes"}], "all": {"channels"}, "limits"}`` where ``channels`` maps a channel's name to its
+"notes", "facts"}], "all": {"channels"}, "limits"}`` where ``channels`` maps a channel's name to its
 ``unit``, ``n`` and the figures of ChannelError, ``friction`` a pulley's name to the figures of
 PulleyFriction, and ``limits`` is null or ``{"file", "checked", "outside": [{"where", "channel",
 "figure", "value", "min" or "max", "by"}]}``.  A figure that cannot be given is null; NaN and
@@ -49,6 +49,7 @@ def results(
                 "friction": {one.name: _friction(one) for one in comparison.friction},
                 "counters": {cause: int(n) for cause, n in comparison.counters.items()},
                 "notes": list(comparison.notes),
+                "facts": dict(comparison.facts),
             }
             for comparison in comparisons
         ],

@@ -1,53 +1,379 @@
-"""The replay command as a user runs it, beside an estimator process."""
+"""The replay command as a user runs it, beside one estimator process for all tests."""
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import pty
+import signal
 import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from cdrj_ros.bag import BagWriter, Topics, read_recording
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 SAMPLE = ROOT / "bags" / "prototype_preload_36_26"
 PATIENCE_S = 60.0
 
+TAKE_TERMINAL = """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+"""Make standard input the controlling terminal, then become the command."""
 
-def _run(start_node: Any, *arguments: str) -> tuple[int, str, str]:
-    process = start_node("replay", *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    out, errors = process.communicate(timeout=2 * PATIENCE_S)
-    return process.returncode, out.decode(), errors.decode()
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(10.0)
+    if process.poll() is None:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture(scope="module")
+def estimator(executables: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """One estimator for many replays: each starts it anew."""
+    process = subprocess.Popen(
+        [executables / "estimator", "--ros-args", "-p", f"robot:={ROBOT}"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    yield process
+    _end(process)
+
+
+class Replay:
+    """A replay process whose output is read as it comes."""
+
+    def __init__(self, process: subprocess.Popen[bytes], stream: int) -> None:
+        self.process = process
+        self.output = ""
+        self._thread = threading.Thread(target=self._read, args=(stream,), daemon=True)
+        self._thread.start()
+
+    def _read(self, stream: int) -> None:
+        with contextlib.suppress(OSError):  # a terminal ends with an error
+            while data := os.read(stream, 65536):
+                self.output += data.decode(errors="replace")
+
+    def wait_for(self, words: str) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while words not in self.output:
+            assert self.process.poll() is None or words in self.output, self.output
+            assert time.monotonic() < deadline, f"no {words!r} in:\n{self.output}"
+            time.sleep(0.01)
+
+    def finish(self) -> tuple[int, str]:
+        code = self.process.wait(2 * PATIENCE_S)
+        self._thread.join(5.0)
+        return code, self.output
+
+
+@pytest.fixture
+def replay(executables: Path) -> Iterator[Callable[..., Replay]]:
+    """Start a replay of a bag with a robot and further arguments."""
+    started: list[Replay] = []
+
+    def start(bag: str, *arguments: str, terminal: tuple[int, int] | None = None) -> Replay:
+        command = [executables / "replay", bag, "--robot", ROBOT, *arguments]
+        if terminal is None:
+            reader, writer = os.pipe()
+            process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=writer, stderr=writer
+            )
+            os.close(writer)
+        else:
+            reader, screen = terminal
+            process = subprocess.Popen(
+                [sys.executable, "-c", TAKE_TERMINAL, *command],
+                stdin=screen,
+                stdout=screen,
+                stderr=screen,
+                start_new_session=True,
+            )
+        started.append(Replay(process, reader))
+        return started[-1]
+
+    yield start
+    for one in started:
+        _end(one.process)
+
+
+def _facts(path: Path) -> dict[str, str]:
+    (bag,) = json.loads(path.read_text())["bags"]
+    return dict(bag["facts"])
 
 
 def test_replay_judges_the_node_and_writes_figures_and_report(
-    start_node: Any, short_bag: str, tmp_path: Path
+    estimator: Any, replay: Any, short_bag: str, tmp_path: Path
 ) -> None:
-    start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}")
     figures, report = tmp_path / "f.json", tmp_path / "r.html"
-
-    code, out, errors = _run(
-        start_node, short_bag, "--robot", ROBOT, "--json", str(figures), "--html", str(report)
-    )
-
-    assert code == 0, errors
+    code, out = replay(short_bag, "--json", str(figures), "--html", str(report)).finish()
+    assert code == 0, out
     assert "all elements" in out
     (bag,) = json.loads(figures.read_text())["bags"]
     assert bag["channels"]["tension/upper/8"]["mean_relative_error"] < 0.015
-    assert not any("did not arrive" in note for note in bag["notes"])
+    facts = bag["facts"]
+    assert facts["estimates lost"] == "0"
+    assert facts["estimates received"] == facts["estimates expected"] != "0"
+    assert "inputs/s" in facts["rate achieved"]
+    assert facts["latency"].startswith("p50 ")
     assert "tension/upper/8" in report.read_text()
+    assert "rate achieved" in report.read_text()
 
 
-def test_replay_without_an_estimator_says_so(start_node: Any, short_bag: str) -> None:
-    code, _, errors = _run(start_node, short_bag, "--robot", ROBOT, "--patience", "1")
+def test_passes_repeat_themselves_bit_for_bit(
+    estimator: Any, replay: Any, short_bag: str, tmp_path: Path
+) -> None:
+    figures = tmp_path / "f.json"
+    code, out = replay(
+        short_bag, "--passes", "3", "--playback-duration", "0.5", "--json", str(figures)
+    ).finish()
+    assert code == 0, out
+    facts = _facts(figures)
+    assert "3 runs, 3 of them whole" in facts["played"]
+    assert facts["between passes"].startswith("0 at most")
+
+
+def test_a_part_of_a_bag_is_answered_completely(
+    estimator: Any, replay: Any, short_bag: str, tmp_path: Path
+) -> None:
+    figures = tmp_path / "f.json"
+    code, out = replay(
+        short_bag, "--start-offset", "1.25", "--playback-duration", "1", "--message-order", "sent",
+        "--json", str(figures),
+    ).finish()  # fmt: skip
+    assert code == 0, out
+    facts = _facts(figures)
+    assert facts["played"].startswith("1.000 s of ")
+    assert facts["estimates received"] == facts["estimates expected"]
+    # a second of motors at 1 kHz and of joints at 500 Hz between them
+    assert 1490 < int(facts["estimates expected"]) <= 1501
+
+
+def test_a_slow_and_late_channel_neither_stalls_nor_loses_anything(
+    estimator: Any, replay: Any, tmp_path: Path
+) -> None:
+    bag = tmp_path / "slow"
+    whole = read_recording(SAMPLE)
+    until = whole.start_ns + 4_000_000_000
+    with BagWriter(bag) as writer:
+        for topic, channels, every in (
+            (Topics().motors, whole.motors, 1),
+            (Topics().joints, whole.joints, 200),
+        ):
+            for name, series in channels.items():
+                kept = np.flatnonzero(series.stamp_ns < until)[::every]
+                kept = kept[kept >= (1 if every == 1 else 600)]
+                writer.write_joint_states(
+                    topic, series.stamp_ns[kept], (name,), position=series.value[kept, None]
+                )
+    begin = time.monotonic()
+    code, out = replay(str(bag)).finish()
+    assert code == 0, out
+    assert "estimates lost: 0" in out
+    assert "nothing to compare with" in out
+    assert "within the time allowed" not in out
+    assert time.monotonic() - begin < PATIENCE_S
+
+
+def test_ctrl_c_ends_with_the_report_of_what_was_played(
+    estimator: Any, replay: Any, tmp_path: Path
+) -> None:
+    figures = tmp_path / "f.json"
+    one = replay(str(SAMPLE), "--rate", "1", "--json", str(figures))
+    one.wait_for("playing ")
+    one.wait_for(" answered")  # a line of progress: answers have come
+    one.process.send_signal(signal.SIGINT)
+    code, out = one.finish()
+    assert code == 0, out
+    assert "Traceback" not in out
+    facts = _facts(figures)
+    assert "ended by the user at" in facts["played"]
+    assert facts["estimates lost"] == "0"
+    assert int(facts["estimates received"]) > 1000
+
+
+def test_an_estimator_that_goes_away_is_said_and_what_it_answered_is_judged(
+    start_node: Any, replay: Any, tmp_path: Path
+) -> None:
+    name = "/cdrj/mortal"
+    other = ("-r", "__node:=mortal", *(
+        part for topic in ("motor_states", "joint_states", "tensions", "nodal_forces", "efforts")
+        for part in ("-r", f"{topic}:=mortal/{topic}")
+    ))  # fmt: skip
+    mortal = start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}", *other)
+    one = replay(
+        str(SAMPLE), "--rate", "1", "--estimator", name, "--ros-args", *other[2:]
+    )  # fmt: skip
+    one.wait_for(" answered")
+    mortal.send_signal(signal.SIGINT)
+    code, out = one.finish()
+    assert code == 1, out
+    assert "the estimator went away" in out
+    assert "all elements" in out
+    assert "Traceback" not in out
+
+
+def test_services_control_the_playing(
+    estimator: Any, replay: Any, node: Any, tmp_path: Path
+) -> None:
+    import rclpy
+    from cdrj_msgs.srv import Burst, GetPlayback, Seek, SetRate
+    from rosgraph_msgs.msg import Clock
+    from std_srvs.srv import Trigger
+
+    times: list[float] = []
+    node.create_subscription(
+        Clock, "/clock", lambda m: times.append(m.clock.sec + m.clock.nanosec * 1e-9), 100
+    )
+
+    def call(kind: Any, name: str, **request: Any) -> Any:
+        client = node.create_client(kind, f"/cdrj/replay/{name}")
+        assert client.wait_for_service(PATIENCE_S), name
+        future = client.call_async(kind.Request(**request))
+        rclpy.spin_until_future_complete(node, future, timeout_sec=PATIENCE_S)
+        node.destroy_client(client)
+        assert future.done(), name
+        return future.result()
+
+    def until(condition: Callable[[Any], bool]) -> Any:
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition(state := call(GetPlayback, "get_playback")):
+            assert time.monotonic() < deadline, state
+        return state
+
+    figures = tmp_path / "f.json"
+    one = replay(
+        str(SAMPLE), "--rate", "1", "--start-paused", "--clock", "100", "--json", str(figures)
+    )
+    one.wait_for("playing ")
+    state = until(lambda state: state.duration > 0)
+    assert (state.paused, state.rate, state.offset, state.sent) == (True, 1.0, 0.0, 0)
+    assert call(Trigger, "is_paused").success
+    for _ in range(2):
+        assert call(Trigger, "play_next").success
+    state = until(lambda state: state.sent == 2)
+    assert state.paused
+    assert call(Burst, "burst", number=500).number == 500
+    state = until(lambda state: state.received == state.expected > 300)
+    assert state.sent == 502
+    still = state.offset
+    times.clear()
+    while len(times) < 5:
+        rclpy.spin_once(node, timeout_sec=PATIENCE_S)
+    assert max(times) - min(times) == 0.0  # the clock stands still, and is told
+
+    seek = call(Seek, "seek", offset=30.0)
+    assert seek.success
+    assert seek.offset == 30.0
+    assert "starts anew" in seek.message
+    assert not call(Seek, "seek", offset=float("nan")).success
+    assert call(SetRate, "set_rate", rate=4.0).rate == 4.0
+    assert not call(SetRate, "set_rate", rate=-4.0).success
+    assert call(Trigger, "resume").success
+    state = until(lambda state: state.run == 2 and state.offset > 31.0)
+    assert state.rate == 4.0
+    assert still < 30.0
+    times.clear()
+    while len(times) < 20:
+        rclpy.spin_once(node, timeout_sec=PATIENCE_S)
+    assert all(np.diff(times) >= 0)
+    assert times[-1] > times[0]
+    assert call(Trigger, "pause").success
+    assert call(Trigger, "toggle_paused").message.startswith("playing on")
+    assert call(Trigger, "stop").success
+    code, out = one.finish()
+    assert code == 0, out
+    assert "started anew 2 times" in out
+    assert _facts(figures)["estimates lost"] == "0"
+
+
+def test_keys_control_the_playing_in_a_terminal(estimator: Any, replay: Any) -> None:
+    keys, screen = pty.openpty()
+    before = termios.tcgetattr(screen)
+    one = replay(str(SAMPLE), "--rate", "1", terminal=(keys, screen))
+    try:
+        one.wait_for("keys: space")
+        one.wait_for(" answered")
+        for key, words in (
+            (b" ", "paused at"),
+            (b"n", "next message after"),
+            (b"\x1b[A", "2 x real time from"),
+            (b"]", "gone to 1"),
+            (b" ", "playing on from"),
+            (b"q", "stopping at"),
+        ):
+            os.write(keys, key)
+            one.wait_for(words)
+        code = one.process.wait(PATIENCE_S)
+        one.wait_for("all elements")
+        assert code == 0, one.output
+        assert "Traceback" not in one.output
+        assert termios.tcgetattr(screen) == before
+    finally:
+        os.close(screen)
+
+
+def test_without_an_estimator_it_says_what_is_missing(replay: Any, short_bag: str) -> None:
+    one = replay(short_bag, "--patience", "1", "--estimator", "/nobody")
+    code, out = one.finish()
     assert code == 2
-    assert "no estimator" in errors
-    assert "Traceback" not in errors
+    assert "no estimator within 1 s" in out
+    assert "no service /nobody/reset" in out
+    assert "Traceback" not in out
 
 
-@pytest.mark.parametrize("rate", ["0", "-1", "nan"])
-def test_a_rate_that_makes_no_sense_is_refused(start_node: Any, rate: str) -> None:
-    code, _, errors = _run(start_node, str(SAMPLE), "--robot", ROBOT, "--rate", rate)
-    assert code == 2
-    assert "--rate" in errors
+def test_ctrl_c_before_anything_was_played_is_an_interruption(replay: Any, short_bag: str) -> None:
+    one = replay(short_bag, "--estimator", "/nobody")
+    one.wait_for("waiting for /nobody")
+    one.process.send_signal(signal.SIGINT)
+    code, out = one.finish()
+    assert code == 130
+    assert "Traceback" not in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--rate", "0"), "--rate"),
+        (("--rate", "-1"), "--rate"),
+        (("--rate", "nan"), "--rate"),
+        (("--passes", "0"), "--passes"),
+        (("--start-offset", "1e6"), "--start-offset"),
+        (("--playback-until-sec", "0"), "nothing to play"),
+        (("--remap", "/a:=/b"), "--remap: /a is not played"),
+        (("--remap", "nonsense"), "--remap takes OLD:=NEW"),
+        (("--topics", "/nothing"), "has no /nothing"),
+        (("--regex", "("), "no regular expression"),
+        (("--exclude-topics", "/cdrj/motor_states"), "the estimator needs /cdrj/motor_states"),
+        (("--clock-topics", "/nothing"), "--clock-topics: /nothing is not played"),
+        (("--qos-profile-overrides-path", "/nowhere.yaml"), "/nowhere.yaml"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_line(
+    arguments: tuple[str, ...],
+    words: str,
+    short_bag: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from cdrj_ros.nodes.replay import main
+
+    assert main([short_bag, "--robot", ROBOT, *arguments]) == 2
+    errors = capsys.readouterr().err
+    assert words in errors
+    assert errors.count("\n") == 1

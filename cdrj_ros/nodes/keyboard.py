@@ -1,0 +1,95 @@
+"""Single keys from a terminal, without Enter; the terminal is always given back as it was."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import select
+import signal
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+from types import FrameType
+from typing import Any, Final
+
+SEQUENCES: Final = {
+    b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
+    b"\x1bOA": "up", b"\x1bOB": "down", b"\x1bOC": "right", b"\x1bOD": "left",
+}  # fmt: skip
+"""What terminals send for the arrow keys."""
+
+
+class Keyboard:
+    """Keys pressed since the last look; none where standard input is no terminal of ours."""
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        """Leave the terminal alone; ``listening`` sets it up."""
+        self._descriptor = sys.stdin.fileno() if descriptor is None else descriptor
+        self._before: list[Any] | None = None
+        self._rest = b""
+
+    @contextlib.contextmanager
+    def listening(self) -> Iterator[bool]:
+        """Take single keys; yields whether there is a terminal to take them from."""
+        if not self._is_ours():
+            yield False
+            return
+        self._before = termios.tcgetattr(self._descriptor)
+        atexit.register(self._restore)
+        continued = signal.signal(signal.SIGCONT, self._on_continue)
+        try:
+            tty.setcbreak(self._descriptor)
+            yield True
+        finally:
+            signal.signal(signal.SIGCONT, continued)
+            self._restore()
+            atexit.unregister(self._restore)
+
+    def read(self) -> list[str]:
+        """Keys in the order pressed: ``up``, ``down``, ``left``, ``right``, or the character."""
+        if self._before is None:
+            return []
+        text, self._rest = self._rest, b""
+        while select.select([self._descriptor], [], [], 0.0)[0]:
+            try:
+                more = os.read(self._descriptor, 64)
+            except OSError:  # in the background, or the terminal has gone
+                break
+            if not more:
+                break
+            text += more
+        return self._split(text)
+
+    def _split(self, text: bytes) -> list[str]:
+        keys = []
+        while text:
+            if text[:3] in SEQUENCES:
+                keys.append(SEQUENCES[text[:3]])
+                text = text[3:]
+            elif text in (b"\x1b[", b"\x1bO"):
+                self._rest = text  # the end of an arrow key is still to come
+                break
+            else:
+                keys.append(text[:1].decode("ascii", "replace"))
+                text = text[1:]
+        return keys
+
+    def _is_ours(self) -> bool:
+        """A terminal, and this process in its foreground: else changing it would stop us."""
+        try:
+            return os.isatty(self._descriptor) and os.tcgetpgrp(self._descriptor) == os.getpgrp()
+        except OSError:
+            return False
+
+    def _restore(self) -> None:
+        if self._before is not None:
+            with contextlib.suppress(termios.error):
+                termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+            self._before = None
+
+    def _on_continue(self, _number: int, _frame: FrameType | None) -> None:
+        """After Ctrl-Z and `fg` the shell has set the terminal its own way."""
+        if self._before is not None and self._is_ours():
+            tty.setcbreak(self._descriptor)

@@ -1,0 +1,89 @@
+"""How a replay looks while it runs: a bar with counters in a terminal, lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter
+from typing import Any, Final
+
+from cdrj_ros.bag.playback import Playback
+from cdrj_ros.commands.shared import LINE_S
+from cdrj_ros.nodes.answers import Run, Tally
+from cdrj_ros.nodes.controls import Controls, rate_in_words
+
+REFRESH_S: Final = 0.1
+
+
+def counters(tally: Tally) -> str:
+    """``5400 sent, 5398 answered, 2 under way, 0 lost, 0 late``."""
+    words = (
+        f"{tally.sent} sent, {tally.received} answered, {tally.under_way} under way, "
+        f"{tally.lost} lost, {tally.late} late"
+    )
+    return words + (f", {tally.strange} strange" if tally.strange else "")
+
+
+class Display:
+    """Progress on standard error, words on standard output."""
+
+    def __init__(self) -> None:
+        self._progress: Any = None
+        self._task: Any = None
+        self._next_s = 0.0
+
+    def say(self, words: str) -> None:
+        """A line above the bar."""
+        if self._progress is not None:
+            self._progress.console.print(words, markup=False, highlight=False)
+        else:
+            print(words, flush=True)
+
+    @contextmanager
+    def bar(self) -> Iterator[None]:
+        """Show the state while this lasts."""
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        console = Console(file=sys.stderr)
+        self._next_s = perf_counter() + (0.0 if console.is_terminal else LINE_S)
+        if not console.is_terminal:
+            yield
+            return
+        with Progress(
+            TextColumn("{task.description}"), BarColumn(bar_width=16),
+            TextColumn("{task.fields[at]}"), TextColumn("{task.fields[counts]}"),
+            console=console, transient=True, auto_refresh=False,
+        ) as progress:  # fmt: skip
+            self._progress = progress
+            self._task = progress.add_task("waiting", total=1.0, at="", counts="")
+            try:
+                yield
+            finally:
+                self._progress = None
+
+    def show(
+        self, playback: Playback, controls: Controls, before: Tally, run: Run, now: float
+    ) -> None:
+        """The state, if it is time to show it again."""
+        if now < self._next_s:
+            return
+        duration = controls.duration_s()
+        at = f"{controls.offset_s():.1f}/{duration:.1f} s"
+        counts = counters(before + run.tally())
+        state = "paused" if playback.paused else f"playing {_short(playback.rate)}"
+        if self._progress is None:
+            self._next_s = now + LINE_S
+            print(f"{state}: {at}, {counts}", file=sys.stderr, flush=True)
+            return
+        self._next_s = now + REFRESH_S
+        self._progress.update(
+            self._task, description=state, total=max(duration, 1e-9),
+            completed=controls.offset_s(), at=at, counts=counts,
+        )  # fmt: skip
+        self._progress.refresh()
+
+
+def _short(rate: float | None) -> str:
+    return "fast" if rate is None else rate_in_words(rate).removesuffix(" real time")
