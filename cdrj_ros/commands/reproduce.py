@@ -16,10 +16,10 @@ from cdrj_ros.reproduction.runs import Motion
 from cdrj_ros.reproduction.study import numbers, work
 from cdrj_ros.reproduction.tables import Table, markdown, rich_table, tables
 
-CELLS: Final = 8
-"""Contact cells a pulley of the rig."""
+WHOLE: Final = (Motion(), 8)
+"""Motion, and contact cells a pulley of the rig."""
 
-QUICK_CELLS: Final = 2
+QUICK: Final = (Motion(cycles=1), 2)
 """The same with ``--quick``."""
 
 MINIMUM_WIDTH: Final = 150
@@ -34,14 +34,14 @@ def _body(argv: Sequence[str]) -> int:
     )  # fmt: skip
     parser.add_argument(
         "--quick", action="store_true",
-        help=f"one cycle instead of {Motion().cycles}, {QUICK_CELLS} contact cells a pulley "
-        f"instead of {CELLS}: a look in a third of the time, not the numbers of the docs",
+        help=f"one cycle instead of {WHOLE[0].cycles}, {QUICK[1]} contact cells a pulley instead "
+        f"of {WHOLE[1]}: a first look, not the numbers of the docs",
     )  # fmt: skip
     arguments = parser.parse_args(argv)
     folder = _made(Path(arguments.out))
     begin = monotonic()
     robot = load_model("prototype").robot
-    motion, cells = (Motion(cycles=1), QUICK_CELLS) if arguments.quick else (Motion(), CELLS)
+    motion, cells = QUICK if arguments.quick else WHOLE
     print("the first run compiles the kernels, up to a minute", file=sys.stderr, flush=True)
     with progress_bar("running the rig", 1.0) as report:
         study = work(robot, motion, cells=cells, progress=report)

@@ -36,7 +36,13 @@ def humps(values: Vector) -> int:
     once = smooth(values)
     start = int(np.argmin(once))  # from the lowest point, so that no hump lies across the ends
     turned = np.concatenate([once[start:], once[: start + 1]])
-    return len(find_peaks(turned, prominence=PROMINENCE * float(np.ptp(turned)))[0])
+    return len(
+        find_peaks(
+            turned,
+            prominence=PROMINENCE * float(np.ptp(turned)),
+            distance=max(LIGHT * values.size, 1.0),  # a flat top is one hump
+        )[0]
+    )
 
 
 def bulge(angle: Vector, values: Vector) -> float:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.comparison import Angle, Channel, compare
 from cdrj_ros.estimation.conditioning import Readings, condition
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.plan import prepare
 from cdrj_ros.model.robot import Cable, Friction, Pulley, Robot
@@ -123,6 +124,8 @@ class Recording:
     """Of the load cells [ns], shape (n,)."""
     readings: Mapping[str, Vector]
     """Of the load cells by channel name [N], shape (n,) each."""
+    noiseless: Mapping[str, Vector]
+    """The truth that those cells read, shape (n,) each."""
     turns: tuple[float, ...]
     """Times at which the joint turns, from an upper limit to an upper limit [s]."""
 
@@ -229,19 +232,22 @@ def record(
     cell = LoadCells()
     times = reading_times(0.0, end, cell.rate)
     generator = np.random.default_rng(seed)
-    readings = {}
+    readings, noiseless = {}, {}
     for prefix, names, values in (
         ("tension", layout.elements, truth.tension),
         ("nodal_force", layout.pulleys, truth.nodal_force),
     ):
         read = read_cells(values, truth.time, times, cell.force_noise, cell.force_step, generator)
-        readings.update({f"{prefix}/{name}": read[:, k] for k, name in enumerate(names)})
+        for k, name in enumerate(names):
+            readings[f"{prefix}/{name}"] = read[:, k]
+            noiseless[f"{prefix}/{name}"] = np.interp(times, truth.time, values[:, k])
     for name in layout.pulleys:
         cable, node = name.split("/")
-        after, before = readings[f"tension/{name}"], readings[f"tension/{cable}/{int(node) - 1}"]
-        readings[f"friction/{name}"] = after - before
+        for forces in (readings, noiseless):
+            before, after = (forces[f"tension/{cable}/{int(node) - k}"] for k in (1, 0))
+            forces[f"friction/{name}"] = after - before
     turns = _turns(truth.time, _column(truth.joint_angle), motion)
-    return Recording(truth, conditioned.segments[0], _stamps(times), readings, turns)
+    return Recording(truth, conditioned.segments[0], _stamps(times), readings, noiseless, turns)
 
 
 def estimate(recording: Recording, robot: Robot) -> dict[str, Channel]:
@@ -338,11 +344,21 @@ def _stamps(times: Vector) -> NDArray[np.int64]:
 
 
 def _turns(time: Vector, angle: Vector, motion: Motion) -> tuple[float, ...]:
-    """When the joint really turned: it waits at reversals, so a little later than prescribed."""
+    """When the joint really turned: it waits at reversals, so a little later than prescribed.
+
+    Raises:
+        UsageError: it fell behind altogether.
+    """
     turns = []
     for k in range(2 * motion.cycles + 1):
         nominal = motion.begin + 0.5 * k * motion.period
         near = np.abs(time - nominal) < 0.2 * motion.period
         sign = 1.0 if k % 2 == 0 else -1.0
-        turns.append(float(time[near][np.argmax(sign * angle[near])]))
+        turn = int(np.argmax(sign * angle[near]))
+        if sign * angle[near][turn] < 0.999 * motion.amplitude:
+            raise UsageError(
+                f"a sine of {motion.frequency:g} Hz is too fast for the rig's motor: the joint "
+                f"has not reached its limit by {time[near][-1]:.4g} s"
+            )
+        turns.append(float(time[near][turn]))
     return tuple(turns)

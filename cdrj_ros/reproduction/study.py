@@ -100,6 +100,11 @@ class Result:
         origin = EPOCH_NS + round(self.recording.turns[0] * 1e9)
         return np.asarray((channel.stamp_ns - origin) * 1e-9)
 
+    def true_error(self, channel: Channel) -> Vector:
+        """Estimate less the truth that the load cells read with noise [N]."""
+        at = np.searchsorted(self.recording.stamp_ns, channel.stamp_ns)
+        return np.asarray(channel.estimate - self.recording.noiseless[channel.name][at])
+
     @property
     def turns(self) -> tuple[float, ...]:
         """Turns of the joint since the first [s]."""
@@ -243,24 +248,26 @@ def features(result: Result, channel: Channel, values: Vector) -> dict[str, floa
 
     Returns:
         ``humps`` (maxima; of the curve upside down for the lower cable), ``bulge_down`` and
-        ``bulge_up`` of the two strokes, ``loop_area``, ``relative_hysteresis``, ``mid_up``,
-        ``mid_down``, ``mean``.
+        ``bulge_up`` of the two strokes, ``loop_area``, ``mid_up``, ``mid_down``, ``mean``, and of
+        what is always positive ``relative_hysteresis``.
     """
     down = result.seconds(channel) < result.turns[1]
     up = ~down
     angle = channel.angle
     sign = -1.0 if "/lower/" in channel.name else 1.0
     mid_up, mid_down = curves.at_mid_range(angle, values)
-    return {
+    found = {
         "humps": float(curves.humps(sign * values)),
         "bulge_down": curves.bulge(angle[down], values[down]),
         "bulge_up": curves.bulge(angle[up], values[up]),
         "loop_area": curves.loop_area(angle, values),
-        "relative_hysteresis": curves.relative_hysteresis(angle, values),
         "mid_up": mid_up,
         "mid_down": mid_down,
         "mean": float(values.mean()),
     }
+    if values.min() > 0.0:
+        found["relative_hysteresis"] = curves.relative_hysteresis(angle, values)
+    return found
 
 
 def differences(angle: Vector, upper: Vector, lower: Vector) -> tuple[float, float]:
@@ -300,8 +307,9 @@ def _experiment_numbers(result: Result) -> dict[str, Any]:
     for name in (pattern.format(cable) for pattern in patterns for cable in CABLES):
         channel = result.used(name)
         cycle = first_cycle(result, channel)
-        near = curves.near_turns(result.seconds(channel), result.turns, NEAR_S)
-        size = np.abs(channel.estimate - channel.reference)
+        seconds = result.seconds(channel)
+        near = curves.near_turns(seconds, result.turns, NEAR_S)
+        size = np.abs(result.true_error(result.identified[name]))
         channels[name] = {
             "rig": features(result, cycle, cycle.reference),
             "estimate": features(result, cycle, cycle.estimate),
@@ -309,8 +317,15 @@ def _experiment_numbers(result: Result) -> dict[str, Any]:
             "error_rho_known": vars(
                 channel_error(result.identified[name].estimate, result.identified[name].reference)
             ),
-            "mean_error_near_turns": float(size[near].mean()),
-            "mean_error_elsewhere": float(size[~near].mean()),
+            "true_error_rho_known": {
+                "mean": float(size.mean()),
+                "largest": float(size.max()),
+                "largest_s_from_turn": float(
+                    np.min(np.abs(np.asarray(result.turns) - seconds[np.argmax(size)]))
+                ),
+                "mean_near_turns": float(size[near].mean()),
+                "mean_elsewhere": float(size[~near].mean()),
+            },
         }
     upper, lower = (first_cycle(result, result.common[f"tension/{c}/1"]) for c in CABLES)
     up, down = differences(upper.angle, upper.reference, lower.reference)

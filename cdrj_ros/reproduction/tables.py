@@ -133,7 +133,7 @@ def pulleys(robot: Robot) -> Table:
          f"eta, rho = {rho:g}, v = 0"),
         tuple(rows),
         "Transmissions at the larger end of the wrap. The source prints eta_r <= eta < eta_d (43) "
-        "and eta_d above 0.8; on every pulley eta_d < eta < eta_r, and below 0.8 on three.",
+        "and eta_d above 0.8; on every pulley eta_d < eta < eta_r, and at rest below 0.8 on four.",
     )  # fmt: skip
 
 
@@ -184,13 +184,14 @@ def errors(study: Study) -> Table:
     """The source's errors beside ours, by its own procedure and with rho known."""
     rows = []
     for (name, *published), pattern, reason in zip(PUBLISHED, TOLD, REASONS, strict=True):
+        decimals = 3 if published[0][0] < 0.1 else 2
         for result, (mean, relative) in zip(study.results, published, strict=True):
             first = result is study.results[0]
             rows.append(
                 (
                     name if first else "",
                     result.label,
-                    f"{mean:g} N, {relative:.2f} %",
+                    f"{mean:.{decimals}f} N, {relative:.2f} %",
                     _figure(errors_of(result.common, pattern)),
                     _figure(errors_of(result.identified, pattern)),
                     reason if first else "",
@@ -281,17 +282,16 @@ def rich_table(table: Table) -> RichTable:
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    drawn = RichTable(
-        title=table.title,
+    drawn = RichTable(  # as Text: brackets round units are no markup
+        title=Text(table.title, style="bold"),
         title_justify="left",
-        title_style="bold",
-        caption=table.note or None,
+        caption=Text(table.note) if table.note else None,
         caption_justify="left",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
     )
     for heading in table.headings:
-        drawn.add_column(heading, vertical="top")
+        drawn.add_column(Text(heading), vertical="top")
     for row in table.rows:
         drawn.add_row(*map(Text, row))
     return drawn
