@@ -20,7 +20,11 @@ MAY_IMPORT = {
     "report": {"model", "estimation"},
     "conversions": {"model", "cdr", "estimation"},
     "validation": {"model", "bag", "estimation"},
-    "commands": {"model", "bag", "cdr", "estimation", "report", "rig", "validation"},
+    "reproduction": {"model", "estimation", "rig"},
+    "commands": {
+        *("model", "bag", "cdr", "estimation", "report", "rig", "validation"),
+        "reproduction",
+    },
     "nodes": {"model", "bag", "cdr", "estimation", "conversions", "validation", "commands"},
 }
 """What each part of the package may import, itself aside."""

@@ -1,0 +1,74 @@
+"""reproduce as a user runs it, in this process."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cdrj_ros.commands import reproduce
+from cdrj_ros.reproduction.figures import DRAWINGS
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def _one_line(capsys: pytest.CaptureFixture[str], *words: str) -> None:
+    error = capsys.readouterr().err
+    assert error.startswith("reproduce: ")
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error
+
+
+def test_reproduce_writes_every_figure_and_the_tables(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new" / "folder"
+    assert reproduce.main(["--out", str(out), "--quick"]) == 0
+    for name in DRAWINGS:
+        assert (out / f"{name}.png").read_bytes().startswith(PNG)
+        assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    printed = capsys.readouterr().out
+    text = (out / "tables.md").read_text()
+    for heading in ("Table I:", "Table II:", "Errors:"):
+        assert heading in printed
+        assert f"## {heading}" in text
+    assert "1.34 N, 13.65 %" in printed
+    assert "diameter [mm]" in printed
+
+    def refuse(token: str) -> float:
+        raise AssertionError(f"{token} is no JSON number")
+
+    numbers = json.loads((out / "figures.json").read_text(), parse_constant=refuse)
+    assert set(numbers["experiments"]) == {"first", "second"}
+    assert numbers["experiments"]["first"]["preload"] == [23.52, 6.66]
+    assert numbers["motion"]["cycles"] == 1
+
+
+def test_out_is_required(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        reproduce.main([])
+    assert left.value.code == 2
+    assert "--out" in capsys.readouterr().err
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    there = tmp_path / "there"
+    there.write_text("kept")
+    assert reproduce.main(["--out", str(there)]) == 2
+    _one_line(capsys, "--out must be a folder", "there is a file")
+    assert there.read_text() == "kept"
+    assert reproduce.main(["--out", str(there / "below")]) == 2
+    _one_line(capsys, "cannot be made")
+
+
+def test_help_says_what_is_made(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        reproduce.main(["--help"])
+    assert left.value.code == 0
+    text = capsys.readouterr().out
+    assert "figures.json" in text
+    assert "--quick" in text
