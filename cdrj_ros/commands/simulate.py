@@ -118,11 +118,15 @@ def _add_motion_options(group: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
     group.add_argument(
         "--amplitude-deg", default="38", metavar="DEG",
-        help="to either side of the reference pose [deg]; with several joints DEG,DEG,... (38)",
+        help="to either side of the centre [deg]; with several joints DEG,DEG,... (38)",
     )  # fmt: skip
     group.add_argument(
         "--amplitude", metavar="X", help="the same in rad, or m for a prismatic joint"
     )
+    group.add_argument(
+        "--centre", metavar="X",
+        help="pose about which to move, in rad or m; X,X,... (the reference pose)",
+    )  # fmt: skip
     group.add_argument(
         "--frequency", default="0.1", metavar="HZ",
         help="of the motion's cycle, of random motion the highest; HZ,HZ,... (0.1)",
@@ -334,11 +338,14 @@ def _motions(
     duration = 60.0 if arguments.duration is None else arguments.duration
     if arguments.motion == "recorded":
         return _recorded(robot, chosen, arguments)
-    amplitudes = _amplitudes(robot, chosen, arguments)
+    centres = [robot.joints[index].reference_angle for index in chosen]
+    if arguments.centre is not None:
+        centres = _numbers("centre", arguments.centre, len(chosen), -1e6, 1e6)
+    amplitudes = _amplitudes(robot, chosen, centres, arguments)
     frequencies = _numbers("frequency", arguments.frequency, len(chosen), 1e-4, 50.0)
     motions = {}
     for k, index in enumerate(chosen):
-        centre = robot.joints[index].reference_angle
+        centre = centres[k]
         shape = (amplitudes[k], frequencies[k])
         if arguments.motion == "random":
             seed = arguments.seed + 1000 * k
@@ -349,7 +356,9 @@ def _motions(
     return motions, duration
 
 
-def _amplitudes(robot: Robot, chosen: list[int], arguments: argparse.Namespace) -> list[float]:
+def _amplitudes(
+    robot: Robot, chosen: list[int], centres: list[float], arguments: argparse.Namespace
+) -> list[float]:
     """[rad] or [m], within the joints' ranges."""
     if arguments.amplitude is not None:
         option, text = "amplitude", arguments.amplitude
@@ -357,7 +366,7 @@ def _amplitudes(robot: Robot, chosen: list[int], arguments: argparse.Namespace) 
         option, text = "amplitude-deg", arguments.amplitude_deg
     given = _numbers(option, text, len(chosen), -1e6, 1e6)
     amplitudes = []
-    for value, index in zip(given, chosen, strict=True):
+    for value, index, centre in zip(given, chosen, centres, strict=True):
         joint = robot.joints[index]
         if option == "amplitude-deg" and usual_load(robot, index) == "lift":
             raise UsageError(
@@ -365,12 +374,13 @@ def _amplitudes(robot: Robot, chosen: list[int], arguments: argparse.Namespace) 
                 f"[{joint.lower:g}, {joint.upper:g}] m"
             )
         amplitude = value if option == "amplitude" else float(np.radians(value))
-        most = min(joint.reference_angle - joint.lower, joint.upper - joint.reference_angle)
+        most = min(centre - joint.lower, joint.upper - centre)
         if abs(amplitude) > most:
             allowed = most if option == "amplitude" else np.degrees(most)
             raise UsageError(
-                f"--{option} {value:g} leaves the range of {joint.name}: at most {allowed:g} to "
-                f"either side of its reference pose"
+                f"--{option} {value:g} leaves the range of {joint.name}: at most "
+                f"{max(allowed, 0.0):g} to either side of {centre:g}, which --centre moves within "
+                f"[{joint.lower:g}, {joint.upper:g}]"
             )
         amplitudes.append(amplitude)
     return amplitudes

@@ -56,7 +56,7 @@ BATCH: Final = 1000
 """Samples between two reports of progress."""
 
 SEARCHED: Final = 20.0
-"""The first sample's motor angle is sought this far from the reference [rad]."""
+"""The first sample's motor angle is sought this far from where it follows the joints [rad]."""
 
 SEARCH_POINTS: Final = 40001
 
@@ -322,7 +322,8 @@ def _drive(rig: Rig, joints: Table, joint: int) -> tuple[Table, Vector, float]:
     direction = np.where(owner >= 0, pull_together(rig.lumped, joint)[owner], 0.0)
     if len(robot.motors) == 1:
         base = np.zeros((joints.shape[0], owner.size))
-        return base, direction, robot.motors[0].reference_angle
+        start = follow_joints(rig.lumped, joints[:1]).motor_angle
+        return base, direction, float(start[0, 0])
     motors = follow_joints(rig.lumped, joints).motor_angle
     base = np.where(owner >= 0, motors[:, owner], 0.0)
     return np.ascontiguousarray(base), direction, 0.0

@@ -105,6 +105,14 @@ def test_sensors_have_the_defects_that_were_asked_for(tmp_path: Path, plain: Rec
     assert off.std() == pytest.approx(0.01, rel=0.1)
 
 
+def test_the_motion_may_have_another_centre(tmp_path: Path) -> None:
+    recording = run(tmp_path / "bag", "--centre", "0.2", "--mode", "follow")
+    angle = recording.joints["elbow"].value
+    assert angle[0] == pytest.approx(0.2, abs=1e-3)
+    assert angle.max() > 0.25
+    assert angle.min() < 0.1
+
+
 def test_more_payload_parts_the_cables_further(tmp_path: Path, plain: Recording) -> None:
     heavy = run(tmp_path / "bag", "--payload", "0.6")
 

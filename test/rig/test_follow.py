@@ -137,6 +137,18 @@ def test_several_motors_balance_one_joint_together(robots: Robots) -> None:
     np.testing.assert_allclose(beyond, np.outer(beyond @ way, way) / (way @ way), atol=1e-9)
 
 
+def test_a_weight_is_balanced_wherever_it_starts(robots: Robots) -> None:
+    robot = robots.hoist()
+    height = 0.3 + sine(0.05, 0.5, 0.2)(TIME).angle
+    load = make_load("lift", 2.0)
+    truth = simulate(robot, TIME, height, load.torque(*differences(TIME, height)), cells=4)
+    weight = 2.05 * 9.81
+    np.testing.assert_allclose(truth.tension[0], weight, rtol=1e-6)
+    lifting = np.gradient(truth.joint_angle[:, 0]) > 1e-5
+    assert (truth.tension[lifting, 0] > truth.tension[lifting, 1]).mean() > 0.95
+    assert truth.motor_angle[0, 0] + 0.5 > 0.3 / 0.03, "ten radians from the reference"
+
+
 def test_more_payload_parts_the_two_cables_further(robots: Robots) -> None:
     angle = sine(0.3, 0.5, 0.2)(TIME).angle
     parts = []
