@@ -118,10 +118,18 @@ class Heard:
     """``channels_of`` the robot, shape (n, channels)."""
     latency_s: Floats
     """From the sending of the input that made it possible to the last of its three messages."""
+    stddev: Floats
+    """As ``value``; NaN where the estimator says nothing of it."""
     angle: Floats
-    """First joint's angle of those samples [rad], shape (n,); empty without joints."""
+    """Motors and joints of those samples [rad], shape (n, motors + joints)."""
+    accepted: int
+    """Readings that passed the gate."""
     refused: dict[str, int]
-    """Readings that the gate refused, by cause; ``clock_jumps`` and ``gaps`` among them."""
+    """Readings that the gate refused, by cause."""
+    clock_jumps: int
+    """Times that the clock of the recording went back."""
+    gaps: int
+    """Times that a channel was silent for long."""
 
 
 @dataclass
@@ -142,36 +150,41 @@ class _Line:
     payloads: list[bytes] = field(default_factory=list)
     """Not yet decoded."""
     blocks: list[Floats] = field(default_factory=list)
+    """Values and their standard deviations, shape (2, m, names) each."""
 
     def fold(self) -> None:
         """Decode the waiting payloads; what is of no known shape becomes NaN."""
         if not self.payloads:
             return
-        value = np.full((len(self.payloads), len(self.names)), np.nan)
+        block = np.full((2, len(self.payloads), len(self.names)), np.nan)
         lengths = np.fromiter(map(len, self.payloads), np.int64, len(self.payloads))
         for length in np.unique(lengths).tolist():
             rows = np.flatnonzero(lengths == length)
-            value[rows] = self._decode([self.payloads[k] for k in rows])
-        self.blocks.append(value)
+            block[:, rows] = self._decode([self.payloads[k] for k in rows])
+        self.blocks.append(block)
         self.payloads.clear()
 
     def _decode(self, payloads: Sequence[bytes]) -> Floats | float:
-        """The values of payloads of one length, shape (n, names); NaN if they are of others."""
+        """A block of payloads of one length; NaN if they are of other names."""
         layout = read_layout(payloads[0], self.kind.message.fields)
-        span = layout.numbers[self.kind.array]
-        if layout.texts["name"] != self.names or span.count != len(self.names):
+        if layout.texts["name"] != self.names:
             return np.nan
         octets = np.frombuffer(b"".join(payloads), np.uint8).reshape(len(payloads), -1)
-        wanted = np.ascontiguousarray(octets[:, span.offset : span.offset + 8 * span.count])
-        return wanted.view(span.dtype).astype(np.float64)
+        block = np.full((2, len(payloads), len(self.names)), np.nan)
+        for row, name in enumerate((self.kind.array, "stddev")):
+            span = layout.numbers.get(name)
+            if span is not None and span.count == len(self.names):
+                wanted = np.ascontiguousarray(octets[:, span.offset : span.offset + 8 * span.count])
+                block[row] = wanted.view(span.dtype)
+        return block
 
 
 class Run:
     """One run of the estimator: tell it what is sent and what is heard; ask it how things stand."""
 
-    def __init__(self, model: Model) -> None:
-        """Nothing sent yet."""
-        self.conditioner = Conditioner(model.robot)
+    def __init__(self, model: Model, conditioning: str = "wait") -> None:
+        """Nothing sent yet; ``conditioning`` is the estimator's."""
+        self.conditioner = Conditioner(model.robot, conditioning)
         self.trouble: CdrjError | None = None
         """Why going on makes no sense."""
         self.sent = 0
@@ -195,7 +208,6 @@ class Run:
     ) -> Callable[[bytes], None]:
         """What to call with every payload sent on one topic; ``feed`` is of ``conditioner``."""
         decode = JointStateDecoder()
-        has_joints = bool(self._layout.joints)
         refused = self.conditioner.refused
 
         def ask(payload: bytes) -> None:
@@ -210,8 +222,8 @@ class Run:
                 self._unanswerable = 0
                 self._expected.append(sample.stamp_ns)
                 self._asked_s.append(perf_counter())
-                if has_joints:
-                    self._angle.append(sample.joint_angle[0])
+                self._angle.extend(sample.motor_angle)
+                self._angle.extend(sample.joint_angle)
 
         return ask
 
@@ -317,29 +329,33 @@ class Run:
         n = len(self._expected)
         columns: list[Floats] = []
         last_s = np.zeros(n)
-        complete = np.ones(n, np.bool_)
         for line in self._lines:
             line.fold()
-            value = np.full((n, len(line.names)), np.nan)
+            block = np.full((2, n, len(line.names)), np.nan)
             heard = np.full(n, np.nan)
             index = np.frombuffer(line.index, np.int64)
             if index.size:
-                value[index] = np.concatenate(line.blocks)
+                block[:, index] = np.concatenate(line.blocks, axis=1)
                 heard[index] = np.frombuffer(line.heard_s, np.float64)
-            columns.append(value)
-            complete &= np.isfinite(heard)
-            last_s = np.maximum(last_s, heard)
+            columns.append(block)
+            last_s = np.maximum(last_s, heard)  # NaN where one of the three is missing
+        complete = np.isfinite(last_s)
+        value, stddev = np.concatenate(columns, axis=2)[:, complete]
         received = int(np.count_nonzero(complete))
         late = int(np.count_nonzero(complete[list(self._late)]))
-        angle = np.array(self._angle)
-        gate = self.conditioner
+        layout, gate = self._layout, self.conditioner
+        axes = len(layout.motors) + len(layout.joints)
         return Heard(
             tally=Tally(self.sent, n, received, n - received, late, self.strange),
             stamp_ns=np.array(self._expected, np.int64)[complete],
-            value=np.hstack(columns)[complete],
+            value=value,
             latency_s=(last_s - np.array(self._asked_s))[complete],
-            angle=angle[complete] if angle.size else angle,
-            refused={**gate.refused, "clock_jumps": gate.clock_jumps, "gaps": gate.gaps},
+            stddev=stddev,
+            angle=np.array(self._angle).reshape(n, axes)[complete],
+            accepted=gate.accepted,
+            refused=dict(gate.refused),
+            clock_jumps=gate.clock_jumps,
+            gaps=gate.gaps,
         )
 
 

@@ -166,7 +166,7 @@ class Controls:
         playback = self.playback
         if playback is None:
             return 0.0
-        return (playback.position_ns(self._clock()) - playback.begin_ns) * 1e-9
+        return (playback.position_ns(self._clock()) - playback.begin_ns) / 1e9
 
     def duration_s(self) -> float:
         """How much there is to play [s]."""
@@ -177,4 +177,4 @@ class Controls:
 
 
 def _length_s(playback: Playback) -> float:
-    return (playback.end_ns - playback.begin_ns) * 1e-9
+    return (playback.end_ns - playback.begin_ns) / 1e9

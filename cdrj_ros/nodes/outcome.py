@@ -9,10 +9,12 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros.bag import Recording
-from cdrj_ros.estimation.comparison import Angle, BagComparison, compare_bag
-from cdrj_ros.model.plan import Layout
+from cdrj_ros.estimation.comparison import BagComparison
+from cdrj_ros.estimation.conditioning import Conditioned
+from cdrj_ros.estimation.estimator import Samples
+from cdrj_ros.model.plan import Model
 from cdrj_ros.nodes.answers import STALLED_S, Floats, Heard, Stamps, Tally, channels_of
-from cdrj_ros.validation import MAX_GAP_NS
+from cdrj_ros.validation import compare_with_references, counters_of
 
 KEPT: Final = 1_000_000
 """Latencies kept, the latest: an endless loop must not fill the memory."""
@@ -25,7 +27,7 @@ class Outcome:
     Where two runs answer for the same stamp, the later counts.
     """
 
-    layout: Layout
+    model: Model
     tally: Tally = field(default_factory=Tally)
     runs: int = 0
     """Times that the estimator was started anew and played to."""
@@ -42,30 +44,45 @@ class Outcome:
     difference: float = 0.0
     """Greatest difference between two whole passes, over all channels [unit of the channel]."""
     refused: Counter[str] = field(default_factory=Counter)
-    stamp_ns: Stamps = field(default_factory=lambda: np.empty(0, np.int64))
-    angle: Floats = field(default_factory=lambda: np.empty(0))
+    accepted: int = 0
+    clock_jumps: int = 0
+    gaps: int = 0
     latency_s: Floats = field(default_factory=lambda: np.empty(0))
+    stamp_ns: Stamps = field(default_factory=lambda: np.empty(0, np.int64))
+    """Stamps of all answers, each once, increasing, shape (n,)."""
 
     def __post_init__(self) -> None:
-        self.value: Floats = np.empty((0, len(channels_of(self.layout))))
+        layout = self.model.layout
+        channels = len(channels_of(layout))
+        self.value: Floats = np.empty((0, channels))
+        self.stddev: Floats = np.empty((0, channels))
+        self.angle: Floats = np.empty((0, len(layout.motors) + len(layout.joints)))
 
     def add(self, heard: Heard, *, whole: bool) -> None:
         """Take in one run; ``whole`` where it went from the beginning to the end."""
         self.runs += 1
         self.tally += heard.tally
         self.refused.update(heard.refused)
+        self.accepted += heard.accepted
+        self.clock_jumps += heard.clock_jumps
+        self.gaps += heard.gaps
         self.latency_s = np.concatenate((self.latency_s, heard.latency_s))[-KEPT:]
         if whole and self.passes:
             _, mine, new = np.intersect1d(self.stamp_ns, heard.stamp_ns, return_indices=True)
             gap = np.abs(self.value[mine] - heard.value[new])
             self.difference = max(self.difference, float(np.max(gap, initial=0.0)))
         self.passes += whole
-        # after a jump of the clock within the run, too, the later counts
+        # the later counts, after a jump of the clock within a run too
         stamps = np.concatenate((heard.stamp_ns[::-1], self.stamp_ns))
         self.stamp_ns, first = np.unique(stamps, return_index=True)
-        self.value = np.concatenate((heard.value[::-1], self.value))[first]
-        if heard.angle.size:
-            self.angle = np.concatenate((heard.angle[::-1], self.angle))[first]
+        self.value, self.stddev, self.angle = (
+            np.concatenate((new[::-1], old))[first]
+            for new, old in (
+                (heard.value, self.value),
+                (heard.stddev, self.stddev),
+                (heard.angle, self.angle),
+            )
+        )
 
     @property
     def complete(self) -> bool:
@@ -114,6 +131,11 @@ class Outcome:
                 f"The estimator was started anew {self.runs} times, each time without a friction "
                 "history; where runs overlap the later counts."
             )
+        if self.clock_jumps:
+            found.append(
+                f"The clock of the recording went back {self.clock_jumps} times; where stamps "
+                "repeat the later estimate counts."
+            )
         if self.passes > 1 and self.difference > 0:
             found.append(
                 f"Passes differ by up to {self.difference:.3g}; the estimator should repeat itself."
@@ -121,21 +143,24 @@ class Outcome:
         return tuple(found)
 
     def comparison(self, path: str, recording: Recording) -> BagComparison:
-        """Beside the references recorded in the bag."""
-        joints = self.layout.joints
-        counters = {cause: n for cause, n in self.refused.items() if n}
-        malformed = sum(recording.malformed.values())
-        if malformed > counters.get("malformed", 0):
-            counters["malformed"] = malformed
-        return compare_bag(
-            path,
-            self.span_s / max(self.passes, 1),
-            self.stamp_ns,
-            dict(zip(channels_of(self.layout), self.value.T, strict=True)),
-            {name: (s.stamp_ns, s.value) for name, s in recording.references.items()},
-            max_gap_ns=MAX_GAP_NS,
-            angle=Angle(joints[0], self.stamp_ns, self.angle) if self.angle.size else None,
-            counters=counters,
-            notes=(*recording.notes, *self.notes()),
-            facts=self.facts((recording.end_ns - recording.start_ns) * 1e-9),
+        """Beside the references recorded in the bag; without channels where it has none."""
+        layout = self.model.layout
+        motors = len(layout.motors)
+        samples = Samples(self.stamp_ns, self.angle[:, :motors], self.angle[:, motors:])
+        conditioned = Conditioned(
+            (samples,), dict(self.refused), self.accepted, self.clock_jumps, self.gaps
         )
+        duration_s = (recording.end_ns - recording.start_ns) * 1e-9
+        facts = self.facts(duration_s)
+        if not recording.references or not self.stamp_ns.size:
+            return BagComparison(
+                path, duration_s, (), counters_of(recording, conditioned),
+                (*recording.notes, *self.notes()), facts,
+            )  # fmt: skip
+        names = channels_of(layout)
+        known = np.atleast_1d(np.isfinite(self.stddev).all(axis=0))
+        return compare_with_references(
+            self.model, path, recording, conditioned, self.stamp_ns,
+            dict(zip(names, self.value.T, strict=True)), facts, self.notes(),
+            stddev={n: self.stddev[:, k] for k, n in enumerate(names) if known[k]},
+        )  # fmt: skip

@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.bag.playback import Playback
+from cdrj_ros.estimation.conditioning import MODES
 from cdrj_ros.model.errors import CdrjError, UsageError
 from cdrj_ros.model.plan import Model
 from cdrj_ros.nodes.answers import KINDS, Heard, Run, Tally
@@ -171,8 +172,9 @@ class ReplayNode(Node):
         """What of the estimator is not there, in words; empty when all is."""
         gaps = [f"no subscriber of {p.topic_name}" for p in self.inputs if not _matched(p)]
         gaps += [f"no publisher of {t}" for t in self.outputs if not self.count_publishers(t)]
-        if not self._reset.service_is_ready():
-            gaps.append(f"no service {self.wiring.estimator}/reset")
+        for client in (self._reset, self._ping):
+            if not client.service_is_ready():
+                gaps.append(f"no service {client.srv_name}")
         return gaps
 
     def rivals(self) -> list[str]:
@@ -189,7 +191,7 @@ class ReplayNode(Node):
         executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
         if not future.done():
             raise NoEstimatorError(
-                f"the estimator does not answer {self.wiring.estimator}/reset within {ANSWER_S:g} s"
+                f"the estimator does not answer {self._reset.srv_name} within {ANSWER_S:g} s"
             )
         response = future.result()
         if not response.success:
@@ -198,11 +200,16 @@ class ReplayNode(Node):
 
     def is_through(self, executor: EventsExecutor) -> bool:
         """Whether the estimator answers a question put to it now, behind all that was sent."""
-        if not self._ping.service_is_ready():
-            return False
         future = self._ping.call_async(GetParameters.Request(names=[]))
         executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
         return bool(future.done())
+
+    def conditioning(self, executor: EventsExecutor) -> str:
+        """How the estimator brings its topics together: its parameter of that name."""
+        future = self._ping.call_async(GetParameters.Request(names=["conditioning"]))
+        executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
+        mode = str(future.result().values[0].string_value) if future.done() else ""
+        return mode if mode in MODES else MODES[0]
 
     def publish_clock(self, time_ns: int) -> None:
         """Say what time it is in the recording."""
@@ -271,6 +278,7 @@ class Player:
         self._presence_s = 0.0
         self._clock_s = 0.0
         self._gone = False
+        self._conditioning = MODES[0]
 
     @property
     def stopping(self) -> bool:
@@ -304,6 +312,7 @@ class Player:
             if now > news:
                 news = now + NEWS_S
                 self.display.say(f"still waiting after {now - begin:.0f} s: {'; '.join(missing)}")
+        self._conditioning = self.node.conditioning(self.executor)
         for topic in self.node.rivals():
             self.display.say(f"warning: several nodes publish {topic}; their answers mix")
         return True
@@ -332,7 +341,7 @@ class Player:
         return played
 
     def _play_run(self, playback: Playback) -> Played:
-        self._run = run = Run(self.model)
+        self._run = run = Run(self.model, self._conditioning)
         self.node.listen(run)
         begin_ns = playback.position_ns(perf_counter())
         playback.behind_s = 0.0

@@ -317,7 +317,7 @@ def _play_all(
     arguments: argparse.Namespace, player: Player, bags: Sequence[Bag]
 ) -> tuple[list[Outcome], Ending]:
     """Every bag in turn, pass after pass; what was heard, by bag, and how it ended."""
-    outcomes = [Outcome(player.model.layout) for _ in bags]
+    outcomes = [Outcome(player.model) for _ in bags]
     rounds = math.inf if arguments.loop else arguments.passes
     ending, done = Ending.END, 0
     while done < rounds and ending is Ending.END:
@@ -397,7 +397,7 @@ def _report(
     if not comparisons:
         print("replay: nothing was played", file=sys.stderr)
         return INTERRUPTED
-    if any(bag.recording.references for bag in bags):
+    if any(comparison.channels for comparison in comparisons):
         write_results(
             arguments, model, comparisons, f"{model.robot.name}: estimator node against reference"
         )

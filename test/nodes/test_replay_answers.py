@@ -173,7 +173,7 @@ def test_values_come_back_as_they_were_sent(bench: Bench) -> None:
 
 
 def _heard(model: Model, numbers: range) -> Outcome:
-    bench, outcome = Bench(model), Outcome(model.layout)
+    bench, outcome = Bench(model), Outcome(model)
     bench.send(*numbers)
     bench.answer(*numbers)
     outcome.add(bench.run.finish(), whole=True)
