@@ -43,6 +43,7 @@ setup(
             f"estimator = {PACKAGE}.nodes.estimator:main",
             f"identify = {PACKAGE}.commands.identify:main",
             f"replay = {PACKAGE}.nodes.replay:main",
+            f"reproduce = {PACKAGE}.commands.reproduce:main",
             f"simulate = {PACKAGE}.commands.simulate:main",
             f"validate = {PACKAGE}.commands.validate:main",
         ],
