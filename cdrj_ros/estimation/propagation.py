@@ -178,6 +178,11 @@ def propagate(
     with np.errstate(invalid="ignore", divide="ignore"):
         everywhere = np.sum(weight * reading, axis=1) / weight.sum(axis=1)
     tension = np.repeat(everywhere[:, None], count, axis=1)
+    # friction's memory of speed takes the known tension for all: a guess that jumps is no slip
+    even = length / (1.0 + np.nan_to_num(tension) / cable.axial_stiffness)
+    loss_now = _lagging_losses(
+        _slips(even, path.wound[:, c], held_last), dt, kinetic, static, constants
+    )
     sliding, loss = np.zeros(wrap.shape), kinetic + static
     lower, upper = _bounds(tension, reading, weight, places, sliding, loss, constants)
     for _ in range(count + 1):  # every pass settles at least one more pulley
@@ -187,14 +192,14 @@ def propagate(
         elastic = np.nan_to_num(upper - lower) * length / cable.axial_stiffness
         hidden = unseen + np.abs(_slips(elastic, np.zeros(1), held_last))
         pull = np.nan_to_num(np.maximum(tension[:, :-1], tension[:, 1:]))
-        _, low, high = _contacts(slip, dt, kinetic, static, pull, arc, hidden, constants)
+        low, high = _contacts(slip, loss_now, pull, arc, hidden, constants)
         sliding = np.where(low == high, np.trunc(low), 0.0)
         sliding *= _moving(path.stamp_ns, slip, sliding, hidden, round(window_s * 1e9))
-        loss, low, high = _contacts(slip, dt, kinetic, static, pull, arc, unseen, constants)
+        low, high = _contacts(slip, loss_now, pull, arc, unseen, constants)
         share = np.where(sliding == 0.0, 0.5 * (low + high), sliding)
-        slope, offset = _chain(places[0], share, loss, constants[:, kernel.DRAG])
+        slope, offset = _chain(places[0], share, loss_now, constants[:, kernel.DRAG])
         # a pulley that may be stuck may hold all of its static friction
-        loss = np.where(sliding == 0.0, kinetic + static, loss)
+        loss = np.where(sliding == 0.0, kinetic + static, loss_now)
         tension, stddev = _least_squares(slope, offset, reading, weight, places)
         lower, upper = _bounds(tension, reading, weight, places, sliding, loss, constants)
         change = np.nanmax(np.abs(tension - before), initial=0.0)
@@ -315,41 +320,45 @@ def _losses(wrap: Table, constants: Table, stribeck: int) -> tuple[Table, Table]
 
 
 @compiled
+def _lagging_losses(
+    slip: Table, dt: Vector, kinetic: Table, static: Table, constants: Table
+) -> Table:
+    """Loss 1 - eta of every pulley, static friction lagging behind its slip speed (E10)."""
+    loss = np.empty(slip.shape)
+    for p in range(slip.shape[1]):
+        row = constants[p]
+        lag, lagged = row[kernel.STRIBECK_LAG], 0.0
+        for k in range(slip.shape[0]):
+            share = stribeck_share(lagged, row[kernel.STRIBECK_SPEED])
+            loss[k, p] = kinetic[k, p] + static[k, p] * share
+            if k > 0 and dt[k] > 0.0:
+                lagged = (lag * lagged + slip[k, p] - slip[k - 1, p]) / (lag + dt[k])
+    return loss
+
+
+@compiled
 def _contacts(
-    slip: Table,
-    dt: Vector,
-    kinetic: Table,
-    static: Table,
-    pull: Table,
-    arc: Table,
-    hidden: Table,
-    constants: Table,
-) -> tuple[Table, Table, Table]:
-    """Loss 1 - eta of every pulley and the share of its bound that friction may have, both ends.
+    slip: Table, loss: Table, pull: Table, arc: Table, hidden: Table, constants: Table
+) -> tuple[Table, Table]:
+    """The share of its bound that a pulley's friction may have, least and most (E20).
 
     The share moves by slip / reach between -1 and +1, as an elastic, perfectly plastic contact
     does; its reach is the slip from no friction to all of it: bristles, the arc's own strain, and
     what is hidden from the sensors.  Nothing is known at the start, so it runs from both ends;
-    where they have met at +-1, the pulley slides.
+    where they have met at +-1, the pulley has slipped far enough.
     """
-    n, pulleys = slip.shape
-    loss, low, high = np.empty((n, pulleys)), np.empty((n, pulleys)), np.empty((n, pulleys))
-    for p in range(pulleys):
+    low, high = np.empty(slip.shape), np.empty(slip.shape)
+    for p in range(slip.shape[1]):
         row = constants[p]
-        lagged, least, most = 0.0, -1.0, 1.0
-        for k in range(n):
+        least, most = -1.0, 1.0
+        for k in range(slip.shape[0]):
             change = slip[k, p] - slip[k - 1, p] if k > 0 else 0.0
-            share = stribeck_share(lagged, row[kernel.STRIBECK_SPEED])
-            loss[k, p] = kinetic[k, p] + static[k, p] * share
             bound = loss[k, p] * pull[k, p] + row[kernel.DRAG] + BOUND_FLOOR
             reach = bound * (1.0 / row[kernel.BRISTLE_STIFFNESS] + arc[k, p]) + hidden[k, p]
             least = min(max(least + change / reach, -1.0), 1.0)
             most = min(max(most + change / reach, -1.0), 1.0)
             low[k, p], high[k, p] = least, most
-            if dt[k] > 0.0:
-                lag = row[kernel.STRIBECK_LAG]
-                lagged = (lag * lagged + change) / (lag + dt[k])
-    return loss, low, high
+    return low, high
 
 
 def _moving(
@@ -362,7 +371,8 @@ def _moving(
     """
     before = np.searchsorted(stamp_ns, stamp_ns - window_ns)
     after = np.searchsorted(stamp_ns, stamp_ns + window_ns, side="right") - 1
-    seen = ((slip - slip[before]) * way > hidden) & ((slip[after] - slip) * way > hidden)
+    gone, ahead = (slip - slip[before]) * way, (slip[after] - slip) * way
+    seen = (gone > np.maximum(hidden, hidden[before])) & (ahead > np.maximum(hidden, hidden[after]))
     return seen.astype(np.float64)
 
 

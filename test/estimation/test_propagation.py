@@ -89,7 +89,7 @@ def test_where_every_pulley_slides_any_element_gives_all_the_others(
     assert np.ptp(true[sliding] / true[sliding][:, :1], axis=0).max() > 0.2, "both directions"
     off = (np.abs(result.tension - true) / (true + 1.0))[sliding]
     assert np.percentile(off, 99) < 1e-3
-    assert off.max() < 1e-2, "static friction where the motion begins"
+    assert off.max() < 2e-3, "elasticity's share of the slip speed"
     # the nodal forces are the estimator's too
     layout = swept[0].layout
     pulleys = [layout.pulleys.index(name) for name in result.pulleys]
@@ -104,14 +104,14 @@ def test_the_truth_lies_within_the_bounds_whatever_is_stuck(swept: Run, element:
     columns = [swept[0].layout.elements.index(name) for name in result.elements]
     true = tensions(swept)[:, columns]
     inside = (true >= result.lower * 0.998 - 0.01) & (true <= result.upper * 1.002 + 0.01)
-    assert inside.mean() > 0.998
+    assert inside.mean() > 0.9998
     layout = swept[0].layout
     force = swept[2].values[:, layout.magnitude]
     force = force[:, [layout.pulleys.index(name) for name in result.pulleys]]
     inside = (force >= result.nodal_force_lower * 0.995 - 1e-2) & (
         force <= result.nodal_force_upper * 1.005 + 1e-2
     )
-    assert inside.mean() > 0.998
+    assert inside.mean() > 0.9998
     stuck = (result.sliding == 0).all(axis=1)
     width = (result.upper - result.lower).max(axis=1)
     known = true[:, result.elements.index(element)]
