@@ -94,9 +94,9 @@ def limits(problem: Problem) -> tuple[Vector, Vector]:
 
 
 def with_priors(problem: Problem, coordinates: Vector, residuals: Vector) -> Vector:
-    """Residuals followed by what the priors say."""
+    """Residuals followed by those of the priors."""
     priors = [
-        (unknown.value(float(x)) - unknown.prior[0]) / unknown.prior[1]
+        problem.prior_scale * (unknown.value(float(x)) - unknown.prior[0]) / unknown.prior[1]
         for unknown, x in zip(problem.unknowns, coordinates, strict=True)
         if unknown.prior is not None
     ]
@@ -233,10 +233,9 @@ def many_starts(
             begins.append(drawn)
     found = []
     for k, begin in enumerate(begins):
-        label = f"start {k + 1} of {len(begins)}, " if len(begins) > 1 else ""
-        found.append(
-            solve(problem, begin, loss, most_steps, lambda text, label=label: say(label + text))
-        )
+        if len(begins) > 1:
+            say(f"start {k + 1} of {len(begins)}")
+        found.append(solve(problem, begin, loss, most_steps, say))
     found.sort(key=lambda solved: solved.cost)
     best = found[0]
     same = sum(solved.cost <= best.cost * 1.01 + 1e-12 for solved in found)
