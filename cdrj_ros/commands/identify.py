@@ -109,6 +109,10 @@ def _parser() -> argparse.ArgumentParser:
         "--cross-validate", nargs="*", metavar="NAMES",
         help="fit again without each bag, or without the bags whose names match, and judge them",
     )  # fmt: skip
+    parser.add_argument(
+        "--quick", action="store_true",
+        help="leave out the last round over every sample: thinned ones, to 100 Hz, do for a look",
+    )  # fmt: skip
     parser.add_argument("--json", metavar="FILE", help="write what was found as JSON")
     add_topic_options(parser)
     return parser
@@ -191,6 +195,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         arguments.starts,
         arguments.seed,
         arguments.settle,
+        arguments.quick,
     )
 
 

@@ -29,6 +29,7 @@ from cdrj_ros.estimation.identification.residuals import (
     spreads,
 )
 from cdrj_ros.estimation.identification.solution import (
+    LAST_TOLERANCE,
     LOSSES,
     Progress,
     jacobian,
@@ -174,7 +175,9 @@ def identify(
             last = problem(coarse=False)
             last.prior_scale = rough.prior_scale
             say(f"all {_count(last)} samples")
-            coordinates = solve(last, coordinates, loss, FINE_STEPS, say).coordinates
+            coordinates = solve(
+                last, coordinates, loss, FINE_STEPS, say, LAST_TOLERANCE
+            ).coordinates
             evaluations = last.evaluations
         say("standard errors")
         here = rough.residuals(coordinates)

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from math import sqrt
 from typing import Final
 
 import numpy as np
@@ -160,8 +161,8 @@ def _noise(values: Vector) -> float:
     steps = np.abs(np.diff(values))
     count = float(steps[steps > 0.0].min()) if np.any(steps > 0.0) else 0.0
     bend = np.abs(np.diff(values, 2))
-    white = float(np.median(bend)) / 0.6745 / np.sqrt(6.0) if bend.size else 0.0
-    return max(float(white), min(count, float(np.std(values))) / np.sqrt(12.0), 1e-9)
+    white = float(np.median(bend)) / 0.6745 / sqrt(6.0) if bend.size else 0.0
+    return max(white, min(count, float(np.std(values))) / sqrt(12.0), 1e-9)
 
 
 class Problem:

@@ -25,8 +25,11 @@ INSIDE: Final = 1e-3
 HUBER: Final = 1.345
 """Where a robust loss bends, in standard deviations of a channel's residual."""
 
-TOLERANCE: Final = 1e-6
+TOLERANCE: Final = 1e-5
 """Relative change of the cost, or of the coordinates, that ends a round."""
+
+LAST_TOLERANCE: Final = 1e-3
+"""The same for the last round, which starts close to its end."""
 
 Progress = Callable[[str], None]
 
@@ -46,6 +49,7 @@ def solve(
     loss: str,
     most_steps: int,
     say: Progress,
+    tolerance: float = TOLERANCE,
 ) -> Solved:
     """Least squares from one start.
 
@@ -80,8 +84,8 @@ def solve(
         bounds=(lower, upper),
         loss=_robust(loss, problem, first) if loss != "linear" else "linear",
         max_nfev=most_steps,
-        ftol=TOLERANCE,
-        xtol=TOLERANCE,
+        ftol=tolerance,
+        xtol=tolerance,
         gtol=1e-12,
     )
     return Solved(found.x, float(found.cost), int(found.nfev))
