@@ -78,7 +78,7 @@ def certainty(
     slope = np.array(
         [u.slope(float(x)) for u, x in zip(problem.unknowns, coordinates, strict=True)]
     )
-    in_coordinates = np.asarray(np.sqrt(np.diag(covariance)), dtype=np.float64)
+    in_coordinates: Vector = np.sqrt(np.diag(covariance))  # type: ignore[assignment]
     most = np.array([(u.upper - u.lower) / np.sqrt(12.0) for u in problem.unknowns])
     correlation = covariance / np.outer(in_coordinates, in_coordinates)
     correlation = correlation * np.outer(np.sign(slope), np.sign(slope))
