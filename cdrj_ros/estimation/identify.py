@@ -58,6 +58,7 @@ MOST_RESIDUALS: Final = 400_000
 
 COARSE_STEPS: Final = 60
 FINE_STEPS: Final = 6
+ROBUST_ROUNDS: Final = 3
 
 WEIGHTS: Final = ("spread", "noise")
 
@@ -140,7 +141,7 @@ def identify(
     channels = chosen_channels(model.layout, recordings, settings.channels)
     sigmas = spreads(recordings, channels, settings.weights)
     sigmas |= _given_sigmas(channels, settings.sigmas or {})
-    moving = any(path.rsplit(".", 1)[-1] in CONDITIONING_KEYS for u in unknowns for path in u.paths)
+    moving = any(_changes_samples(path) for unknown in unknowns for path in unknown.paths)
     total = sum(samples_of(model, one).stamp_ns.size for one in recordings)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
 
@@ -168,7 +169,8 @@ def identify(
             here = rough.residuals(best.coordinates)
             rough.prior_scale = float(np.sqrt(effective_variance(rough, here)))
             best = solve(rough, best.coordinates, "linear", COARSE_STEPS, say)
-        if loss != "linear":
+        for _ in range(ROBUST_ROUNDS if loss != "linear" else 0):
+            # outliers have moved the first fit, and with it what counts as one: look again
             best = solve(rough, best.coordinates, loss, COARSE_STEPS, say)
         last, coordinates, evaluations = rough, best.coordinates, 0
         if last_round:
@@ -200,6 +202,11 @@ def identify(
             float(np.sqrt(np.mean(residuals**2))),
             evaluations + rough.evaluations,
         )
+
+
+def _changes_samples(path: str) -> bool:
+    parts = path.split(".")
+    return parts[0] in ("motors", "joints") and not set(parts).isdisjoint(CONDITIONING_KEYS)
 
 
 def _silent(text: str) -> None:

@@ -124,16 +124,25 @@ def test_scale_and_offset_of_a_joint_are_found(document: Document) -> None:
 
 
 def test_two_numbers_that_act_as_one_are_named(document: Document) -> None:
-    quiet = with_numbers(document, {"friction.bearing_friction": 0.0, "friction.mu_s": 0.15})
-    rec = recording(quiet, 10.0)
-    found = found_from(quiet, "friction.rho,cables.*.friction.mu_c", {}, [rec], Settings(
-        channels=("tension/*/8",), coarse=True
-    ))  # fmt: skip
+    quiet = {**document, "friction": {"mu_c": 0.15, "rho": 0.2}}
+    rec = recording(quiet, 10.0, noise=1.0)
+    found = found_from(quiet, "friction.rho,cables.*.friction.mu_c", {}, [rec])
     (sentence,) = [text for text in found.findings if "told apart" in text]
     assert "friction.rho" in sentence
     assert "mu_c" in sentence
     assert "product" in sentence
     assert found.stddev[0] / found.values[0] > 0.01
+
+
+def test_two_numbers_of_which_only_the_difference_matters_stay_unknown(document: Document) -> None:
+    found = found_from(
+        document, "motors.winch.offset,motors.winch.reference_angle", {}, [recording(document, 5.0)]
+    )
+    (sentence,) = [text for text in found.findings if "told apart" in text]
+    assert "difference" in sentence
+    assert np.all(found.stddev > 0.05)
+    assert found.correlation[0, 1] > 0.999
+    assert found.values[0] == pytest.approx(found.values[1], abs=1e-4)
 
 
 def test_a_number_without_influence_is_named_and_stays_unknown(document: Document) -> None:
@@ -206,11 +215,14 @@ def test_random_starts_are_repeatable_and_find_the_same_minimum(document: Docume
     assert "All 3 starts ended in the same minimum." in one.findings
 
 
-def test_the_last_round_takes_every_sample(document: Document) -> None:
-    rec = recording(document, 110.0)
+def test_the_last_round_takes_every_sample(
+    document: Document, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cdrj_ros.estimation.identify.COARSE_SAMPLES", 500)
+    rec = recording(document, 10.0)
     rough = found_from(document, "friction.rho", {"friction.rho": 0.22}, [rec])
     full = found_from(document, "friction.rho", {"friction.rho": 0.22}, [rec], Settings())
-    assert rough.samples < full.samples == 22_000
+    assert rough.samples < full.samples == 2000
     np.testing.assert_allclose(full.values, 0.2, atol=1e-3)
 
 

@@ -72,13 +72,12 @@ def certainty(
     """
     information = jacobian.T @ (jacobian * weights[:, None])
     information = information / effective_variance(problem, residuals * np.sqrt(weights))
-    covariance: Table = np.linalg.inv(
-        information + np.diag(_known_beforehand(problem, coordinates))
-    )
+    known = np.diag(_known_beforehand(problem, coordinates))
+    covariance = np.asarray(np.linalg.inv(information + known), dtype=np.float64)
     slope = np.array(
         [u.slope(float(x)) for u, x in zip(problem.unknowns, coordinates, strict=True)]
     )
-    in_coordinates: Vector = np.sqrt(np.diag(covariance))  # type: ignore[assignment]
+    in_coordinates = np.sqrt(np.diag(covariance))
     most = np.array([(u.upper - u.lower) / np.sqrt(12.0) for u in problem.unknowns])
     correlation = covariance / np.outer(in_coordinates, in_coordinates)
     correlation = correlation * np.outer(np.sign(slope), np.sign(slope))

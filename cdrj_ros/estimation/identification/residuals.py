@@ -32,7 +32,7 @@ Stamps = NDArray[np.int64]
 CHUNK: Final = 20_000
 """Samples that are estimated in one go: what is not compared need not be kept."""
 
-CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period")
+CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period", "correction")
 """Keys of motors and joints that change the samples themselves."""
 
 TENSION, NODAL_FORCE, EFFORT = "tension", "nodal_force", "effort"
