@@ -25,6 +25,7 @@ PLACES = {
     "motor": "`motors[]`",
     "joint": "`joints[]`",
     "frame": "`frames[]`",
+    "correction": "`motors[].correction`, `joints[].correction`",
     "friction": "`friction`, `cables[].friction`, `cables[].nodes[].friction`",
     "cable": "`cables[]`",
     "winch": "`cables[].nodes[]` with `type: winch`",

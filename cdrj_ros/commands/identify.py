@@ -1,4 +1,4 @@
-"""``identify``: parameters of the robot file from bags, with standard errors and hold-out figures."""
+"""``identify``: numbers of the robot file from bags, with standard errors and hold-out figures."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime, timezone
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -13,6 +14,7 @@ from time import monotonic, perf_counter
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdrj_ros import __version__
 from cdrj_ros.bag import Recording, Topics
@@ -21,7 +23,7 @@ from cdrj_ros.commands.shared import (
     LINE_S,
     add_topic_options,
     progress_bar,
-    _robot_file as robot_file,
+    robot_path,
     run_command,
     topics_of,
 )
@@ -31,10 +33,8 @@ from cdrj_ros.estimation.conditioning import Readings
 from cdrj_ros.estimation.identification.residuals import Recorded
 from cdrj_ros.estimation.identification.solution import LOSSES
 from cdrj_ros.estimation.identification.unknowns import (
-    Unknown,
     parse_unknowns,
     starting_values,
-    values_by_path,
     with_bounds,
     with_priors,
 )
@@ -109,6 +109,10 @@ def _parser() -> argparse.ArgumentParser:
         "--cross-validate", nargs="*", metavar="NAMES",
         help="fit again without each bag, or without the bags whose names match, and judge them",
     )  # fmt: skip
+    parser.add_argument(
+        "--quick", action="store_true",
+        help="leave out the last round over every sample: thinned ones, to 100 Hz, do for a look",
+    )  # fmt: skip
     parser.add_argument("--json", metavar="FILE", help="write what was found as JSON")
     add_topic_options(parser)
     return parser
@@ -118,7 +122,7 @@ def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     begin = perf_counter()
     settings = _settings(arguments)
-    path = robot_file(arguments.robot)
+    path = robot_path(arguments.robot)
     document, source = load_document(path)
     start = starting_values(document, arguments.start)
     document = with_numbers(document, start)
@@ -191,6 +195,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         arguments.starts,
         arguments.seed,
         arguments.settle,
+        arguments.quick,
     )
 
 
@@ -313,7 +318,7 @@ def _cross_validated(
                 f"{', '.join(names)}"
             )
         again = [
-            _started_at(u, float(v)) for u, v in zip(found.unknowns, found.values, strict=True)
+            replace(u, start=float(v)) for u, v in zip(found.unknowns, found.values, strict=True)
         ]
         fold = identify(begin, source, again, others, rough, _Lines())
         robot = build_robot(with_numbers(document, fold.by_path), source)
@@ -331,13 +336,7 @@ def _cross_validated(
     return unseen
 
 
-def _started_at(unknown: Unknown, value: float) -> Unknown:
-    from dataclasses import replace
-
-    return replace(unknown, start=value)
-
-
-def _expanded(found: Identification) -> tuple[list[str], np.ndarray, np.ndarray]:
+def _expanded(found: Identification) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
     """Paths, standard deviations and correlation of all places, tied ones included."""
     paths = [path for unknown in found.unknowns for path in unknown.paths]
     signs = np.array([sign for unknown in found.unknowns for sign in unknown.signs], dtype=float)

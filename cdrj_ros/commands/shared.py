@@ -112,7 +112,7 @@ def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model
     Raises:
         CdrjError: what is wrong with either, in one line.
     """
-    document, source = load_document(_robot_file(path))
+    document, source = load_document(robot_path(path))
     if not preload:
         return prepare(build_robot(document, source))
     try:
@@ -130,7 +130,12 @@ def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model
     return prepare(build_robot(document, source))
 
 
-def _robot_file(path: str) -> Path:
+def robot_path(path: str) -> Path:
+    """The robot file; a bare name means one of the installed ones.
+
+    Raises:
+        RobotFileError: there is none of that name.
+    """
     if not Path(path).exists() and "/" not in path and not path.endswith(".yaml"):
         for folder in _installed_robots():
             if (folder / f"{path}.yaml").exists():

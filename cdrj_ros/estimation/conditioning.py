@@ -125,6 +125,8 @@ class _Channel:
             reading = reading + sensor.period * self.turns_at(reading)
         if sensor.scale != 1.0 or sensor.offset != 0.0:
             reading = sensor.scale * reading + sensor.offset
+        if sensor.corrected_at:
+            reading += float(np.interp(reading, sensor.corrected_at, sensor.correction))
         return reading
 
     def velocity(self) -> float:
@@ -453,6 +455,8 @@ def _angles(readings: Readings, sensor: Sensor) -> Readings:
         value = value + sensor.period * turns
     if sensor.scale != 1.0 or sensor.offset != 0.0:
         value = sensor.scale * value + sensor.offset
+    if sensor.corrected_at:
+        value = value + np.interp(value, sensor.corrected_at, sensor.correction)
     return Readings(stamps, readings.arrival_ns, value)
 
 

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.identification.certainty import certainty
+from cdrj_ros.estimation.identification.certainty import certainty, effective_variance
 from cdrj_ros.estimation.identification.residuals import (
     CONDITIONING_KEYS,
     Observations,
@@ -29,6 +29,7 @@ from cdrj_ros.estimation.identification.residuals import (
     spreads,
 )
 from cdrj_ros.estimation.identification.solution import (
+    LAST_TOLERANCE,
     LOSSES,
     Progress,
     jacobian,
@@ -57,6 +58,7 @@ MOST_RESIDUALS: Final = 400_000
 
 COARSE_STEPS: Final = 60
 FINE_STEPS: Final = 6
+ROBUST_ROUNDS: Final = 3
 
 WEIGHTS: Final = ("spread", "noise")
 
@@ -117,7 +119,7 @@ def identify(
     unknowns: Sequence[Unknown],
     recordings: Sequence[Recorded],
     settings: Settings = Settings(),
-    say: Progress = lambda text: None,
+    say: Progress | None = None,
 ) -> Identification:
     """Find the unknowns.
 
@@ -134,18 +136,19 @@ def identify(
         RobotFileError: the numbers to start from describe no possible robot.
     """
     _check(unknowns, recordings, settings)
+    say = say or _silent
     model = prepare(build_robot(document, source))
     channels = chosen_channels(model.layout, recordings, settings.channels)
-    sigmas = spreads(model.layout, recordings, channels, settings.weights)
+    sigmas = spreads(recordings, channels, settings.weights)
     sigmas |= _given_sigmas(channels, settings.sigmas or {})
-    moving = any(path.rsplit(".", 1)[-1] in CONDITIONING_KEYS for u in unknowns for path in u.paths)
+    moving = any(_changes_samples(path) for unknown in unknowns for path in unknown.paths)
     total = sum(samples_of(model, one).stamp_ns.size for one in recordings)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
 
         def problem(coarse: bool) -> Problem:
             observations = [
                 observe(
-                    model, one, sigmas, _stride(model, one, total) if coarse else 1,
+                    model, one, sigmas, _stride(one, total) if coarse else 1,
                     MOST_RESIDUALS // len(recordings), settings.settle_s, moving,
                 )
                 for one in recordings
@@ -161,13 +164,22 @@ def identify(
             rough, settings.starts, settings.seed, "linear", COARSE_STEPS, say
         )
         best = found[0]
-        if loss != "linear":
+        if any(unknown.prior for unknown in unknowns):
+            # a prior weighs as much as its standard deviation says only if the residuals do
+            here = rough.residuals(best.coordinates)
+            rough.prior_scale = float(np.sqrt(effective_variance(rough, here)))
+            best = solve(rough, best.coordinates, "linear", COARSE_STEPS, say)
+        for _ in range(ROBUST_ROUNDS if loss != "linear" else 0):
+            # outliers have moved the first fit, and with it what counts as one: look again
             best = solve(rough, best.coordinates, loss, COARSE_STEPS, say)
         last, coordinates, evaluations = rough, best.coordinates, 0
         if last_round:
             last = problem(coarse=False)
+            last.prior_scale = rough.prior_scale
             say(f"all {_count(last)} samples")
-            coordinates = solve(last, coordinates, loss, FINE_STEPS, say).coordinates
+            coordinates = solve(
+                last, coordinates, loss, FINE_STEPS, say, LAST_TOLERANCE
+            ).coordinates
             evaluations = last.evaluations
         say("standard errors")
         here = rough.residuals(coordinates)
@@ -192,6 +204,15 @@ def identify(
         )
 
 
+def _changes_samples(path: str) -> bool:
+    parts = path.split(".")
+    return parts[0] in ("motors", "joints") and not set(parts).isdisjoint(CONDITIONING_KEYS)
+
+
+def _silent(text: str) -> None:
+    del text
+
+
 def _check(unknowns: Sequence[Unknown], recordings: Sequence[Recorded], settings: Settings) -> None:
     if not unknowns:
         raise UsageError("there is nothing to fit")
@@ -208,7 +229,7 @@ def _check(unknowns: Sequence[Unknown], recordings: Sequence[Recorded], settings
 def _given_sigmas(channels: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
     from fnmatch import fnmatchcase
 
-    result = {}
+    result: dict[str, float] = {}
     for pattern, sigma in given.items():
         matching = [name for name in channels if fnmatchcase(name, pattern)]
         if not matching:
@@ -217,7 +238,7 @@ def _given_sigmas(channels: Sequence[str], given: Mapping[str, float]) -> dict[s
     return result
 
 
-def _stride(model: object, recorded: Recorded, total: int) -> int:
+def _stride(recorded: Recorded, total: int) -> int:
     """Thinning of the first rounds, never below ``LOWEST_RATE``."""
     stamps = next(iter({**recorded.motors, **recorded.joints}.values())).stamp_ns
     duration = max(float(stamps[-1] - stamps[0]) * 1e-9, 1e-9)

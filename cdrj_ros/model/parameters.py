@@ -209,7 +209,8 @@ def _expanded(
 
 def _named(document: Document, spot: _Spot) -> list[str]:
     """The path of a place, with names and counts from 1."""
-    names, value = [], document
+    names: list[str] = []
+    value: Any = document
     for key in spot.keys:
         if isinstance(key, str):
             names.append(key)

@@ -29,6 +29,10 @@ class Sensor:
     """Size of a count [rad]."""
     noise: float = 0.0
     """Standard deviation of a reading beside its resolution [rad]."""
+    corrected_at: tuple[float, ...] = ()
+    """Angles at which ``correction`` is given, increasing [rad]; empty for none."""
+    correction: tuple[float, ...] = ()
+    """Added to the angle: straight between these values, the outermost beyond them [rad]."""
 
 
 @dataclass(frozen=True)

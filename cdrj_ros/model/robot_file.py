@@ -165,7 +165,27 @@ class _Builder:
             round(entry.get("clock_offset", 0.0) * 1e9),
             float(entry.get("resolution", 0.0)),
             float(entry.get("noise", 0.0)),
+            *self._correction(f"{path}.correction", entry.get("correction")),
         )
+
+    def _correction(
+        self, path: str, entry: Document | None
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        if entry is None:
+            return (), ()
+        angle, value = tuple(map(float, entry["angle"])), tuple(map(float, entry["value"]))
+        if len(angle) != len(value):
+            raise self.error(
+                f"{path}.value", f"must have {len(angle)} entries like angle, got {len(value)}"
+            )
+        steps = np.diff(angle)
+        if not np.all(steps > 0.0):
+            raise self.error(f"{path}.angle", "must increase")
+        if not np.all(np.diff(value) > -steps):
+            raise self.error(
+                f"{path}.value", "falls so steeply that two readings would be one angle"
+            )
+        return angle, value
 
     def _passive(self, entry: Document) -> PassiveTorque:
         torque = float(entry.get("bearing_torque", 0.0))

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from math import sqrt
 from typing import Final
 
 import numpy as np
@@ -31,7 +32,7 @@ Stamps = NDArray[np.int64]
 CHUNK: Final = 20_000
 """Samples that are estimated in one go: what is not compared need not be kept."""
 
-CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period")
+CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period", "correction")
 """Keys of motors and joints that change the samples themselves."""
 
 TENSION, NODAL_FORCE, EFFORT = "tension", "nodal_force", "effort"
@@ -128,13 +129,10 @@ def samples_of(model: Model, recorded: Recorded) -> Samples:
     return segments[-1]
 
 
-def spreads(
-    layout: Layout, recordings: Sequence[Recorded], channels: Sequence[str], rule: str
-) -> dict[str, float]:
+def spreads(recordings: Sequence[Recorded], channels: Sequence[str], rule: str) -> dict[str, float]:
     """Unit of every channel's residual.
 
     Args:
-        layout: of the robot.
         recordings: all of them.
         channels: their names.
         rule: ``spread``: how much the references of its kind vary, so that a fit explains as much
@@ -151,7 +149,7 @@ def spreads(
     for name in channels:  # each motor and joint is a kind of its own: they differ in lever arms
         kind = name.split("/", 1)[0]
         kinds.setdefault(name if kind == EFFORT else kind, []).append(name)
-    result = {}
+    result: dict[str, float] = {}
     for members in kinds.values():
         variance = [float(np.var(np.concatenate(values[name]))) for name in members]
         result |= dict.fromkeys(members, max(float(np.sqrt(np.mean(variance))), 1e-9))
@@ -163,8 +161,8 @@ def _noise(values: Vector) -> float:
     steps = np.abs(np.diff(values))
     count = float(steps[steps > 0.0].min()) if np.any(steps > 0.0) else 0.0
     bend = np.abs(np.diff(values, 2))
-    white = float(np.median(bend)) / 0.6745 / np.sqrt(6.0) if bend.size else 0.0
-    return max(white, min(count, float(np.std(values))) / np.sqrt(12.0), 1e-9)
+    white = float(np.median(bend)) / 0.6745 / sqrt(6.0) if bend.size else 0.0
+    return max(white, min(count, float(np.std(values))) / sqrt(12.0), 1e-9)
 
 
 class Problem:
@@ -182,6 +180,11 @@ class Problem:
         self.source = source
         self.unknowns = tuple(unknowns)
         self.observations = tuple(observations)
+        self.begin = prepare(build_robot(document, source))
+        """The model of the document's own numbers."""
+        self.prior_scale = 1.0
+        """What a prior's residual is multiplied by: the standard deviation of a residual as if
+        all were independent."""
         self.evaluations = 0
         """Runs of all recordings so far."""
         self._pool = pool

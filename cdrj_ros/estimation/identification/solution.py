@@ -25,8 +25,11 @@ INSIDE: Final = 1e-3
 HUBER: Final = 1.345
 """Where a robust loss bends, in standard deviations of a channel's residual."""
 
-TOLERANCE: Final = 1e-6
+TOLERANCE: Final = 1e-5
 """Relative change of the cost, or of the coordinates, that ends a round."""
+
+LAST_TOLERANCE: Final = 1e-3
+"""The same for the last round, which starts close to its end."""
 
 Progress = Callable[[str], None]
 
@@ -46,6 +49,7 @@ def solve(
     loss: str,
     most_steps: int,
     say: Progress,
+    tolerance: float = TOLERANCE,
 ) -> Solved:
     """Least squares from one start.
 
@@ -80,8 +84,8 @@ def solve(
         bounds=(lower, upper),
         loss=_robust(loss, problem, first) if loss != "linear" else "linear",
         max_nfev=most_steps,
-        ftol=TOLERANCE,
-        xtol=TOLERANCE,
+        ftol=tolerance,
+        xtol=tolerance,
         gtol=1e-12,
     )
     return Solved(found.x, float(found.cost), int(found.nfev))
@@ -94,9 +98,9 @@ def limits(problem: Problem) -> tuple[Vector, Vector]:
 
 
 def with_priors(problem: Problem, coordinates: Vector, residuals: Vector) -> Vector:
-    """Residuals followed by what the priors say."""
+    """Residuals followed by those of the priors."""
     priors = [
-        (unknown.value(float(x)) - unknown.prior[0]) / unknown.prior[1]
+        problem.prior_scale * (unknown.value(float(x)) - unknown.prior[0]) / unknown.prior[1]
         for unknown, x in zip(problem.unknowns, coordinates, strict=True)
         if unknown.prior is not None
     ]
@@ -233,10 +237,9 @@ def many_starts(
             begins.append(drawn)
     found = []
     for k, begin in enumerate(begins):
-        label = f"start {k + 1} of {len(begins)}, " if len(begins) > 1 else ""
-        found.append(
-            solve(problem, begin, loss, most_steps, lambda text, label=label: say(label + text))
-        )
+        if len(begins) > 1:
+            say(f"start {k + 1} of {len(begins)}")
+        found.append(solve(problem, begin, loss, most_steps, say))
     found.sort(key=lambda solved: solved.cost)
     best = found[0]
     same = sum(solved.cost <= best.cost * 1.01 + 1e-12 for solved in found)

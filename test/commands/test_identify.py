@@ -1,0 +1,230 @@
+"""identify as a user runs it, in this process: rig bags in, a robot file out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.bag import BagWriter, Topics
+from cdrj_ros.commands import identify, validate
+from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.model.parameters import number_at, with_numbers
+from cdrj_ros.model.plan import prepare
+from cdrj_ros.model.robot_file import build_robot, load_document, load_robot
+from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
+from cdrj_ros.rig.truth import simulate
+
+ROOT = Path(__file__).parents[2]
+ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
+SAMPLE = ROOT / "bags" / "prototype_preload_36_26"
+EPOCH_NS = 1_700_000_000_000_000_000
+
+WriteRig = Callable[..., Path]
+
+
+@pytest.fixture(scope="session")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> WriteRig:
+    """Bags of the simulated rig: contact in cells, encoders of 14 bit and 81 920 counts."""
+
+    def write(
+        name: str,
+        numbers: dict[str, float],
+        amplitude: float,
+        frequency: float,
+        seconds: float,
+        cells: int = 6,
+    ) -> Path:
+        document, source = load_document(ROBOT)
+        robot = build_robot(with_numbers(document, numbers), source)
+        time = np.arange(round(seconds * 1000.0) + 1) / 1000.0
+        share = np.minimum(time * frequency, 1.0)
+        grown = share * share * (3.0 - 2.0 * share)
+        angle = amplitude * grown * np.sin(2.0 * np.pi * frequency * time)
+        speed = np.gradient(angle, time)
+        torque = RollingLoad(load_mass=0.3).torque(angle, speed, np.gradient(speed, time))
+        truth = simulate(robot, time, angle, torque, cells=cells)
+        path = tmp_path_factory.mktemp("rig") / name
+        layout, topics = prepare(robot).layout, Topics()
+        generator = np.random.default_rng(3)
+        at = time[10::10]
+        stamps = EPOCH_NS + np.round(at * 1e9).astype(np.int64)
+
+        def read(values: Any, noise: float) -> np.ndarray:
+            table = np.reshape(values, (time.size, -1))[10::10]
+            return np.asarray(table + generator.normal(0.0, noise, table.shape))
+
+        with BagWriter(path) as bag:
+            for topic, encoder, names, values in (
+                (topics.motors, replace(MOTOR_ENCODER, rate=500.0), layout.motors,
+                 truth.motor_angle),
+                (topics.joints, JOINT_ENCODER, layout.joints, truth.joint_angle),
+            ):  # fmt: skip
+                times = reading_times(0.0, seconds, encoder.rate, encoder.phase_s)
+                flat = np.reshape(values, (time.size, -1))[:, 0]
+                readings = read_encoder(encoder, times, time, flat)
+                bag.write_joint_states(
+                    topic, EPOCH_NS + np.round(times * 1e9).astype(np.int64), names,
+                    position=readings[:, None],
+                )  # fmt: skip
+            bag.write_tensions(
+                topics.references[0], stamps, layout.elements, read(truth.tension, 0.02)
+            )
+            bag.write_nodal_forces(
+                topics.references[1], stamps, layout.pulleys, read(truth.nodal_force, 0.02)
+            )
+            both = np.hstack(
+                [np.reshape(e, (time.size, -1)) for e in (truth.motor_effort, truth.joint_effort)]
+            )
+            bag.write_joint_states(
+                topics.references[2], stamps, layout.motors + layout.joints,
+                effort=read(both, 0.0005),
+            )  # fmt: skip
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def fitted_bag(rig: WriteRig) -> Path:
+    return rig("slow", {}, 0.62, 0.1, 21.0)
+
+
+@pytest.fixture(scope="session")
+def other_motion(rig: WriteRig) -> Path:
+    return rig("fast", {}, 0.45, 0.25, 9.0)
+
+
+def test_five_numbers_twenty_percent_off_are_recovered_and_another_motion_is_followed(
+    fitted_bag: Path, other_motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The truth has contact cells that the model lacks: standard errors must allow for it."""
+    out, figures = tmp_path / "identified.yaml", tmp_path / "figures.json"
+    off = {
+        "cables.upper.friction.rho": 0.24,
+        "cables.lower.friction.rho": 0.16,
+        "cables.upper.preload": 36.85 * 0.8,
+        "cables.lower.preload": 26.26 * 1.2,
+        "cables.*.axial_stiffness": 6283.2 * 0.8,
+    }
+    starts = [word for name, value in off.items() for word in ("--start", f"{name}={value}")]
+    code = identify.main(
+        [
+            str(fitted_bag), "--robot", str(ROBOT), "--fit", ",".join(off), *starts,
+            "--out", str(out), "--json", str(figures), "--hold-out", str(other_motion),
+        ]
+    )  # fmt: skip
+    assert code == 0
+    truth, _ = load_document(ROBOT)
+    found = json.loads(figures.read_text())
+    for one in found["parameters"]:
+        right = number_at(truth, one["paths"][0])
+        assert abs(one["value"] - right) < 2.0 * one["stddev"], one
+        assert abs(one["value"] / right - 1.0) < 0.02, one
+        assert one["stddev"] < 0.05 * right, "known, not just allowed for"
+
+    checked = tmp_path / "validate.json"
+    assert validate.main([str(other_motion), "--robot", str(out), "--json", str(checked)]) == 0
+    channels = json.loads(checked.read_text())["all"]["channels"]
+    errors = [c["mean_relative_error"] for n, c in channels.items() if n.startswith("tension/")]
+    assert len(errors) == 16
+    assert np.mean(errors) <= 0.015
+    for name, figure in found["hold_out"].items():
+        assert figure["rmse"] == pytest.approx(channels[name]["rmse"], rel=1e-9), (
+            "the file gives the figures that identify has printed"
+        )
+    assert "errors on bags held out" in capsys.readouterr().out
+
+
+def test_the_written_file_keeps_its_comments_and_says_where_its_numbers_come_from(
+    fitted_bag: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "identified.yaml"
+    assert identify.main(
+        [str(fitted_bag), "--robot", str(ROBOT), "--fit", "friction.rho,cables.*.preload",
+         "--quick", "--start", "cables.*.preload=30", "--out", str(out)]
+    ) == 0  # fmt: skip
+    text = out.read_text()
+    for line in ROBOT.read_text().splitlines():
+        if "#" in line:
+            assert line.partition("#")[2] in text
+    robot = load_robot(out)
+    assert robot.uncertainty is not None
+    assert robot.uncertainty.parameters == (
+        "friction.rho", "cables.upper.preload", "cables.lower.preload",
+    )  # fmt: skip
+    covariance = robot.uncertainty.covariance
+    assert covariance[1, 2] == pytest.approx(covariance[1, 1], rel=1e-3), "tied: one number"
+    document, _ = load_document(out)
+    story = document["identified"]
+    assert story["bags"] == ["slow"]
+    assert story["tool"].startswith("cdrj_ros ")
+    assert set(story["fit"]) == set(story["references"])
+    assert str(tmp_path) not in text
+
+
+@pytest.mark.parametrize(("upper", "lower"), [(0.1114, 0.3920), (0.1100, 0.1315)])
+def test_equation_44_finds_the_rho_of_both_cables_from_a_nodal_force_and_a_tension(
+    rig: WriteRig, upper: float, lower: float, tmp_path: Path
+) -> None:
+    truth = {"cables.upper.friction.rho": upper, "cables.lower.friction.rho": lower}
+    bag = rig("published_rho", truth, 0.62, 0.1, 15.0, cells=4)
+    figures = tmp_path / "figures.json"
+    assert identify.main(
+        [str(bag), "--robot", str(ROBOT), "--fit", "rho", "--quick", "--json", str(figures),
+         "--channels", "nodal_force/*/3,tension/*/8"]
+    ) == 0  # fmt: skip
+    found = {p["paths"][0]: p["value"] for p in json.loads(figures.read_text())["parameters"]}
+    assert found == pytest.approx(truth, abs=0.01)
+
+
+def test_bags_are_judged_by_fits_that_have_not_seen_them(
+    fitted_bag: Path, other_motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figures = tmp_path / "figures.json"
+    assert identify.main(
+        [str(fitted_bag), str(other_motion), "--robot", str(ROBOT), "--fit", "friction.rho",
+         "--quick", "--cross-validate", "--json", str(figures)]
+    ) == 0  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "without slow" in printed
+    assert "without fast" in printed
+    found = json.loads(figures.read_text())
+    both, unseen = found["fit"], found["cross_validation"]
+    assert unseen["tension/upper/8"]["n"] == both["tension/upper/8"]["n"]
+    assert unseen["tension/upper/8"]["rmse"] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "taught"),
+    [
+        (["--fit", "roh"], "did you mean"),
+        (["--fit", "cables.uper.preload"], "did you mean upper?"),
+        (["--fit", "friction.rho", "--bounds", "friction.rho=1:0"], "must be less than"),
+        (["--fit", "friction.rho", "--bounds", "rhoo=0:1"], "not among what is fitted"),
+        (["--fit", "friction.rho", "--prior", "friction.rho=0.1:0"], "greater than 0"),
+        (["--fit", "friction.rho", "--start", "friction.rho=x"], "is not a number"),
+        (["--fit", "friction.rho", "--start", "friction.rho=3"], "rho must be at most 1"),
+        (["--fit", "friction.rho", "--sigma", "tension/*"], "NAME=VALUE"),
+        (["--fit", "friction.rho", "--channels", "tension/upper/99"], "there are tension/upper/1"),
+        (["--fit", "friction.rho", "--hold-out", str(SAMPLE)], "fitted and held out at once"),
+        (["--fit", "friction.rho", "--starts", "0"], "starts must be in"),
+        (["--fit", "friction.rho", "--robot", "no_such_robot"], "no robot file no_such_robot"),
+        (["--fit", "friction.rho", "--cross-validate", "x*"], "must match some of the bags"),
+    ],
+)
+def test_a_mistake_is_answered_in_one_line_that_teaches(
+    arguments: list[str], taught: str, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setattr("cdrj_ros.commands.identify._Lines.__call__", lambda *_: None)
+    assert identify.main([str(SAMPLE), "--robot", str(ROBOT), "--quick", *arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("identify: ")
+    assert taught in error
+    assert len(error.splitlines()) == 1
