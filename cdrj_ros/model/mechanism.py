@@ -114,8 +114,9 @@ OK, SLACK, OVERLOAD, UNSURE, STALE, INVALID = 0, 1, 2, 4, 8, 16
     LAST_RADIUS,
     LAST_WINDING,
     WOUND_TENSION,
+    SLACK_TENSION,
     CABLE_NUMBERS,
-) = range(9)
+) = range(10)
 
 # A term adds a tabulated function of one joint to a span or a wrap.
 TARGET, TARGET_INDEX, TERM_JOINT, TERM_TABLE, TERM_COLUMNS = range(5)
@@ -429,10 +430,11 @@ def _report_cable(
     first = plan[row + FIRST_ELEMENT]
     last = first + plan[row + ELEMENT_COUNT]
     most = numbers[at + MAXIMUM_TENSION]
+    least = numbers[at + SLACK_TENSION]
     for e in range(first, last):
         t = tension[e]
         flag = OK if solved else INVALID
-        if t <= 0.0:
+        if t <= least:
             flag |= SLACK
         if t > most:
             flag |= OVERLOAD

@@ -218,6 +218,7 @@ def _pack(robot: Robot) -> Model:
                 *((first.radius, first.winding) if isinstance(first, Winch) else (0.0, 0.0)),
                 *((last.radius, last.winding) if isinstance(last, Winch) else (0.0, 0.0)),
                 cable.preload,
+                cable.slack_tension,
             ]
         )
         for k, pulley in enumerate(cable.pulleys):

@@ -224,6 +224,8 @@ class Cable:
     """Length between tangent points of every element [m]; empty for cables given by positions."""
     maximum_tension: float = float("inf")
     """Above this an element counts as overloaded [N]."""
+    slack_tension: float = 0.1
+    """At or below this an element counts as slack [N]."""
     sensor_noise: float = 0.1
     """Standard deviation of a load cell whose messages do not give one [N]."""
     law: str = "elastoplastic"

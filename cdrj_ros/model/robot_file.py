@@ -331,6 +331,7 @@ class _Builder:
             nodes,
             spans,
             float(entry.get("max_tension", np.inf)),
+            float(entry.get("slack_tension", 0.1)),
             float(entry.get("sensor_noise", 0.1)),
             law,
         )
