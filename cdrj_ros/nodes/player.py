@@ -68,7 +68,7 @@ class Ending(enum.Enum):
     END = "at the end"
     SOUGHT = "by a seek"
     USER = "by the user"
-    GONE = "the estimator went away"
+    GONE = "as the estimator went away"
 
 
 @dataclass(frozen=True)
