@@ -51,6 +51,9 @@ PRESENCE_S: Final = 0.5
 NEWS_S: Final = 3.0
 """Time between two lines of what is still missing [s]."""
 
+SETTLE_S: Final = 2.0
+"""How long to wait for other listeners, so that they miss no message either [s]."""
+
 ANSWER_S: Final = 5.0
 """How long a service of the estimator may take [s]."""
 
@@ -65,7 +68,7 @@ class Ending(enum.Enum):
     END = "at the end"
     SOUGHT = "by a seek"
     USER = "by the user"
-    GONE = "the estimator went away"
+    GONE = "as the estimator went away"
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,14 @@ class ReplayNode(Node):
                 gaps.append(f"no service {client.srv_name}")
         return gaps
 
+    def unconnected(self) -> list[str]:
+        """Topics played of which a listener is known but not connected yet."""
+        return [
+            p.topic_name
+            for p in (*self.inputs, *self.extras.values())
+            if p.get_subscription_count() < self.count_subscribers(p.topic_name)
+        ]
+
     def rivals(self) -> list[str]:
         """Topics of the answers on which more than one node publishes."""
         return [topic for topic in self.outputs if self.count_publishers(topic) > 1]
@@ -208,7 +219,8 @@ class ReplayNode(Node):
         """How the estimator brings its topics together: its parameter of that name."""
         future = self._ping.call_async(GetParameters.Request(names=["conditioning"]))
         executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
-        mode = str(future.result().values[0].string_value) if future.done() else ""
+        values = future.result().values if future.done() else []
+        mode = str(values[0].string_value) if values else ""
         return mode if mode in MODES else MODES[0]
 
     def publish_clock(self, time_ns: int) -> None:
@@ -298,6 +310,7 @@ class Player:
         """
         begin = monotonic()
         news = begin + NEWS_S
+        told: list[str] = []
         while missing := self.node.missing():
             self.executor.spin_once(timeout_sec=0.05)
             self._read_keys()
@@ -311,7 +324,14 @@ class Player:
                 )
             if now > news:
                 news = now + NEWS_S
-                self.display.say(f"still waiting after {now - begin:.0f} s: {'; '.join(missing)}")
+                what = "" if missing == told else f": {'; '.join(missing)}"
+                self.display.say(f"still waiting after {now - begin:.0f} s{what}")
+                told = missing
+        settled = monotonic() + SETTLE_S
+        while self.node.unconnected() and monotonic() < settled and not self.stopping:
+            self.executor.spin_once(timeout_sec=0.05)
+        for topic in self.node.unconnected():
+            self.display.say(f"warning: a listener of {topic} has a QoS that does not fit")
         self._conditioning = self.node.conditioning(self.executor)
         for topic in self.node.rivals():
             self.display.say(f"warning: several nodes publish {topic}; their answers mix")

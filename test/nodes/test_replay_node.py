@@ -165,6 +165,58 @@ def test_a_part_of_a_bag_is_answered_completely(
     assert 1490 < int(facts["estimates expected"]) <= 1501
 
 
+def test_other_topics_play_beside_the_inputs_as_they_were_recorded(
+    estimator: Any, replay: Any, short_bag: str, node: Any, tmp_path: Path
+) -> None:
+    import rclpy
+    from cdrj_msgs.msg import CableTensions
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from rosgraph_msgs.msg import Clock
+    from std_srvs.srv import Trigger
+
+    heard: list[float] = []
+    clocks: list[float] = []
+
+    def seconds(stamp: Any) -> float:
+        return float(stamp.sec + stamp.nanosec * 1e-9)
+
+    latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(
+        CableTensions, "/recorded", lambda m: heard.append(seconds(m.header.stamp)), latched
+    )
+    node.create_subscription(Clock, "/clock", lambda m: clocks.append(seconds(m.clock)), 1000)
+    resume = node.create_client(Trigger, "/cdrj/replay/resume")
+    qos = tmp_path / "qos.yaml"
+    qos.write_text("/reference/tensions: {durability: transient_local, depth: 500}\n")
+    one = replay(
+        short_bag, "--topics", "/reference/tensions", "--remap", "/reference/tensions:=/recorded",
+        "--qos-profile-overrides-path", str(qos), "--clock-topics", "/reference/tensions",
+        "--rate", "2", "--playback-duration", "2", "--wait-for-all-acked", "10", "--start-paused",
+    )  # fmt: skip
+    one.wait_for("playing ")
+    deadline = time.monotonic() + 2 * PATIENCE_S
+    while not (node.count_publishers("/recorded") and node.count_publishers("/clock")):
+        rclpy.spin_once(node, timeout_sec=0.05)
+        assert time.monotonic() < deadline, one.output
+    assert resume.wait_for_service(PATIENCE_S)
+    resumed = resume.call_async(Trigger.Request())
+    while one.process.poll() is None:
+        rclpy.spin_once(node, timeout_sec=0.1)
+        assert time.monotonic() < deadline, one.output
+    assert resumed.done()
+    code, out = one.finish()
+    for _ in range(100):
+        rclpy.spin_once(node, timeout_sec=0.0)
+    assert code == 0, out
+    recording = read_recording(short_bag)
+    stamps = next(iter(recording.references.values())).stamp_ns
+    expected = stamps[stamps <= recording.start_ns + 2_000_000_000]
+    assert len(heard) == len(expected) > 100, out
+    assert heard[0] == pytest.approx(expected[0] * 1e-9)
+    assert clocks == pytest.approx(heard)
+    assert "ms behind the recorded time" in out
+
+
 def test_a_slow_and_late_channel_neither_stalls_nor_loses_anything(
     estimator: Any, replay: Any, tmp_path: Path
 ) -> None:
