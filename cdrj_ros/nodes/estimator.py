@@ -24,7 +24,7 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_ros.cdr import JointStateDecoder, MessageError, joint_state_efforts
+from cdrj_ros.cdr import JointStateDecoder, MessageError, cable_tensions, joint_state_efforts
 from cdrj_ros.commands.shared import BAD_INPUT, DONE, load_model
 from cdrj_ros.conversions import EstimateEncoder, marked_stale
 from cdrj_ros.estimation.estimator import Sample
@@ -179,6 +179,7 @@ class EstimatorNode(Node):
                 "tension_sensors",
                 self._on_tensions,
                 qos,
+                raw=True,
                 qos_overriding_options=overridable,
             )
 
@@ -215,11 +216,11 @@ class EstimatorNode(Node):
         self.efforts.publish(self.encoder.efforts(estimate))
         self._published += 1
 
-    def _on_tensions(self, message: CableTensions) -> None:
-        stamp = message.header.stamp
-        self.live.feed_tensions(
-            stamp.sec * 1_000_000_000 + stamp.nanosec, message.name, message.tension, message.stddev
-        )
+    def _on_tensions(self, payload: bytes) -> None:
+        try:
+            self.live.feed_tensions(*cable_tensions(payload))
+        except MessageError:
+            self.live.conditioner.refused["malformed"] += 1
 
     def _on_watch(self) -> None:
         """Say again, and marked stale, what was known when the inputs fell silent."""

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 from cdrj_ros.estimation.conditioning import MODES
 from cdrj_ros.estimation.live import LiveEstimator, Options
-from cdrj_ros.model.document import schema
+from cdrj_ros.model.document import LARGEST, schema
 from cdrj_ros.model.errors import CdrjError, UsageError
 from cdrj_ros.model.parameters import number_at
 
@@ -141,16 +141,22 @@ def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
                 value = number_at(dict(live.original), change.name)
             elif value < 0.0:
                 raise UsageError(f"{change.name} must be at least 0, or {UNSET:g}; got {value:g}")
+            elif not value <= LARGEST:
+                raise UsageError(f"{change.name} must be a finite number, got {value:g}")
             values[change.name] = value
         elif change.name == "preload":
             if change.value is None:
                 raise UsageError("preload cannot be unset while running")
             preload = list(change.value)
+        elif change.name == "unsure_share" and not change.value > 0.0:
+            raise UsageError(f"unsure_share must be greater than 0, got {change.value:g}")
     cables = [cable.name for cable in live.model.robot.cables]
     if preload is not None and len(preload) != len(cables):
         raise UsageError(
             f"preload needs {len(cables)} tensions, of {', '.join(cables)}; got {len(preload)}"
         )
+    if preload is not None and not all(0.0 <= value < 1e6 for value in preload):
+        raise UsageError(f"preload must be in [0, 1e6) N, got {preload}")
     before = live.model
     if values:
         words.append(live.set_numbers(values))
