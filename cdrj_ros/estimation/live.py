@@ -222,8 +222,8 @@ class LiveEstimator:
         self,
         stamp_ns: int,
         names: Sequence[str],
-        tensions: Sequence[float],
-        stddevs: Sequence[float],
+        tensions: Sequence[float] | Vector,
+        stddevs: Sequence[float] | Vector,
     ) -> None:
         """Take a message of load cells; they are used with the sample that reaches their stamp.
 

@@ -118,8 +118,19 @@ def declare_friction(node: Node) -> dict[str, float]:
             f"{rule['description']} Instead of the robot file's common value; {UNSET:g}: that one",
         )  # fmt: skip
         if value != UNSET:
+            if not 0.0 <= value <= LARGEST:
+                raise UsageError(f"friction.{key} must be at least 0, or {UNSET:g}; got {value:g}")
             given[f"friction.{key}"] = value
     return given
+
+
+def _friction_value(live: LiveEstimator, name: str, value: float) -> float:
+    """What a friction parameter means."""
+    if value == UNSET:
+        return number_at(dict(live.original), name)
+    if not 0.0 <= value <= LARGEST:
+        raise UsageError(f"{name} must be in [0, {LARGEST:g}], or {UNSET:g}; got {value:g}")
+    return value
 
 
 def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
@@ -136,14 +147,7 @@ def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
     preload: Sequence[float] | None = None
     for change in changes:
         if change.name.startswith("friction."):
-            value = float(change.value)
-            if value == UNSET:
-                value = number_at(dict(live.original), change.name)
-            elif value < 0.0:
-                raise UsageError(f"{change.name} must be at least 0, or {UNSET:g}; got {value:g}")
-            elif not value <= LARGEST:
-                raise UsageError(f"{change.name} must be a finite number, got {value:g}")
-            values[change.name] = value
+            values[change.name] = _friction_value(live, change.name, float(change.value))
         elif change.name == "preload":
             if change.value is None:
                 raise UsageError("preload cannot be unset while running")
