@@ -486,13 +486,12 @@ def condition(
     strangers = [
         r for channels in (motors, joints) for name, r in channels.items() if name not in names
     ]
-    angles = [
-        _angles(readings, limit.sensor) for readings, limit in zip(known, limits, strict=True)
-    ]
-    clean = all(
-        _is_clean(readings, limit) and bool(np.all(np.abs(raw.value) <= LARGEST))
-        for raw, readings, limit in zip(known, angles, limits, strict=True)
-    )
+    clean = all(bool(np.all(np.abs(readings.value) <= LARGEST)) for readings in known)
+    if clean:
+        angles = [
+            _angles(readings, limit.sensor) for readings, limit in zip(known, limits, strict=True)
+        ]
+        clean = all(map(_is_clean, angles, limits))
     if clean and mode == "wait" and all(readings.stamp_ns[0] > 0 for readings in known):
         refused = dict.fromkeys(REFUSALS, 0)
         refused["unknown_name"] = sum(readings.stamp_ns.size for readings in strangers)
@@ -506,7 +505,7 @@ def _angles(readings: Readings, sensor: Sensor) -> Readings:
     stamps, value = readings.stamp_ns, readings.value
     if sensor.clock_offset_ns:
         stamps = stamps + sensor.clock_offset_ns
-    if sensor.period != float("inf") and np.all(np.isfinite(value)):
+    if sensor.period != float("inf"):
         turns = np.cumsum(np.rint(-np.diff(value, prepend=value[:1]) / sensor.period))
         value = value + sensor.period * turns
     if sensor.scale != 1.0 or sensor.offset != 0.0:
