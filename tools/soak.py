@@ -134,10 +134,10 @@ class Feeder:
         k = self.sent
         stamp = self._begin_ns + k * self._period_ns
         time = k * self._period_ns * 1e-9
+        elbow = 0.3 * sin(0.9 * time)
         if k % 2 == 0:
-            elbow = 0.3 * sin(0.9 * time)
             self._joints.publish(self._joint.encode(stamp, position=[elbow]))
-        winch = 1.2 * sin(0.9 * time) + 0.05 * (1.0 - cos(7.0 * time))
+        winch = 8.0 * sin(elbow) + 0.02 * (1.0 - cos(7.0 * time))  # 0.12 m a radian over 15 mm
         self._motors.publish(self._motor.encode(stamp, position=[winch]))
         self.sent += 1
         if k % HOSTILE_EVERY == HOSTILE_EVERY - 1:

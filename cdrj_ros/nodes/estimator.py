@@ -49,6 +49,11 @@ WATCHES = 4
 """Looks at the inputs within the timeout."""
 
 
+def _quality() -> QoSProfile:
+    """Of one topic; a profile of its own each, for an override changes the one it is given."""
+    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+
+
 class EstimatorNode(Node):
     """Subscribes, steps, publishes."""
 
@@ -103,10 +108,9 @@ class EstimatorNode(Node):
         self._heard_ns: int | None = None
         self._diagnosed_ns = self._now_ns()
 
-        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
         overridable = QoSOverridingOptions.with_default_policies()
         self.tensions, self.forces, self.efforts = (
-            self.create_publisher(message, topic, qos, qos_overriding_options=overridable)
+            self.create_publisher(message, topic, _quality(), qos_overriding_options=overridable)
             for message, topic in (
                 (CableTensions, "tensions"),
                 (NodalForces, "nodal_forces"),
@@ -117,7 +121,7 @@ class EstimatorNode(Node):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(SetPreload, "~/set_preload", self._on_set_preload)
-        self._subscribe(qos, overridable)
+        self._subscribe(overridable)
         self.create_timer(1.0, self._on_diagnostics)
         self.create_timer(self.timeout_s / WATCHES, self._on_watch)
         self.add_on_set_parameters_callback(self._on_parameters)
@@ -158,7 +162,7 @@ class EstimatorNode(Node):
         except StateFileError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 
-    def _subscribe(self, qos: QoSProfile, overridable: QoSOverridingOptions) -> None:
+    def _subscribe(self, overridable: QoSOverridingOptions) -> None:
         motors = self.resolve_topic_name("motor_states")
         joints = self.resolve_topic_name("joint_states")
         kinds = {"motor_states": "motors", "joint_states": "joints"}
@@ -169,7 +173,7 @@ class EstimatorNode(Node):
                 JointState,
                 topic,
                 self._listener(kind),
-                qos,
+                _quality(),
                 raw=True,
                 qos_overriding_options=overridable,
             )
@@ -178,7 +182,7 @@ class EstimatorNode(Node):
                 CableTensions,
                 "tension_sensors",
                 self._on_tensions,
-                qos,
+                _quality(),
                 raw=True,
                 qos_overriding_options=overridable,
             )

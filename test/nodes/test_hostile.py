@@ -58,9 +58,10 @@ def joint_state(stamp_ns: int, names: tuple[str, ...], positions: Any) -> bytes:
 
 def angle(topic: str, stamp_ns: int) -> float:
     time = (stamp_ns - BEGIN) * 1e-9
+    elbow = 0.3 * np.sin(0.9 * time)
     if topic == "motors":
-        return float(1.2 * np.sin(0.9 * time) + 0.05 * np.sin(7.0 * time))
-    return float(0.3 * np.sin(0.9 * time))
+        return float(8.0 * np.sin(elbow) + 0.02 * np.sin(7.0 * time))
+    return float(elbow)
 
 
 def valid(topic: str, stamp_ns: int) -> bytes:
