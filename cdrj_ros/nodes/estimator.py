@@ -205,7 +205,9 @@ class EstimatorNode(Node):
                 return
             jumped, outputs = feed(kind, stamp, names, position)
             if jumped:
-                self.get_logger().warning("the clock of the inputs went back: started anew")
+                self.get_logger().warning(
+                    "the clock of the inputs went back: started anew", throttle_duration_sec=1.0
+                )
             if outputs:
                 self.times.add((perf_counter() - begin) / len(outputs))
                 for output in outputs:
