@@ -2,6 +2,7 @@
 # make test    every check and every test
 # make check   style, types and import directions only
 # make bench   speed, as ratios to what else there is
+# make soak    30 minutes at 1 kHz and two million hostile messages; MINUTES=10 for less
 #
 # All of them first make .venv and install/ if these are not there or out of date.
 # Another Python: make PYTHON=python3.12 (3.10 to 3.13).
@@ -26,7 +27,7 @@ IN_ENV := . tools/env.sh &&
 # installed beside them is listed while building: a file more or less changes its folder's date.
 INSTALLED := $(shell find config bags launch resource -print 2>/dev/null)
 
-.PHONY: demo test check bench setup lock clean
+.PHONY: demo test check bench soak setup lock clean
 
 demo: setup
 	@$(IN_ENV) python tools/demo.py
@@ -42,6 +43,11 @@ check: setup
 
 bench: setup $(BENCH)
 	@$(IN_ENV) python -m bench
+
+MINUTES ?= 30
+soak: setup
+	@$(IN_ENV) CDRJ_HOSTILE=2000000 python -m pytest -q -s test/nodes/test_hostile.py
+	@$(IN_ENV) python tools/soak.py --minutes $(MINUTES)
 
 setup: $(PACKAGE)
 

@@ -208,9 +208,13 @@ class JointStateDecoder:
     KEPT: Final = 8
     """Layouts remembered for each payload length: several senders may share a topic."""
 
+    KEPT_BYTES: Final = 4_000_000
+    """Of payloads whose layouts are remembered, together."""
+
     def __init__(self) -> None:
         """Nothing is remembered yet."""
         self._known: dict[int, list[_KnownJointState]] = {}
+        self._bytes = 0
 
     def __call__(self, payload: bytes) -> tuple[int, tuple[str, ...], npt.NDArray[np.float64]]:
         """Decode one payload."""
@@ -248,24 +252,43 @@ class JointStateDecoder:
             dtype=np.dtype(span.dtype),
             stop=span.offset + 8 * span.count,
         )
-        if len(self._known) >= 64:
+        self._bytes += len(payload)
+        if len(self._known) >= 64 or self._bytes > self.KEPT_BYTES:
             self._known.clear()
+            self._bytes = len(payload)
         family = self._known.setdefault(len(payload), [])
         family.insert(0, known)
         del family[self.KEPT :]
 
 
+def cable_tensions(
+    payload: bytes,
+) -> tuple[int, tuple[str, ...], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """A CableTensions: (stamp_ns, names, tension [N], stddev [N]), the arrays of any length.
+
+    Raises:
+        MessageError: not a CableTensions.
+    """
+    layout = read_layout(payload, CABLE_TENSIONS.fields)
+    sec, nanosec = struct.unpack_from(layout.order + "iI", payload, ENCAPSULATION)
+    tension, stddev = (
+        np.frombuffer(payload, span.dtype, span.count, span.offset).astype(np.float64)
+        for span in (layout.numbers["tension"], layout.numbers["stddev"])
+    )
+    return sec * 1_000_000_000 + nanosec, layout.texts["name"], tension, stddev
+
+
 def joint_state_efforts(payload: bytes) -> tuple[int, tuple[str, ...], npt.NDArray[np.float64]]:
-    """The efforts of a JointState: (stamp_ns, names, effort [N m], shape (n,)).
+    """The efforts of a JointState: (stamp_ns, names, effort [N m], shape (n,)); n is 0 without any.
 
     Not for every message: it reads the whole layout.
 
     Raises:
-        MessageError: not a JointState, or not as many efforts as names.
+        MessageError: not a JointState, or some but not as many efforts as names.
     """
     layout = read_layout(payload, JOINT_STATE.fields)
     names, span = layout.texts["name"], layout.numbers["effort"]
-    if len(names) != span.count:
+    if span.count not in (0, len(names)):
         raise MessageError(f"{len(names)} names but {span.count} efforts")
     sec, nanosec = struct.unpack_from(layout.order + "iI", payload, ENCAPSULATION)
     effort = np.frombuffer(payload, span.dtype, span.count, span.offset).astype(np.float64)

@@ -1,7 +1,7 @@
 """Start the estimator: `ros2 launch cdrj_ros estimator.launch.py robot:=my_robot.yaml`."""
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -32,6 +32,15 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 "use_sim_time", default_value="false", description="Take the time from /clock."
+            ),
+            DeclareLaunchArgument(
+                "discovery_range",
+                default_value="LOCALHOST",
+                choices=["LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT"],
+                description="Whom the node speaks to: this machine only, or the network too.",
+            ),
+            SetEnvironmentVariable(
+                "ROS_AUTOMATIC_DISCOVERY_RANGE", LaunchConfiguration("discovery_range")
             ),
             Node(
                 package="cdrj_ros",

@@ -29,22 +29,31 @@ Vector = NDArray[np.float64]
 REFUSALS: Final[Mapping[str, str]] = {
     "malformed": "message refused whole: not as many positions as names, or not decodable",
     "empty": "message without a name",
-    "unstamped": "message with a zero stamp",
+    "unstamped": "message with a stamp that is not after zero",
     "unknown_name": "name that the robot file does not have",
     "not_finite": "NaN or infinite position",
     "repeated": "stamp equal to the last one accepted",
-    "late": "stamp before the last one accepted",
+    "late": "stamp before the last one accepted, or before the clock's zero",
     "future": "stamp further ahead than any plausible gap, not borne out by others",
     "out_of_range": "joint angle outside its range",
-    "implausible": "further from the last reading than the maximum speed allows",
+    "implausible": "further from the last reading than the maximum speed allows, or than any angle",
 }
 """Causes for which a reading is refused, and what they mean."""
+
+WHOLE: Final = ("malformed", "empty", "unstamped")
+"""Causes for which a message is refused whole, and counted once whatever it holds."""
 
 MAX_GAP_NS: Final = 1_000_000_000
 """A stamp further than this from the last one is believed only when others bear it out [ns]."""
 
 CONFIRMATIONS: Final = 5
 """Consecutive readings that must agree before a channel follows a jump of the clock."""
+
+LARGEST: Final = 1e12
+"""No axis turns as far [rad]."""
+
+WAITING: Final = 20_000
+"""Readings of a channel that may wait for another one: 20 s at 1 kHz."""
 
 RANGE_MARGIN: Final = 1e-9
 """Rounding allowed at the ends of a joint's range [rad]."""
@@ -106,7 +115,7 @@ class _Channel:
     """As the sensor gave it, before its period was taken into account [rad]."""
     turns: int = 0
     """How often the reading has started again."""
-    recent: deque[tuple[int, float]] = field(default_factory=deque)
+    recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
     """What the velocity is taken from."""
     left_behind: int = -1
     """Last stamp before the clock went back, until a reading of the new time has come [ns]."""
@@ -128,6 +137,20 @@ class _Channel:
         if sensor.corrected_at:
             reading += float(np.interp(reading, sensor.corrected_at, sensor.correction))
         return reading
+
+    def complaint(self, stamp: int, reading: float) -> str:
+        """Why a reading cannot be the next one: a key of ``REFUSALS``; empty where it can."""
+        limits = self.limits
+        if not -LARGEST <= reading <= LARGEST:
+            return "implausible" if limits.upper == float("inf") else "out_of_range"
+        value = self.angle_at(reading)
+        if not limits.lower - RANGE_MARGIN <= value <= limits.upper + RANGE_MARGIN:
+            return "out_of_range"
+        if self.last_stamp >= 0:
+            ahead = stamp - self.last_stamp
+            if ahead > 0 and abs(value - self.last_value) > limits.max_speed * (ahead * 1e-9):
+                return "implausible"
+        return ""
 
     def velocity(self) -> float:
         """Over the last ``SPEED_WINDOW_NS`` [rad/s]; 0 where there is one reading."""
@@ -158,19 +181,31 @@ class Conditioner:
         self._joint_index = {joint.name: len(motors) + k for k, joint in enumerate(joints)}
         self._both_index = {**self._motor_index, **self._joint_index}
         self.refused: dict[str, int] = dict.fromkeys(REFUSALS, 0)
-        """Readings (or whole messages) refused so far, by cause."""
+        """Readings refused so far, by cause; of ``WHOLE`` causes, messages."""
         self.accepted = 0
         """Readings accepted so far."""
+        self.elsewhere = 0
+        """Readings of joints among motors, or of motors among joints: for another topic."""
+        self.crowded = 0
+        """Accepted readings given up because another channel kept them waiting for too long."""
         self.clock_jumps = 0
         """Times that the clock has gone back and everything was started anew."""
         self.gaps = 0
         """Times that a channel was silent for longer than ``MAX_GAP_NS``."""
         self.lag_ns = 0
         """How far the last samples lay behind the newest reading [ns]: the cost of waiting."""
+        self._channels: list[_Channel] = []
         self.reset()
+
+    @property
+    def held(self) -> int:
+        """Readings of which it is not decided yet whether a clock has jumped."""
+        return sum(len(channel.held) for channel in self._channels)
 
     def reset(self) -> None:
         """Forget all readings; the counters stay."""
+        for channel in self._channels:
+            self._drop_held(channel)
         self._channels = [_Channel(limits) for limits in self._limits]
         self._given_out = -1
         self._missing = len(self._channels)
@@ -215,7 +250,9 @@ class Conditioner:
         for name, position in zip(names, values):  # noqa: B905 as many of each, see above
             k = index.get(name)
             if k is None:
-                if name not in self._both_index:  # a joint among motors, say, is no stranger
+                if name in self._both_index:  # a joint among motors, say, is no stranger
+                    self.elsewhere += 1
+                else:
                     self.refused["unknown_name"] += 1
             elif self._admit(k, stamp_ns, float(position)):
                 news = True
@@ -224,33 +261,34 @@ class Conditioner:
     def _admit(self, k: int, stamp: int, reading: float) -> bool:
         """The gate; True where the reading, or ones held before it, joined the channel."""
         channel = self._channels[k]
-        limits = channel.limits
+        refused = self.refused
         if reading - reading != 0.0:  # NaN and both infinities
-            self.refused["not_finite"] += 1
+            refused["not_finite"] += 1
             return False
-        stamp += limits.sensor.clock_offset_ns
-        value = channel.angle_at(reading)
-        if not limits.lower - RANGE_MARGIN <= value <= limits.upper + RANGE_MARGIN:
-            self.refused["out_of_range"] += 1
+        stamp += channel.limits.sensor.clock_offset_ns
+        if stamp <= 0:
+            refused["late"] += 1
+            return False
+        complaint = channel.complaint(stamp, reading)
+        if complaint and complaint != "implausible":
+            refused[complaint] += 1
             return False
         last = channel.last_stamp
         if last >= 0:
             ahead = stamp - last
             if ahead == 0:
-                self.refused["repeated"] += 1
+                refused["repeated"] += 1
                 return False
-            if ahead > MAX_GAP_NS or ahead < -MAX_GAP_NS:
+            if ahead > MAX_GAP_NS or ahead < -MAX_GAP_NS or (ahead < 0 and channel.held):
                 return self._hold(k, stamp, reading)
             if ahead < 0:
-                if not channel.held:
-                    self.refused["late"] += 1
-                    return False
-                return self._hold(k, stamp, reading)
-            if abs(value - channel.last_value) > limits.max_speed * (ahead * 1e-9):
-                self.refused["implausible"] += 1
+                refused["late"] += 1
                 return False
         elif channel.left_behind >= 0 and self._is_straggler(channel, stamp):
-            self.refused["late"] += 1
+            refused["late"] += 1
+            return False
+        if complaint:
+            refused[complaint] += 1
             return False
         if channel.held:
             self._drop_held(channel)
@@ -278,7 +316,13 @@ class Conditioner:
         channel.last_stamp = stamp
         channel.last_value = value
         channel.last_reading = reading
-        channel.readings.append((stamp, value))
+        readings = channel.readings
+        readings.append((stamp, value))
+        if len(readings) > WAITING:
+            readings.popleft()
+            self.crowded += 1
+            if self._given_out >= 0:
+                self._given_out = max(self._given_out, readings[0][0])
         if self._predict:
             recent = channel.recent
             recent.append((stamp, value))
@@ -308,9 +352,17 @@ class Conditioner:
             channel = self._channels[k]
         else:
             self.gaps += 1
-        for when, angle in confirmed:
-            self._append(channel, when, angle)
-        return True
+        return self._append_held(channel, confirmed)
+
+    def _append_held(self, channel: _Channel, confirmed: Sequence[tuple[int, float]]) -> bool:
+        """Use readings of another time, one after the other; True where one can be used."""
+        before = self.accepted
+        for stamp, reading in confirmed:
+            if complaint := channel.complaint(stamp, reading):
+                self.refused[complaint] += 1
+            else:
+                self._append(channel, stamp, reading)
+        return self.accepted > before
 
     def _jump_back(self) -> None:
         """Start anew; what other channels hold from the new time is theirs from now on."""
@@ -324,11 +376,12 @@ class Conditioner:
                 self._drop_held(channel)
         confirmed = [list(kept) for kept in held]
         left_behind = [channel.last_stamp for channel in self._channels]
+        for channel in self._channels:
+            channel.held.clear()
         self.reset()
         for channel, kept, last in zip(self._channels, confirmed, left_behind, strict=True):
             channel.left_behind = last
-            for when, angle in kept:
-                self._append(channel, when, angle)
+            self._append_held(channel, kept)
 
     def _complete_samples(self) -> list[Sample]:
         """All stamps of all channels up to the one that every channel has reached."""
@@ -433,10 +486,12 @@ def condition(
     strangers = [
         r for channels in (motors, joints) for name, r in channels.items() if name not in names
     ]
-    angles = [
-        _angles(readings, limit.sensor) for readings, limit in zip(known, limits, strict=True)
-    ]
-    clean = all(_is_clean(readings, limit) for readings, limit in zip(angles, limits, strict=True))
+    clean = all(bool(np.all(np.abs(readings.value) <= LARGEST)) for readings in known)
+    if clean:
+        angles = [
+            _angles(readings, limit.sensor) for readings, limit in zip(known, limits, strict=True)
+        ]
+        clean = all(map(_is_clean, angles, limits))
     if clean and mode == "wait" and all(readings.stamp_ns[0] > 0 for readings in known):
         refused = dict.fromkeys(REFUSALS, 0)
         refused["unknown_name"] = sum(readings.stamp_ns.size for readings in strangers)
@@ -450,7 +505,7 @@ def _angles(readings: Readings, sensor: Sensor) -> Readings:
     stamps, value = readings.stamp_ns, readings.value
     if sensor.clock_offset_ns:
         stamps = stamps + sensor.clock_offset_ns
-    if sensor.period != float("inf") and np.all(np.isfinite(value)):
+    if sensor.period != float("inf"):
         turns = np.cumsum(np.rint(-np.diff(value, prepend=value[:1]) / sensor.period))
         value = value + sensor.period * turns
     if sensor.scale != 1.0 or sensor.offset != 0.0:

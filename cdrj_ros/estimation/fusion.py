@@ -40,11 +40,20 @@ JUDGED: Final = 50
 TOO_FAR: Final = 9.0
 """A sensor whose squared residuals, over their expected variance, are more on average is wrong."""
 
+OUTLIER: Final = 100.0
+"""A reading whose squared residual, over its expected variance, is more is not used."""
+
 STIFF: Final = 4.0
 """A reading that stands still while the estimate moves by more noises than this is frozen."""
 
 HISTORY_NS: Final = 200_000_000
 """A measurement may be this old [ns]."""
+
+KEPT: Final = 5_000
+"""Estimates kept for measurements that are yet to come, however close they are."""
+
+LARGEST: Final = 1e9
+"""Measured values beyond this are none [N or N m]."""
 
 
 @dataclass
@@ -57,7 +66,7 @@ class SensorHealth:
     used: int = 0
     """Readings taken so far."""
     refused: int = 0
-    """Readings refused: not finite, too old, or of a sensor that has been dropped."""
+    """Readings refused: not finite, too old, far off, or of a sensor that has been dropped."""
     _squares: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     _values: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     _expected: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
@@ -88,7 +97,7 @@ class SensorHealth:
                     f"{mean**0.5:.1f} standard deviations from the estimate over {JUDGED} readings "
                     f"(measured {value:.4g}, expected {expected:.4g})"
                 )
-        if self.dropped:
+        if self.dropped or self._squares[-1] > OUTLIER:
             self.refused += 1
             return False
         self.used += 1
@@ -126,7 +135,7 @@ class Fusion:
             for motor in layout.motors
         }
         self.health: dict[str, SensorHealth] = {}
-        self._history: deque[tuple[int, Vector]] = deque()
+        self._history: deque[tuple[int, Vector]] = deque(maxlen=KEPT)
         self._last_ns: dict[str, int] = {}
 
     def reset(self) -> None:
@@ -192,7 +201,7 @@ class Fusion:
         health = self.health.setdefault(name, SensorHealth(name))
         place = int(spread.columns[column])
         expected = self._expected(stamp_ns, place)
-        if not np.isfinite(value) or expected is None:
+        if not abs(value) <= LARGEST or expected is None:
             health.refused += 1
             return state
         now = Estimate(sample.stamp_ns, self._history[-1][1], self.model.layout, True)

@@ -17,6 +17,7 @@ from cdrj_ros.estimation.conditioning import Conditioner
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Sample, State, initial_state, step
 from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
 from cdrj_ros.estimation.uncertainty import Spread
+from cdrj_ros.model.document import LARGEST, complaints, schema
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.mechanism import INVALID, UNSURE
 from cdrj_ros.model.parameters import with_numbers
@@ -32,6 +33,10 @@ EFFORT_INTERVAL_NS: Final = 50_000_000
 
 DOUBT: Final = 0.2
 """Standard deviation of every preload, as a share of it, where something else is measured too."""
+
+SMALLEST_NOISE: Final = 1e-6
+LARGEST_NOISE: Final = 1e6
+"""A load cell whose message gives a noise outside of these has the robot file's [N]."""
 
 MOVED: Final = 0.01
 """An axis that has moved further than this while nobody looked has an unknown history [rad]."""
@@ -89,6 +94,8 @@ class LiveEstimator:
         """Samples of which some element was not solved."""
         self.unknown_elements = 0
         """Readings of load cells at elements that the robot does not have."""
+        self.overlooked = 0
+        """Readings of load cells and efforts that no sample came for."""
         self._pending: list[tuple[int, str, float, float]] = []
         self._efforts_ns: dict[str, int] = {}
         self.original = model.robot.document
@@ -103,21 +110,19 @@ class LiveEstimator:
     def use(self, model: Model) -> None:
         """Go on with another robot of the same parts; state and readings stay."""
         options = self.options
-        self.model = model
+        spread: Spread | None = None
+        fusion: Fusion | None = None
+        if options.uncertainty:
+            measured = options.tension_sensors or options.track_preload
+            spread = Spread(model, preload_share=DOUBT if measured else 0.0)
+        if spread is not None and (options.tension_sensors or options.track_preload):
+            fusion = Fusion(spread, FREE_DRIFT if options.track_preload else SLOW_DRIFT)
+        self.model, self.spread, self.fusion = model, spread, fusion
         self._preload = np.repeat(
             [cable.preload for cable in model.robot.cables],
             [len(cable.element_names) for cable in model.robot.cables],
         )
         self._elements = len(model.layout.elements)
-        self.spread: Spread | None = None
-        self.fusion: Fusion | None = None
-        if options.uncertainty:
-            measured = options.tension_sensors or options.track_preload
-            share = DOUBT if measured else 0.0
-            self.spread = Spread(model, preload_share=share)
-        if self.spread is not None and (options.tension_sensors or options.track_preload):
-            drift = FREE_DRIFT if options.track_preload else SLOW_DRIFT
-            self.fusion = Fusion(self.spread, drift)
 
     def reset(self) -> None:
         """Forget readings, friction history and what was measured; the counters stay."""
@@ -129,6 +134,7 @@ class LiveEstimator:
         self._jumps = self.conditioner.clock_jumps
         self.state: State = initial_state(self.model)
         self.sample: Sample | None = None
+        self.overlooked += len(self._pending)
         self._pending.clear()
         self._efforts_ns.clear()
         if self.spread is not None:
@@ -216,8 +222,8 @@ class LiveEstimator:
         self,
         stamp_ns: int,
         names: Sequence[str],
-        tensions: Sequence[float],
-        stddevs: Sequence[float],
+        tensions: Sequence[float] | Vector,
+        stddevs: Sequence[float] | Vector,
     ) -> None:
         """Take a message of load cells; they are used with the sample that reaches their stamp.
 
@@ -238,7 +244,7 @@ class LiveEstimator:
                 self.unknown_elements += 1
                 continue
             noise = float(stddevs[k]) if len(stddevs) else 0.0
-            if not 0.0 < noise < float("inf"):
+            if not SMALLEST_NOISE <= noise <= LARGEST_NOISE:
                 noise = fusion.noise_of(name)
             self._queue(stamp_ns, name, float(tensions[k]), noise)
 
@@ -260,6 +266,7 @@ class LiveEstimator:
     def _queue(self, stamp_ns: int, name: str, value: float, noise: float) -> None:
         if len(self._pending) >= 10_000:  # nobody takes them: no angles come
             del self._pending[:5_000]
+            self.overlooked += 5_000
         self._pending.append((stamp_ns, name, value, noise))
 
     def _use_pending(self, fusion: Fusion, sample: Sample) -> None:
@@ -268,6 +275,8 @@ class LiveEstimator:
             if stamp > sample.stamp_ns:
                 if stamp - sample.stamp_ns <= 5 * HISTORY_NS:
                     later.append((stamp, name, value, noise))
+                else:
+                    self.overlooked += 1
                 continue
             correct = fusion.tension if "/" in name else fusion.motor_effort
             self.state = correct(sample, self.state, stamp, name, value, noise)
@@ -324,6 +333,11 @@ class LiveEstimator:
             UsageError, RobotFileError: what cannot be; nothing has changed then.
         """
         document = with_numbers(dict(self.model.robot.document), values)
+        for path, value in values.items():
+            if not abs(value) <= LARGEST:
+                raise UsageError(f"{path} must be a finite number, got {value:g}")
+        for complaint in complaints(document, schema()):
+            raise UsageError(complaint)
         state, sample = self.state, self.sample
         self.use(_model_of(document, self.model.robot))
         self.state, self.sample = state, sample

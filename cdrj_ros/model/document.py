@@ -46,7 +46,10 @@ def parse_document(text: str, source: str) -> Document:
         raise RobotFileError(f"{source} is not YAML: {error}") from error
     if not isinstance(raw, dict):
         raise RobotFileError(f"{source} must hold a mapping with motors, joints and cables")
-    document: Document = _Reading(source).to_si(raw)
+    try:
+        document: Document = _Reading(source).to_si(raw)
+    except ValueError as error:  # an integer that Python does not write out
+        raise RobotFileError(f"{source} holds an integer of thousands of digits") from error
     for complaint in complaints(document, schema()):
         raise RobotFileError(f"{complaint} ({source})")
     return document

@@ -93,10 +93,14 @@ def status_of(
         "readings accepted": str(conditioner.accepted),
         "clock jumps": str(conditioner.clock_jumps),
         "gaps": str(conditioner.gaps),
+        "readings held": str(conditioner.held),
+        "readings for another topic": str(conditioner.elsewhere),
+        "readings that waited too long": str(conditioner.crowded),
         **{f"refused: {cause}": str(n) for cause, n in conditioner.refused.items()},
     }
     if live.fusion:
         values["refused: unknown element"] = str(live.unknown_elements)
+        values["sensor readings not used in time"] = str(live.overlooked)
     for one in health:
         said = f"dropped: {one.dropped}" if one.dropped else "used"
         values[f"sensor {one.name}"] = f"{said}; {one.used} readings used, {one.refused} refused"

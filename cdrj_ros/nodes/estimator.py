@@ -24,7 +24,7 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_ros.cdr import JointStateDecoder, MessageError, joint_state_efforts
+from cdrj_ros.cdr import JointStateDecoder, MessageError, cable_tensions, joint_state_efforts
 from cdrj_ros.commands.shared import BAD_INPUT, DONE, load_model
 from cdrj_ros.conversions import EstimateEncoder, marked_stale
 from cdrj_ros.estimation.estimator import Sample
@@ -47,6 +47,11 @@ DEPTH = 1000
 
 WATCHES = 4
 """Looks at the inputs within the timeout."""
+
+
+def _quality() -> QoSProfile:
+    """Of one topic; a profile of its own each, for an override changes the one it is given."""
+    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class EstimatorNode(Node):
@@ -103,10 +108,9 @@ class EstimatorNode(Node):
         self._heard_ns: int | None = None
         self._diagnosed_ns = self._now_ns()
 
-        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
         overridable = QoSOverridingOptions.with_default_policies()
         self.tensions, self.forces, self.efforts = (
-            self.create_publisher(message, topic, qos, qos_overriding_options=overridable)
+            self.create_publisher(message, topic, _quality(), qos_overriding_options=overridable)
             for message, topic in (
                 (CableTensions, "tensions"),
                 (NodalForces, "nodal_forces"),
@@ -117,7 +121,7 @@ class EstimatorNode(Node):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(SetPreload, "~/set_preload", self._on_set_preload)
-        self._subscribe(qos, overridable)
+        self._subscribe(overridable)
         self.create_timer(1.0, self._on_diagnostics)
         self.create_timer(self.timeout_s / WATCHES, self._on_watch)
         self.add_on_set_parameters_callback(self._on_parameters)
@@ -158,7 +162,7 @@ class EstimatorNode(Node):
         except StateFileError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 
-    def _subscribe(self, qos: QoSProfile, overridable: QoSOverridingOptions) -> None:
+    def _subscribe(self, overridable: QoSOverridingOptions) -> None:
         motors = self.resolve_topic_name("motor_states")
         joints = self.resolve_topic_name("joint_states")
         kinds = {"motor_states": "motors", "joint_states": "joints"}
@@ -169,7 +173,7 @@ class EstimatorNode(Node):
                 JointState,
                 topic,
                 self._listener(kind),
-                qos,
+                _quality(),
                 raw=True,
                 qos_overriding_options=overridable,
             )
@@ -178,7 +182,8 @@ class EstimatorNode(Node):
                 CableTensions,
                 "tension_sensors",
                 self._on_tensions,
-                qos,
+                _quality(),
+                raw=True,
                 qos_overriding_options=overridable,
             )
 
@@ -200,7 +205,9 @@ class EstimatorNode(Node):
                 return
             jumped, outputs = feed(kind, stamp, names, position)
             if jumped:
-                self.get_logger().warning("the clock of the inputs went back: started anew")
+                self.get_logger().warning(
+                    "the clock of the inputs went back: started anew", throttle_duration_sec=1.0
+                )
             if outputs:
                 self.times.add((perf_counter() - begin) / len(outputs))
                 for output in outputs:
@@ -215,11 +222,11 @@ class EstimatorNode(Node):
         self.efforts.publish(self.encoder.efforts(estimate))
         self._published += 1
 
-    def _on_tensions(self, message: CableTensions) -> None:
-        stamp = message.header.stamp
-        self.live.feed_tensions(
-            stamp.sec * 1_000_000_000 + stamp.nanosec, message.name, message.tension, message.stddev
-        )
+    def _on_tensions(self, payload: bytes) -> None:
+        try:
+            self.live.feed_tensions(*cable_tensions(payload))
+        except MessageError:
+            self.live.conditioner.refused["malformed"] += 1
 
     def _on_watch(self) -> None:
         """Say again, and marked stale, what was known when the inputs fell silent."""

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 from cdrj_ros.estimation.conditioning import MODES
 from cdrj_ros.estimation.live import LiveEstimator, Options
-from cdrj_ros.model.document import schema
+from cdrj_ros.model.document import LARGEST, schema
 from cdrj_ros.model.errors import CdrjError, UsageError
 from cdrj_ros.model.parameters import number_at
 
@@ -118,8 +118,19 @@ def declare_friction(node: Node) -> dict[str, float]:
             f"{rule['description']} Instead of the robot file's common value; {UNSET:g}: that one",
         )  # fmt: skip
         if value != UNSET:
+            if not 0.0 <= value <= LARGEST:
+                raise UsageError(f"friction.{key} must be at least 0, or {UNSET:g}; got {value:g}")
             given[f"friction.{key}"] = value
     return given
+
+
+def _friction_value(live: LiveEstimator, name: str, value: float) -> float:
+    """What a friction parameter means."""
+    if value == UNSET:
+        return number_at(dict(live.original), name)
+    if not 0.0 <= value <= LARGEST:
+        raise UsageError(f"{name} must be in [0, {LARGEST:g}], or {UNSET:g}; got {value:g}")
+    return value
 
 
 def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
@@ -136,21 +147,20 @@ def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
     preload: Sequence[float] | None = None
     for change in changes:
         if change.name.startswith("friction."):
-            value = float(change.value)
-            if value == UNSET:
-                value = number_at(dict(live.original), change.name)
-            elif value < 0.0:
-                raise UsageError(f"{change.name} must be at least 0, or {UNSET:g}; got {value:g}")
-            values[change.name] = value
+            values[change.name] = _friction_value(live, change.name, float(change.value))
         elif change.name == "preload":
             if change.value is None:
                 raise UsageError("preload cannot be unset while running")
             preload = list(change.value)
+        elif change.name == "unsure_share" and not change.value > 0.0:
+            raise UsageError(f"unsure_share must be greater than 0, got {change.value:g}")
     cables = [cable.name for cable in live.model.robot.cables]
     if preload is not None and len(preload) != len(cables):
         raise UsageError(
             f"preload needs {len(cables)} tensions, of {', '.join(cables)}; got {len(preload)}"
         )
+    if preload is not None and not all(0.0 <= value < 1e6 for value in preload):
+        raise UsageError(f"preload must be in [0, 1e6) N, got {preload}")
     before = live.model
     if values:
         words.append(live.set_numbers(values))

@@ -1,0 +1,488 @@
+"""Everything a network can throw at the node: it lives, forgets nothing, counts all, stays right.
+
+`make test` sends 100 000 messages, seeded, to the callbacks of a node in this process and some more
+over DDS to a node of its own; `make soak` sends CDRJ_HOSTILE of them.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import struct
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+
+from cdrj_ros.cdr import (
+    CABLE_TENSIONS,
+    ENCAPSULATION,
+    JOINT_STATE,
+    NODAL_FORCES,
+    MessageError,
+    Template,
+)
+from cdrj_ros.cdr import read_layout as layout_of
+from cdrj_ros.commands.shared import load_model
+from cdrj_ros.conversions import AnswerReader
+from cdrj_ros.estimation.conditioning import WHOLE, Readings, condition
+from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
+from cdrj_ros.model.mechanism import INVALID, UNSURE
+from cdrj_ros.model.plan import Model
+
+ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+MESSAGES = int(os.environ.get("CDRJ_HOSTILE", "100000"))
+SEED = 20_240_607
+BEGIN = 1_700_000_000 * 10**9
+SECOND = 10**9
+MILLISECOND = 1_000_000
+NAMES = {"motors": "winch", "joints": "elbow"}
+GROWTH_MB = 8.0
+PATIENCE_S = 60.0
+
+
+@lru_cache(maxsize=64)
+def template(names: tuple[str, ...]) -> Template:
+    return Template(JOINT_STATE, names, ("position",))
+
+
+def joint_state(stamp_ns: int, names: tuple[str, ...], positions: Any) -> bytes:
+    return template(names).encode(stamp_ns, position=positions)
+
+
+def angle(topic: str, stamp_ns: int) -> float:
+    time = (stamp_ns - BEGIN) * 1e-9
+    elbow = 0.3 * np.sin(0.9 * time)
+    if topic == "motors":
+        return float(8.0 * np.sin(elbow) + 0.02 * np.sin(7.0 * time))
+    return float(elbow)
+
+
+def valid(topic: str, stamp_ns: int) -> bytes:
+    return joint_state(stamp_ns, (NAMES[topic],), [angle(topic, stamp_ns)])
+
+
+def offline(model: Model, stamps: dict[str, list[int]]) -> Estimates:
+    """What the same valid messages give without a node, from a fresh start."""
+
+    def readings(topic: str) -> dict[str, Readings]:
+        when = np.array(stamps[topic], dtype=np.int64)
+        values = np.array([angle(topic, stamp) for stamp in stamps[topic]])
+        return {NAMES[topic]: Readings(when, when, values)}
+
+    (samples,) = condition(model.robot, readings("motors"), readings("joints")).segments
+    return run(model, initial_state(model), samples)[1]
+
+
+class Heard:
+    """Estimates, in room taken beforehand: what grows meanwhile is not the test's."""
+
+    def __init__(self, model: Model, room: int) -> None:
+        self._stamps = np.full(room, 1, dtype=np.int64)
+        self._values = np.full((room, model.layout.size), 0.1)
+        self.count = 0
+
+    def append(self, estimate: Estimate) -> None:
+        self._stamps[self.count] = estimate.stamp_ns
+        self._values[self.count] = estimate.values
+        self.count += 1
+
+    def assert_same(self, model: Model, wanted: Estimates) -> None:
+        assert self._stamps[: self.count].tolist() == wanted.stamp_ns.tolist()
+        assert_equal(model, self._values[: self.count].copy(), wanted)
+
+
+def assert_same(model: Model, got: list[Estimate], wanted: Estimates) -> None:
+    assert [estimate.stamp_ns for estimate in got] == wanted.stamp_ns.tolist()
+    assert_equal(model, np.array([estimate.values for estimate in got]), wanted)
+
+
+def assert_equal(model: Model, values: np.ndarray, wanted: Estimates) -> None:
+    status = model.layout.status
+    values[:, status] = values[:, status].astype(int) & ~UNSURE
+    assert np.array_equal(values, wanted.values)
+
+
+@pytest.fixture
+def node(ros: None) -> Iterator[Any]:
+    """An estimator in this process; what it publishes is kept in `heard`."""
+    from rclpy.parameter import Parameter
+
+    from cdrj_ros.nodes.estimator import EstimatorNode
+
+    given = {"robot": ROBOT, "tension_sensors": True, "timeout": 3600.0}
+    node = EstimatorNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
+    node.heard = []
+    publish = node._publish
+
+    def remember(output: Any) -> None:
+        node.heard.append(output.estimate)
+        publish(output)
+
+    node._publish = remember
+    yield node
+    node.destroy_node()
+
+
+@dataclass
+class Traffic:
+    """Messages to the callbacks of one node, and what was sent."""
+
+    node: Any
+    whole: int = 0
+    readings: int = 0
+    sent: int = 0
+    callbacks: dict[str, Callable[[bytes], None]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for topic in NAMES:
+            self.callbacks[topic] = self.node._listener(topic)
+
+    def send(self, topic: str, payload: bytes) -> None:
+        names = names_in(payload)
+        if names:
+            self.readings += names
+        else:
+            self.whole += 1
+        self.sent += 1
+        self.callbacks[topic](payload)
+
+    def assert_counted(self) -> None:
+        conditioner = self.node.live.conditioner
+        refused = conditioner.refused
+        assert sum(refused[cause] for cause in WHOLE) == self.whole
+        by_reading = sum(count for cause, count in refused.items() if cause not in WHOLE)
+        assert (
+            conditioner.accepted + conditioner.elsewhere + conditioner.held + by_reading
+            == self.readings
+        )
+
+
+def names_in(payload: bytes) -> int:
+    """Readings in a message that is not refused whole, else 0."""
+    try:
+        layout = layout_of(payload, JOINT_STATE.fields)
+    except MessageError:
+        return 0
+    sec, nanosec = struct.unpack_from(layout.order + "iI", payload, 4)
+    names = len(layout.texts["name"])
+    if names != layout.numbers["position"].count or sec * SECOND + nanosec <= 0:
+        return 0
+    return names
+
+
+def resident_mb() -> float:
+    gc.collect()
+    return float(psutil.Process().memory_info().rss / 1e6)
+
+
+HUGE = "x" * 50_000
+MANY = tuple(f"n{k}" for k in range(500))
+
+
+def refusable(kind: int, topic: str, last: int, rng: Any) -> tuple[bytes, str, int]:
+    """A message that must leave no trace, why, and for how many readings it counts.
+
+    ``last`` is the newest stamp accepted on the topic.
+    """
+    name = (NAMES[topic],)
+    good = valid(topic, last + MILLISECOND)
+    outside = "out_of_range" if topic == "joints" else "implausible"
+    table: tuple[Callable[[], tuple[bytes, str, int]], ...] = (
+        lambda: (joint_state(last + 1, name, [np.nan]), "not_finite", 1),
+        lambda: (joint_state(last + 1, name, [np.inf]), "not_finite", 1),
+        lambda: (joint_state(last + 1, name, [-np.inf]), "not_finite", 1),
+        lambda: (joint_state(last + 1, name, [1e308]), outside, 1),
+        lambda: (joint_state(last + 1, name, [-1e308]), outside, 1),
+        lambda: (joint_state(last, name, [5e-324]), "repeated", 1),
+        lambda: (joint_state(last - 1, name, [-0.0]), "late", 1),
+        lambda: (joint_state(last - 3600 * SECOND, name, [0.0]), "late", 1),
+        lambda: (joint_state(1, name, [0.0]), "late", 1),
+        lambda: (joint_state(last + 3600 * SECOND, name, [0.0]), "future", 1),
+        lambda: (joint_state((2**31 - 1) * SECOND, name, [0.0]), "future", 1),
+        lambda: (joint_state(0, name, [0.0]), "unstamped", 1),
+        lambda: (joint_state(-(2**31) * SECOND, name, [0.0]), "unstamped", 1),
+        lambda: (joint_state(last + 1, (), []), "empty", 1),
+        lambda: (joint_state(last + 1, ("stranger", "", "Winch"), [0.0] * 3), "unknown_name", 3),
+        lambda: (joint_state(last + 1, (HUGE,), [0.0]), "unknown_name", 1),
+        lambda: (joint_state(last + 1, MANY, np.zeros(len(MANY))), "unknown_name", len(MANY)),
+        lambda: (joint_state(last, name * 3, [0.0] * 3), "repeated", 3),
+        lambda: (b"", "malformed", 1),
+        lambda: (bytes(rng.integers(4, 256, 60, dtype=np.uint8)), "malformed", 1),
+        lambda: (good[: int(rng.integers(0, len(good) - 1))], "malformed", 1),
+        lambda: (good[:4] + bytes(rng.integers(0, 256, 80, dtype=np.uint8)), "", 0),
+        lambda: (_claiming(good), "malformed", 1),
+        lambda: (_one_position_less(last + 1, topic), "malformed", 1),
+        lambda: (
+            Template(CABLE_TENSIONS, name, ("tension", "status")).encode(
+                last + 1, tension=[1.0], status=[0]
+            ),
+            "malformed",
+            1,
+        ),
+        lambda: (
+            Template(NODAL_FORCES, name, ("force_x",)).encode(last + 1, force_x=[1e9]),
+            outside,  # its beginning is a JointState's
+            1,
+        ),
+    )
+    payload, cause, count = table[kind % len(table)]()
+    if not cause:  # bytes that happen to be a message are none of these
+        if names_in(payload):
+            return b"\0", "malformed", 1
+        cause, count = "malformed", 1
+    return payload, cause, count
+
+
+def _claiming(good: bytes) -> bytes:
+    """A message that says it holds four thousand million names."""
+    return good[:20] + b"\xff\xff\xff\xff" + good[24:]
+
+
+def _one_position_less(stamp: int, topic: str) -> bytes:
+    """Two names and one position."""
+    whole = joint_state(stamp, (NAMES[topic], "other"), [0.0, 0.0])
+    at = layout_of(whole, JOINT_STATE.fields).numbers["position"].offset
+    count = at - 4 if whole[at - 4 : at] == struct.pack("<I", 2) else at - 8
+    payload = whole[:count] + struct.pack("<I", 1) + whole[count + 4 : at + 8] + bytes(8)
+    assert layout_of(payload, JOINT_STATE.fields).numbers["position"].count == 1
+    return payload
+
+
+def test_hostile_messages_leave_the_numbers_as_if_they_had_never_come(node: Any) -> None:
+    rng = np.random.default_rng(SEED)
+    model = node.live.model
+    node.heard = Heard(model, MESSAGES // 4)
+    traffic = Traffic(node)
+    expected: Counter[str] = Counter()
+    stamps: dict[str, list[int]] = {"motors": [], "joints": []}
+    whole = MESSAGES // 2
+    k = 0
+    warm = 0.0
+    while traffic.sent < whole:
+        stamp = BEGIN + k * MILLISECOND
+        for topic in ("joints", "motors") if k % 2 == 0 else ("motors",):
+            traffic.send(topic, valid(topic, stamp))
+            stamps[topic].append(stamp)
+        for _ in range(int(rng.integers(2, 9))):  # fewer than five in a row on a channel that agree
+            topic = "motors" if rng.integers(2) else "joints"
+            kind = int(rng.integers(1000))
+            payload, cause, count = refusable(kind, topic, stamps[topic][-1], rng)
+            traffic.send(topic, payload)
+            expected[cause] += count
+        k += 1
+        if not warm and traffic.sent > whole // 3:
+            warm = resident_mb()
+    grown = resident_mb() - warm
+    for topic in NAMES:  # what is held is decided upon
+        traffic.send(topic, valid(topic, BEGIN + k * MILLISECOND))
+        stamps[topic].append(BEGIN + k * MILLISECOND)
+
+    wanted = offline(model, stamps)
+    node.heard.assert_same(model, wanted)
+    assert wanted.stamp_ns.size > whole // 10
+    conditioner = node.live.conditioner
+    assert {c: n for c, n in conditioner.refused.items() if n} == dict(expected)
+    assert set(expected) == set(conditioner.refused)
+    traffic.assert_counted()
+    assert grown < GROWTH_MB
+
+
+def wild(rng: Any, now: int) -> Iterator[tuple[str, bytes]]:
+    """One message, or a burst that a channel may take for a new clock."""
+    topic = "motors" if rng.integers(2) else "joints"
+    chance = rng.integers(10)
+    name = ("winch", "elbow", "stranger", "")[rng.integers(4)]
+    names = (name,) * int(rng.choice((0, 1, 1, 1, 1, 2, 5)))
+    special = (0.0, np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, 1e11, -1e12, 1e9)
+    value = float(rng.normal()) if rng.integers(2) else special[rng.integers(len(special))]
+    far = (0, 1, 10**6, SECOND, 3 * SECOND, 3600 * SECOND, 4 * 10**8 * SECOND)[rng.integers(7)]
+    stamp = now + int(rng.choice((-1, 1))) * far + int(rng.integers(5))
+    if chance < 5:
+        yield topic, valid(topic, now)
+    elif chance < 7:
+        yield topic, joint_state(stamp, names, [value] * len(names))
+    elif chance < 8:
+        payload = bytearray(valid(topic, stamp))
+        for _ in range(int(rng.integers(1, 4))):
+            payload[int(rng.integers(len(payload)))] = int(rng.integers(256))
+        yield topic, bytes(payload[: int(rng.integers(len(payload) // 2, len(payload) + 1))])
+    elif chance < 9:
+        yield topic, refusable(int(rng.integers(1000)), topic, stamp, rng)[0]
+    else:
+        step = int(rng.choice((1, MILLISECOND, SECOND // 2)))
+        own = NAMES[topic] if rng.integers(4) else name
+        for k in range(int(rng.integers(2, 12))):
+            yield topic, joint_state(stamp + k * step, (own,), [value if k % 3 else 0.1])
+
+
+def wild_tensions(rng: Any, now: int) -> bytes:
+    values = (30.0, np.nan, np.inf, 1e308, -1e308, 5e-324, 0.0, -5.0)
+    name = ("upper/8", "lower/3", "upper/99", "")[rng.integers(4)]
+    names = (name,) * int(rng.integers(3))
+    payload = Template(CABLE_TENSIONS, names, ("tension", "stddev")).encode(
+        now + int(rng.choice((-SECOND, -10 * MILLISECOND, 0, SECOND // 3, 10**4 * SECOND))),
+        tension=[values[rng.integers(len(values))]] * len(names),
+        stddev=[(0.5, np.nan, 1e-300, 1e300, -1.0, 0.0)[rng.integers(6)]] * len(names),
+    )
+    if rng.integers(5) == 0:
+        return payload[: int(rng.integers(len(payload)))]
+    return payload
+
+
+def test_after_anything_at_all_the_node_counts_every_reading_and_starts_anew_rightly(
+    node: Any,
+) -> None:
+    rng = np.random.default_rng(SEED + 1)
+    model = node.live.model
+    traffic = Traffic(node)
+    whole = MESSAGES - MESSAGES // 2
+    now = BEGIN
+    warm, tensions, k, judged = 0.0, 0, 0, 0
+    while traffic.sent + tensions < whole:
+        k += 1
+        now += MILLISECOND
+        for topic, payload in wild(rng, max(now, 1)):
+            traffic.send(topic, payload)
+        if k % 3 == 0:
+            payload = wild_tensions(rng, now)
+            node._on_tensions(payload)
+            tensions += 1
+            traffic.whole += not is_tensions(payload)
+        if k % 5_003 == 0:
+            node.live.reset()
+        for estimate in node.heard:
+            known = estimate.status.astype(int) & INVALID == 0
+            assert np.all(np.isfinite(estimate.tension[known]))
+            assert np.all(estimate.tension[known] >= 0.0)
+            assert np.all(np.isfinite(estimate.values)) or not known.all()
+        judged += len(node.heard)
+        node.heard.clear()
+        if not warm and traffic.sent + tensions > whole // 2:
+            warm = resident_mb()
+    assert resident_mb() - warm < GROWTH_MB
+    assert judged > whole // 20
+    assert node.live.conditioner.clock_jumps > 10
+    traffic.assert_counted()
+
+    node.live.reset()
+    stamps: dict[str, list[int]] = {"motors": [], "joints": []}
+    for k in range(500):
+        stamp = BEGIN + 10**6 * SECOND + k * MILLISECOND
+        for topic in ("joints", "motors"):
+            traffic.send(topic, valid(topic, stamp))
+            stamps[topic].append(stamp)
+    assert_same(model, node.heard, offline(model, stamps))
+
+
+def is_tensions(payload: bytes) -> bool:
+    try:
+        layout_of(payload, CABLE_TENSIONS.fields)
+    except MessageError:
+        return False
+    return True
+
+
+def as_sent(payload: bytes) -> bytes:
+    """Padded to four bytes, as the middleware does, and never shorter than its encapsulation.
+
+    Fast DDS takes no shorter one for a sample, and asks its sender for it again and again.
+    """
+    payload = payload.ljust(ENCAPSULATION + 4, b"\0")
+    return payload + bytes(-len(payload) % 4)
+
+
+def test_a_node_fed_with_hostile_bytes_over_dds_lives_counts_and_goes_on_rightly(
+    ros: None, start_node: Any, wait_until: Any
+) -> None:
+    import rclpy
+    from cdrj_msgs.msg import CableTensions
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import Trigger
+
+    process = start_node(
+        "estimator", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "tension_sensors:=true",
+        "-p", "timeout:=3600.0",
+    )  # fmt: skip
+    beside = Node("hostile", namespace="cdrj")
+    qos = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
+    publishers = {
+        "motors": beside.create_publisher(JointState, "motor_states", qos),
+        "joints": beside.create_publisher(JointState, "joint_states", qos),
+        "tensions": beside.create_publisher(CableTensions, "tension_sensors", qos),
+    }
+    answers: list[bytes] = []
+    said: dict[str, str] = {}
+    beside.create_subscription(CableTensions, "tensions", answers.append, qos, raw=True)
+    beside.create_subscription(
+        DiagnosticArray,
+        "/diagnostics",
+        lambda m: said.update({v.key: v.value for v in m.status[0].values}),
+        10,
+    )
+    reset = beside.create_client(Trigger, "estimator/reset")
+
+    def until(condition: Callable[[], bool]) -> bool:
+        def spun() -> bool:
+            rclpy.spin_once(beside, timeout_sec=0.02)
+            return condition()
+
+        return bool(wait_until(spun, PATIENCE_S))
+
+    def counted() -> int:
+        """Messages refused whole and readings, as the node tells them."""
+        keys = ["readings accepted", "readings held", "readings for another topic"]
+        keys += [key for key in said if key.startswith("refused: ")]
+        return sum(int(said.get(key, "0")) for key in keys if key != "refused: unknown element")
+
+    assert until(
+        lambda: bool(said) and all(p.get_subscription_count() for p in publishers.values())
+    )
+    assert until(lambda: reset.service_is_ready() and beside.count_publishers("/cdrj/tensions") > 0)
+    resident = psutil.Process(process.pid)
+    rng = np.random.default_rng(SEED + 2)
+    due, now, warm = 0, BEGIN, 0.0
+    for burst in range(8):
+        for _ in range(150):
+            now += MILLISECOND
+            for topic, payload in wild(rng, now):
+                padded = as_sent(payload)
+                publishers[topic].publish(padded)
+                due += names_in(padded) or 1
+            padded = as_sent(wild_tensions(rng, now))
+            publishers["tensions"].publish(padded)
+            due += not is_tensions(padded)
+        assert until(lambda: counted() == due), (counted(), due, said)  # noqa: B023
+        if burst == 3:
+            warm = resident.memory_info().rss / 1e6
+    assert process.poll() is None
+    assert resident.memory_info().rss / 1e6 - warm < GROWTH_MB
+
+    forgotten = reset.call_async(Trigger.Request())
+    assert until(forgotten.done)
+    assert forgotten.result().success
+    reader = AnswerReader(load_model(ROBOT).layout)
+    later = BEGIN + 10**6 * SECOND
+    stamps: dict[str, list[int]] = {"motors": [], "joints": []}
+    for k in range(300):
+        stamp = later + k * MILLISECOND
+        for topic in ("joints", "motors"):
+            publishers[topic].publish(valid(topic, stamp))
+            stamps[topic].append(stamp)
+    assert until(lambda: bool(answers) and reader.stamp(answers[-1]) == stamps["motors"][-1])
+    model = load_model(ROBOT)
+    answers = [one for one in answers if reader.stamp(one) >= later]
+    wanted = offline(model, stamps)
+    seen, arrays = reader.arrays("tension", answers)
+    assert np.array_equal(seen, wanted.stamp_ns)
+    assert np.array_equal(arrays["tension"], wanted.values[:, model.layout.tension])
+    beside.destroy_node()

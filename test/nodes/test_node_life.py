@@ -1,0 +1,552 @@
+"""The node through its life: parameters, services, clocks, neighbours, diagnostics, restarts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.cdr import JOINT_STATE, Template
+from cdrj_ros.commands.shared import load_model
+from cdrj_ros.conversions import AnswerReader
+from cdrj_ros.estimation.estimator import Sample, initial_state, step
+from cdrj_ros.model.mechanism import OVERLOAD, SLACK, STALE, UNSURE
+from cdrj_ros.model.parameters import with_numbers
+from cdrj_ros.model.plan import Model, prepare
+from cdrj_ros.model.robot_file import build_robot
+
+ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+SECOND = 10**9
+MILLISECOND = 1_000_000
+BEGIN = 1_700_000_000 * SECOND
+PATIENCE_S = 60.0
+INPUTS = ("motor_states", "joint_states")
+MOTOR = Template(JOINT_STATE, ("winch",), ("position",))
+JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
+
+
+def sample_at(k: int, begin: int = BEGIN) -> Sample:
+    time = 1e-3 * k
+    elbow = 0.3 * np.sin(3.0 * time)
+    winch = 8.0 * np.sin(elbow) + 0.02 * np.sin(40.0 * time)  # 0.12 m a radian over 15 mm
+    return Sample(begin + k * MILLISECOND, np.array([winch]), np.array([elbow]))
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return load_model(ROBOT)
+
+
+class Bench:
+    """Estimators in this process, and a node that speaks to them."""
+
+    def __init__(self) -> None:
+        from rclpy.experimental import EventsExecutor
+        from rclpy.node import Node
+
+        self.executor = EventsExecutor()
+        self.node = Node("bench")
+        self.executor.add_node(self.node)
+        self.estimators: list[Any] = []
+
+    def estimator(self, *arguments: str, state_file: Path | None = None, **given: Any) -> Any:
+        """A node whose outputs are kept in `outputs`."""
+        from rclpy.parameter import Parameter
+
+        from cdrj_ros.nodes.estimator import EstimatorNode
+
+        given = {"robot": ROBOT, "timeout": 3600.0, **given}
+        node = EstimatorNode(
+            state_file,
+            parameter_overrides=[Parameter(key, value=value) for key, value in given.items()],
+            cli_args=["--ros-args", *arguments],
+        )
+        node.outputs = []
+        publish = node._publish
+
+        def remember(output: Any) -> None:
+            node.outputs.append(output)
+            publish(output)
+
+        node._publish = remember
+        node.motor, node.joint = node._listener("motors"), node._listener("joints")
+        self.executor.add_node(node)
+        self.estimators.append(node)
+        return node
+
+    def until(self, condition: Callable[[], bool], patience_s: float = PATIENCE_S) -> bool:
+        from time import monotonic
+
+        deadline = monotonic() + patience_s
+        while not condition():
+            if monotonic() > deadline:
+                return False
+            self.executor.spin_once(timeout_sec=0.01)
+        return True
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        assert self.until(client.service_is_ready)
+        answer = client.call_async(request)
+        assert self.until(answer.done)
+        self.node.destroy_client(client)
+        return answer.result()
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        for node in (*self.estimators, self.node):
+            node.destroy_node()
+
+
+@pytest.fixture
+def bench(ros: None) -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def feed(node: Any, first: int, last: int, begin: int = BEGIN) -> None:
+    for k in range(first, last):
+        sample = sample_at(k, begin)
+        node.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
+        node.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+
+
+def tensions(node: Any) -> np.ndarray:
+    return np.array([output.estimate.tension for output in node.outputs])
+
+
+def expected(models: Sequence[Model], pieces: Sequence[range], begin: int = BEGIN) -> np.ndarray:
+    """Tensions of one history, in pieces, each with a model of its own."""
+    state = initial_state(models[0])
+    found = []
+    for one, piece in zip(models, pieces, strict=True):
+        for k in piece:
+            state, estimate = step(one, state, sample_at(k, begin))
+            found.append(estimate.tension.copy())
+    return np.array(found)
+
+
+def changed(model: Model, **friction: float) -> Model:
+    values = {f"friction.{key}": value for key, value in friction.items()}
+    return prepare(build_robot(with_numbers(dict(model.robot.document), values), "changed"))
+
+
+# parameters ------------------------------------------------------------------------------------
+
+
+def test_every_parameter_says_what_it_is_and_what_it_may_be(bench: Bench) -> None:
+    node = bench.estimator()
+    own = [name for name in node._parameters if not name.startswith("qos_overrides.")]
+    own = [n for n in own if n not in ("use_sim_time", "start_type_description_service")]
+    assert {"robot", "timeout", "preload", "conditioning", "friction.rho", "unsure_share"} < {*own}
+    for name in own:
+        descriptor = node.describe_parameter(name)
+        assert len(descriptor.description) > 10, name
+        bounded = len(descriptor.floating_point_range) == 1
+        assert descriptor.read_only or bounded or name == "preload", name
+
+
+def test_friction_may_change_while_running_and_the_history_stays(
+    bench: Bench, model: Model
+) -> None:
+    from rclpy.parameter import Parameter
+
+    node = bench.estimator()
+    feed(node, 0, 300)
+    (result,) = node.set_parameters([Parameter("friction.rho", value=0.35)])
+    assert result.successful
+    feed(node, 300, 600)
+    (result,) = node.set_parameters([Parameter("friction.rho", value=-1.0)])
+    assert result.successful
+    feed(node, 600, 700)
+
+    other = changed(model, rho=0.35)
+    pieces = (range(300), range(300, 600), range(600, 700))
+    assert np.array_equal(tensions(node), expected((model, other, model), pieces))
+    unchanged = expected((model,), (range(700),))
+    assert not np.allclose(tensions(node)[300:600], unchanged[300:600], rtol=1e-4)
+
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"friction.mu_s": 0.05}, "mu_s must be at least mu_c"),
+    ({"friction.rho": 2.0}, "rho"),
+    ({"friction.rho": -0.5}, "must be in"),
+    ({"friction.rho": float("nan")}, "rho"),
+    ({"friction.mu_c": float("inf")}, "mu_c"),
+    ({"preload": [1.0]}, "preload needs 2"),
+    ({"preload": [-1.0, 2.0]}, "preload must be in"),
+    ({"preload": [float("nan"), 2.0]}, "preload must be in"),
+    ({"friction.rho": 0.3, "preload": [1.0, 2e6]}, "preload must be in"),
+    ({"unsure_share": float("nan")}, "unsure_share"),
+    ({"timeout": 1.0}, "read-only"),
+    ({"robot": "another.yaml"}, "read-only"),
+    ({"friction.rho": "much"}, "type"),
+]
+
+
+def test_a_refused_change_says_why_and_changes_nothing(bench: Bench, model: Model) -> None:
+    from rclpy.parameter import Parameter
+
+    node, beside = bench.estimator(), bench.estimator("-r", "__ns:=/beside")
+    for k, (change, words) in enumerate(REFUSED):
+        feed(node, 10 * k, 10 * k + 10)
+        feed(beside, 10 * k, 10 * k + 10)
+        before = [node.get_parameter_or(name).value for name in change]
+        result = node.set_parameters_atomically(
+            [Parameter(name, value=value) for name, value in change.items()]
+        )
+        assert not result.successful, change
+        assert words in result.reason, (change, result.reason)
+        assert [node.get_parameter_or(name).value for name in change] == before
+    last = 10 * len(REFUSED)
+    feed(node, last, last + 50)
+    feed(beside, last, last + 50)
+    assert np.array_equal(tensions(node), expected((model,), (range(last + 50),)))
+    for one, other in zip(node.outputs, beside.outputs, strict=True):
+        assert np.array_equal(one.stddev, other.stddev)
+
+
+def test_quality_of_service_may_be_overridden_by_parameters(bench: Bench) -> None:
+    from rclpy.qos import ReliabilityPolicy
+
+    given = {"qos_overrides./cdrj/tensions.publisher.reliability": "best_effort"}
+    bench.estimator(**given)
+    for topic, wanted in (
+        ("/cdrj/tensions", ReliabilityPolicy.BEST_EFFORT),
+        ("/cdrj/efforts", ReliabilityPolicy.RELIABLE),
+    ):
+        assert bench.until(lambda: bool(bench.node.get_publishers_info_by_topic(topic)))  # noqa: B023
+        (info,) = bench.node.get_publishers_info_by_topic(topic)
+        assert info.qos_profile.reliability == wanted
+
+
+# services --------------------------------------------------------------------------------------
+
+
+def test_the_services_answer_with_what_they_did(bench: Bench) -> None:
+    from cdrj_msgs.srv import SetPreload
+    from std_srvs.srv import Trigger
+
+    node = bench.estimator()
+    tare, reset = "/cdrj/estimator/tare", "/cdrj/estimator/reset"
+    early = bench.call(Trigger, tare, Trigger.Request())
+    assert not early.success
+    assert "no angles yet" in early.message
+    feed(node, 0, 100)
+
+    done = bench.call(Trigger, tare, Trigger.Request())
+    assert done.success
+    angle = sample_at(99).motor_angle[0]
+    assert f"winch {angle:.6g} rad" in done.message
+    assert node.live.model.robot.motors[0].reference_angle == angle
+    feed(node, 99, 101)
+    assert np.allclose(tensions(node)[-2][:8], 36.85)  # at the reference: the preload
+
+    done = bench.call(
+        SetPreload,
+        "/cdrj/estimator/set_preload",
+        SetPreload.Request(cable=["upper"], preload=[20.0]),
+    )
+    assert done.success
+    assert "36.85 N, now 20 N" in done.message
+    for cable, preload, words in (
+        (["nobody"], [1.0], "there is no cable 'nobody'"),
+        (["upper"], [-1.0], "preload of upper must be in"),
+        (["upper"], [float("nan")], "preload of upper must be in"),
+        (["upper"], [], "as many preloads as cables"),
+        (["upper", "upper"], [1.0, 2.0], "named twice"),
+        ([], [], "name at least one cable"),
+    ):
+        request = SetPreload.Request(cable=cable, preload=preload)
+        answer = bench.call(SetPreload, "/cdrj/estimator/set_preload", request)
+        assert not answer.success
+        assert words in answer.message
+        assert answer.message.startswith("nothing changed")
+    assert [c.preload for c in node.live.model.robot.cables] == [20.0, 26.26]
+
+    done = bench.call(Trigger, reset, Trigger.Request())
+    assert done.success
+    assert "forgotten" in done.message
+    assert node.live.sample is None
+
+
+# time ------------------------------------------------------------------------------------------
+
+
+def test_a_recording_that_loops_restarts_the_estimate_once_and_loses_nothing(
+    bench: Bench, model: Model
+) -> None:
+    node = bench.estimator()
+    feed(node, 0, 3000)
+    first = len(node.outputs)
+    feed(node, 0, 3000)
+    assert node.live.conditioner.clock_jumps == 1
+    assert not any(node.live.conditioner.refused.values())
+    alone = expected((model,), (range(3000),))
+    assert np.array_equal(tensions(node)[:first], alone)
+    assert np.array_equal(tensions(node)[first:], alone)
+
+
+def test_a_clock_that_steps_forth_is_a_gap_and_nothing_is_lost(bench: Bench) -> None:
+    node = bench.estimator()
+    feed(node, 0, 50)
+    feed(node, 50, 100, BEGIN + 3600 * SECOND)
+    conditioner = node.live.conditioner
+    assert (conditioner.clock_jumps, conditioner.gaps) == (0, 2)
+    assert len(node.outputs) == 100
+    assert conditioner.accepted == 200
+
+
+def test_equal_stamps_and_stamps_from_the_future_change_nothing(bench: Bench, model: Model) -> None:
+    node = bench.estimator()
+    for k in range(100):
+        feed(node, k, k + 1)
+        feed(node, k, k + 1)  # the same again
+        future = sample_at(k).stamp_ns + 7200 * SECOND
+        node.motor(MOTOR.encode(future, position=[0.0]))
+    assert np.array_equal(tensions(node), expected((model,), (range(100),)))
+    refused = node.live.conditioner.refused
+    assert refused["repeated"] == 200
+    assert refused["future"] + node.live.conditioner.held == 100
+
+
+def _diagnostics(bench: Bench, said: list[Any]) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    def on_message(message: DiagnosticArray) -> None:
+        said.extend(message.status)
+
+    bench.node.create_subscription(DiagnosticArray, "/diagnostics", on_message, 10)
+
+
+def values_of(status: Any) -> dict[str, str]:
+    return {value.key: value.value for value in status.values}
+
+
+def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
+    """Ten simulated seconds pass in less, then the clock stands still, then it goes on alone."""
+    from rclpy.qos import QoSProfile
+    from rosgraph_msgs.msg import Clock
+
+    node = bench.estimator(use_sim_time=True, timeout=0.5)
+    said: list[Any] = []
+    _diagnostics(bench, said)
+    clock = bench.node.create_publisher(Clock, "/clock", QoSProfile(depth=100))
+    assert bench.until(lambda: clock.get_subscription_count() > 0)
+    assert bench.until(lambda: bench.node.count_publishers("/diagnostics") > 0)
+
+    def set_clock(ns: int) -> None:
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(ns, SECOND)
+        clock.publish(message)
+        assert bench.until(lambda: node._now_ns() == ns)
+
+    for k in range(0, 4000, 50):
+        set_clock(BEGIN + k * MILLISECOND)
+        feed(node, k, k + 50)
+        bench.executor.spin_once(timeout_sec=0.0)
+    assert bench.until(lambda: bool(said))
+    assert bench.until(lambda: said[-1].message != "waiting for every motor and joint", 5.0)
+    values = values_of(said[-1])
+    assert 900.0 < float(values["rate [Hz]"]) < 1100.0
+    assert float(values["age [s]"]) <= 0.5
+
+    heard: list[Any] = []
+    from cdrj_msgs.msg import CableTensions
+
+    bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 10)
+    assert bench.until(lambda: bench.node.count_publishers("/cdrj/tensions") > 0)
+    bench.until(lambda: bool(heard), 1.0)  # twice the timeout of real time: the clock stands still
+    assert not heard
+
+    last = BEGIN + 4000 * MILLISECOND
+    for k in range(20):
+        set_clock(last + k * SECOND // 10)
+        bench.executor.spin_once(timeout_sec=0.05)
+    assert bench.until(lambda: bool(heard))
+    assert all(flags & STALE for flags in heard[-1].status)
+    assert bench.until(lambda: said[-1].message == "no input for 0.5 s")
+    assert said[-1].level == said[-1].STALE
+    assert float(values_of(said[-1])["age [s]"]) > 0.5
+
+
+# diagnostics -----------------------------------------------------------------------------------
+
+KEYS = {
+    "rate [Hz]", "age [s]", "lag behind the newest reading [ms]", "steps", "step time p50 [us]",
+    "step time p99 [us]", "samples not solved", "slack elements", "overloaded elements",
+    "unsure elements", "preload [N]", "readings accepted", "clock jumps", "gaps", "readings held",
+    "readings for another topic", "readings that waited too long",
+    "sensor readings not used in time",
+}  # fmt: skip
+
+
+def test_diagnostics_say_in_words_what_is_the_matter(bench: Bench) -> None:
+    from cdrj_ros.estimation.conditioning import REFUSALS
+    from cdrj_ros.nodes.diagnostics import status_of
+
+    node = bench.estimator(tension_sensors=True)
+    said: list[Any] = []
+    _diagnostics(bench, said)
+    assert bench.until(lambda: bool(said))
+    first = said[-1]
+    assert (first.level, first.message) == (first.WARN, "waiting for every motor and joint")
+    assert (first.name, first.hardware_id) == ("cdrj/estimator", "prototype")
+    assert {*values_of(first)} >= KEYS | {f"refused: {cause}" for cause in REFUSALS}
+
+    def status(age_s: float = 0.01) -> Any:
+        return status_of("e", node.live, node.output, 1000.0, age_s, 0.5, node.times)
+
+    def flagged(flag: int) -> int:
+        return int(sum(int(s) & flag != 0 for s in node.output.estimate.status))
+
+    feed(node, 0, 1500)
+    bench.until(lambda: said[-1] is not first)
+    node.live.set_unsure_share(10.0)
+    feed(node, 1500, 1600)
+    assert (status().level, status().message) == (first.OK, "estimating")
+    assert (status(0.6).level, status(0.6).message) == (first.STALE, "no input for 0.5 s")
+    assert values_of(status())["steps"] == "1600"
+
+    node.live.set_unsure_share(1e-6)
+    feed(node, 1600, 1601)
+    assert flagged(UNSURE) == 16
+    assert status().level == first.WARN
+    assert status().message.startswith("unsure: upper/1")
+    node.live.set_unsure_share(10.0)
+
+    node.live.set_preload({"upper": 0.5, "lower": 0.5})
+    feed(node, 1601, 2000)
+    assert flagged(SLACK) > 0
+    assert status().level == first.WARN
+    assert status().message.startswith("slack: ")
+    assert values_of(status())["slack elements"] in status().message
+
+    node.live.set_preload({"upper": 130.0})
+    feed(node, 2000, 2100)
+    assert flagged(OVERLOAD) > 0
+    assert status().level == first.ERROR
+    assert status().message.startswith("overload: upper/")
+    assert "upper 130" in values_of(status())["preload [N]"]
+
+    node.live.set_preload({"upper": 36.85, "lower": 26.26})
+    for k in range(2100, 2400):
+        feed(node, k, k + 1)
+        node.live.feed_tensions(sample_at(k).stamp_ns, ["upper/8", "x/1"], [1e4, 0.0], [])
+    assert "sensor upper/8 dropped" in status().message
+    assert status().level == first.WARN
+    assert values_of(status())["sensor upper/8"].startswith("dropped: ")
+    assert int(values_of(status())["refused: unknown element"]) == 300
+
+
+# neighbours ------------------------------------------------------------------------------------
+
+
+def test_two_estimators_in_one_executor_do_not_hear_each_other(bench: Bench, model: Model) -> None:
+    from sensor_msgs.msg import JointState
+
+    left = bench.estimator("-r", "__ns:=/left")
+    right = bench.estimator("-r", "__ns:=/right", preload=[50.0, 40.0])
+    publishers = {}
+    for side in ("left", "right"):
+        for topic in ("motor_states", "joint_states"):
+            name = f"/{side}/{topic}"
+            publishers[side, topic] = bench.node.create_publisher(JointState, name, 1000)
+    assert bench.until(lambda: all(p.get_subscription_count() == 1 for p in publishers.values()))
+    for k in range(100):
+        for side, offset in (("left", 0), ("right", 500)):
+            one = sample_at(k + offset)
+            joint = JOINT.encode(one.stamp_ns, position=one.joint_angle)
+            publishers[side, "joint_states"].publish(joint)
+            motor = MOTOR.encode(one.stamp_ns, position=one.motor_angle)
+            publishers[side, "motor_states"].publish(motor)
+    assert bench.until(lambda: len(left.outputs) == len(right.outputs) == 100)
+    assert np.array_equal(tensions(left), expected((model,), (range(100),)))
+    other = load_model(ROBOT, [50.0, 40.0])
+    assert np.array_equal(tensions(right), expected((other,), (range(500, 600),)))
+
+
+def test_of_two_robots_on_a_network_one_is_killed_and_goes_on_and_the_other_never_notices(
+    bench: Bench, model: Model, start_node: Any, tmp_path: Path
+) -> None:
+    """Each a process; one ends by SIGKILL in mid-motion and finds its state file."""
+    from cdrj_msgs.msg import CableTensions
+    from sensor_msgs.msg import JointState
+
+    state_file = tmp_path / "state"
+    answers: dict[str, list[bytes]] = {"left": [], "right": []}
+    publishers = {}
+    for side, heard in answers.items():
+        for topic in ("motor_states", "joint_states"):
+            name = f"/{side}/{topic}"
+            publishers[side, topic] = bench.node.create_publisher(JointState, name, 2000)
+        bench.node.create_subscription(
+            CableTensions, f"/{side}/tensions", heard.append, 2000, raw=True
+        )
+
+    def start(side: str, *own: str) -> Any:
+        return start_node(
+            "estimator", *own, "--ros-args", "-r", f"__ns:=/{side}", "-p", f"robot:={ROBOT}",
+            "-p", "timeout:=3600.0",
+        )  # fmt: skip
+
+    def ends(side: str) -> list[set[bytes]]:
+        """The estimator's ends of its topics; a killed process's stay for a while."""
+        about = bench.node
+        infos = [
+            *(about.get_subscriptions_info_by_topic(f"/{side}/{t}") for t in INPUTS),
+            about.get_publishers_info_by_topic(f"/{side}/tensions"),
+        ]
+        return [{bytes(info.endpoint_gid) for info in one} for one in infos]
+
+    def connected(side: str, before: Sequence[set[bytes]] = (set(), set(), set())) -> bool:
+        now = ends(side)
+        return all(new - old for new, old in zip(now, before, strict=True)) and all(
+            publishers[side, topic].get_subscription_count() == len(found)
+            for topic, found in zip(INPUTS, now, strict=False)
+        )
+
+    def send(side: str, first: int, last: int) -> None:
+        for k in range(first, last):
+            one = sample_at(k)
+            joint = JOINT.encode(one.stamp_ns, position=one.joint_angle)
+            publishers[side, "joint_states"].publish(joint)
+            motor = MOTOR.encode(one.stamp_ns, position=one.motor_angle)
+            publishers[side, "motor_states"].publish(motor)
+            if k % 100 == 99:
+                heard = len(answers[side])
+                bench.until(lambda: len(answers[side]) > heard, 1.0)  # noqa: B023
+
+    left = start("left", "--state-file", str(state_file))
+    right = start("right")
+    assert bench.until(lambda: connected("left") and connected("right"))
+    send("left", 0, 800)
+    send("right", 0, 800)
+    assert bench.until(lambda: len(answers["left"]) == len(answers["right"]) == 800)
+    written = state_file.stat().st_mtime_ns if state_file.exists() else 0
+    assert bench.until(lambda: state_file.exists() and state_file.stat().st_mtime_ns > written)
+
+    before = ends("left")
+    left.kill()
+    left.wait()
+    send("right", 800, 1000)
+    answers["left"].clear()
+    start("left", "--state-file", str(state_file))
+    assert bench.until(lambda: connected("left", before))
+    send("left", 820, 1000)
+    assert bench.until(lambda: len(answers["left"]) == 180)
+    assert bench.until(lambda: len(answers["right"]) == 1000)
+
+    assert right.poll() is None
+    reader = AnswerReader(model.layout)
+    alone = expected((model,), (range(1000),))
+    _, got = reader.arrays("tension", answers["right"])
+    assert np.array_equal(got["tension"], alone)
+    _, got = reader.arrays("tension", answers["left"])
+    apart = np.abs(got["tension"] - alone[820:]) / got["stddev"]
+    assert np.max(apart[0]) < 2.0
+    assert np.mean(apart < 2.0) > 0.95

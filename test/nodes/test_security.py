@@ -1,0 +1,212 @@
+"""What strangers can reach: the policy file is the nodes' real graph, and no file is in reach."""
+
+from __future__ import annotations
+
+import ast
+import runpy
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from cdrj_ros.commands.shared import load_model
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "cdrj_ros"
+ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
+POLICY = ROOT / "config" / "sros2" / "cdrj_ros.policy.xml"
+PATIENCE_S = 60.0
+
+GRAPH = {
+    ("topics", "publish"): "get_publisher_names_and_types_by_node",
+    ("topics", "subscribe"): "get_subscriber_names_and_types_by_node",
+    ("services", "reply"): "get_service_names_and_types_by_node",
+    ("services", "request"): "get_client_names_and_types_by_node",
+}
+
+
+def allowed(node: str) -> dict[tuple[str, str], set[str]]:
+    """Full names that the policy allows a node, by what it may do with them."""
+    (profile,) = (p for p in ElementTree.parse(POLICY).iter("profile") if p.get("node") == node)
+    namespace = profile.get("ns")
+    names: dict[tuple[str, str], set[str]] = {key: set() for key in GRAPH}
+    for group in profile:
+        for rule, verdict in group.attrib.items():
+            assert verdict == "ALLOW"
+            for entry in group:
+                name = (entry.text or "").strip()
+                if name.startswith("~/"):
+                    name = f"{namespace}/{node}/{name[2:]}"
+                elif not name.startswith("/"):
+                    name = f"{namespace}/{name}"
+                names[group.tag, rule].add(name)
+    return names
+
+
+@pytest.fixture
+def both(ros: None) -> Iterator[tuple[Any, Any]]:
+    """An estimator with all its topics and a replay that has found it; and an onlooker."""
+    from rclpy.experimental import EventsExecutor
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+
+    from cdrj_ros.nodes.estimator import EstimatorNode
+    from cdrj_ros.nodes.replay import ReplayNode, wait_for_estimator
+    from cdrj_ros.nodes.spinning import StopRequest
+
+    given = {"robot": ROBOT, "tension_sensors": True, "use_sim_time": True}
+    estimator = EstimatorNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
+    replay = ReplayNode(load_model(ROBOT).layout)
+    onlooker = Node("onlooker")
+    executor = EventsExecutor()
+    for node in (estimator, replay, onlooker):
+        executor.add_node(node)
+    wait_for_estimator(replay, executor, StopRequest(), "/cdrj/estimator", PATIENCE_S)
+    yield onlooker, executor
+    executor.shutdown()
+    for node in (estimator, replay, onlooker):
+        node.destroy_node()
+
+
+def test_the_policy_allows_exactly_what_the_nodes_have(
+    both: tuple[Any, Any], wait_until: Any
+) -> None:
+    onlooker, executor = both
+
+    def graph(node: str) -> dict[tuple[str, str], set[str]]:
+        executor.spin_once(timeout_sec=0.05)
+        return {
+            key: {name for name, _ in getattr(onlooker, method)(node, "/cdrj")}
+            for key, method in GRAPH.items()
+        }
+
+    for node in ("estimator", "replay"):
+        wanted = allowed(node)
+        if node == "replay":  # the client lives as long as the wait
+            assert wanted.pop(("services", "request")) == {"/cdrj/estimator/reset"}
+        wait_until(lambda: wanted.items() <= graph(node).items(), 10.0)  # noqa: B023
+        real = graph(node)
+        for key, names in wanted.items():
+            assert real[key] == names, (node, *key)
+
+
+def test_the_policy_is_of_the_form_that_sros2_reads() -> None:
+    policy = ElementTree.parse(POLICY).getroot()
+    assert (policy.tag, policy.attrib) == ("policy", {"version": "0.2.0"})
+    enclaves = policy.findall("./enclaves/enclave")
+    assert {e.get("path") for e in enclaves} == {"/cdrj/estimator", "/cdrj/replay"}
+    for profile in policy.iter("profile"):
+        for group in profile:
+            single = group.tag.removesuffix("s")
+            rules = {"topics": {"publish", "subscribe"}, "services": {"reply", "request"}}
+            assert set(group.attrib) <= rules[group.tag]
+            assert len(group) > 0
+            assert all(entry.tag == single and entry.text for entry in group)
+
+
+def calls(path: Path) -> Iterator[tuple[str, ast.Call]]:
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Call):
+            function = node.func
+            name = function.attr if isinstance(function, ast.Attribute) else ""
+            yield name or getattr(function, "id", ""), node
+
+
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+WRITING = {
+    "open", "write_text", "write_bytes", "mkdir", "makedirs", "unlink", "rename", "rmdir", "touch",
+    "symlink_to", "chmod", "mkstemp", "mkdtemp", "save", "savez", "savez_compressed", "savetxt",
+    "tofile", "dump", "system", "popen", "Popen", "check_call", "check_output", "rmtree",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "nodes").glob("*.py")), ids=lambda p: p.stem)
+def test_a_node_writes_no_file_itself(path: Path) -> None:
+    assert not WRITING & {name for name, _ in calls(path)}
+
+
+def test_the_state_file_is_named_on_the_command_line_and_nowhere_else() -> None:
+    """The node's one file: its path comes through the constructor; no message can change it."""
+    tree = ast.parse((PACKAGE / "nodes" / "estimator.py").read_text("utf-8"))
+    assigned = [
+        ast.unparse(node.value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Assign)
+        and any(isinstance(t, ast.Attribute) and t.attr == "_state_file" for t in node.targets)
+    ]
+    assert assigned == ["state_file"]
+    made = [
+        [ast.unparse(argument) for argument in call.args]
+        for name, call in calls(PACKAGE / "nodes" / "estimator.py")
+        if name == "EstimatorNode"
+    ]
+    assert made == [["own.state_file"]]
+    written = [
+        ast.unparse(call)
+        for path in (PACKAGE / "nodes").glob("*.py")
+        for name, call in calls(path)
+        if name == "write_state" and call.args
+    ]
+    assert written == ["write_state(self.live, self._state_file)"]
+
+
+def test_nothing_is_loaded_that_could_run() -> None:
+    for path in SOURCES:
+        tree = ast.parse(path.read_text("utf-8"))
+        imported = {
+            alias.name.split(".")[0]
+            for node in ast.walk(tree)
+            if isinstance(node, (ast.Import, ast.ImportFrom))
+            for alias in (
+                node.names if isinstance(node, ast.Import) else [ast.alias(node.module or "")]
+            )
+        }
+        assert not imported & {"pickle", "marshal", "shelve", "dill", "cloudpickle", "yaml"}, path
+        for name, call in calls(path):
+            keywords = {k.arg: ast.unparse(k.value) for k in call.keywords}
+            plain = isinstance(call.func, ast.Name)
+            assert not (plain and name in ("eval", "exec", "compile", "__import__")), path
+            if name == "YAML":  # neither of the two makes objects of what a file names
+                assert keywords.get("typ", "'rt'") in ("'safe'", "'rt'"), path
+            if ast.unparse(call.func) in ("np.load", "numpy.load"):
+                assert keywords.get("allow_pickle") == "False", path
+
+
+def test_the_launch_file_limits_discovery_before_it_starts_the_node() -> None:
+    found = dict(calls(ROOT / "launch" / "estimator.launch.py"))
+    variable, value = found["SetEnvironmentVariable"].args
+    assert ast.unparse(variable) == "'ROS_AUTOMATIC_DISCOVERY_RANGE'"
+    assert ast.unparse(value) == "LaunchConfiguration('discovery_range')"
+    assert found["SetEnvironmentVariable"].lineno < found["Node"].lineno
+    defaults = {
+        ast.unparse(call.args[0]): ast.unparse(keyword.value)
+        for name, call in calls(ROOT / "launch" / "estimator.launch.py")
+        if name == "DeclareLaunchArgument"
+        for keyword in call.keywords
+        if keyword.arg == "default_value"
+    }
+    assert defaults["'discovery_range'"] == "'LOCALHOST'"
+
+
+def test_launched_nodes_speak_to_this_machine_only_unless_told_otherwise() -> None:
+    pytest.importorskip("launch.actions", reason="ROS 2 launch is not installed")
+    from launch import LaunchContext
+    from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
+    from launch_ros.actions import Node
+
+    names = runpy.run_path(str(ROOT / "launch" / "estimator.launch.py"))
+    actions = names["generate_launch_description"]().entities
+    order = [type(action) for action in actions]
+    assert order.index(SetEnvironmentVariable) < order.index(Node)
+    for asked, given in ((None, "LOCALHOST"), ("SUBNET", "SUBNET")):
+        context = LaunchContext()
+        if asked:
+            context.launch_configurations["discovery_range"] = asked
+        for action in actions:
+            if isinstance(action, DeclareLaunchArgument) and action.name == "discovery_range":
+                action.execute(context)
+            if isinstance(action, SetEnvironmentVariable):
+                action.execute(context)
+        assert context.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == given
