@@ -35,6 +35,9 @@ Stamps = NDArray[np.int64]
 STALLED_S: Final = 3.0
 """With no answer for so long, what is under way counts as lost; if it comes after all, as late."""
 
+NEVER: Final = 2**63
+"""A place that no answer reaches."""
+
 FOLD: Final = 1024
 """Messages decoded at once."""
 
@@ -199,6 +202,8 @@ class Run:
             _Line(kind, names) for kind, names in zip(KINDS, names_of(model.layout), strict=True)
         ]
         self._late: set[int] = set()
+        self._room_at = NEVER
+        self._on_room: Callable[[], None] = _nothing
         self._unanswerable = 0
 
     # -- inputs --------------------------------------------------------------------------------
@@ -260,6 +265,9 @@ class Run:
             note(now)
             self.heard_s = now
             keep(payload)
+            if place >= self._room_at:
+                self._room_at = NEVER
+                self._on_room()
             if len(line.payloads) >= FOLD:
                 line.fold()
 
@@ -301,6 +309,11 @@ class Run:
         """Estimates that have been asked for and not been answered on all topics."""
         lines = self._lines
         return len(self._expected) - min(lines[0].place, lines[1].place, lines[2].place)
+
+    def call_at(self, under_way: int, then: Callable[[], None]) -> None:
+        """Call ``then`` once, when an answer leaves about so many under way."""
+        self._on_room = then
+        self._room_at = len(self._expected) - 1 - under_way
 
     def give_up_stalled(self, now_s: float, patience_s: float = STALLED_S) -> int:
         """Count what is under way as lost where nothing has come for so long; returns how many."""
@@ -357,6 +370,10 @@ class Run:
             clock_jumps=gate.clock_jumps,
             gaps=gate.gaps,
         )
+
+
+def _nothing() -> None:
+    """Nobody waits."""
 
 
 def _listed(names: Sequence[str]) -> str:

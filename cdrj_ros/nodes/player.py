@@ -16,6 +16,7 @@ from rclpy.duration import Duration
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -403,9 +404,7 @@ class Player:
             if stop or controls.stopped or playback.sought or run.trouble or self._gone:
                 break
             if run.under_way > WINDOW:
-                spin_once(timeout_sec=max(self._chores_s - now, 0.0))
-                while run.under_way > WINDOW and perf_counter() < self._chores_s:
-                    spin_once(timeout_sec=CHORES_S)
+                self._let_answers_in(run, now)
                 continue
             messages = playback.take(now, BATCH)
             if messages:
@@ -432,6 +431,14 @@ class Player:
         if playback.sought and not self.stopping:
             return Ending.SOUGHT
         return Ending.END if ended else Ending.USER
+
+    def _let_answers_in(self, run: Run, now: float) -> None:
+        """Until there is room for another batch, or something else to do."""
+        room: Future = Future()
+        run.call_at(WINDOW - BATCH, lambda: room.set_result(None))
+        # one call for many answers: spinning once for each takes longer than hearing it
+        left_s = max(self._chores_s - now, 0.0)
+        self.executor.spin_until_future_complete(room, timeout_sec=left_s)
 
     def _drain(self, playback: Playback, run: Run, watch: _Stopwatch) -> None:
         """Hear out what is under way."""

@@ -25,6 +25,8 @@ ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 SAMPLE = ROOT / "bags" / "prototype_preload_36_26"
 PATIENCE_S = 60.0
+COMPILING_S = 600.0
+"""A first start compiles the kernels."""
 
 TAKE_TERMINAL = """
 import fcntl, os, sys, termios
@@ -45,13 +47,22 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 @pytest.fixture(scope="module")
-def estimator(executables: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """One estimator for many replays: each starts it anew."""
-    process = subprocess.Popen(
-        [executables / "estimator", "--ros-args", "-p", f"robot:={ROBOT}"],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+def estimator(
+    executables: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[subprocess.Popen[bytes]]:
+    """One estimator for many replays, its kernels compiled: each replay starts it anew."""
+    log = tmp_path_factory.mktemp("estimator") / "log"
+    with log.open("wb") as stream:
+        process = subprocess.Popen(
+            [executables / "estimator", "--ros-args", "-p", f"robot:={ROBOT}"],
+            stdout=stream,
+            stderr=stream,
+        )
+    deadline = time.monotonic() + COMPILING_S
+    while " pulleys" not in log.read_text(errors="replace"):
+        assert process.poll() is None, log.read_text(errors="replace")
+        assert time.monotonic() < deadline, log.read_text(errors="replace")
+        time.sleep(0.05)
     yield process
     _end(process)
 
