@@ -110,12 +110,12 @@ class LiveEstimator:
     def use(self, model: Model) -> None:
         """Go on with another robot of the same parts; state and readings stay."""
         options = self.options
+        measured = options.tension_sensors or options.track_preload
         spread: Spread | None = None
         fusion: Fusion | None = None
         if options.uncertainty:
-            measured = options.tension_sensors or options.track_preload
             spread = Spread(model, preload_share=DOUBT if measured else 0.0)
-        if spread is not None and (options.tension_sensors or options.track_preload):
+        if spread is not None and measured:
             fusion = Fusion(spread, FREE_DRIFT if options.track_preload else SLOW_DRIFT)
         self.model, self.spread, self.fusion = model, spread, fusion
         self._preload = np.repeat(

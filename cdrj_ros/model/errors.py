@@ -11,7 +11,8 @@ class RobotFileError(CdrjError):
     """A robot file that does not describe a possible robot."""
 
     def __init__(self, text: str) -> None:
-        super().__init__(" ".join(text.split()))  # a key may hold a line break
+        line = " ".join(text.split())  # a key may hold a line break, or a book
+        super().__init__(line if len(line) <= 600 else f"{line[:400]} ... {line[-180:]}")
 
 
 class BagError(CdrjError):
