@@ -40,7 +40,7 @@ from cdrj_ros.estimation.identification.unknowns import (
 )
 from cdrj_ros.estimation.identify import WEIGHTS, Identification, Settings, identify
 from cdrj_ros.estimation.metrics import ChannelError, pooled_errors
-from cdrj_ros.model.document import Document, parse_document
+from cdrj_ros.model.document import Document, complaints, parse_document, schema
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.parameters import with_numbers
 from cdrj_ros.model.plan import Model, prepare
@@ -126,6 +126,8 @@ def _body(argv: Sequence[str]) -> int:
     document, source = load_document(path)
     start = starting_values(document, arguments.start)
     document = with_numbers(document, start)
+    for complaint in complaints(document, schema()):
+        raise UsageError(f"--start: {complaint}")
     unknowns = parse_unknowns(document, arguments.fit)
     unknowns = with_priors(with_bounds(unknowns, arguments.bounds), arguments.prior)
     model = prepare(build_robot(document, source))

@@ -244,7 +244,7 @@ def test_tied_numbers_are_one_and_a_minus_turns_the_sign(document: Document) -> 
 @pytest.mark.parametrize(
     ("fit", "taught"),
     [
-        ("roh", "has no 'roh'"),
+        ("roh", "did you mean rho?"),
         ("rho,,preload", "single commas"),
         ("rho,cables.upper.friction.rho", "fitted twice"),
         ("cables.{*}.preload=cables.{*}.max_tension", "use one of both"),

@@ -25,7 +25,7 @@ INSIDE: Final = 1e-3
 HUBER: Final = 1.345
 """Where a robust loss bends, in standard deviations of a channel's residual."""
 
-TOLERANCE: Final = 1e-5
+TOLERANCE: Final = 3e-5
 """Relative change of the cost, or of the coordinates, that ends a round."""
 
 LAST_TOLERANCE: Final = 1e-3

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from math import exp, inf, isfinite, log
 from typing import Final
@@ -165,6 +166,12 @@ def parse_unknowns(document: Document, text: str) -> tuple[Unknown, ...]:
 def _parse_item(document: Document, item: str) -> list[Unknown]:
     if item == "drum_radius":
         return _drum_radii(document)
+    if item.isidentifier() and item not in SHORT_FORMS:
+        close = get_close_matches(item, SHORT_FORMS, n=1)
+        raise UsageError(
+            f"{item} is no short form"
+            + (f"; did you mean {close[0]}?" if close else f"; there are {', '.join(SHORT_FORMS)}")
+        )
     members = split_outside(SHORT_FORMS.get(item, item), "=")
     if len(members) == 1:
         pattern, sign = _signed(members[0])

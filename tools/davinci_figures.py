@@ -1,0 +1,219 @@
+#!/usr/bin/env python3
+"""Draw the figures of docs/validation.md from the recordings of a real instrument.
+
+python tools/davinci_figures.py DATA --out docs/figures
+
+DATA holds the folders train, validate and other_wrist_pose (see config/robots/davinci_jaw.yaml for
+their origin).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from cdrj_ros.bag import Topics  # noqa: E402
+from cdrj_ros.estimation.metrics import pooled_errors  # noqa: E402
+from cdrj_ros.model.parameters import with_numbers  # noqa: E402
+from cdrj_ros.model.plan import Model, prepare  # noqa: E402
+from cdrj_ros.model.robot_file import build_robot, load_document  # noqa: E402
+from cdrj_ros.validation import (  # noqa: E402
+    compare_with_references,
+    condition_recording,
+    estimate,
+    estimate_channels,
+    read_inputs,
+)
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+
+ROBOT = ROOT / "config" / "robots" / "davinci_jaw.yaml"
+MEASURED, ESTIMATED, THIRD = (
+    "#222222",
+    "#D55E00",
+    "#0072B2",
+)  # safe for the colour-blind (Okabe, Ito)
+CHANNELS = ("effort/spindle", "effort/jaw")
+WIDE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "figure.dpi": 110}
+
+
+class Run:
+    """One recording beside its estimate."""
+
+    def __init__(self, path: Path, model: Model) -> None:
+        recording = read_inputs(str(path), Topics(), model)
+        conditioned = condition_recording(model, recording)
+        estimates = estimate(model, conditioned)
+        channels = estimate_channels(model.layout, estimates.values)
+        self.name = path.name.removeprefix("Tool_4_Maryland_L_")
+        self.comparison = compare_with_references(
+            model, str(path), recording, conditioned, estimates.stamp_ns, channels
+        )
+        self.channel = {channel.name: channel for channel in self.comparison.channels}
+        self.samples = conditioned.segments[-1]
+
+    def angle(self, channel: str) -> Any:
+        """Spindle or jaw angle at the channel's stamps [rad]."""
+        values = self.samples.motor_angle if channel == CHANNELS[0] else self.samples.joint_angle
+        since = self.samples.stamp_ns[0]
+        return np.interp(
+            self.channel[channel].stamp_ns - since, self.samples.stamp_ns - since, values[:, 0]
+        )
+
+
+def runs_of(folder: Path, model: Model) -> list[Run]:
+    """Every bag of a folder."""
+    return [Run(bag, model) for bag in sorted(folder.iterdir()) if bag.is_dir()]
+
+
+def loops(runs: Sequence[Run], path: Path) -> None:
+    """Both torques over their angles, the first stroke left out."""
+    fig, axes = plt.subplots(2, len(runs), figsize=(2.35 * len(runs), 4.6), sharey="row")
+    for column, run in zip(axes.T, runs, strict=True):
+        for axis, name in zip(column, CHANNELS, strict=True):
+            channel = run.channel[name]
+            late = slice(len(channel.stamp_ns) // 4, None, 5)
+            angle = run.angle(name)[late]
+            axis.plot(angle, channel.reference[late], color=MEASURED, lw=0.7, label="measured")
+            axis.plot(angle, channel.estimate[late], color=ESTIMATED, lw=0.7, label="estimated")
+            axis.set_xlabel(f"{name[7:]} angle [rad]")
+        column[0].set_title(f"run {run.name}")
+    for axis, name in zip(axes[:, 0], CHANNELS, strict=True):
+        axis.set_ylabel(f"{name[7:]} torque [N·m]")
+    axes[0, 0].legend(frameon=False, fontsize=8, loc="center right")
+    finish(fig, path)
+
+
+def series(run: Run, path: Path) -> None:
+    """Both torques and their errors over time."""
+    fig, axes = plt.subplots(2, 2, figsize=(7.6, 4.2), sharex=True, height_ratios=[2.2, 1])
+    for column, name in zip(axes.T, CHANNELS, strict=True):
+        channel = run.channel[name]
+        time = (channel.stamp_ns - channel.stamp_ns[0]) * 1e-9
+        column[0].plot(time, channel.reference, color=MEASURED, lw=0.8, label="measured")
+        column[0].plot(time, channel.estimate, color=ESTIMATED, lw=0.8, label="estimated")
+        column[0].set_ylabel(f"{name[7:]} torque [N·m]")
+        error = 1e3 * (channel.estimate - channel.reference)
+        column[1].plot(time, error, color=THIRD, lw=0.6)
+        column[1].axhline(0.0, color="#999999", lw=0.6)
+        column[1].set_ylabel("error [mN·m]")
+        column[1].set_xlabel("time [s]")
+        limit = 1.2 * float(np.quantile(np.abs(error), 0.998))
+        column[1].set_ylim(-limit, limit)
+    axes[0, 0].legend(frameon=False, fontsize=8, loc="upper right", ncols=2)
+    axes[0, 0].set_ylim(top=axes[0, 0].get_ylim()[1] * 1.15)
+    finish(fig, path)
+
+
+def per_run(groups: dict[str, Sequence[Run]], path: Path) -> None:
+    """RMSE of every run."""
+    fig, axes = plt.subplots(2, 1, figsize=(7.6, 4.2), sharex=True)
+    colours = {"fitted": "#999999", "held out": ESTIMATED, "other wrist pose": THIRD}
+    for axis, name in zip(axes, CHANNELS, strict=True):
+        at, ticks = 0, []
+        for group, runs in groups.items():
+            values = [1e3 * _rmse([run], name) for run in runs]
+            axis.bar(
+                range(at, at + len(runs)), values, color=colours[group], label=group, width=0.7
+            )
+            ticks += [run.name.replace("Pitch_3_00", "pitch ") for run in runs]
+            at += len(runs) + 1
+            ticks.append("")
+        axis.set_ylabel(f"{name[7:]} RMSE\n[mN·m]")
+        axis.set_xticks(range(len(ticks) - 1), ticks[:-1], rotation=60, fontsize=8)
+        axis.tick_params(axis="x", length=0)
+    axes[0].legend(frameon=False, fontsize=8, loc="upper left")
+    finish(fig, path)
+
+
+def correction(model: Model, before: Sequence[Run], after: Sequence[Run], path: Path) -> None:
+    """The jaw's mean error over its angle without and with the correction, and the correction."""
+    fig, (left, right) = plt.subplots(1, 2, figsize=(7.6, 2.9))
+    for runs, colour, label in ((before, MEASURED, "set to 0"), (after, ESTIMATED, "as fitted")):
+        for k, run in enumerate(runs):
+            channel = run.channel[CHANNELS[1]]
+            angle = run.angle(CHANNELS[1])
+            edges = np.linspace(0.16, 1.26, 45)
+            bins = np.digitize(angle, edges)
+            error = channel.estimate - channel.reference
+            centre = 0.5 * (edges[1:] + edges[:-1])
+            mean = [
+                1e3 * error[bins == b].mean() if np.count_nonzero(bins == b) > 50 else np.nan
+                for b in range(1, edges.size)
+            ]
+            left.plot(centre, mean, color=colour, lw=0.8, alpha=0.7, label=None if k else label)
+    left.axhline(0.0, color="#999999", lw=0.6)
+    left.set_xlabel("jaw angle [rad]")
+    left.set_ylabel("mean error of jaw torque [mN·m]")
+    left.legend(frameon=False, fontsize=8, title="correction", title_fontsize=8)
+    sensor = model.robot.joints[0].sensor
+    at, value = np.array(sensor.corrected_at), 1e3 * np.array(sensor.correction)
+    spread = np.zeros(at.size)
+    known = model.robot.uncertainty
+    if known is not None:
+        for k in range(at.size):
+            name = f"joints.jaw.correction.value.{k + 1}"
+            if name in known.parameters:
+                place = known.parameters.index(name)
+                spread[k] = 1e3 * float(np.sqrt(known.covariance[place, place]))
+    right.fill_between(at, value - 2.0 * spread, value + 2.0 * spread, color=THIRD, alpha=0.2, lw=0)
+    right.plot(at, value, "o-", color=THIRD, ms=3.5, lw=1)
+    right.axhline(0.0, color="#999999", lw=0.6)
+    right.set_xlabel("jaw angle [rad]")
+    right.set_ylabel("correction, ±2σ [mrad]")
+    finish(fig, path)
+
+
+def _rmse(runs: Sequence[Run], channel: str) -> float:
+    return float(pooled_errors([run.comparison for run in runs])[channel].rmse or 0.0)
+
+
+def finish(fig: Any, path: Path) -> None:
+    """Write a figure."""
+    fig.tight_layout()
+    fig.savefig(path, dpi=130)
+    plt.close(fig)
+    print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw all figures; returns the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("data", type=Path, help="folder with train, validate, other_wrist_pose")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the figures")
+    arguments = parser.parse_args(argv)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    plt.rcParams.update(WIDE)
+    document, source = load_document(ROBOT)
+    model = prepare(build_robot(document, source))
+    count = len(document["joints"][0]["correction"]["value"])
+    without = {f"joints.jaw.correction.value.{k + 1}": 0.0 for k in range(count)}
+    plain = prepare(build_robot(with_numbers(document, without), source))
+    train = runs_of(arguments.data / "train", model)
+    held_out = runs_of(arguments.data / "validate", model)
+    other = runs_of(arguments.data / "other_wrist_pose", model)
+    loops(held_out[:: max(1, len(held_out) // 4)][:4], arguments.out / "davinci_loops.png")
+    series(held_out[len(held_out) // 2], arguments.out / "davinci_time.png")
+    per_run(
+        {"fitted": train, "held out": held_out, "other wrist pose": other},
+        arguments.out / "davinci_runs.png",
+    )
+    correction(
+        model, runs_of(arguments.data / "train", plain), train,
+        arguments.out / "davinci_correction.png",
+    )  # fmt: skip
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
