@@ -29,7 +29,18 @@ MAY_IMPORT = {
 }
 """What each part of the package may import, itself aside."""
 
-ROS = ("rclpy", "cdrj_msgs", "sensor_msgs", "std_msgs", "std_srvs", "diagnostic_msgs", "launch")
+ROS = (
+    "rclpy",
+    "cdrj_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "std_srvs",
+    "diagnostic_msgs",
+    "rosgraph_msgs",
+    "rcl_interfaces",
+    "builtin_interfaces",
+    "launch",
+)
 
 
 def _modules() -> list[Path]:

@@ -40,6 +40,9 @@ MAXIMUM_BYTES: Final = 1_000_000
 """A robot file is small; more is not one."""
 
 
+LONGEST_TEXT: Final = 400
+"""Letters of a complaint that quotes the file."""
+
 DEFAULT_BREAKAWAY_ANGLE: Final = 1e-3
 """Angle within which the friction of an axis builds up where the file does not say [rad]."""
 
@@ -99,6 +102,7 @@ class _Builder:
         self.joints: dict[str, Joint] = {joint.name: joint for joint in self._joints()}
 
     def error(self, path: str, text: str) -> RobotFileError:
+        text = text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
         return RobotFileError(f"{path} {text} ({self.source})")
 
     def robot(self) -> Robot:
