@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, Template
+from cdrj_ros.cdr import CABLE_TENSIONS, ENCAPSULATION, JOINT_STATE, NODAL_FORCES, Template
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.model.mechanism import STALE
 from cdrj_ros.model.plan import Layout
@@ -21,6 +22,10 @@ FORCE_ARRAYS: Final = (
     "slip_speed",
     "status",
 )
+
+
+PADDING: Final = 7
+"""Bytes that a middleware may append to a message."""
 
 
 class EstimateEncoder:
@@ -93,3 +98,57 @@ def marked_stale(estimate: Estimate) -> Estimate:
     status = values[estimate.layout.status]
     status[:] = status.astype(np.uint8) | STALE
     return estimate._replace(values=values)
+
+
+class AnswerReader:
+    """Reads back messages that ``EstimateEncoder`` wrote for a robot of this layout."""
+
+    def __init__(self, layout: Layout) -> None:
+        """Prepare the places of the arrays."""
+        self.layout = layout
+        tensions, forces = ("tension", "status"), FORCE_ARRAYS
+        self._templates = {
+            "tension": [
+                Template(CABLE_TENSIONS, layout.elements, (*tensions, "stddev")),
+                Template(CABLE_TENSIONS, layout.elements, tensions),
+            ],
+            "nodal_force": [
+                Template(NODAL_FORCES, layout.pulleys, (*forces, "stddev")),
+                Template(NODAL_FORCES, layout.pulleys, forces),
+            ],
+            "effort": [Template(JOINT_STATE, layout.motors + layout.joints, ("effort",))],
+        }
+
+    def stamp(self, payload: bytes) -> int:
+        """Header stamp [ns]."""
+        sec = int.from_bytes(payload[4:8], "little", signed=True)
+        return sec * 1_000_000_000 + int.from_bytes(payload[8:12], "little")
+
+    def arrays(
+        self, kind: str, payloads: Sequence[bytes]
+    ) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]:
+        """Stamps [ns], shape (n,), and arrays, shape (n, names), of messages of one kind.
+
+        With ``stddev`` where the first message has it.  Messages of another shape (another
+        robot's, say) are left out.
+        """
+        template = self._templates[kind][-1]
+        for candidate in self._templates[kind]:
+            if payloads and 0 <= len(payloads[0]) - len(candidate.payload) <= PADDING:
+                template = candidate
+                break
+        size = len(template.payload)
+        alike = [payload[:size] for payload in payloads if 0 <= len(payload) - size <= PADDING]
+        rows = np.frombuffer(b"".join(alike), np.uint8).reshape(len(alike), size)
+        stamps = rows[:, ENCAPSULATION : ENCAPSULATION + 8].copy()
+        sec = stamps.view("<i4")[:, 0].astype(np.int64)
+        nanosec = stamps.view("<u4")[:, 1].astype(np.int64)
+        arrays = {
+            name: np.ascontiguousarray(
+                rows[:, span.offset : span.offset + span.count * np.dtype(span.dtype).itemsize]
+            )
+            .view(span.dtype)
+            .astype(np.float64)
+            for name, span in template.spans.items()
+        }
+        return sec * 1_000_000_000 + nanosec, arrays
