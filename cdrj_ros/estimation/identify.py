@@ -178,7 +178,7 @@ def identify(
             last.prior_scale = rough.prior_scale
             say(f"all {_count(last)} samples")
             coordinates = solve(
-                last, coordinates, loss, FINE_STEPS, say, LAST_TOLERANCE
+                last, coordinates, loss, FINE_STEPS, say, LAST_TOLERANCE, rough
             ).coordinates
             evaluations = last.evaluations
         say("standard errors")

@@ -50,8 +50,19 @@ def solve(
     most_steps: int,
     say: Progress,
     tolerance: float = TOLERANCE,
+    slopes: Problem | None = None,
 ) -> Solved:
     """Least squares from one start.
+
+    Args:
+        problem: whose residuals are minimised.
+        begin: coordinates of the start.
+        loss: one of ``LOSSES``.
+        most_steps: evaluations of the residuals beside those of the Jacobian.
+        say: called with a line for every step.
+        tolerance: relative change of cost or coordinates that ends it.
+        slopes: the same references with fewer samples, to take the Jacobian from: nearly the same,
+            and many times cheaper.
 
     Raises:
         RobotFileError: the start describes no possible robot.
@@ -74,7 +85,7 @@ def solve(
         return found
 
     def differences(coordinates: Vector) -> Table:
-        return jacobian(problem, coordinates)
+        return jacobian(slopes or problem, coordinates)
 
     first = with_priors(problem, begin, problem.residuals(begin))
     found = least_squares(

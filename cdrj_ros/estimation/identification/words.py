@@ -69,7 +69,8 @@ def findings(
         told |= set(members)
         if len(members) == 2:
             i, j = members
-            signless = unknowns[i].lower < 0.0 or unknowns[j].lower < 0.0
+            alike = len({unknowns[k].paths[0].rsplit(".", 1)[-1] for k in members}) == 1
+            signless = alike or unknowns[i].lower < 0.0 or unknowns[j].lower < 0.0
             sentences.append(
                 _pair(unknowns, i, j, float(correlation[i, j]), signless, alone, together)
             )
