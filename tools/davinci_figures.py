@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Draw the figures of docs/validation.md from the recordings of a real instrument.
 
-python tools/davinci_figures.py DATA --out docs/figures
+python tools/davinci_figures.py DATA --pose-robot POSE.yaml --out docs/figures
 
 DATA holds the folders train, validate and other_wrist_pose (see config/robots/davinci_jaw.yaml for
-their origin).
+their origin), POSE.yaml the same robot with the jaw zeroed for the last of them.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def loops(runs: Sequence[Run], path: Path) -> None:
         column[0].set_title(f"run {run.name}")
     for axis, name in zip(axes[:, 0], CHANNELS, strict=True):
         axis.set_ylabel(f"{name[7:]} torque [N·m]")
-    axes[0, 0].legend(frameon=False, fontsize=8, loc="center right")
+    axes[1, 0].legend(frameon=False, fontsize=8, loc="lower left")
     finish(fig, path)
 
 
@@ -118,7 +118,7 @@ def series(run: Run, path: Path) -> None:
 def per_run(groups: dict[str, Sequence[Run]], path: Path) -> None:
     """RMSE of every run."""
     fig, axes = plt.subplots(2, 1, figsize=(7.6, 4.2), sharex=True)
-    colours = {"fitted": "#999999", "held out": ESTIMATED, "other wrist pose": THIRD}
+    colours = {"fitted": "#999999", "held out": ESTIMATED, "other wrist pose, jaw zeroed": THIRD}
     for axis, name in zip(axes, CHANNELS, strict=True):
         at, ticks = 0, []
         for group, runs in groups.items():
@@ -132,7 +132,8 @@ def per_run(groups: dict[str, Sequence[Run]], path: Path) -> None:
         axis.set_ylabel(f"{name[7:]} RMSE\n[mN·m]")
         axis.set_xticks(range(len(ticks) - 1), ticks[:-1], rotation=60, fontsize=8)
         axis.tick_params(axis="x", length=0)
-    axes[0].legend(frameon=False, fontsize=8, loc="upper left")
+    axes[0].legend(frameon=False, fontsize=8, loc="upper left", ncols=3)
+    axes[0].set_ylim(top=1.25 * axes[0].get_ylim()[1])
     finish(fig, path)
 
 
@@ -190,6 +191,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Draw all figures; returns the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("data", type=Path, help="folder with train, validate, other_wrist_pose")
+    parser.add_argument("--pose-robot", required=True, help="robot file for other_wrist_pose")
     parser.add_argument("--out", type=Path, required=True, help="folder of the figures")
     arguments = parser.parse_args(argv)
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -201,11 +203,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     plain = prepare(build_robot(with_numbers(document, without), source))
     train = runs_of(arguments.data / "train", model)
     held_out = runs_of(arguments.data / "validate", model)
-    other = runs_of(arguments.data / "other_wrist_pose", model)
-    loops(held_out[:: max(1, len(held_out) // 4)][:4], arguments.out / "davinci_loops.png")
+    zeroed = prepare(build_robot(*load_document(arguments.pose_robot)))
+    other = runs_of(arguments.data / "other_wrist_pose", zeroed)
+    loops([held_out[k] for k in (0, 1, 2, -1)], arguments.out / "davinci_loops.png")
     series(held_out[len(held_out) // 2], arguments.out / "davinci_time.png")
     per_run(
-        {"fitted": train, "held out": held_out, "other wrist pose": other},
+        {"fitted": train, "held out": held_out, "other wrist pose, jaw zeroed": other},
         arguments.out / "davinci_runs.png",
     )
     correction(
