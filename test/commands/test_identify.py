@@ -38,7 +38,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> WriteRig:
         amplitude: float,
         frequency: float,
         seconds: float,
-        cells: int = 6,
+        cells: int = 4,
     ) -> Path:
         document, source = load_document(ROBOT)
         robot = build_robot(with_numbers(document, numbers), source)
@@ -173,10 +173,10 @@ def test_equation_44_finds_the_rho_of_both_cables_from_a_nodal_force_and_a_tensi
     rig: WriteRig, upper: float, lower: float, tmp_path: Path
 ) -> None:
     truth = {"cables.upper.friction.rho": upper, "cables.lower.friction.rho": lower}
-    bag = rig("published_rho", truth, 0.62, 0.1, 25.0, cells=4)
+    bag = rig("published_rho", truth, 0.62, 0.1, 15.0, cells=4)
     figures = tmp_path / "figures.json"
     assert identify.main(
-        [str(bag), "--robot", str(ROBOT), "--fit", "rho", "--quick",
+        [str(bag), "--robot", str(ROBOT), "--fit", "rho", "--quick", "--starts", "4",
          "--channels", "nodal_force/*/3,tension/*/8", "--json", str(figures)]
     ) == 0  # fmt: skip
     found = {p["paths"][0]: p["value"] for p in json.loads(figures.read_text())["parameters"]}

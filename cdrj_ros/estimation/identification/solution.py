@@ -19,6 +19,9 @@ LOSSES: Final = ("linear", "soft_l1", "huber")
 STEP: Final = 2e-3
 """Step of the differences that make the Jacobian, in coordinates."""
 
+DRAWS: Final = 12
+"""Random points that are looked at for each start that is made."""
+
 INSIDE: Final = 1e-3
 """How far from its bounds a start is kept, in coordinates."""
 
@@ -226,26 +229,39 @@ def _robust(loss: str, problem: Problem, residuals: Vector) -> Callable[[Vector]
     return shape
 
 
+def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
+    """The best of ``DRAWS`` times as many random points, by their residuals alone.
+
+    They lie within a factor of e, or by the number itself, around the file's numbers.
+    """
+    if count < 1:
+        return []
+    generator = np.random.default_rng(seed)
+    lower, upper = limits(problem)
+    drawn = [
+        np.clip(generator.uniform(-5.0, 5.0, lower.size), lower, upper)
+        for _ in range(DRAWS * count)
+    ]
+    ranked = []
+    for begin in range(0, len(drawn), DRAWS):  # not all residuals at once: memory
+        some = drawn[begin : begin + DRAWS]
+        for point, residuals in zip(some, problem.residuals_of(some), strict=True):
+            cost = float(np.sum(with_priors(problem, point, residuals) ** 2))
+            if np.isfinite(cost):
+                ranked.append((cost, point))
+    ranked.sort(key=lambda pair: pair[0])
+    return [point for _, point in ranked[:count]]
+
+
 def many_starts(
     problem: Problem, count: int, seed: int, loss: str, most_steps: int, say: Progress
 ) -> tuple[list[Solved], int]:
     """Rounds from the robot file's numbers and from random ones; the best one first.
 
-    Random starts lie within a factor of e, or by the number itself, around the file's.  Those
-    that describe no possible robot are drawn anew.
-
     Returns:
         What was found from each start, best first, and how many ended in the best one's minimum.
     """
-    generator = np.random.default_rng(seed)
-    lower, upper = limits(problem)
-    begins = [np.zeros(len(problem.unknowns))]
-    tries = 0
-    while len(begins) < count and tries < 100 * count:
-        tries += 1
-        drawn = np.clip(generator.uniform(-5.0, 5.0, lower.size), lower, upper)
-        if np.isfinite(problem.residuals(drawn)).all():
-            begins.append(drawn)
+    begins = [np.zeros(len(problem.unknowns)), *_promising(problem, count - 1, seed)]
     found = []
     for k, begin in enumerate(begins):
         if len(begins) > 1:
