@@ -367,17 +367,22 @@ def _walk(
     law: int,
     dt: float,
 ) -> tuple[int, float]:
-    """A sample too large for one step, walked on the straight path in equal pieces."""
+    """A sample too large for one step, walked on the straight path in equal pieces.
+
+    Returns:
+        Newton iterations and the largest force imbalance of any piece [N].  Above ``acceptable``
+        the way was given up and the slips are not those of the sample.
+    """
     n = work.shape[0]
     start, end = elements[:, LENGTH_BEFORE].copy(), elements[:, LENGTH].copy()
     material, bristle = elements[:, MATERIAL_BEFORE].copy(), work[:, BRISTLE_BEFORE].copy()
     slip = np.zeros(n)
-    iterations, worst = 0, np.inf
+    iterations, worst = 0, 0.0
     for piece in range(pieces):
         elements[:, LENGTH_BEFORE] = start + (end - start) * (piece / pieces)
         elements[:, LENGTH] = start + (end - start) * ((piece + 1) / pieces)
         _predict(work, elements, first_slip / pieces, last_slip / pieces)
-        count, worst = _newton(
+        count, left = _newton(
             axial_stiffness,
             elements,
             work,
@@ -388,7 +393,9 @@ def _walk(
             dt / pieces,
         )
         iterations += count
-        if not worst <= tolerance(axial_stiffness):
+        if not left <= worst:  # true for NaN too
+            worst = left
+        if not left <= acceptable(axial_stiffness):  # the rest of the way is not walked
             break
         slip += work[:, SLIP]
         elements[:, MATERIAL_BEFORE] = elements[:, MATERIAL]

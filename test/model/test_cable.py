@@ -22,11 +22,13 @@ from cdrj_ros.estimation.estimator import (
 )
 from cdrj_ros.model import cable as kernel
 from cdrj_ros.model.cable import acceptable, element_tension, tolerance
+from cdrj_ros.model.drum import MEMORY_SIZE, material_held
 from cdrj_ros.model.friction import ELASTOPLASTIC, LAWS, LUGRE, NONE
 from cdrj_ros.model.mechanism import INVALID, OVERLOAD, SLACK
 from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot import Robot
 from cdrj_ros.model.robot_file import parse_robot
+from cdrj_ros.rig.cells import divide
 
 Variant = Callable[..., Robot]
 Drive = Callable[..., Samples]
@@ -217,6 +219,34 @@ def test_material_is_neither_made_nor_lost(variant: Variant, drive: Drive) -> No
     for cable in (slice(17, 25), slice(25, 33)):  # after the flag and 16 lengths
         assert end.values[cable].sum() == pytest.approx(start.values[cable].sum(), rel=1e-13)
         assert np.abs(end.values[cable] - start.values[cable]).max() > 1e-9
+
+
+@pytest.mark.parametrize("cells", [1, 2, 3])
+def test_what_leaves_the_drum_is_on_the_cable_slack_or_not(
+    cells: int, prototype: Robot, drive: Drive
+) -> None:
+    # a sample may be walked in pieces: none of them may be left out
+    model = prepare(divide(prototype, cells).robot)
+    samples = into_slack_and_back(drive)
+    state = initial_state(model)
+    elements, pulleys = len(model.layout.elements), len(model.layout.pulleys)
+    drums = 1 + 2 * elements + 3 * pulleys + 2 * 2
+    total = np.empty((samples.stamp_ns.size, 2))
+    loose = 0
+    for k in range(samples.stamp_ns.size):
+        state, estimate = step(model, state, sample_at(samples, k))
+        loose += bool((estimate.tension <= 0.0).any())
+        material = state.values[1 + elements : 1 + 2 * elements].reshape(2, -1).sum(axis=1)
+        for cable in range(2):
+            memory = drums + 2 * cable * MEMORY_SIZE
+            held = material_held(state.values[memory : memory + MEMORY_SIZE])
+            total[k, cable] = material[cable] + held
+    assert loose > 1000
+    np.testing.assert_allclose(total, np.broadcast_to(total[0], total.shape), rtol=0, atol=1e-12)
+
+
+def sample_at(samples: Samples, k: int) -> Sample:
+    return Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])
 
 
 def _part(samples: Samples, begin: int, end: int | None) -> Samples:
