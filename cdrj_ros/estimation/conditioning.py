@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Sample, Samples
+from cdrj_ros.estimation.tracking import Vector, half_width, new_track, track, track_all
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.robot import Robot, Sensor
 
 Stamps = NDArray[np.int64]
-Vector = NDArray[np.float64]
 
 REFUSALS: Final[Mapping[str, str]] = {
     "malformed": "message refused whole: not as many positions as names, or not decodable",
@@ -84,17 +84,48 @@ class Limits:
     """[rad/s]."""
     sensor: Sensor = field(default_factory=Sensor)
     """How readings become angles."""
+    bandwidth: float = 0.0
+    """Of the filter that finds the angle between counts [Hz]; 0 for none."""
+
+    @property
+    def band(self) -> float:
+        """How far that angle may be from the reading [rad]."""
+        return half_width(self.sensor)
 
 
-def limits_of(robot: Robot) -> tuple[Limits, ...]:
-    """Limits of all motors, then all joints, in the robot's order."""
+def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]:
+    """Limits of all motors, then all joints, in the robot's order.
+
+    Args:
+        robot: names, sensors and limits.
+        tracking: bandwidth [Hz] instead of the robot file's, 0 for no tracking; a sensor without
+            resolution and noise is not tracked.
+    """
+
+    def bandwidth(sensor: Sensor) -> float:
+        if tracking is None or not half_width(sensor) > 0.0:
+            return sensor.tracking_bandwidth
+        return tracking
+
     return (
         *(
-            Limits(motor.name, max_speed=motor.max_speed, sensor=motor.sensor)
+            Limits(
+                motor.name,
+                max_speed=motor.max_speed,
+                sensor=motor.sensor,
+                bandwidth=bandwidth(motor.sensor),
+            )
             for motor in robot.motors
         ),
         *(
-            Limits(joint.name, joint.lower, joint.upper, joint.max_speed, joint.sensor)
+            Limits(
+                joint.name,
+                joint.lower,
+                joint.upper,
+                joint.max_speed,
+                joint.sensor,
+                bandwidth(joint.sensor),
+            )
             for joint in robot.joints
         ),
     )
@@ -117,6 +148,8 @@ class _Channel:
     """How often the reading has started again."""
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
     """What the velocity is taken from."""
+    memory: Vector = field(default_factory=new_track)
+    """Of the filter between counts."""
     left_behind: int = -1
     """Last stamp before the clock went back, until a reading of the new time has come [ns]."""
     stragglers: int = 0
@@ -156,25 +189,39 @@ class _Channel:
         """Over the last ``SPEED_WINDOW_NS`` [rad/s]; 0 where there is one reading."""
         begin, first = self.recent[0]
         span = self.last_stamp - begin
-        return (self.last_value - first) / span * 1e9 if span > 0 else 0.0
+        return (self.recent[-1][1] - first) / span * 1e9 if span > 0 else 0.0
+
+    def between_counts(self, stamp: int, value: float) -> float:
+        """The angle at a reading that has just passed [rad], before it becomes the last one."""
+        limits = self.limits
+        angle = track(self.memory, stamp - self.last_stamp, value, limits.bandwidth, limits.band)
+        return min(max(angle, limits.lower), limits.upper)
 
 
 class Conditioner:
     """The gates and the time line of one robot; feed it messages, take samples."""
 
-    def __init__(self, robot: Robot, mode: str = "wait", horizon_ns: int = HORIZON_NS) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        mode: str = "wait",
+        horizon_ns: int = HORIZON_NS,
+        tracking: float | None = None,
+    ) -> None:
         """Prepare the channels.
 
         Args:
             robot: names, sensors and limits.
             mode: one of ``MODES``.
             horizon_ns: how far to predict at most [ns].
+            tracking: see ``limits_of``.
         """
         if mode not in MODES:
             raise UsageError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
         self._predict = mode == "predict"
         self._horizon = horizon_ns
-        self._limits = limits_of(robot)
+        self._robot = robot
+        self._limits = limits_of(robot, tracking)
         motors, joints = robot.motors, robot.joints
         self._motor_count = len(motors)
         self._motor_index = {motor.name: k for k, motor in enumerate(motors)}
@@ -209,6 +256,13 @@ class Conditioner:
         self._channels = [_Channel(limits) for limits in self._limits]
         self._given_out = -1
         self._missing = len(self._channels)
+
+    def set_tracking(self, tracking: float | None) -> None:
+        """Track with another bandwidth from now on, see ``limits_of``; no reading is lost."""
+        self._limits = limits_of(self._robot, tracking)
+        for channel, limits in zip(self._channels, self._limits, strict=True):
+            channel.limits = limits
+            channel.memory = new_track()
 
     def feed_motors(
         self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
@@ -309,7 +363,9 @@ class Conditioner:
         return True
 
     def _append(self, channel: _Channel, stamp: int, reading: float) -> None:
-        value = channel.angle_at(reading)
+        value = angle = channel.angle_at(reading)
+        if channel.limits.bandwidth > 0.0:
+            angle = channel.between_counts(stamp, value)
         channel.turns = channel.turns_at(reading)
         if channel.last_stamp < 0:
             self._missing -= 1
@@ -317,7 +373,7 @@ class Conditioner:
         channel.last_value = value
         channel.last_reading = reading
         readings = channel.readings
-        readings.append((stamp, value))
+        readings.append((stamp, angle))
         if len(readings) > WAITING:
             readings.popleft()
             self.crowded += 1
@@ -325,7 +381,7 @@ class Conditioner:
                 self._given_out = max(self._given_out, readings[0][0])
         if self._predict:
             recent = channel.recent
-            recent.append((stamp, value))
+            recent.append((stamp, angle))
             while stamp - recent[0][0] > SPEED_WINDOW_NS and len(recent) > 2:
                 recent.popleft()
         self.accepted += 1
@@ -424,7 +480,7 @@ class Conditioner:
 def _predicted(channel: _Channel, stamp: int) -> float:
     """A channel's angle at, or beyond, its last reading [rad], within its limits."""
     ahead = stamp - channel.last_stamp
-    value = channel.last_value + channel.velocity() * (ahead * 1e-9)
+    value = channel.recent[-1][1] + channel.velocity() * (ahead * 1e-9)
     return min(max(value, channel.limits.lower), channel.limits.upper)
 
 
@@ -496,6 +552,7 @@ def condition(
         refused = dict.fromkeys(REFUSALS, 0)
         refused["unknown_name"] = sum(readings.stamp_ns.size for readings in strangers)
         accepted = sum(readings.stamp_ns.size for readings in known)
+        angles = list(map(_between_counts, angles, limits))
         return Conditioned((_merge(angles, len(robot.motors)),), refused, accepted, 0, 0)
     return _replay(robot, motors, joints, mode)
 
@@ -513,6 +570,17 @@ def _angles(readings: Readings, sensor: Sensor) -> Readings:
     if sensor.corrected_at:
         value = value + np.interp(value, sensor.corrected_at, sensor.correction)
     return Readings(stamps, readings.arrival_ns, value)
+
+
+def _between_counts(readings: Readings, limits: Limits) -> Readings:
+    """As ``_Channel.between_counts``, for a clean channel."""
+    if not limits.bandwidth > 0.0:
+        return readings
+    angle = np.empty_like(readings.value)
+    track_all(readings.stamp_ns, readings.value, limits.bandwidth, limits.band, angle)
+    return Readings(
+        readings.stamp_ns, readings.arrival_ns, np.clip(angle, limits.lower, limits.upper)
+    )
 
 
 def _is_clean(readings: Readings, limits: Limits) -> bool:

@@ -61,6 +61,8 @@ class Options:
     """Whether to correct the preloads by the motors' efforts."""
     effort_noise: float = 0.01
     """Standard deviation of a motor's effort [N m]."""
+    tracking: float | None = None
+    """Bandwidth of the filters between counts [Hz], 0 for none; None: the robot file's."""
 
 
 class Output(NamedTuple):
@@ -89,7 +91,7 @@ class LiveEstimator:
         if measured and not options.uncertainty:
             raise UsageError("tension_sensors and track_preload need uncertainty: true")
         self.options = options
-        self.conditioner = Conditioner(model.robot, options.conditioning)
+        self.conditioner = Conditioner(model.robot, options.conditioning, tracking=options.tracking)
         self.unsolved = 0
         """Samples of which some element was not solved."""
         self.unknown_elements = 0
@@ -106,6 +108,11 @@ class LiveEstimator:
     def set_unsure_share(self, share: float) -> None:
         """Change the share above which an element is ``UNSURE``."""
         self.options = replace(self.options, unsure_share=share)
+
+    def set_tracking(self, bandwidth: float | None) -> None:
+        """Change the filters between counts, see ``Options.tracking``; the estimate goes on."""
+        self.options = replace(self.options, tracking=bandwidth)
+        self.conditioner.set_tracking(bandwidth)
 
     def use(self, model: Model) -> None:
         """Go on with another robot of the same parts; state and readings stay."""

@@ -29,6 +29,8 @@ class Sensor:
     """Size of a count [rad]."""
     noise: float = 0.0
     """Standard deviation of a reading beside its resolution [rad]."""
+    tracking_bandwidth: float = 0.0
+    """Of the filter that finds the angle between counts [Hz]; 0 for none."""
     corrected_at: tuple[float, ...] = ()
     """Angles at which ``correction`` is given, increasing [rad]; empty for none."""
     correction: tuple[float, ...] = ()

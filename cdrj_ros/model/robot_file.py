@@ -162,6 +162,12 @@ class _Builder:
         scale = float(entry.get("scale", 1.0))
         if scale == 0.0:
             raise self.error(f"{path}.scale", "must not be 0: every reading would be one angle")
+        bandwidth = float(entry.get("tracking_bandwidth", 0.0))
+        if bandwidth > 0.0 and not (entry.get("resolution", 0.0) or entry.get("noise", 0.0)):
+            raise self.error(
+                f"{path}.tracking_bandwidth",
+                "needs resolution or noise: the angle is kept within them",
+            )
         return Sensor(
             scale,
             float(entry.get("offset", 0.0)),
@@ -169,6 +175,7 @@ class _Builder:
             round(entry.get("clock_offset", 0.0) * 1e9),
             float(entry.get("resolution", 0.0)),
             float(entry.get("noise", 0.0)),
+            bandwidth,
             *self._correction(f"{path}.correction", entry.get("correction")),
         )
 

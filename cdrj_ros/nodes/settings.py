@@ -26,7 +26,10 @@ FRICTION: Final = (
 """Keys of the robot file's common friction that may change while running."""
 
 UNSET: Final = -1.0
-"""Value of a friction parameter that leaves the robot file's."""
+"""Value of a parameter that leaves the robot file's."""
+
+TRACKING: Final = "tracking_bandwidth"
+SLOWEST_HZ, FASTEST_HZ = 0.1, 1000.0
 
 
 def declare_text(node: Node, name: str, default: str, description: str) -> str:
@@ -91,7 +94,27 @@ def declare_options(node: Node) -> Options:
             node, "effort_noise", 0.01, 1e-6, 1e6,
             "Standard deviation of the efforts in motor_states [N m]", read_only=True,
         ),
+        tracking=_bandwidth(
+            declare_number(
+                node, TRACKING, UNSET, UNSET, FASTEST_HZ,
+                "Bandwidth of the filters that find an angle between the counts of its sensor, of "
+                f"all sensors whose resolution or noise is given [Hz]; 0: no filter; {UNSET:g}: "
+                "the robot file's",
+            )
+        ),
     )  # fmt: skip
+
+
+def _bandwidth(value: float) -> float | None:
+    """What the parameter means: see ``Options.tracking``."""
+    if value == UNSET:
+        return None
+    if value == 0.0 or SLOWEST_HZ <= value <= FASTEST_HZ:
+        return value
+    raise UsageError(
+        f"{TRACKING} must be in [{SLOWEST_HZ:g}, {FASTEST_HZ:g}] Hz, 0 for no filter, or "
+        f"{UNSET:g} for the robot file's; got {value:g}"
+    )
 
 
 def declare_preload(node: Node) -> Sequence[float] | None:
@@ -154,6 +177,8 @@ def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
             preload = list(change.value)
         elif change.name == "unsure_share" and not change.value > 0.0:
             raise UsageError(f"unsure_share must be greater than 0, got {change.value:g}")
+        elif change.name == TRACKING:
+            _bandwidth(float(change.value))
     cables = [cable.name for cable in live.model.robot.cables]
     if preload is not None and len(preload) != len(cables):
         raise UsageError(
@@ -175,4 +200,7 @@ def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
         if change.name == "unsure_share":
             live.set_unsure_share(float(change.value))
             words.append(f"unsure_share = {change.value:g}")
+        elif change.name == TRACKING:
+            live.set_tracking(_bandwidth(float(change.value)))
+            words.append(f"{TRACKING} = {change.value:g}")
     return "; ".join(words)

@@ -33,9 +33,10 @@ SENSED = """
 name: sensed
 motors:
   - {name: a, max_speed: 50, period: 0.5, scale: -2, offset: 0.3, clock_offset: -0.25}
-  - {name: b, period: 6.283185307179586, clock_offset: 0.001}
+  - {name: b, period: 6.283185307179586, clock_offset: 0.001, noise: 0.2, tracking_bandwidth: 1}
 joints:
-  - {name: p, range: [-1, 1], max_speed: 20, scale: 0.5, offset: -0.1}
+  - {name: p, range: [-1, 1], max_speed: 20, scale: 0.5, offset: -0.1, resolution: 0.01,
+     tracking_bandwidth: 12}
   - {name: q, range: [0, 2], period: 3, clock_offset: -0.002}
 """
 CABLE = """
