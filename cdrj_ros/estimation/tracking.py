@@ -69,15 +69,14 @@ def track(memory: Vector, dt_ns: int, reading: float, bandwidth: float, band: fl
     g = max(1.0 - fade**3, 3.0 * (3.0 * n * n - 3.0 * n + 2.0) / (n * (n + 1.0) * (n + 2.0)))
     h = max(1.5 * fresh**2 * (1.0 + fade), 18.0 * (2.0 * n - 1.0) / (n * (n + 1.0) * (n + 2.0)))
     k = max(fresh**3, 60.0 / (n * (n + 1.0) * (n + 2.0)))
-    if n < 4.0:  # no parabola yet
-        h, k = (1.0 if n == 2.0 else h), 0.0
+    if n < 3.0:  # a line through two readings, no parabola yet
+        h, k = 1.0, 0.0
     off = reading - angle
     angle += min(g, 1.0) * off
     memory[SPEED] = speed + acceleration * dt + h * off / dt
     memory[ACCELERATION] = acceleration + k * off / (dt * dt)
-    angle = min(max(angle, reading - band), reading + band)
-    memory[ANGLE] = angle
-    return angle
+    memory[ANGLE] = angle = min(max(angle, reading - band), reading + band)
+    return float(angle)
 
 
 @compiled

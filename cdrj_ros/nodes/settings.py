@@ -156,16 +156,14 @@ def _friction_value(live: LiveEstimator, name: str, value: float) -> float:
     return value
 
 
-def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
-    """Apply changes of parameters to a running estimator, all or none.
-
-    Returns:
-        What was done, in words; empty where nothing concerns the estimator.
+def _checked(
+    live: LiveEstimator, changes: Sequence[Parameter]
+) -> tuple[dict[str, float], Sequence[float] | None]:
+    """Friction by path and preloads that are asked for.
 
     Raises:
-        CdrjError: what is wrong; nothing has changed then.
+        UsageError: a value that cannot be, of any parameter.
     """
-    words = []
     values: dict[str, float] = {}
     preload: Sequence[float] | None = None
     for change in changes:
@@ -186,6 +184,21 @@ def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
         )
     if preload is not None and not all(0.0 <= value < 1e6 for value in preload):
         raise UsageError(f"preload must be in [0, 1e6) N, got {preload}")
+    return values, preload
+
+
+def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
+    """Apply changes of parameters to a running estimator, all or none.
+
+    Returns:
+        What was done, in words; empty where nothing concerns the estimator.
+
+    Raises:
+        CdrjError: what is wrong; nothing has changed then.
+    """
+    values, preload = _checked(live, changes)
+    words = []
+    cables = [cable.name for cable in live.model.robot.cables]
     before = live.model
     if values:
         words.append(live.set_numbers(values))
