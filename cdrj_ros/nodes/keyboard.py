@@ -39,10 +39,12 @@ class Keyboard:
         self._before = termios.tcgetattr(self._descriptor)
         atexit.register(self._restore)
         continued = signal.signal(signal.SIGCONT, self._on_continue)
+        stopped = signal.signal(signal.SIGTSTP, self._on_stop)
         try:
             tty.setcbreak(self._descriptor)
             yield True
         finally:
+            signal.signal(signal.SIGTSTP, stopped)
             signal.signal(signal.SIGCONT, continued)
             self._restore()
             atexit.unregister(self._restore)
@@ -89,7 +91,14 @@ class Keyboard:
                 termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
             self._before = None
 
+    def _on_stop(self, _number: int, _frame: FrameType | None) -> None:
+        """Ctrl-Z: not every shell sets the terminal back."""
+        if self._before is not None:
+            with contextlib.suppress(termios.error):
+                termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+        os.kill(os.getpid(), signal.SIGSTOP)
+
     def _on_continue(self, _number: int, _frame: FrameType | None) -> None:
-        """After Ctrl-Z and `fg` the shell has set the terminal its own way."""
+        """After Ctrl-Z and `fg` the terminal is set as it was before."""
         if self._before is not None and self._is_ours():
             tty.setcbreak(self._descriptor)

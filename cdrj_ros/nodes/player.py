@@ -423,6 +423,10 @@ class Player:
             wait = min(self._chores_s - now, playback.wait_s(now))
             spin_once(timeout_sec=max(wait, 0.0))
         ended = playback.ended
+        if stop and run.under_way:
+            self.display.say(
+                f"stopping: {run.under_way} answers are under way; Ctrl-C again ends at once"
+            )
         self._drain(playback, run, watch)
         if run.trouble is not None:
             raise run.trouble

@@ -12,12 +12,14 @@ import sys
 import termios
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from cdrj_ros.bag import BagWriter, Topics, read_recording
 
@@ -96,11 +98,16 @@ class Replay:
 
 @pytest.fixture
 def replay(executables: Path) -> Iterator[Callable[..., Replay]]:
-    """Start a replay of a bag with a robot and further arguments."""
+    """Start a replay of a bag, or more, with a robot and further arguments."""
     started: list[Replay] = []
 
-    def start(bag: str, *arguments: str, terminal: tuple[int, int] | None = None) -> Replay:
-        command = [executables / "replay", bag, "--robot", ROBOT, *arguments]
+    def start(
+        bag: str,
+        *arguments: str,
+        more: Sequence[str] = (),
+        terminal: tuple[int, int] | None = None,
+    ) -> Replay:
+        command = [executables / "replay", bag, *more, "--robot", ROBOT, *arguments]
         if terminal is None:
             reader, writer = os.pipe()
             process = subprocess.Popen(
@@ -174,6 +181,109 @@ def test_a_part_of_a_bag_is_answered_completely(
     assert facts["estimates received"] == facts["estimates expected"]
     # a second of motors at 1 kHz and of joints at 500 Hz between them
     assert 1490 < int(facts["estimates expected"]) <= 1501
+
+
+def _figures(path: Path) -> list[dict[str, Any]]:
+    bags: list[dict[str, Any]] = json.loads(path.read_text())["bags"]
+    for bag in bags:
+        facts = bag["facts"]
+        assert facts["estimates received"] == facts["estimates expected"] != "0"
+        assert facts["estimates lost"] == facts["estimates late"].split()[0] == "0"
+    return bags
+
+
+def _excerpt(path: Path, begin_s: float, end_s: float, topics: Sequence[str] = ()) -> str:
+    """A bag of a part of the sample recording, of all or some of its topics."""
+    files = list(SAMPLE.glob("*.mcap"))
+    assert len(files) == 1
+    path.mkdir()
+    with files[0].open("rb") as source, (path / f"{path.name}.mcap").open("wb") as target:
+        writer = Writer(target)
+        writer.start("ros2")
+        reader = make_reader(source)
+        begin = reader.get_summary().statistics.message_start_time
+        schemas: dict[int, int] = {}
+        channels: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages(topics or None):
+            if not begin_s <= (message.log_time - begin) * 1e-9 < end_s:
+                continue
+            if schema.id not in schemas:
+                schemas[schema.id] = writer.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
+            if channel.id not in channels:
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schemas[schema.id], channel.metadata
+                )
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time
+            )
+        writer.finish()
+    return str(path)
+
+
+def test_several_bags_play_one_after_the_other_each_with_figures_of_its_own(
+    estimator: Any, replay: Any, tmp_path: Path
+) -> None:
+    first, second = _excerpt(tmp_path / "a", 0.0, 2.0), _excerpt(tmp_path / "b", 10.0, 13.0)
+    figures = tmp_path / "f.json"
+    code, out = replay(first, "--json", str(figures), more=(second,)).finish()
+    assert code == 0, out
+    a, b = _figures(figures)
+    assert a["facts"]["played"].startswith("1.999 s of 1.999 s")
+    assert b["facts"]["played"].startswith("2.999 s of 2.999 s")
+    # neither heard of the other: the same as alone
+    for bag, path in ((a, first), (b, second)):
+        code, out = replay(path, "--json", str(figures)).finish()
+        assert code == 0, out
+        (alone,) = _figures(figures)
+        assert alone["channels"] == bag["channels"]
+
+
+def test_bags_of_one_topic_each_are_merged_into_the_recording_they_were(
+    estimator: Any, replay: Any, tmp_path: Path
+) -> None:
+    whole = _excerpt(tmp_path / "whole", 0.0, 2.0)
+    motors = _excerpt(tmp_path / "motors", 0.0, 2.0, [Topics().motors])
+    rest = _excerpt(tmp_path / "rest", 0.0, 2.0, [Topics().joints, Topics().references[0]])
+    figures = tmp_path / "f.json"
+    code, out = replay(motors, "--merge", "--json", str(figures), more=(rest,)).finish()
+    assert code == 0, out
+    (merged,) = _figures(figures)
+    code, out = replay(whole, "--json", str(figures)).finish()
+    assert code == 0, out
+    (at_once,) = _figures(figures)
+    assert merged["facts"]["inputs sent"] == at_once["facts"]["inputs sent"]
+    for name, channel in merged["channels"].items():
+        if name.startswith("tension/"):
+            assert channel == at_once["channels"][name]
+
+
+@pytest.mark.parametrize("metadata", [True, False])
+def test_a_bag_in_several_files_plays_as_one(
+    metadata: bool, estimator: Any, replay: Any, tmp_path: Path
+) -> None:
+    whole = _excerpt(tmp_path / "whole", 0.0, 2.4)
+    split = tmp_path / "split"
+    split.mkdir()
+    for k in range(3):  # the last stamp is left out of each part
+        part = Path(_excerpt(tmp_path / f"part_{k}", 0.8 * k, 0.8 * (k + 1)))
+        (part / f"part_{k}.mcap").rename(split / f"split_{k}.mcap")
+    if metadata:
+        names = "".join(f"\n    - split_{k}.mcap" for k in range(3))
+        (split / "metadata.yaml").write_text(
+            "rosbag2_bagfile_information:\n  version: 9\n  storage_identifier: mcap\n"
+            f"  relative_file_paths:{names}\n  compression_format: ''\n  compression_mode: ''\n"
+        )
+    figures = tmp_path / "f.json"
+    code, out = replay(str(split), "--json", str(figures)).finish()
+    assert code == 0, out
+    (parts,) = _figures(figures)
+    code, out = replay(whole, "--json", str(figures)).finish()
+    assert code == 0, out
+    (at_once,) = _figures(figures)
+    assert parts["channels"] == at_once["channels"]
+    assert parts["facts"]["inputs sent"] == at_once["facts"]["inputs sent"]
 
 
 def test_other_topics_play_beside_the_inputs_as_they_were_recorded(
@@ -269,6 +379,49 @@ def test_ctrl_c_ends_with_the_report_of_what_was_played(
     assert "ended by the user at" in facts["played"]
     assert facts["estimates lost"] == "0"
     assert int(facts["estimates received"]) > 1000
+
+
+def test_a_second_ctrl_c_ends_at_once(estimator: Any, replay: Any) -> None:
+    one = replay(str(SAMPLE), "--rate", "1")
+    one.wait_for(" answered")
+    estimator.send_signal(signal.SIGSTOP)  # what is under way is not answered any more
+    try:
+        one.process.send_signal(signal.SIGINT)
+        one.wait_for("Ctrl-C again ends at once")
+        one.process.send_signal(signal.SIGINT)
+        code, out = one.finish()
+    finally:
+        estimator.send_signal(signal.SIGCONT)
+    assert code == 130, out
+    assert "replay: interrupted" in out
+    assert "all elements" not in out
+    assert "Traceback" not in out
+
+
+def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again(estimator: Any, replay: Any) -> None:
+    keys, screen = pty.openpty()
+    before = termios.tcgetattr(screen)
+    one = replay(str(SAMPLE), "--rate", "1", terminal=(keys, screen))
+    try:
+        one.wait_for("keys: space")
+        one.wait_for(" answered")
+        assert termios.tcgetattr(screen) != before
+        os.write(keys, b"\x1a")
+        _, status = os.waitpid(one.process.pid, os.WUNTRACED)
+        assert os.WIFSTOPPED(status)
+        assert termios.tcgetattr(screen) == before
+        one.process.send_signal(signal.SIGCONT)
+        deadline = time.monotonic() + PATIENCE_S
+        while termios.tcgetattr(screen) == before:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        os.write(keys, b" ")
+        one.wait_for("paused at")
+        os.write(keys, b"q")
+        assert one.process.wait(PATIENCE_S) == 0, one.output
+        assert "estimates lost: 0" in one.output
+    finally:
+        os.close(screen)
 
 
 def test_an_estimator_that_goes_away_is_said_and_what_it_answered_is_judged(
