@@ -44,7 +44,7 @@ OUTLIER: Final = 100.0
 """A reading whose squared residual, over its expected variance, is more is not used."""
 
 STIFF: Final = 4.0
-"""A reading that stands still while the estimate moves by more noises than this is frozen."""
+"""A reading that stands still while the estimate moves by more deviations than this is frozen."""
 
 HISTORY_NS: Final = 200_000_000
 """A measurement may be this old [ns]."""
@@ -69,27 +69,27 @@ class SensorHealth:
     """Readings refused: not finite, too old, far off, or of a sensor that has been dropped."""
     _squares: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     _values: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
-    _expected: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    _unaided: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
 
-    def judge(self, value: float, expected: float, variance: float, noise: float) -> bool:
+    def judge(self, value: float, expected: float, unaided: float, variance: float) -> bool:
         """Take a reading; True where it may be used.
 
         Args:
             value: measured [N] or [N m].
             expected: estimated for the same time.
-            variance: of their difference, if all is as assumed.
-            noise: of the sensor.
+            unaided: the same without what was corrected so far: how it moves by itself.
+            variance: of value less expected, if all is as assumed.
         """
         if self.dropped:
             self.refused += 1
             return False
         self._squares.append((value - expected) ** 2 / variance)
         self._values.append(value)
-        self._expected.append(expected)
+        self._unaided.append(unaided)
         if len(self._squares) == JUDGED:
             mean = sum(self._squares) / JUDGED
             if max(self._values) == min(self._values) and (
-                max(self._expected) - min(self._expected) > STIFF * noise
+                max(self._unaided) - min(self._unaided) > STIFF * variance**0.5
             ):
                 self.dropped = f"frozen at {value:.4g} while the estimate moves"
             elif mean > TOO_FAR:
@@ -135,7 +135,9 @@ class Fusion:
             for motor in layout.motors
         }
         self.health: dict[str, SensorHealth] = {}
-        self._history: deque[tuple[int, Vector]] = deque(maxlen=KEPT)
+        self._history: deque[tuple[int, Vector, Vector]] = deque(maxlen=KEPT)
+        """Stamps, estimates, and what had been corrected in all by then, by column."""
+        self._corrected = np.zeros(spread.columns.size)
         self._last_ns: dict[str, int] = {}
 
     def reset(self) -> None:
@@ -147,7 +149,7 @@ class Fusion:
     def remember(self, estimate: Estimate) -> None:
         """Keep an estimate for measurements that are yet to come."""
         history = self._history
-        history.append((estimate.stamp_ns, estimate.values))
+        history.append((estimate.stamp_ns, estimate.values, self._corrected))
         while estimate.stamp_ns - history[0][0] > HISTORY_NS:
             history.popleft()
 
@@ -200,7 +202,7 @@ class Fusion:
         spread = self.spread
         health = self.health.setdefault(name, SensorHealth(name))
         place = int(spread.columns[column])
-        expected = self._expected(stamp_ns, place)
+        expected = self._expected(stamp_ns, place, column)
         if not abs(value) <= LARGEST or expected is None:
             health.refused += 1
             return state
@@ -212,7 +214,8 @@ class Fusion:
         h = deviation[:, column].copy()
         own = noise**2 + (MODEL_ERROR * value) ** 2
         variance = float(h @ h) / members + own
-        if not health.judge(value, expected, variance, noise):
+        unaided = expected - float(self._corrected[column])
+        if not health.judge(value, expected, unaided, variance):
             return state
         gain = deviation.T @ h / (members * variance)
         concerned = np.zeros(gain.size, dtype=bool)
@@ -232,23 +235,33 @@ class Fusion:
             places.stretch(values[None, :], self.model.numbers[None, :], shift[None, :])
             places.stretch(spread.states, spread.numbers, change[:, places.elements])
         deviation += change - gain * innovation
+        self._corrected = self._corrected + gain * innovation
         spread.variance[:] = (deviation**2).mean(axis=0)
         return State(state.stamp_ns, values)
 
-    def _expected(self, stamp_ns: int, place: int) -> float | None:
-        """What was estimated for the time of a measurement; None where that is too long ago."""
+    def _expected(self, stamp_ns: int, place: int, column: int) -> float | None:
+        """What is now estimated for the time of a measurement; None where that is too long ago.
+
+        What has been corrected since is part of it: measurements that come late would otherwise
+        each tell the same news again.
+        """
         history = self._history
         if not history or not history[0][0] <= stamp_ns <= history[-1][0]:
             return None
+
+        def then(k: int) -> float:
+            _, values, corrected = history[k]
+            return float(values[place] + (self._corrected[column] - corrected[column]))
+
         after = len(history) - 1
         while after > 0 and history[after - 1][0] >= stamp_ns:
             after -= 1
-        stamp, values = history[after]
+        stamp = history[after][0]
         if stamp == stamp_ns or after == 0:
-            return float(values[place])
-        before, earlier = history[after - 1]
+            return then(after)
+        before = history[after - 1][0]
         share = (stamp_ns - before) / (stamp - before)
-        return float(earlier[place] + share * (values[place] - earlier[place]))
+        return then(after - 1) + share * (then(after) - then(after - 1))
 
     def _let_drift(self, name: str, stamp_ns: int, cables: list[int]) -> None:
         """Preloads are not what they were: a random walk of every member's."""

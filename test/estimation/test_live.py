@@ -116,6 +116,30 @@ def test_load_cells_at_the_ends_find_a_lost_preload_in_every_element(
     assert (np.abs(course.error[half:]) < 2.0 * course.stddev[half:]).mean() > 0.9
 
 
+@pytest.mark.parametrize("late", [1, 5, 15])
+def test_load_cells_that_come_late_do_not_tell_the_same_news_twice(
+    late: int, model: Model, readings: Samples
+) -> None:
+    true, values = _truth(LOST, readings)
+    tension = values[:, true.layout.tension]
+    column = true.layout.elements.index("upper/8")
+
+    def measure(live: LiveEstimator, k: int) -> None:
+        if k >= late:
+            stamp = int(readings.stamp_ns[k - late])
+            live.feed_tensions(stamp, ["upper/8"], [tension[k - late, column]], [0.05])
+
+    part = Samples(*(values[:1000] for values in vars(readings).values()))
+    course = _run_beside(model, part, tension, Options(tension_sensors=True), measure)
+    assert course.error[0, column] > 10.0
+    assert np.abs(course.error[late + 1 : late + 50, column]).max() < 0.1
+    # where the motion turns, what the far elements still have wrong arrives, for a moment
+    assert np.abs(course.error[late + 1 :, column]).mean() < 0.2
+    assert course.live.fusion is not None
+    assert course.live.fusion.health["upper/8"].dropped == ""
+    assert course.live.fusion.health["upper/8"].refused == 0
+
+
 def test_a_load_cell_on_one_cable_leaves_the_other_alone(model: Model, readings: Samples) -> None:
     true, values = _truth(LOST, readings)
     tension = values[:, true.layout.tension]

@@ -59,7 +59,7 @@ def test_it_is_the_same_bit_for_bit_message_by_message_and_in_bulk(robot: Robot)
 
 def test_a_robot_without_one_is_left_alone() -> None:
     joint = load_robot(PROTOTYPE).joints[0]
-    assert replace(joint.sensor, resolution=0.0, noise=0.0) == Sensor()
+    assert replace(joint.sensor, resolution=0.0, noise=0.0, tracking_bandwidth=0.0) == Sensor()
 
 
 @pytest.mark.parametrize(

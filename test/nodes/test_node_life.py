@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.cdr import JOINT_STATE, Template, cable_tensions
+from cdrj_ros.cdr import JOINT_STATE, Template
 from cdrj_ros.commands.shared import load_model
 from cdrj_ros.estimation.conditioning import Conditioner
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
@@ -493,84 +493,3 @@ def test_two_estimators_in_one_executor_do_not_hear_each_other(bench: Bench, mod
     assert np.array_equal(tensions(left), expected((model,), (range(100),)))
     other = load_model(ROBOT, [50.0, 40.0])
     assert np.array_equal(tensions(right), expected((other,), (range(500, 600),)))
-
-
-def test_of_two_robots_on_a_network_one_is_killed_and_goes_on_and_the_other_never_notices(
-    bench: Bench, model: Model, start_node: Any, tmp_path: Path
-) -> None:
-    """Each a process; one ends by SIGKILL in mid-motion and finds its state file."""
-    from cdrj_msgs.msg import CableTensions
-    from sensor_msgs.msg import JointState
-
-    state_file = tmp_path / "state"
-    answers: dict[str, list[bytes]] = {"left": [], "right": []}
-    publishers = {}
-    for side, heard in answers.items():
-        for topic in ("motor_states", "joint_states"):
-            name = f"/{side}/{topic}"
-            publishers[side, topic] = bench.node.create_publisher(JointState, name, 2000)
-        bench.node.create_subscription(
-            CableTensions, f"/{side}/tensions", heard.append, 2000, raw=True
-        )
-
-    def start(side: str, *own: str) -> Any:
-        return start_node(
-            "estimator", *own, "--ros-args", "-r", f"__ns:=/{side}", "-p", f"robot:={ROBOT}",
-            "-p", "timeout:=3600.0",
-        )  # fmt: skip
-
-    def ends(side: str) -> list[set[bytes]]:
-        """The estimator's ends of its topics; a killed process's stay for a while."""
-        about = bench.node
-        infos = [
-            *(about.get_subscriptions_info_by_topic(f"/{side}/{t}") for t in INPUTS),
-            about.get_publishers_info_by_topic(f"/{side}/tensions"),
-        ]
-        return [{bytes(info.endpoint_gid) for info in one} for one in infos]
-
-    def connected(side: str, before: Sequence[set[bytes]] = (set(), set(), set())) -> bool:
-        now = ends(side)
-        return all(new - old for new, old in zip(now, before, strict=True)) and all(
-            publishers[side, topic].get_subscription_count() == len(found)
-            for topic, found in zip(INPUTS, now, strict=False)
-        )
-
-    def send(side: str, first: int, last: int) -> None:
-        for k in range(first, last):
-            one = sample_at(k)
-            joint = JOINT.encode(one.stamp_ns, position=one.joint_angle)
-            publishers[side, "joint_states"].publish(joint)
-            motor = MOTOR.encode(one.stamp_ns, position=one.motor_angle)
-            publishers[side, "motor_states"].publish(motor)
-            if k % 100 == 99:
-                heard = len(answers[side])
-                bench.until(lambda: len(answers[side]) > heard, 1.0)  # noqa: B023
-
-    left = start("left", "--state-file", str(state_file))
-    right = start("right")
-    assert bench.until(lambda: connected("left") and connected("right"))
-    send("left", 0, 800)
-    send("right", 0, 800)
-    assert bench.until(lambda: len(answers["left"]) == len(answers["right"]) == 800)
-    written = state_file.stat().st_mtime_ns if state_file.exists() else 0
-    assert bench.until(lambda: state_file.exists() and state_file.stat().st_mtime_ns > written)
-
-    before = ends("left")
-    left.kill()
-    left.wait()
-    send("right", 800, 1000)
-    answers["left"].clear()
-    start("left", "--state-file", str(state_file))
-    assert bench.until(lambda: connected("left", before))
-    send("left", 820, 1000)
-    assert bench.until(lambda: len(answers["left"]) == 180)
-    assert bench.until(lambda: len(answers["right"]) == 1000)
-
-    assert right.poll() is None
-    alone = expected((model,), (range(1000),))
-    assert np.array_equal([cable_tensions(one)[2] for one in answers["right"]], alone)
-    got = [cable_tensions(one) for one in answers["left"]]
-    tension, stddev = (np.array([one[k] for one in got]) for k in (2, 3))
-    apart = np.abs(tension - alone[820:]) / stddev
-    assert np.max(apart[0]) < 2.0
-    assert np.mean(apart < 2.0) > 0.95
