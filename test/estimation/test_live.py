@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import Topics
 from cdrj_ros.commands.shared import load_model
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
 from cdrj_ros.estimation.fusion import JUDGED
@@ -18,7 +17,6 @@ from cdrj_ros.estimation.state_file import StateFileError, read_state, write_sta
 from cdrj_ros.model.errors import CdrjError, UsageError
 from cdrj_ros.model.mechanism import SLACK, UNSURE
 from cdrj_ros.model.plan import Model
-from cdrj_ros.validation import condition_recording, read_inputs
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
@@ -32,15 +30,9 @@ def model() -> Model:
 
 
 @pytest.fixture(scope="module")
-def readings(model: Model) -> Samples:
+def readings(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples:
     """Recorded angles of six cycles, at 100 Hz."""
-    recording = read_inputs(str(ROOT / "bags" / "prototype_preload_36_26"), Topics(), model)
-    samples = condition_recording(model, recording).segments[0]
-    return Samples(
-        samples.stamp_ns[::15].copy(),
-        samples.motor_angle[::15].copy(),
-        samples.joint_angle[::15].copy(),
-    )  # fmt: skip
+    return recorded(model, 15)
 
 
 def _sample(readings: Samples, k: int) -> Sample:

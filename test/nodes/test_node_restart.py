@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -9,12 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import Topics
 from cdrj_ros.cdr import CABLE_TENSIONS, JOINT_STATE, Template, cable_tensions
 from cdrj_ros.commands.shared import load_model
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.model.plan import Model
-from cdrj_ros.validation import condition_recording, read_inputs
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
@@ -34,15 +33,9 @@ def model() -> Model:
 
 
 @pytest.fixture(scope="module")
-def readings(model: Model) -> Samples:
-    """Recorded angles of six cycles, both at the same stamps, at 250 Hz."""
-    recording = read_inputs(str(ROOT / "bags" / "prototype_preload_36_26"), Topics(), model)
-    samples = condition_recording(model, recording).segments[0]
-    return Samples(
-        samples.stamp_ns[::6].copy(),
-        samples.motor_angle[::6].copy(),
-        samples.joint_angle[::6].copy(),
-    )  # fmt: skip
+def readings(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples:
+    """Recorded angles of six cycles, at 250 Hz."""
+    return recorded(model, 6)
 
 
 class Remote:
