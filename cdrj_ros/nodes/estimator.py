@@ -25,7 +25,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from cdrj_ros.cdr import JointStateDecoder, MessageError, cable_tensions, joint_state_efforts
-from cdrj_ros.commands.shared import BAD_INPUT, DONE, load_model
+from cdrj_ros.commands.shared import DONE, load_model, run_command
 from cdrj_ros.conversions import EstimateEncoder, marked_stale
 from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.estimation.live import LiveEstimator, Output
@@ -40,7 +40,7 @@ from cdrj_ros.nodes.settings import (
     declare_preload,
     declare_text,
 )
-from cdrj_ros.nodes.spinning import STOP_POLL_S, ros_context
+from cdrj_ros.nodes.spinning import STOP_POLL_S, ros_context, starting
 
 DEPTH = 1000
 """Messages that a topic may queue: a burst of a second at 1 kHz is not lost."""
@@ -336,20 +336,13 @@ def _arguments(arguments: list[str]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    arguments = list(sys.argv if argv is None else ["estimator", *argv])
-    try:
+def _body(argv: Sequence[str]) -> int:
+    arguments = ["estimator", *argv]
+    with starting():
         own = _arguments(remove_ros_args(arguments)[1:])
-    except CdrjError as error:
-        print(f"estimator: {error}", file=sys.stderr)
-        return BAD_INPUT
     with ros_context(arguments) as stop:
-        try:
+        with starting():
             node = EstimatorNode(own.state_file)
-        except CdrjError as error:
-            print(f"estimator: {error}", file=sys.stderr)
-            return BAD_INPUT
         executor = EventsExecutor()
         executor.add_node(node)
         try:
@@ -360,3 +353,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             executor.shutdown()
             node.destroy_node()
     return DONE
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return run_command("estimator", _body, sys.argv[1:] if argv is None else argv)

@@ -56,7 +56,7 @@ from cdrj_ros.nodes.player import (
 )
 from cdrj_ros.nodes.qos import read_overrides, was_latched
 from cdrj_ros.nodes.services import offer_services
-from cdrj_ros.nodes.spinning import StopRequest, ros_context
+from cdrj_ros.nodes.spinning import StopRequest, ros_context, starting
 from cdrj_ros.nodes.terminal import Display
 
 INCOMPLETE: Final = 1
@@ -350,7 +350,8 @@ def _replay(
     arguments: argparse.Namespace, model: Model, wiring: Wiring, bags: Sequence[Bag],
     stop: StopRequest,
 ) -> int:  # fmt: skip
-    node = ReplayNode(wiring)
+    with starting():
+        node = ReplayNode(wiring)
     executor = EventsExecutor()
     executor.add_node(node)
     controls, display, keyboard = Controls(), Display(), Keyboard()

@@ -8,10 +8,17 @@ from contextlib import contextmanager
 from types import FrameType
 
 import rclpy
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.signals import SignalHandlerOptions
+
+from cdrj_ros.model.errors import CdrjError
 
 STOP_POLL_S = 0.1
 """A request to stop is seen within this time [s]."""
+
+
+class RosError(CdrjError):
+    """ROS cannot start: its arguments, its middleware or its security do not allow it."""
 
 
 class StopRequest:
@@ -30,17 +37,35 @@ class StopRequest:
 
 
 @contextmanager
+def starting() -> Iterator[None]:
+    """Around the making of a context or a node: what ROS objects to, in one line.
+
+    Raises:
+        RosError: an argument, a parameter, a name, a QoS or a middleware that cannot be.
+    """
+    try:
+        yield
+    except (RuntimeError, ParameterException, NameValidationException) as error:
+        words = str(error).strip().splitlines()[0]
+        raise RosError(words.split(", at /")[0].removesuffix(".")) from error
+
+
+@contextmanager
 def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
     """Initialise rclpy; yields what says when to stop; shuts down in the end.
 
     rclpy's own handlers would end the context under a running callback, whose publishing then
     fails; here a signal only asks, and a second one does not disturb the ending.
+
+    Raises:
+        RosError: what ROS says where it cannot start.
     """
     stop = StopRequest()
     signals = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, stop.ask) for number in signals]
-    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     try:
+        with starting():
+            rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         yield stop
     finally:
         for number in signals:
