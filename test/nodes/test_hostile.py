@@ -292,6 +292,11 @@ def test_hostile_messages_leave_the_numbers_as_if_they_had_never_come(node: Any)
     assert set(expected) == set(conditioner.refused)
     traffic.assert_counted()
     assert grown < GROWTH_MB
+    refused = ", ".join(f"{count} {cause}" for cause, count in sorted(expected.items()))
+    print(  # noqa: T201 for make soak
+        f"\n{traffic.sent} messages, a good stream among them: {wanted.stamp_ns.size} estimates as "
+        f"without them; refused {refused}; memory {grown:+.1f} MB"
+    )
 
 
 def wild(rng: Any, now: int) -> Iterator[tuple[str, bytes]]:
@@ -366,10 +371,16 @@ def test_after_anything_at_all_the_node_counts_every_reading_and_starts_anew_rig
         node.heard.clear()
         if not warm and traffic.sent + tensions > whole // 2:
             warm = resident_mb()
-    assert resident_mb() - warm < GROWTH_MB
+    grown = resident_mb() - warm
+    assert grown < GROWTH_MB
     assert judged > whole // 20
-    assert node.live.conditioner.clock_jumps > 10
+    jumps = node.live.conditioner.clock_jumps
+    assert jumps > 10
     traffic.assert_counted()
+    print(  # noqa: T201 for make soak
+        f"\n{traffic.sent} messages of any kind and {tensions} of load cells: {judged} estimates "
+        f"judged, {jumps} jumps of the clock; memory {grown:+.1f} MB"
+    )
 
     node.live.reset()
     stamps: dict[str, list[int]] = {"motors": [], "joints": []}
