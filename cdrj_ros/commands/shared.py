@@ -160,10 +160,10 @@ def _lines(description: str, total: float) -> Callable[[float], None]:
         nonlocal last
         if monotonic() - last > LINE_S:
             last = monotonic()
-            share = done / total
+            share = done / max(total, 1e-9)
             left = (last - begin) * (1.0 / share - 1.0) if share >= 0.01 else 0.0
             remaining = f", {left:.0f} s left" if left >= 0.5 else ""
-            text = f"{description}: {100.0 * done / total:.0f} %{remaining}"
+            text = f"{description}: {100.0 * share:.0f} %{remaining}"
             print(text, file=sys.stderr, flush=True)
 
     return report

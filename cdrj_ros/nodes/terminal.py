@@ -15,6 +15,9 @@ from cdrj_ros.nodes.controls import Controls, rate_in_words
 
 REFRESH_S: Final = 0.1
 
+PACE_S: Final = 1.0
+"""The pace is known after this much wall time [s]."""
+
 
 def counters(tally: Tally) -> str:
     """``5400 sent, 5398 answered, 2 under way, 0 lost, 0 late``."""
@@ -32,6 +35,7 @@ class Display:
         self._progress: Any = None
         self._task: Any = None
         self._next_s = 0.0
+        self._pace_from: tuple[Playback, float, float] | None = None
 
     def say(self, words: str) -> None:
         """A line above the bar."""
@@ -69,8 +73,8 @@ class Display:
         """The state, if it is time to show it again."""
         if now < self._next_s:
             return
-        duration = controls.duration_s()
-        at = f"{controls.offset_s():.1f}/{duration:.1f} s"
+        duration, offset = controls.duration_s(), controls.offset_s()
+        at = f"{offset:.1f}/{duration:.1f} s{self._left(playback, offset, duration, now)}"
         counts = counters(before + run.tally())
         state = "paused" if playback.paused else f"playing {_short(playback.rate)}"
         if self._progress is None:
@@ -80,9 +84,20 @@ class Display:
         self._next_s = now + REFRESH_S
         self._progress.update(
             self._task, description=state, total=max(duration, 1e-9),
-            completed=controls.offset_s(), at=at, counts=counts,
+            completed=offset, at=at, counts=counts,
         )  # fmt: skip
         self._progress.refresh()
+
+    def _left(self, playback: Playback, offset: float, duration: float, now: float) -> str:
+        """How long it will take at the pace since it began, was paused or went elsewhere."""
+        before = self._pace_from
+        if before is None or before[0] is not playback or playback.paused or offset < before[2]:
+            self._pace_from = (playback, now, offset)
+            return ""
+        played = offset - before[2]
+        if not played > 0.0 or now - before[1] < PACE_S:
+            return ""
+        return f", {(duration - offset) * (now - before[1]) / played:.0f} s left"
 
 
 def _short(rate: float | None) -> str:

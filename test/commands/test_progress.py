@@ -1,0 +1,75 @@
+"""How long work shows that it is going on, and how much is left."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from cdrj_ros.commands import shared
+from cdrj_ros.commands.shared import progress_bar
+
+
+def test_without_a_terminal_it_is_a_line_now_and_then_with_the_time_left(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = SimpleNamespace(now=100.0)
+    monkeypatch.setattr(shared, "monotonic", lambda: clock.now)
+    with progress_bar("validating", 200.0) as report:
+        for now, done in ((101.0, 10.0), (106.0, 50.0), (108.0, 80.0), (120.0, 150.0)):
+            clock.now = now
+            report(done)
+    assert capsys.readouterr().err.splitlines() == [
+        "validating: 25 %, 18 s left",
+        "validating: 75 %, 7 s left",
+    ]
+
+
+def test_nothing_to_do_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar("validating", 0.0) as report:
+        report(0.0)
+    assert capsys.readouterr().err == ""
+
+
+def test_in_a_terminal_it_is_a_bar_with_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    master, slave = pty.openpty()
+    monkeypatch.setenv("TERM", "xterm")
+    with os.fdopen(slave, "w") as terminal:
+        monkeypatch.setattr(sys, "stderr", terminal)
+        with progress_bar("validating", 4.0) as report:
+            for done in range(5):
+                report(float(done))
+    shown = os.read(master, 65536).decode()
+    os.close(master)
+    assert "validating" in shown
+    assert re.search(r"100 %", shown)
+    assert re.search(r"\d:\d\d:\d\d", shown)
+
+
+def test_a_replay_tells_the_time_left_at_its_pace(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rclpy")
+    from cdrj_ros.nodes.answers import Run, Tally
+    from cdrj_ros.nodes.terminal import Display
+
+    robot = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+    run = Run(shared.load_model(str(robot)))
+    playback: Any = SimpleNamespace(paused=False, rate=None)
+    place = SimpleNamespace(offset=0.0)
+    controls: Any = SimpleNamespace(duration_s=lambda: 60.0, offset_s=lambda: place.offset)
+    display = Display()
+    for now, offset, paused in ((0, 0, False), (10, 20, False), (20, 30, True), (40, 40, False)):
+        place.offset, playback.paused = float(offset), paused
+        display.show(playback, controls, Tally(), run, float(now))
+    lines = capsys.readouterr().err.splitlines()
+    assert [re.sub(r", 0 sent.*", "", line) for line in lines] == [
+        "playing fast: 0.0/60.0 s",
+        "playing fast: 20.0/60.0 s, 20 s left",
+        "paused: 30.0/60.0 s",
+        "playing fast: 40.0/60.0 s, 40 s left",
+    ]
