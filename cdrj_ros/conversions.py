@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from cdrj_ros.cdr import CABLE_TENSIONS, ENCAPSULATION, JOINT_STATE, NODAL_FORCES, Template
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.model.mechanism import STALE
 from cdrj_ros.model.plan import Layout
+from cdrj_ros.model.status import STALE
 
 FORCE_ARRAYS: Final = (
     "force_x",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Estimate, Sample, State
 from cdrj_ros.estimation.uncertainty import Spread
-from cdrj_ros.model import mechanism
+from cdrj_ros.model import packing
 from cdrj_ros.model.plan import Model, shape_at
 from cdrj_ros.model.robot import Winch
 
@@ -288,9 +288,9 @@ class _CablePlaces:
 
     def __init__(self, model: Model, c: int) -> None:
         robot, layout, plan = model.robot, model.layout, model.plan
-        row = int(plan[mechanism.AT_CABLES]) + c * mechanism.CABLE_INDICES
-        first = int(plan[row + mechanism.FIRST_ELEMENT])
-        self.count = int(plan[row + mechanism.ELEMENT_COUNT])
+        row = int(plan[packing.AT_CABLES]) + c * packing.CABLE_INDICES
+        first = int(plan[row + packing.FIRST_ELEMENT])
+        self.count = int(plan[row + packing.ELEMENT_COUNT])
         elements = len(layout.elements)
         self.elements = slice(first, first + self.count)
         self.pulleys = slice(elements + first - c, elements + first - c + self.count - 1)
@@ -298,8 +298,8 @@ class _CablePlaces:
         self._material = slice(1 + elements + first, 1 + elements + first + self.count)
         bristle = 1 + 2 * elements + first - c
         self._bristle = slice(bristle, bristle + self.count - 1)
-        numbers = int(plan[mechanism.IN_CABLES]) + c * mechanism.CABLE_NUMBERS
-        self._stiffness = numbers + mechanism.AXIAL_STIFFNESS
+        numbers = int(plan[packing.IN_CABLES]) + c * packing.CABLE_NUMBERS
+        self._stiffness = numbers + packing.AXIAL_STIFFNESS
         wrap = np.array([_mean_wrap(model, first - c + k) for k in range(self.count - 1)])
         self.lever = 2.0 * np.sin(0.5 * wrap)
         """Force on every pulley per newton of tension [-]."""

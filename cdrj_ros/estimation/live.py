@@ -19,11 +19,11 @@ from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusio
 from cdrj_ros.estimation.uncertainty import Spread
 from cdrj_ros.model.document import LARGEST, complaints, schema
 from cdrj_ros.model.errors import UsageError
-from cdrj_ros.model.mechanism import INVALID, UNSURE
 from cdrj_ros.model.parameters import with_numbers
 from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot import Robot
 from cdrj_ros.model.robot_file import build_robot
+from cdrj_ros.model.status import INVALID, UNSURE
 
 Vector = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model import cable as kernel
-from cdrj_ros.model import mechanism
+from cdrj_ros.model import packing
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.friction import BOUND_FLOOR, LAWS, NONE, blended_loss, stribeck_share
@@ -118,7 +118,7 @@ def path_of(
     """
     count = stamp_ns.size
     plan, robot = model.plan, model.robot
-    elements, pulleys = int(plan[mechanism.ELEMENTS]), int(plan[mechanism.PULLEYS])
+    elements, pulleys = int(plan[packing.ELEMENTS]), int(plan[packing.PULLEYS])
     length, wrap = np.empty((count, elements)), np.empty((count, pulleys))
     by_joint = np.empty((count, elements, len(robot.joints)))
     for k in range(count):
@@ -159,13 +159,13 @@ def propagate(
     """
     c, places = _cable_of(model, path, known)
     cable = model.robot.cables[c]
-    row = int(model.plan[mechanism.AT_CABLES]) + c * mechanism.CABLE_INDICES
-    first = int(model.plan[row + mechanism.FIRST_ELEMENT])
-    count = int(model.plan[row + mechanism.ELEMENT_COUNT])
+    row = int(model.plan[packing.AT_CABLES]) + c * packing.CABLE_INDICES
+    first = int(model.plan[row + packing.FIRST_ELEMENT])
+    count = int(model.plan[row + packing.ELEMENT_COUNT])
     columns, pulleys = slice(first, first + count), slice(first - c, first - c + count - 1)
     length, wrap = path.length[:, columns], path.wrap[:, pulleys]
     constants = _constants(model, pulleys, cable.law == LAWS[NONE])
-    kinetic, static = _losses(wrap, constants, int(model.plan[row + mechanism.STRIBECK]))
+    kinetic, static = _losses(wrap, constants, int(model.plan[row + packing.STRIBECK]))
     held_last = isinstance(cable.nodes[-1], Anchor) or not isinstance(cable.nodes[0], Anchor)
     dt = np.diff(path.stamp_ns, prepend=path.stamp_ns[:1]) * 1e-9
     arc = constants[:, kernel.RADIUS] * wrap / cable.axial_stiffness
@@ -254,8 +254,8 @@ def _cable_of(model: Model, path: Path, known: Sequence[KnownTension]) -> tuple[
 
 def _constants(model: Model, pulleys: slice, frictionless: bool) -> Table:
     """Rows of a cable's pulleys, see ``cdrj_ros.model.cable``."""
-    at = int(model.plan[mechanism.IN_PULLEYS])
-    count = int(model.plan[mechanism.PULLEYS])
+    at = int(model.plan[packing.IN_PULLEYS])
+    count = int(model.plan[packing.PULLEYS])
     rows = model.numbers[at : at + count * kernel.PULLEY_COLUMNS].reshape(count, -1)[pulleys].copy()
     if frictionless:
         for column in (kernel.MU_C, kernel.MU_S, kernel.BEARING_RATIO, kernel.DRAG):

@@ -21,10 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, Sample, Samples, State
-from cdrj_ros.model import mechanism
+from cdrj_ros.model import packing
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.errors import CdrjError
-from cdrj_ros.model.mechanism import STARTED, advance, impose_friction
+from cdrj_ros.model.history import impose_friction
+from cdrj_ros.model.mechanism import advance
+from cdrj_ros.model.packing import STARTED
 from cdrj_ros.model.parameters import find_number, with_numbers
 from cdrj_ros.model.plan import Layout, Model, prepare, shape_at
 from cdrj_ros.model.robot import Robot
@@ -358,10 +360,10 @@ def wind_differently(model: Model, numbers: Table, generator: np.random.Generato
         numbers: of all members, shape (members, numbers), changed.
         generator: of the draws.
     """
-    first = int(model.plan[mechanism.IN_CABLES])
+    first = int(model.plan[packing.IN_CABLES])
     half = len(numbers) // 2
     for c in range(len(model.robot.cables)):
-        at = first + c * mechanism.CABLE_NUMBERS + mechanism.WOUND_TENSION
+        at = first + c * packing.CABLE_NUMBERS + packing.WOUND_TENSION
         normal = generator.standard_normal(half)
         numbers[:, at] *= np.exp(WOUND_SPREAD * np.concatenate([normal, -normal]))
 
@@ -372,15 +374,15 @@ def preload_differently(
     """Let the members' preloads differ, cable by cable, by ``share`` of them."""
     shape = shape_at(model, np.array([joint.reference_angle for joint in model.robot.joints]))
     half = len(numbers) // 2
-    first = int(model.plan[mechanism.IN_MATERIAL])
+    first = int(model.plan[packing.IN_MATERIAL])
     element = 0
     for c, cable in enumerate(model.robot.cables):
-        at = int(model.plan[mechanism.IN_CABLES]) + c * mechanism.CABLE_NUMBERS
+        at = int(model.plan[packing.IN_CABLES]) + c * packing.CABLE_NUMBERS
         normal = generator.standard_normal(half)
         change = 1.0 + share * np.concatenate([normal, -normal])
-        preload = numbers[:, at + mechanism.PRELOAD] * np.maximum(change, 0.0)
-        numbers[:, at + mechanism.PRELOAD] = preload
-        stretch = 1.0 + preload / numbers[:, at + mechanism.AXIAL_STIFFNESS]
+        preload = numbers[:, at + packing.PRELOAD] * np.maximum(change, 0.0)
+        numbers[:, at + packing.PRELOAD] = preload
+        stretch = 1.0 + preload / numbers[:, at + packing.AXIAL_STIFFNESS]
         for _ in cable.element_names:
             numbers[:, first + element] = shape.length[element] / stretch
             element += 1

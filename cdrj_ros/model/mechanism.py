@@ -1,14 +1,9 @@
 """One sample of a whole robot, compiled: geometry, friction bounds, every cable, all outputs.
 
-The robot is prepared once (``cdrj_ros.model.plan``) as two flat arrays, ``plan`` (integers) and
-``numbers`` (reals): few arguments make the call cheap, and nothing is allocated per sample.  The
-header of ``plan`` says where each block lies.
+Few flat arrays (``cdrj_ros.model.packing``) make the call cheap; nothing is allocated per sample.
 """
 
 from __future__ import annotations
-
-from math import cos, sin, sqrt
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +13,6 @@ from cdrj_ros.model.cable import (
     BRISTLE,
     BRISTLE_BEFORE,
     CELLS,
-    DRAG,
     ELEMENT_COLUMNS,
     LENGTH,
     LENGTH_BEFORE,
@@ -28,7 +22,6 @@ from cdrj_ros.model.cable import (
     MU_C,
     MU_S,
     PULLEY_COLUMNS,
-    RADIUS,
     RHO,
     SLIP,
     STATIC_SHARE,
@@ -41,249 +34,53 @@ from cdrj_ros.model.cable import (
     solve_cable,
 )
 from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.course import shape
 from cdrj_ros.model.drum import MEMORY_SIZE, material_held, start_drum, turn_drum
-from cdrj_ros.model.friction import NONE, blended_loss, stribeck_share
-from cdrj_ros.model.geometry import (
-    FRAME_INDICES,
-    FRAME_NUMBERS,
-    NODE_INDICES,
-    NODE_NUMBERS,
-    POSE_NUMBERS,
-    TABLE_INTERVALS,
-    place_frames,
-    route,
-    table_value,
+from cdrj_ros.model.friction import blended_loss, stribeck_share
+from cdrj_ros.model.geometry import POSE_NUMBERS
+from cdrj_ros.model.outputs import passive_torque, report_cable
+from cdrj_ros.model.packing import (
+    AT_CABLES,
+    AT_PULLEYS,
+    AXIAL_STIFFNESS,
+    AXIS_COLUMNS,
+    CABLE_INDICES,
+    CABLE_NUMBERS,
+    CABLES,
+    EFFORT_SIGN,
+    ELEMENT_COUNT,
+    ELEMENTS,
+    FIRST_ELEMENT,
+    FIRST_MOTOR,
+    FIRST_RADIUS,
+    FIRST_WINDING,
+    FRAMES,
+    IN_AXES,
+    IN_CABLES,
+    IN_LOSSES,
+    IN_MATERIAL,
+    IN_MOTORS,
+    IN_PULLEYS,
+    JOINTS,
+    LAW,
+    MOTOR_COLUMNS,
+    MOTOR_REFERENCE,
+    MOTORS,
+    PULLEYS,
+    STARTED,
+    WOUND_TENSION,
+    estimate_size,
+    scratch_size,
 )
+from cdrj_ros.model.status import INVALID
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Status of an element, bit flags; the same values stand in cdrj_msgs/CableTensions.
-OK, SLACK, OVERLOAD, UNSURE, STALE, INVALID = 0, 1, 2, 4, 8, 16
-
-# Header of ``plan``: sizes, then where each block begins in ``plan`` (AT_*) or ``numbers`` (IN_*).
-(
-    MOTORS,
-    JOINTS,
-    CABLES,
-    ELEMENTS,
-    PULLEYS,
-    FRAMES,
-    TERMS,
-    AT_CABLES,
-    AT_PULLEYS,
-    AT_FRAMES,
-    AT_NODES,
-    AT_TERMS,
-    IN_CABLES,
-    IN_PULLEYS,
-    IN_SPANS,
-    IN_MATERIAL,
-    IN_WRAPS,
-    IN_LOSSES,
-    IN_HALVES,
-    IN_FRAMES,
-    IN_NODES,
-    IN_MOTORS,
-    IN_JOINTS,
-    IN_AXES,
-    IN_TABLES,
-    HEADER,
-) = range(26)
-
-# Integer columns of a cable; first_motor and last_motor are -1 where the end is an anchor.
-(
-    FIRST_ELEMENT,
-    ELEMENT_COUNT,
-    FIRST_MOTOR,
-    LAST_MOTOR,
-    LAW,
-    STRIBECK,
-    ROUTED,
-    CABLE_INDICES,
-) = range(8)
-
-# Real columns of a cable.
-(
-    AXIAL_STIFFNESS,
-    PRELOAD,
-    MAXIMUM_TENSION,
-    FIRST_RADIUS,
-    FIRST_WINDING,
-    LAST_RADIUS,
-    LAST_WINDING,
-    WOUND_TENSION,
-    SLACK_TENSION,
-    CABLE_NUMBERS,
-) = range(10)
-
-# A term adds a tabulated function of one joint to a span or a wrap.
-TARGET, TARGET_INDEX, TERM_JOINT, TERM_TABLE, TERM_COLUMNS = range(5)
-SPAN, WRAP = 0, 1
-
-# Rows of motors and joints.
-MOTOR_REFERENCE, MOTOR_COLUMNS = range(2)
-TABLE_LOW, TABLE_STEP, JOINT_COLUMNS = range(3)
-
-# Rows of axes: all motors, then all joints.
-(
-    EFFORT_SIGN,
-    BEARING_TORQUE,
-    BEARING_STIFFNESS,
-    SPRING_STIFFNESS,
-    SPRING_REST,
-    AXIS_COLUMNS,
-) = range(6)
-
-STARTED: Final = 0
-"""Place of the flag in the state that says whether a first sample has been seen."""
-
 
 @compiled
-def state_size(plan: Indices) -> int:
-    """Floats of the state.
-
-    In this order: the flag ``STARTED``, length and material of every element, bristle force, slip
-    speed and lagged slip speed of every pulley, angle and bearing friction of every axis, the
-    drums of both ends of every cable.
-    """
-    return (
-        1
-        + 2 * plan[ELEMENTS]
-        + 3 * plan[PULLEYS]
-        + 2 * (plan[MOTORS] + plan[JOINTS])
-        + 2 * plan[CABLES] * MEMORY_SIZE
-    )
-
-
-@compiled
-def estimate_size(plan: Indices) -> int:
-    """Floats of the estimate, in the order of ``cdrj_ros.model.plan.Layout``."""
-    return 2 * plan[ELEMENTS] + 5 * plan[PULLEYS] + plan[MOTORS] + plan[JOINTS] + 2 * plan[CABLES]
-
-
-@compiled
-def scratch_size(plan: Indices) -> int:
-    """Floats of the scratch space behind state and estimate."""
-    elements, pulleys, joints = plan[ELEMENTS], plan[PULLEYS], plan[JOINTS]
-    return (
-        elements * (joints + 2 + ELEMENT_COLUMNS)
-        + pulleys * (1 + WORK_COLUMNS)
-        + plan[FRAMES] * (POSE_NUMBERS + 3 * joints)
-    )
-
-
-@compiled
-def _tabulated_shape(
-    plan: Indices,
-    numbers: Vector,
-    joint_angle: Vector,
-    length: Vector,
-    length_by_joint: Table,
-    wrap: Vector,
-) -> None:
-    """Spans and wraps from constants and tables over joint angle, arcs not yet added."""
-    elements, pulleys = plan[ELEMENTS], plan[PULLEYS]
-    at = plan[IN_SPANS]
-    for e in range(elements):
-        length[e] = numbers[at + e]
-    at = plan[IN_WRAPS]
-    for p in range(pulleys):
-        wrap[p] = numbers[at + p]
-    length_by_joint[:] = 0.0
-    for term in range(plan[TERMS]):
-        row = plan[AT_TERMS] + term * TERM_COLUMNS
-        joint = plan[row + TERM_JOINT]
-        grid = plan[IN_JOINTS] + joint * JOINT_COLUMNS
-        step = numbers[grid + TABLE_STEP]
-        position = (joint_angle[joint] - numbers[grid + TABLE_LOW]) / step
-        interval = min(max(int(position), 0), TABLE_INTERVALS - 1)
-        base = plan[IN_TABLES] + (plan[row + TERM_TABLE] * TABLE_INTERVALS + interval) * 4
-        value, slope = table_value(numbers, base, position - interval)
-        target = plan[row + TARGET_INDEX]
-        if plan[row + TARGET] == SPAN:
-            length[target] += value
-            length_by_joint[target, joint] += slope / step
-        else:
-            # half of the arc belongs to either neighbour; pulley p of cable c lies between
-            # elements p + c and p + c + 1, which the plan stores as the pulley's element
-            wrap[target] += value
-            radius = numbers[plan[IN_PULLEYS] + target * PULLEY_COLUMNS + RADIUS]
-            half = 0.5 * radius * slope / step
-            element = plan[plan[AT_PULLEYS] + target * 2]
-            length_by_joint[element, joint] += half
-            length_by_joint[element + 1, joint] += half
-
-
-@compiled
-def shape(
-    plan: Indices,
-    numbers: Vector,
-    joint_angle: Vector,
-    length: Vector,
-    length_by_joint: Table,
-    wrap: Vector,
-    direction: Table,
-    pose: Table,
-    twist: NDArray[np.float64],
-) -> bool:
-    """Geometry of all cables at the joint angles; False where a cable cannot run so.
-
-    Args:
-        plan, numbers: the prepared robot.
-        joint_angle: [rad] or [m], shape (joints,).
-        length: of every element, arcs included [m], shape (elements,), written.
-        length_by_joint: its derivatives, shape (elements, joints), written.
-        wrap: of every pulley [rad], shape (pulleys,), written.
-        direction: unit vectors of routed elements in the base frame, shape (elements, 2), written.
-        pose, twist: frames, see ``place_frames``, written.
-    """
-    possible = True
-    cables = plan[CABLES]
-    _tabulated_shape(plan, numbers, joint_angle, length, length_by_joint, wrap)
-    frames = plan[FRAMES]
-    if frames > 0:
-        at, inside = plan[AT_FRAMES], plan[IN_FRAMES]
-        place_frames(
-            plan[at : at + frames * FRAME_INDICES].reshape(frames, FRAME_INDICES),
-            numbers[inside : inside + frames * FRAME_NUMBERS].reshape(frames, FRAME_NUMBERS),
-            joint_angle,
-            pose,
-            twist,
-        )
-    node = 0
-    for c in range(cables):
-        row = plan[AT_CABLES] + c * CABLE_INDICES
-        first = plan[row + FIRST_ELEMENT]
-        count = plan[row + ELEMENT_COUNT]
-        pulley = first - c
-        if plan[row + ROUTED] == 1:
-            at = plan[AT_NODES] + node * NODE_INDICES
-            inside = plan[IN_NODES] + node * NODE_NUMBERS
-            nodes = count + 1
-            possible &= route(
-                plan[at : at + nodes * NODE_INDICES].reshape(nodes, NODE_INDICES),
-                numbers[inside : inside + nodes * NODE_NUMBERS].reshape(nodes, NODE_NUMBERS),
-                pose,
-                twist,
-                length[first : first + count],
-                length_by_joint[first : first + count],
-                wrap[pulley : pulley + count - 1],
-                direction[first : first + count],
-            )
-        else:
-            for p in range(count - 1):
-                radius = numbers[plan[IN_PULLEYS] + (pulley + p) * PULLEY_COLUMNS + RADIUS]
-                half = 0.5 * radius * wrap[pulley + p]
-                length[first + p] += half
-                length[first + p + 1] += half
-        node += count + 1
-    return possible
-
-
-@compiled
-def _friction_losses(
+def friction_losses(
     plan: Indices, numbers: Vector, wrap: Vector, lagged_speed: Vector, work: Table
 ) -> None:
     """(37), (41) and their blend for every pulley; wraps that never change cost nothing.
@@ -409,90 +206,6 @@ def _refuse(plan: Indices, before: Vector, out: Vector) -> None:
 
 
 @compiled
-def _report_cable(
-    plan: Indices,
-    numbers: Vector,
-    c: int,
-    solved: bool,
-    tension: Vector,
-    wrap: Vector,
-    direction: Table,
-    speed: Vector,
-    length_by_joint: Table,
-    status: Vector,
-    force: Table,
-    motor_effort: Vector,
-    joint_effort: Vector,
-) -> None:
-    """From one cable's tensions to status, nodal forces and its share of the efforts."""
-    row = plan[AT_CABLES] + c * CABLE_INDICES
-    at = plan[IN_CABLES] + c * CABLE_NUMBERS
-    first = plan[row + FIRST_ELEMENT]
-    last = first + plan[row + ELEMENT_COUNT]
-    most = numbers[at + MAXIMUM_TENSION]
-    least = numbers[at + SLACK_TENSION]
-    for e in range(first, last):
-        t = tension[e]
-        flag = OK if solved else INVALID
-        if t <= least:
-            flag |= SLACK
-        if t > most:
-            flag |= OVERLOAD
-        status[e] = flag
-        for j in range(joint_effort.size):
-            joint_effort[j] -= t * length_by_joint[e, j]  # virtual work
-    for end in range(2):
-        motor = plan[row + FIRST_MOTOR + end]
-        if motor >= 0:
-            arm = numbers[at + FIRST_WINDING + 2 * end] * numbers[at + FIRST_RADIUS + 2 * end]
-            motor_effort[motor] -= arm * (tension[first] if end == 0 else tension[last - 1])
-    routed = plan[row + ROUTED] == 1
-    for i in range(first - c, last - c - 1):
-        e = i + c
-        t_in, t_out = tension[e], tension[e + 1]
-        if routed:
-            x = t_out * direction[e + 1, 0] - t_in * direction[e, 0]
-            y = t_out * direction[e + 1, 1] - t_in * direction[e, 1]
-        else:
-            if plan[plan[AT_PULLEYS] + 2 * i + 1] < 0:  # the wrap never changes
-                along = numbers[plan[IN_HALVES] + 2 * i]
-                across = numbers[plan[IN_HALVES] + 2 * i + 1]
-            else:
-                along, across = sin(0.5 * wrap[i]), cos(0.5 * wrap[i])
-            x = (t_out + t_in) * along
-            y = (t_out - t_in) * across
-        force[0, i] = x
-        force[1, i] = y
-        force[2, i] = sqrt(x * x + y * y)  # (38)
-        force[3, i] = t_out - t_in
-        force[4, i] = speed[i]
-    if not solved:  # how the elongation is shared out is not known: say so, and no number
-        tension[first:last] = 0.0
-        force[:, first - c : last - c - 1] = 0.0
-
-
-@compiled
-def _passive_torque(
-    numbers: Vector, at: int, friction_before: float, turned: float, angle: float
-) -> tuple[float, float]:
-    """Torque of an axis beside its cables and the friction in it [N m], (E13).
-
-    Args:
-        numbers: the prepared robot.
-        at: the axis' row.
-        friction_before: of its bearing [N m].
-        turned: since then [rad].
-        angle: now [rad].
-    """
-    most = numbers[at + BEARING_TORQUE]
-    friction = friction_before + numbers[at + BEARING_STIFFNESS] * turned
-    friction = min(max(friction, -most), most)
-    return -friction - numbers[at + SPRING_STIFFNESS] * (
-        angle - numbers[at + SPRING_REST]
-    ), friction
-
-
-@compiled
 def advance(
     plan: Indices,
     numbers: Vector,
@@ -576,7 +289,7 @@ def advance(
         return False
     started = before[STARTED] != 0.0
     out[STARTED] = 1.0
-    _friction_losses(plan, numbers, wrap, lagged_before, work)
+    friction_losses(plan, numbers, wrap, lagged_before, work)
     at = plan[IN_PULLEYS]
     constants = numbers[at : at + pulleys * PULLEY_COLUMNS].reshape(pulleys, PULLEY_COLUMNS)
     for m in range(motors):
@@ -635,7 +348,7 @@ def advance(
             bristle[p:q], speed[p:q], lagged[p:q] = 0.0, 0.0, 0.0
             iterations[c], residual[c] = 0.0, 0.0
 
-        _report_cable(
+        report_cable(
             plan, numbers, c, solved, tension, wrap, direction, speed, length_by_joint,
             status, force, motor_effort, joint_effort,
         )  # fmt: skip
@@ -643,7 +356,7 @@ def advance(
         at = plan[IN_AXES] + a * AXIS_COLUMNS
         angle = motor_angle[a] if a < motors else joint_angle[a - motors]
         turned = angle - angle_before[a] if started else 0.0
-        torque, bearing[a] = _passive_torque(numbers, at, bearing_before[a], turned, angle)
+        torque, bearing[a] = passive_torque(numbers, at, bearing_before[a], turned, angle)
         angle_now[a] = angle
         if a < motors:
             motor_effort[a] = numbers[at + EFFORT_SIGN] * (motor_effort[a] + torque)
@@ -652,88 +365,6 @@ def advance(
                 joint_effort[a - motors] + torque
             )
     return solved_all
-
-
-@compiled
-def impose_friction(
-    plan: Indices,
-    numbers: Vector,
-    joint_angle: Vector,
-    share: Vector,
-    state: Vector,
-    scratch: Vector,
-) -> None:
-    """Give a cable that has just been started a friction history, its elongation kept.
-
-    Args:
-        plan, numbers: the prepared robot.
-        joint_angle: [rad], shape (joints,).
-        share: of every pulley's bound that its friction holds, in [-1, 1], positive where the
-            tension rises towards the last node, shape (pulleys,).
-        state: as ``advance`` has left it after a first sample, changed.
-        scratch: shape (scratch_size,).
-    """
-    elements, pulleys, frames = plan[ELEMENTS], plan[PULLEYS], plan[FRAMES]
-    joints = plan[JOINTS]
-    n = 0
-    length = scratch[n : n + elements]
-    n += elements
-    length_by_joint = scratch[n : n + elements * joints].reshape(elements, joints)
-    n += elements * joints
-    wrap = scratch[n : n + pulleys]
-    n += pulleys
-    work = scratch[n : n + pulleys * WORK_COLUMNS].reshape(pulleys, WORK_COLUMNS)
-    n += pulleys * WORK_COLUMNS
-    pose = scratch[n : n + frames * POSE_NUMBERS].reshape(frames, POSE_NUMBERS)
-    n += frames * POSE_NUMBERS
-    twist = scratch[n : n + frames * joints * 3].reshape(frames, joints, 3)
-    n += frames * joints * 3
-    direction = scratch[n : n + 2 * elements].reshape(elements, 2)
-    if not shape(plan, numbers, joint_angle, length, length_by_joint, wrap, direction, pose, twist):
-        return
-    material = state[1 + elements : 1 + 2 * elements]
-    bristle = state[1 + 2 * elements : 1 + 2 * elements + pulleys]
-    lagged = state[1 + 2 * elements + 2 * pulleys : 1 + 2 * elements + 3 * pulleys]
-    _friction_losses(plan, numbers, wrap, lagged, work)
-    for c in range(plan[CABLES]):
-        row = plan[AT_CABLES] + c * CABLE_INDICES
-        first = plan[row + FIRST_ELEMENT]
-        last = first + plan[row + ELEMENT_COUNT]
-        stiffness = numbers[plan[IN_CABLES] + c * CABLE_NUMBERS + AXIAL_STIFFNESS]
-        if plan[row + LAW] == NONE:
-            continue
-        total = 0.0
-        span = 0.0
-        for e in range(first, last):
-            total += material[e]
-            span += length[e]
-        mean = stiffness * (span / total - 1.0)
-        if not mean > 0.0:
-            continue
-        # ratios of the tensions, then the one factor that keeps the elongation
-        ratio = 1.0
-        weighted = 0.0
-        for e in range(first, last):
-            if e > first:
-                i = e - 1 - c
-                drag = numbers[plan[IN_PULLEYS] + i * PULLEY_COLUMNS + DRAG]
-                hold = max(1.0 - work[i, LOSS] - drag / (mean + drag), 1e-3)
-                ratio *= hold ** (-share[i])
-            scratch[e] = ratio  # the lengths are those of the state: their place is free
-            weighted += state[1 + e] * ratio
-        scale = mean * span / weighted
-        for _ in range(3):
-            held = 0.0
-            slope = 0.0
-            for e in range(first, last):
-                stretch = 1.0 + scale * scratch[e] / stiffness
-                held += state[1 + e] / stretch
-                slope -= state[1 + e] * scratch[e] / (stiffness * stretch * stretch)
-            scale -= (held - total) / slope
-        for e in range(first, last):
-            material[e] = state[1 + e] / (1.0 + scale * scratch[e] / stiffness)
-            if e > first:
-                bristle[e - 1 - c] = scale * (scratch[e] - scratch[e - 1])
 
 
 @compiled

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model import cable as cable_kernel
-from cdrj_ros.model import geometry, mechanism
+from cdrj_ros.model import course, geometry, packing
 from cdrj_ros.model.errors import RobotFileError
 from cdrj_ros.model.friction import (
     EULER,
@@ -48,7 +48,7 @@ class Layout:
     tension: slice
     """[N]."""
     status: slice
-    """Bit flags, see ``cdrj_ros.model.mechanism``."""
+    """Bit flags, see ``cdrj_ros.model.status``."""
     force_x: slice
     """[N], of the cable on the pulley."""
     force_y: slice
@@ -119,7 +119,7 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
     _set_routed_references(model, rest, reference)
     rest = shape_at(model, reference)
     numbers = model.numbers
-    at = int(model.plan[mechanism.IN_MATERIAL])
+    at = int(model.plan[packing.IN_MATERIAL])
     element = 0
     for cable in robot.cables:
         for _ in cable.element_names:
@@ -141,11 +141,11 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
 def shape_at(model: Model, joint_angle: Vector) -> Shape:
     """Lengths, wraps and directions at the joint angles [rad], shape (joints,)."""
     plan = model.plan
-    elements, pulleys = int(plan[mechanism.ELEMENTS]), int(plan[mechanism.PULLEYS])
-    joints, frames = int(plan[mechanism.JOINTS]), int(plan[mechanism.FRAMES])
+    elements, pulleys = int(plan[packing.ELEMENTS]), int(plan[packing.PULLEYS])
+    joints, frames = int(plan[packing.JOINTS]), int(plan[packing.FRAMES])
     length, wrap = np.empty(elements), np.empty(pulleys)
     by_joint, direction = np.empty((elements, joints)), np.zeros((elements, 2))
-    possible = mechanism.shape(
+    possible = course.shape(
         _read_only(plan),  # one type of argument, so that the kernel is compiled once
         _read_only(model.numbers),
         np.asarray(joint_angle, dtype=np.float64),
@@ -223,7 +223,7 @@ def _pack(robot: Robot) -> Model:
         )
         for k, pulley in enumerate(cable.pulleys):
             row = _pulley_numbers(pulley, law)
-            constant = add_profiles(pulley.wrap, mechanism.WRAP, len(wraps))
+            constant = add_profiles(pulley.wrap, packing.WRAP, len(wraps))
             moving = cable.routed or any(profile.joint for profile in pulley.wrap)
             pulley_rows.append([len(spans) + k, stribeck if moving else -1])
             losses.append(
@@ -241,7 +241,7 @@ def _pack(robot: Robot) -> Model:
             wraps.append(constant)
             pulley_numbers.append(row)
         for profiles in cable.spans or ((),) * (len(cable.nodes) - 1):
-            spans.append(add_profiles(profiles, mechanism.SPAN, len(spans)))
+            spans.append(add_profiles(profiles, packing.SPAN, len(spans)))
         for node in cable.nodes:
             place = node.place
             node_rows.append([frames[place.frame] if place else -1])
@@ -268,8 +268,8 @@ def _pack(robot: Robot) -> Model:
     ]
     axis_numbers = [[axis.effort_sign, *astuple(axis.passive)] for axis in robot.axes]
 
-    header = np.zeros(mechanism.HEADER, dtype=np.int64)
-    header[mechanism.MOTORS : mechanism.AT_CABLES] = [
+    header = np.zeros(packing.HEADER, dtype=np.int64)
+    header[packing.MOTORS : packing.AT_CABLES] = [
         len(robot.motors),
         len(robot.joints),
         len(robot.cables),
@@ -279,7 +279,7 @@ def _pack(robot: Robot) -> Model:
         len(terms),
     ]
     rows: list[NDArray[np.int64]] = [header]
-    place_of_row = mechanism.AT_CABLES
+    place_of_row = packing.AT_CABLES
     at = header.size
     for block in (cable_rows, pulley_rows, frame_rows, node_rows, terms):
         flat = np.array(block, dtype=np.int64).ravel()
@@ -288,7 +288,7 @@ def _pack(robot: Robot) -> Model:
         place_of_row += 1
         rows.append(flat)
     numbers: list[Vector] = []
-    place_of_number = mechanism.IN_CABLES
+    place_of_number = packing.IN_CABLES
     inside = 0
     blocks: tuple[Any, ...] = (
         cable_numbers,
@@ -312,7 +312,7 @@ def _pack(robot: Robot) -> Model:
         place_of_number += 1
         numbers.append(values)
     plan = np.concatenate(rows)
-    size = int(mechanism.state_size(plan))
+    size = int(packing.state_size(plan))
     layout = _layout(robot)
     return Model(
         robot=robot,
@@ -320,7 +320,7 @@ def _pack(robot: Robot) -> Model:
         numbers=np.concatenate(numbers),
         layout=layout,
         state_size=size,
-        out_size=size + layout.size + int(mechanism.scratch_size(plan)),
+        out_size=size + layout.size + int(packing.scratch_size(plan)),
         state_part=slice(0, size),
         estimate_part=slice(size, size + layout.size),
     )
@@ -393,10 +393,10 @@ def _layout(robot: Robot) -> Layout:
 def _set_routed_references(model: Model, rest: Shape, reference: Vector) -> None:
     """Wraps about which pulleys are continuous, and the directions from which ends wind."""
     plan, numbers = model.plan, model.numbers
-    pose = np.empty((int(plan[mechanism.FRAMES]), geometry.POSE_NUMBERS))
+    pose = np.empty((int(plan[packing.FRAMES]), geometry.POSE_NUMBERS))
     twist = np.empty((pose.shape[0], reference.size, 3))
     if pose.size:
-        at, inside = int(plan[mechanism.AT_FRAMES]), int(plan[mechanism.IN_FRAMES])
+        at, inside = int(plan[packing.AT_FRAMES]), int(plan[packing.IN_FRAMES])
         count = pose.shape[0]
         geometry.place_frames(
             plan[at : at + 3 * count].reshape(count, 3),
@@ -410,8 +410,8 @@ def _set_routed_references(model: Model, rest: Shape, reference: Vector) -> None
         count = len(cable.nodes)
         if cable.routed:
             for k in range(count):
-                row = int(plan[mechanism.IN_NODES]) + (node + k) * geometry.NODE_NUMBERS
-                frame = int(plan[int(plan[mechanism.AT_NODES]) + node + k])
+                row = int(plan[packing.IN_NODES]) + (node + k) * geometry.NODE_NUMBERS
+                frame = int(plan[int(plan[packing.AT_NODES]) + node + k])
                 turn = numbers[row + geometry.TURN]
                 if 0 < k < count - 1:
                     numbers[row + geometry.ARC_ANGLE] = rest.wrap[pulley + k - 1]

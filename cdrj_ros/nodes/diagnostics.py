@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.live import LiveEstimator, Output
-from cdrj_ros.model.mechanism import INVALID, OVERLOAD, SLACK, UNSURE
+from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, UNSURE
 
 WINDOW = 4096
 """Steps over which the step time is judged."""

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.course import shape
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.geometry import POSE_NUMBERS
-from cdrj_ros.model.mechanism import ELEMENTS, FRAMES, JOINTS, PULLEYS, shape
+from cdrj_ros.model.packing import ELEMENTS, FRAMES, JOINTS, PULLEYS
 from cdrj_ros.model.plan import Model
 from cdrj_ros.rig.faults import drums_of
 

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model import mechanism
+from cdrj_ros.model import packing
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.mechanism import advance
@@ -193,7 +193,7 @@ def _swing(
     """
     size = state.size
     wanted = estimates.shape[1]
-    out = np.empty(size + wanted + mechanism.scratch_size(plan))
+    out = np.empty(size + wanted + packing.scratch_size(plan))
     pose = np.empty(joints.shape[1])
     for k in range(dt.size):
         pose[:] = joints[k]

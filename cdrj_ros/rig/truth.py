@@ -16,12 +16,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model import mechanism
+from cdrj_ros.model import packing
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.errors import UsageError
-from cdrj_ros.model.mechanism import INVALID, advance, advance_all
+from cdrj_ros.model.mechanism import advance, advance_all
 from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot import Robot
+from cdrj_ros.model.status import INVALID
 from cdrj_ros.rig.cells import Divided, divide, divide_contacts
 from cdrj_ros.rig.faults import Fault, Wiring, wire
 from cdrj_ros.rig.follow import follow_joints, pull_together, shapes_along
@@ -365,9 +366,9 @@ def _scan(
     efforts: Vector,
 ) -> None:
     """Effort on a joint without friction for many drives."""
-    size = mechanism.state_size(plan)
+    size = packing.state_size(plan)
     state = np.zeros(size)
-    out = np.empty(size + mechanism.estimate_size(plan) + mechanism.scratch_size(plan))
+    out = np.empty(size + packing.estimate_size(plan) + packing.scratch_size(plan))
     for k in range(angles.size):
         advance(plan, numbers, state, base + direction * angles[k], joint_angle, 0.0, out)
         efforts[k] = out[size + effort_place]
@@ -427,7 +428,7 @@ def _balance(
     """
     size = state.size
     wanted = estimates.shape[1]
-    out = np.empty(size + wanted + mechanism.scratch_size(plan))
+    out = np.empty(size + wanted + packing.scratch_size(plan))
     motors = np.empty(direction.size)
     for k in range(dt.size):
         following = min(phase + 1, torque.size - 1) if dt[k] > 0.0 else phase

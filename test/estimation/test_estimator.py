@@ -22,10 +22,10 @@ from cdrj_ros.estimation.estimator import (
     step,
 )
 from cdrj_ros.model.friction import LAWS
-from cdrj_ros.model.mechanism import INVALID
 from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot import Robot
 from cdrj_ros.model.robot_file import load_robot, parse_robot
+from cdrj_ros.model.status import INVALID
 
 PROTOTYPE = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 EPOCH_NS = 1_700_000_000_000_000_000

@@ -15,8 +15,8 @@ from cdrj_ros.estimation.fusion import JUDGED
 from cdrj_ros.estimation.live import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.model.errors import CdrjError, UsageError
-from cdrj_ros.model.mechanism import SLACK, UNSURE
 from cdrj_ros.model.plan import Model
+from cdrj_ros.model.status import SLACK, UNSURE
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")

@@ -24,10 +24,10 @@ from cdrj_ros.model import cable as kernel
 from cdrj_ros.model.cable import acceptable, element_tension, tolerance
 from cdrj_ros.model.drum import MEMORY_SIZE, material_held
 from cdrj_ros.model.friction import ELASTOPLASTIC, LAWS, LUGRE, NONE
-from cdrj_ros.model.mechanism import INVALID, OVERLOAD, SLACK
 from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot import Robot
 from cdrj_ros.model.robot_file import parse_robot
+from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK
 from cdrj_ros.rig.cells import divide
 
 Variant = Callable[..., Robot]

@@ -18,16 +18,16 @@ MODEL = Path(cdrj_ros.model.__file__).parent
 # (37) in friction.py, called by a kernel of mechanism.py
 PROGRAM = """
 import numpy as np
-from cdrj_ros.model import cable, mechanism
+from cdrj_ros.model import cable, mechanism, packing
 
-plan = np.zeros(mechanism.HEADER + 2, dtype=np.int64)
-plan[mechanism.PULLEYS] = 1
-plan[mechanism.AT_PULLEYS] = mechanism.HEADER
+plan = np.zeros(packing.HEADER + 2, dtype=np.int64)
+plan[packing.PULLEYS] = 1
+plan[packing.AT_PULLEYS] = packing.HEADER
 numbers = np.zeros(cable.PULLEY_COLUMNS)
 numbers[[cable.RHO, cable.MU_C, cable.MU_S, cable.STRIBECK_SPEED, cable.CELLS]] = 1, 0.1, 0.1, 1, 1
 work = np.zeros((1, cable.WORK_COLUMNS))
-mechanism._friction_losses(plan, numbers, np.ones(1), np.zeros(1), work)
-stats = mechanism._friction_losses.stats
+mechanism.friction_losses(plan, numbers, np.ones(1), np.zeros(1), work)
+stats = mechanism.friction_losses.stats
 print(work[0, cable.LOSS], sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))
 """
 

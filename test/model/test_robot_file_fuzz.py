@@ -13,9 +13,9 @@ from ruamel.yaml import YAML
 
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.model.errors import CdrjError
-from cdrj_ros.model.mechanism import INVALID
 from cdrj_ros.model.plan import prepare
 from cdrj_ros.model.robot_file import parse_robot
+from cdrj_ros.model.status import INVALID
 
 FILES = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
 PATIENCE_S = 20.0

@@ -17,8 +17,8 @@ from cdrj_ros.cdr import JOINT_STATE, Template
 from cdrj_ros.commands.shared import load_model
 from cdrj_ros.conversions import FORCE_ARRAYS, AnswerReader
 from cdrj_ros.estimation.conditioning import REFUSALS
-from cdrj_ros.model.mechanism import STALE, UNSURE
 from cdrj_ros.model.plan import Layout
+from cdrj_ros.model.status import STALE, UNSURE
 from cdrj_ros.validation import condition_recording, estimate, read_inputs
 
 ROOT = Path(__file__).parents[2]

@@ -33,8 +33,8 @@ from cdrj_ros.cdr import read_layout as layout_of
 from cdrj_ros.commands.shared import load_model
 from cdrj_ros.estimation.conditioning import WHOLE, Readings, condition
 from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
-from cdrj_ros.model.mechanism import INVALID, UNSURE
 from cdrj_ros.model.plan import Model
+from cdrj_ros.model.status import INVALID, UNSURE
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 MESSAGES = int(os.environ.get("CDRJ_HOSTILE", "100000"))

@@ -13,10 +13,10 @@ from cdrj_ros.cdr import JOINT_STATE, Template
 from cdrj_ros.commands.shared import load_model
 from cdrj_ros.estimation.conditioning import Conditioner
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
-from cdrj_ros.model.mechanism import OVERLOAD, SLACK, STALE, UNSURE
 from cdrj_ros.model.parameters import with_numbers
 from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot_file import build_robot
+from cdrj_ros.model.status import OVERLOAD, SLACK, STALE, UNSURE
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 SECOND = 10**9

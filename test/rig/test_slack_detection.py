@@ -11,7 +11,7 @@ from cdrj_ros.commands.shared import load_model
 from cdrj_ros.estimation.conditioning import Readings, condition
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.model.mechanism import SLACK
+from cdrj_ros.model.status import SLACK
 from cdrj_ros.rig.motion import sine
 from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, Encoder, read_encoder, reading_times
 from cdrj_ros.rig.truth import simulate

@@ -111,7 +111,7 @@ def test_without_friction_every_fall_carries_a_quarter(
 
 def test_a_rope_without_load_is_slack_and_pulls_nothing(models: dict[str, Model]) -> None:
     from cdrj_ros.estimation.estimator import Sample, initial_state, step
-    from cdrj_ros.model.mechanism import SLACK
+    from cdrj_ros.model.status import SLACK
 
     model = models["hoist"]
     payed_out = Sample(1, np.array([-0.1]), np.array([0.0]))
