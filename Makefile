@@ -32,8 +32,9 @@ INSTALLED := $(shell find config bags launch resource -print 2>/dev/null)
 demo: setup
 	@$(IN_ENV) python tools/demo.py
 
+# a file's tests share processes and compiled state: they stay together
 test: check
-	@$(IN_ENV) python -m pytest
+	@$(IN_ENV) python -m pytest -n logical --maxprocesses 4 --dist loadfile
 
 check: setup
 	@$(IN_ENV) ruff check
