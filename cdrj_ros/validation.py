@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,7 @@ from cdrj_ros.estimation.conditioning import Conditioned, Readings, condition
 from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
 from cdrj_ros.estimation.pulley_friction import PulleyFriction, pulley_friction
 from cdrj_ros.estimation.reversals import clock_resets, reversal_zones
-from cdrj_ros.estimation.uncertainty import Spread
+from cdrj_ros.estimation.uncertainty import Spread, spread_columns
 from cdrj_ros.model.errors import BagError
 from cdrj_ros.model.plan import Layout, Model, shape_at
 
@@ -142,32 +141,30 @@ def estimate(
         progress: told now and then which share is done, from 0 to 1.
         spread: standard deviations too, for about as much time again.
     """
-    total = max(sum(segment.stamp_ns.size for segment in conditioned.segments), 1)
+    total = sum(segment.stamp_ns.size for segment in conditioned.segments)
+    stamps = np.concatenate(
+        [np.empty(0, np.int64), *(segment.stamp_ns for segment in conditioned.segments)]
+    )
+    values = np.empty((total, model.layout.size))
+    stddevs = np.empty((total, spread_columns(model.layout).size)) if spread else None
     done = 0
-    parts = []
     for segment in conditioned.segments:
         state = initial_state(model)
-        advance = Spread(model).run if spread else partial(run, model)
+        ensemble = Spread(model) if spread else None
         for begin in range(0, segment.stamp_ns.size, AT_ONCE):
             piece = slice(begin, begin + AT_ONCE)
             samples = Samples(
                 segment.stamp_ns[piece], segment.motor_angle[piece], segment.joint_angle[piece]
             )
-            state, part = advance(state, samples)
-            parts.append(part)
-            done += samples.stamp_ns.size
+            place = slice(done, done + samples.stamp_ns.size)
+            if ensemble is not None and stddevs is not None:
+                state, _ = ensemble.run(state, samples, values[place], stddevs[place])
+            else:
+                state, _ = run(model, state, samples, values[place])
+            done = place.stop
             if progress:
                 progress(done / total)
-    if not parts:
-        return Estimates(np.empty(0, np.int64), np.empty((0, model.layout.size)), model.layout)
-    if len(parts) == 1:
-        return parts[0]
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("stamp_ns", "values", "stddev")
-        if getattr(parts[0], name) is not None
-    }
-    return replace(parts[0], **joined)
+    return Estimates(stamps, values, model.layout, stddevs)
 
 
 def log_times(recording: Recording, estimates: Estimates) -> NDArray[np.int64]:

@@ -152,10 +152,19 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     )
 
 
-def run(model: Model, state: State, samples: Samples) -> tuple[State, Estimates]:
-    """``step`` over many samples in one call; bit for bit the same numbers."""
+def run(
+    model: Model, state: State, samples: Samples, into: NDArray[np.float64] | None = None
+) -> tuple[State, Estimates]:
+    """``step`` over many samples in one call; bit for bit the same numbers.
+
+    Args:
+        model: the prepared robot.
+        state: as for ``step``.
+        samples: n of them.
+        into: where the estimates are to be written, shape (n, layout.size); None: a new array.
+    """
     stamps = samples.stamp_ns
-    estimates = np.empty((stamps.size, model.layout.size))
+    estimates = np.empty((stamps.size, model.layout.size)) if into is None else into
     if stamps.size == 0:
         return state, Estimates(stamps, estimates, model.layout)
     first = state.stamp_ns if state.stamp_ns != NEVER else int(stamps[0])

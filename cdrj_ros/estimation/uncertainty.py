@@ -285,12 +285,21 @@ class Spread:
             self._out, stddev,
         )  # fmt: skip
 
-    def run(self, state: State, samples: Samples) -> tuple[State, Estimates]:
-        """``step`` and ``update`` over many samples in one call; bit for bit the same numbers."""
+    def run(
+        self,
+        state: State,
+        samples: Samples,
+        into: Table | None = None,
+        stddev_into: Table | None = None,
+    ) -> tuple[State, Estimates]:
+        """``step`` and ``update`` over many samples in one call; bit for bit the same numbers.
+
+        ``into`` as for the estimator's ``run``, ``stddev_into`` of shape (n, columns).
+        """
         model = self.model
         stamps = samples.stamp_ns
-        estimates = np.empty((stamps.size, model.layout.size))
-        stddev = np.empty((stamps.size, self.columns.size))
+        estimates = np.empty((stamps.size, model.layout.size)) if into is None else into
+        stddev = np.empty((stamps.size, self.columns.size)) if stddev_into is None else stddev_into
         if stamps.size == 0:
             return state, Estimates(stamps, estimates, model.layout, stddev)
         first = state.stamp_ns if state.stamp_ns != NEVER else int(stamps[0])
