@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.conditioning import Conditioner
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Sample, State, initial_state, step
 from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
-from cdrj_ros.estimation.uncertainty import Spread
+from cdrj_ros.estimation.uncertainty import Spread, mark_unsure
 from cdrj_ros.model.document import LARGEST, complaints, schema
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.parameters import with_numbers
 from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot import Robot
 from cdrj_ros.model.robot_file import build_robot
-from cdrj_ros.model.status import INVALID, UNSURE
 
 Vector = NDArray[np.float64]
 
@@ -129,7 +128,6 @@ class LiveEstimator:
             [cable.preload for cable in model.robot.cables],
             [len(cable.element_names) for cable in model.robot.cables],
         )
-        self._elements = len(model.layout.elements)
 
     def reset(self) -> None:
         """Forget readings, friction history and what was measured; the counters stay."""
@@ -208,22 +206,12 @@ class LiveEstimator:
         spread = self.spread
         if spread is not None:
             stddev = spread.update(sample, estimate)
-            self._mark_unsure(estimate, stddev)
+            mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
             if self.fusion is not None and estimate.solved:
                 self.fusion.remember(estimate)
                 if self._pending:
                     self._use_pending(self.fusion, sample)
         return Output(estimate, stddev)
-
-    def _mark_unsure(self, estimate: Estimate, stddev: Vector) -> None:
-        tension = estimate.tension
-        unsure = stddev[: self._elements] > self.options.unsure_share * np.maximum(
-            tension, self._preload
-        )
-        if unsure.any():
-            status = estimate.status.astype(np.uint8)
-            status[unsure & (status & INVALID == 0)] |= UNSURE
-            estimate.status[:] = status
 
     def feed_tensions(
         self,

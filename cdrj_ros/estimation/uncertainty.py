@@ -31,6 +31,7 @@ from cdrj_ros.model.parameters import find_number, with_numbers
 from cdrj_ros.model.plan import Layout, Model, prepare, shape_at
 from cdrj_ros.model.robot import Robot
 from cdrj_ros.model.robot_file import build_robot
+from cdrj_ros.model.status import INVALID, UNSURE
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -179,6 +180,24 @@ def _run(
             sample_stamps[k], motor_angles[k], joint_angles[k], estimates[k], deviation, variance,
             readings, out, stddevs[k],
         )  # fmt: skip
+
+
+@compiled
+def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -> None:
+    """Set ``UNSURE`` where a standard deviation exceeds a share of the tension or the preload.
+
+    Args:
+        values: an estimate: tensions, then status of all elements, then the rest; changed.
+        preload: of every element's cable [N], shape (elements,).
+        stddev: of the tensions, then the rest [N].
+        share: see ``Options.unsure_share``.
+    """
+    elements = preload.size
+    for e in range(elements):
+        if stddev[e] > share * max(values[e], preload[e]):
+            flags = int(values[elements + e])
+            if flags & INVALID == 0:
+                values[elements + e] = flags | UNSURE
 
 
 class Spread:
