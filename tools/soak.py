@@ -295,7 +295,8 @@ def _judge_minutes(soak: Soak) -> None:
 
 def _print(soak: Soak) -> None:
     print(
-        "minute      sent  answered  resident [MB]  step p50 [us]  p99 [us]  control p99  waited [s]"
+        "minute      sent  answered  resident [MB]  step p50 [us]  p99 [us]  control p99"
+        "  waited [s]"
     )
     for one in soak.minutes:
         print(
