@@ -42,7 +42,7 @@ def half_width(sensor: Sensor) -> float:
 
 @compiled
 def track(memory: Vector, dt_ns: int, reading: float, bandwidth: float, band: float) -> float:
-    """The angle at a reading [rad].
+    """The angle at a reading [rad], (C1) of docs/conditioning.md.
 
     Args:
         memory: shape (MEMORY,), changed.
