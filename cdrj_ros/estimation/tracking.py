@@ -4,7 +4,7 @@ A sensor of low resolution says the same for many samples and then jumps by a co
 meanwhile moves on.  A critically damped third-order tracking filter (g-h-k, fading memory; E.
 Brookner, Tracking and Kalman Filtering Made Easy, 1998, ch. 1; N. Morrison, 1969, ch. 13) follows
 constant acceleration without lag, and is kept within half a count and three standard deviations of
-every reading: however badly it suits the motion, it is never further off than the sensor's errors.
+every reading: however badly it suits the motion, it errs by no more than twice the sensor's errors.
 """
 
 from __future__ import annotations
