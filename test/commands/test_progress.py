@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import pty
 import re
+import select
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -37,6 +39,17 @@ def test_nothing_to_do_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == ""
 
 
+def shown_on(master: int, pattern: str, patience_s: float = 30.0) -> str:
+    """What a terminal shows, once the pattern is there: one read takes only what has arrived."""
+    shown = ""
+    deadline = time.monotonic() + patience_s
+    while not re.search(pattern, shown):
+        ready, _, _ = select.select([master], [], [], max(deadline - time.monotonic(), 0.0))
+        assert ready, f"no {pattern!r} in {shown!r}"
+        shown += os.read(master, 65536).decode()
+    return shown
+
+
 def test_in_a_terminal_it_is_a_bar_with_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
     master, slave = pty.openpty()
     monkeypatch.setenv("TERM", "xterm")
@@ -45,10 +58,9 @@ def test_in_a_terminal_it_is_a_bar_with_the_time_left(monkeypatch: pytest.Monkey
         with progress_bar("validating", 4.0) as report:
             for done in range(5):
                 report(float(done))
-    shown = os.read(master, 65536).decode()
+        shown = shown_on(master, "100 %")
     os.close(master)
     assert "validating" in shown
-    assert re.search(r"100 %", shown)
     assert re.search(r"\d:\d\d:\d\d", shown)
 
 
