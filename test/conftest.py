@@ -1,7 +1,8 @@
 """Keep the tests' ROS traffic to themselves.
 
 Set before anything imports rclpy, and inherited by every process a test starts: a domain of this
-run's own, and no discovery beyond this machine. Two runs side by side do not hear each other.
+run's own, of each of its workers under pytest-xdist, and no discovery beyond this machine. Two runs
+side by side do not hear each other. How long an example of hypothesis takes proves nothing.
 """
 
 from __future__ import annotations
@@ -12,13 +13,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
     from cdrj_ros.estimation.estimator import Samples
     from cdrj_ros.model.plan import Model
 
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+DOMAINS = 101
+"""1 to 101: above, the ports are those that Linux gives to anyone."""
+
+
+def _domain() -> int:
+    """Of its own for every worker of a run; those of runs started together are apart."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    run = os.getppid() if worker else os.getpid()  # the workers' parent is their run
+    return 1 + (8 * run + int(worker.removeprefix("gw") or 0)) % DOMAINS
+
+
+os.environ["ROS_DOMAIN_ID"] = str(_domain())
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+settings.register_profile(
+    "steady", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("steady")
 
 SAMPLE = Path(__file__).parents[1] / "bags" / "prototype_preload_36_26"
 

@@ -3,7 +3,7 @@
 import struct
 import tracemalloc
 from pathlib import Path
-from time import monotonic
+from time import process_time
 
 import numpy as np
 import pytest
@@ -21,6 +21,8 @@ COUNT = 40
 MOST_MEMORY = 300e6
 """Of files of some kilobytes [bytes]."""
 MOST_SECONDS = 5.0
+"""Of the processor's time: other work on the machine does not count."""
+NOT_MEANT = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +62,7 @@ def attempt(read):
 
 def read_every_way(path: Path) -> None:
     """Reads; only a BagError of one line may come, soon."""
-    begin = monotonic()
+    begin = process_time()
     for read in (
         lambda: read_recording(path, ONE_TOPIC),
         lambda: list(read_messages(path, ["/joint_states"])),
@@ -69,7 +71,7 @@ def read_every_way(path: Path) -> None:
         refusal = attempt(read)[1]
         assert "\n" not in refusal
         assert not refusal or str(path) in refusal
-    assert monotonic() - begin < MOST_SECONDS
+    assert process_time() - begin < MOST_SECONDS
 
 
 WORDS = st.sampled_from([0, 1, 2**8 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**64 - 1])
@@ -101,12 +103,7 @@ def damages(draw):
     return damage
 
 
-@settings(
-    max_examples=150,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@settings(max_examples=150, suppress_health_check=NOT_MEANT)
 @given(damage=damages(), data=st.data())
 def test_no_damage_gives_more_than_one_clear_line(originals, tmp_path, damage, data):
     name = data.draw(st.sampled_from(sorted(originals)))
@@ -120,8 +117,7 @@ def test_no_damage_gives_more_than_one_clear_line(originals, tmp_path, damage, d
         tracemalloc.stop()
 
 
-@settings(max_examples=60, deadline=None, derandomize=True,
-          suppress_health_check=[HealthCheck.function_scoped_fixture])  # fmt: skip
+@settings(max_examples=60, suppress_health_check=NOT_MEANT)
 @given(garbage=st.binary(max_size=300), head=st.sampled_from([b"", b"\x89MCAP0\r\n"]))
 def test_garbage_is_no_bag(tmp_path, garbage, head):
     path = tmp_path / "a.mcap"

@@ -206,7 +206,7 @@ def _play_out(playback: Playback, now: float, at_most: int) -> list[int]:
     return sent
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(TIMES, st.lists(ACTIONS, max_size=30), st.integers(1, 20))
 def test_whatever_is_asked_for_no_message_is_lost_repeated_or_out_of_order(
     times: list[int], actions: list[tuple[str, float | None]], at_most: int
@@ -225,7 +225,7 @@ def test_whatever_is_asked_for_no_message_is_lost_repeated_or_out_of_order(
     assert sent == list(range(len(times)))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(TIMES, st.lists(ACTIONS, max_size=10), st.integers(-1 * S, 21 * S))
 def test_after_a_seek_exactly_the_messages_from_there_on_are_sent(
     times: list[int], actions: list[tuple[str, float | None]], target: int

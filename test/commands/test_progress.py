@@ -39,15 +39,15 @@ def test_nothing_to_do_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == ""
 
 
-def shown_on(master: int, pattern: str, patience_s: float = 30.0) -> str:
+def shown_on(master: int, pattern: bytes, patience_s: float = 60.0) -> str:
     """What a terminal shows, once the pattern is there: one read takes only what has arrived."""
-    shown = ""
+    shown = b""
     deadline = time.monotonic() + patience_s
     while not re.search(pattern, shown):
         ready, _, _ = select.select([master], [], [], max(deadline - time.monotonic(), 0.0))
         assert ready, f"no {pattern!r} in {shown!r}"
-        shown += os.read(master, 65536).decode()
-    return shown
+        shown += os.read(master, 65536)
+    return shown.decode(errors="replace")  # the last character may be on its way
 
 
 def test_in_a_terminal_it_is_a_bar_with_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -58,10 +58,9 @@ def test_in_a_terminal_it_is_a_bar_with_the_time_left(monkeypatch: pytest.Monkey
         with progress_bar("validating", 4.0) as report:
             for done in range(5):
                 report(float(done))
-        shown = shown_on(master, "100 %")
+        shown = shown_on(master, rb"100 %.*\d:\d\d:\d\d")
     os.close(master)
     assert "validating" in shown
-    assert re.search(r"\d:\d\d:\d\d", shown)
 
 
 def test_a_replay_tells_the_time_left_at_its_pace(capsys: pytest.CaptureFixture[str]) -> None:

@@ -206,7 +206,7 @@ def test_an_impossible_pose_leaves_the_state_as_it_was() -> None:
     assert_refused(state)
 
 
-@settings(max_examples=150, deadline=None, derandomize=True, database=None)
+@settings(max_examples=150)
 @given(
     st.sampled_from(sorted(MODELS)),
     st.lists(

@@ -69,7 +69,7 @@ READING = st.floats(-1e12, 1e12)
 STEP = st.sampled_from((1, 1000, 1_000_000, 2_000_000, 999_999_999))
 
 
-@settings(max_examples=200, deadline=None, derandomize=True, database=None)
+@settings(max_examples=200)
 @given(
     st.lists(st.tuples(STEP, READING), min_size=1, max_size=40),
     st.sampled_from((0.1, 12.0, 1000.0)),

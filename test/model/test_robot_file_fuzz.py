@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from random import Random
-from time import monotonic
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -13,12 +13,13 @@ from ruamel.yaml import YAML
 
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.model.errors import CdrjError
-from cdrj_ros.model.plan import prepare
+from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot_file import parse_robot
 from cdrj_ros.model.status import INVALID
 
 FILES = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
-PATIENCE_S = 20.0
+MOST_SECONDS = 20.0
+"""Of the processor's time: other work on the machine does not count."""
 STRANGE: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 2, 1e-300, 5e-324, 1e14, -1e14, 1e16, 1e308, 10**400, float("nan"),
     float("inf"), -float("inf"), "", "a", "1e3", "elbow", "winch", "\n", "x" * 5000, [], {}, [[]],
@@ -93,18 +94,8 @@ def dumped(document: Any) -> str:
     return stream.getvalue()
 
 
-def judge(text: str) -> bool:
-    """Whether the text is a robot's; anything but a robot or one line of complaint fails."""
-    begin = monotonic()
-    try:
-        model = prepare(parse_robot(text, "damaged"))
-    except CdrjError as error:
-        words = str(error)
-        assert words
-        assert len(words.splitlines()) == 1
-        assert len(words) < 1000
-        assert monotonic() - begin < PATIENCE_S
-        return False
+def follow(model: Model) -> None:
+    """Three samples of it; what is not marked as unknown must be a tension."""
     robot, state = model.robot, initial_state(model)
     motors = np.array([motor.reference_angle for motor in robot.motors])
     joints = np.array([joint.reference_angle for joint in robot.joints])
@@ -114,7 +105,29 @@ def judge(text: str) -> bool:
         known = estimate.status.astype(int) & INVALID == 0
         assert np.all(np.isfinite(estimate.tension[known]))
         assert np.all(estimate.tension[known] >= 0.0)
-    assert monotonic() - begin < PATIENCE_S
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _kernels() -> None:
+    """Compile them before any time is taken."""
+    for path in FILES:
+        follow(prepare(parse_robot(path.read_text("utf-8"), str(path))))
+
+
+def judge(text: str) -> bool:
+    """Whether the text is a robot's; anything but a robot or one line of complaint fails."""
+    begin = process_time()
+    try:
+        model = prepare(parse_robot(text, "damaged"))
+    except CdrjError as error:
+        words = str(error)
+        assert words
+        assert len(words.splitlines()) == 1
+        assert len(words) < 1000
+        assert process_time() - begin < MOST_SECONDS
+        return False
+    follow(model)
+    assert process_time() - begin < MOST_SECONDS
     return True
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from cdrj_ros.bag import BagWriter, Topics, read_recording
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
 
 
