@@ -110,6 +110,24 @@ def test_the_telling_channels_stand_open_and_the_rest_is_folded(page: str) -> No
     assert page.index("tension/upper/8 <") < page.index("nodal_force/upper/3 <")
 
 
+def test_what_is_folded_is_printed_without_a_script(page: str) -> None:
+    assert "<script" not in page
+    style = page[page.index("<style>") : page.index("</style>")]
+    paper = style[style.index("@media print") : style.index("@supports")]
+    opened = re.search(r"details::details-content \{(.*?)\}", paper)
+    assert opened is not None
+    assert "content-visibility: visible" in opened[1]
+    assert "::details-content" not in style[: style.index("@media print")]
+
+
+def test_a_browser_that_cannot_print_what_is_folded_says_so_on_paper(page: str) -> None:
+    style = page[page.index("<style>") : page.index("</style>")]
+    lacking = style[style.index("@supports not selector(::details-content)") :]
+    assert re.search(r"@media print \{\s*details:not\(\[open\]\) > summary::after", lacking)
+    # every fold has a summary to say it in
+    assert page.count("<details>") == page.count("<details><summary>") > 0
+
+
 def test_names_from_outside_are_text_and_nothing_else(tmp_path: Path) -> None:
     nasty = '<script>alert("x")</script>&$title$'
     stamps = np.arange(500, dtype=np.int64) * 1_000_000
