@@ -46,7 +46,10 @@ class EstimateEncoder:
         )
         self._forces = Template(NODAL_FORCES, layout.pulleys, (*FORCE_ARRAYS, *more), frame_id)
         self._elements, self._pulleys = len(layout.elements), len(layout.pulleys)
-        self._efforts = Template(JOINT_STATE, layout.motors + layout.joints, ("effort",), frame_id)
+        axes = layout.motors + layout.joints
+        self._efforts = Template(JOINT_STATE, axes, ("effort",), frame_id)
+        self._no_efforts = Template(JOINT_STATE, axes, (), frame_id)
+        self._efforts_stddev = Template(JOINT_STATE, axes, ("effort",), frame_id)
         self._flat = np.zeros(len(layout.pulleys))
         before: list[int] = []
         at = 0
@@ -84,11 +87,24 @@ class EstimateEncoder:
         )
 
     def efforts(self, estimate: Estimate) -> bytes:
-        """sensor_msgs/JointState with efforts of all motors, then all joints [N m]."""
+        """sensor_msgs/JointState with efforts of all motors, then all joints [N m].
+
+        Without any where some element is ``INVALID``: the message has no status to say so.
+        """
         layout = self._layout
+        if not estimate.solved:
+            return self._no_efforts.encode(estimate.stamp_ns)
         return self._efforts.encode(
             estimate.stamp_ns,
             effort=estimate.values[layout.motor_effort.start : layout.joint_effort.stop],
+        )
+
+    def efforts_stddev(self, estimate: Estimate, stddev: NDArray[np.float64]) -> bytes:
+        """sensor_msgs/JointState whose efforts are the standard deviations of ``efforts``."""
+        if not estimate.solved:
+            return self._no_efforts.encode(estimate.stamp_ns)
+        return self._efforts_stddev.encode(
+            estimate.stamp_ns, effort=stddev[self._elements + self._pulleys :]
         )
 
 

@@ -200,6 +200,8 @@ def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int
         counts["clock_jumps"] = conditioned.clock_jumps
     if conditioned.gaps:
         counts["gaps"] = conditioned.gaps
+    if conditioned.steps:
+        counts["stepped_readings"] = conditioned.steps
     return counts
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Final
 
@@ -34,7 +34,7 @@ REFUSALS: Final[Mapping[str, str]] = {
     "not_finite": "NaN or infinite position",
     "repeated": "stamp equal to the last one accepted",
     "late": "stamp before the last one accepted, or before the clock's zero",
-    "future": "stamp further ahead than any plausible gap, not borne out by others",
+    "future": "stamp further ahead than any plausible gap, not borne out by others, or than any",
     "out_of_range": "joint angle outside its range",
     "implausible": "further from the last reading than the maximum speed allows, or than any angle",
 }
@@ -42,6 +42,9 @@ REFUSALS: Final[Mapping[str, str]] = {
 
 WHOLE: Final = ("malformed", "empty", "unstamped")
 """Causes for which a message is refused whole, and counted once whatever it holds."""
+
+END_OF_TIME_NS: Final = 2**31 * 1_000_000_000
+"""Stamps of headers end before this [ns]."""
 
 MAX_GAP_NS: Final = 1_000_000_000
 """A stamp further than this from the last one is believed only when others bear it out [ns]."""
@@ -86,6 +89,29 @@ class Limits:
     """How readings become angles."""
     bandwidth: float = 0.0
     """Of the filter that finds the angle between counts [Hz]; 0 for none."""
+    start: float = 0.0
+    """Of the angles that a first reading may mean, the one nearest to this is taken [rad]."""
+
+    def first_turn(self, reading: float, near: float | None = None) -> int:
+        """How often a first reading has started again: the angle nearest to ``near``, in range.
+
+        Args:
+            reading: as the sensor gives it [rad].
+            near: angle [rad]; None for ``start``.
+        """
+        sensor = self.sensor
+        if sensor.period == float("inf"):
+            return 0
+        wanted = self.start if near is None else near
+        turns = ((wanted - sensor.offset) / sensor.scale - reading) / sensor.period
+        if not abs(turns) < LARGEST:
+            return 0
+        turn = round(turns)
+        for candidate in (turn, turn - 1, turn + 1):
+            angle = sensor.scale * (reading + sensor.period * candidate) + sensor.offset
+            if self.lower - RANGE_MARGIN <= angle <= self.upper + RANGE_MARGIN:
+                return candidate
+        return turn
 
     @property
     def band(self) -> float:
@@ -114,6 +140,7 @@ def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]
                 max_speed=motor.max_speed,
                 sensor=motor.sensor,
                 bandwidth=bandwidth(motor.sensor),
+                start=motor.reference_angle,
             )
             for motor in robot.motors
         ),
@@ -125,6 +152,7 @@ def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]
                 joint.max_speed,
                 joint.sensor,
                 bandwidth(joint.sensor),
+                joint.reference_angle,
             )
             for joint in robot.joints
         ),
@@ -142,10 +170,23 @@ class _Channel:
     """Accepted; the first one is the newest at or before the last sample that was given out."""
     held: list[tuple[int, float]] = field(default_factory=list)
     """Readings from a clock that may have jumped."""
-    last_reading: float = 0.0
+    last_reading: float | None = None
     """As the sensor gave it, before its period was taken into account [rad]."""
     turns: int = 0
     """How often the reading has started again."""
+    near: float | None = None
+    """Where the axis is expected before its first reading [rad]."""
+    before: _Channel | None = None
+    """The channel before a reset, until a first reading has come."""
+    refused_stamp: int = -1
+    """Stamp [ns] and angle [rad] of the last reading that was refused as implausible."""
+    refused_value: float = 0.0
+    agreeing: int = 0
+    """Readings refused as implausible one after the other that are plausible beside each other."""
+    step: float = 0.0
+    """From the last accepted reading to the first of these [rad]."""
+    displaced: float = 0.0
+    """Sum of the steps by which the readings have been displaced since the last reset [rad]."""
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
     """What the velocity is taken from."""
     memory: Vector = field(default_factory=new_track)
@@ -156,9 +197,12 @@ class _Channel:
 
     def turns_at(self, reading: float) -> int:
         """How often the reading has started again if it is the next one."""
-        if self.last_stamp < 0 or self.limits.sensor.period == float("inf"):
-            return self.turns
-        return self.turns + round((self.last_reading - reading) / self.limits.sensor.period)
+        period = self.limits.sensor.period
+        if period == float("inf"):
+            return 0
+        if self.last_reading is None:
+            return self.limits.first_turn(reading, self.near)
+        return self.turns + round((self.last_reading - reading) / period)
 
     def angle_at(self, reading: float) -> float:
         """Angle [rad] of a reading if it is the next one."""
@@ -184,6 +228,35 @@ class _Channel:
             if ahead > 0 and abs(value - self.last_value) > limits.max_speed * (ahead * 1e-9):
                 return "implausible"
         return ""
+
+    def go_on_turning(self, stamp: int) -> None:
+        """Count on from the turns before a reset if the first reading follows closely."""
+        before, self.before = self.before, None
+        if before is not None and 0 < stamp - before.last_stamp <= MAX_GAP_NS:
+            self.turns, self.last_reading = before.turns, before.last_reading
+
+    def note_implausible(self, stamp: int, reading: float) -> None:
+        """A reading that is further away than the axis can be: a glitch, or a lasting step?"""
+        if not abs(reading) <= LARGEST:
+            self.agreeing = 0
+            return
+        value = self.angle_at(reading)
+        since = (stamp - self.refused_stamp) * 1e-9
+        near = abs(value - self.refused_value) <= self.limits.max_speed * since
+        if not (self.agreeing and near):
+            self.agreeing, self.step = 0, value - self.last_value
+        self.agreeing += 1
+        self.refused_stamp, self.refused_value = stamp, value
+
+    def note_plausible(self, value: float) -> bool:
+        """An angle that is accepted; True where it is the far side of a step that lasts."""
+        stepped = self.agreeing >= CONFIRMATIONS and abs(value - self.refused_value) < abs(
+            value - self.last_value
+        )
+        if stepped:
+            self.displaced += self.step
+        self.agreeing = 0
+        return stepped
 
     def velocity(self) -> float:
         """Over the last ``SPEED_WINDOW_NS`` [rad/s]; 0 where there is one reading."""
@@ -239,6 +312,8 @@ class Conditioner:
         """Times that the clock has gone back and everything was started anew."""
         self.gaps = 0
         """Times that a channel was silent for longer than ``MAX_GAP_NS``."""
+        self.steps = 0
+        """Times that a channel's readings stepped further than the axis can move, and stayed."""
         self.lag_ns = 0
         """How far the last samples lay behind the newest reading [ns]: the cost of waiting."""
         self._channels: list[_Channel] = []
@@ -249,13 +324,37 @@ class Conditioner:
         """Readings of which it is not decided yet whether a clock has jumped."""
         return sum(len(channel.held) for channel in self._channels)
 
-    def reset(self) -> None:
-        """Forget all readings; the counters stay."""
-        for channel in self._channels:
-            self._drop_held(channel)
+    @property
+    def displaced(self) -> dict[str, float]:
+        """By how much [rad] the readings of axes have stepped since the last reset, by name."""
+        return {c.limits.name: c.displaced for c in self._channels if c.displaced}
+
+    def reset(self, keep_turns: bool = False) -> None:
+        """Forget all readings; the counters stay.
+
+        Args:
+            keep_turns: whether the turns of readings that start again after one are counted on
+                however long the next reading takes; else only where it follows closely.
+        """
+        before = self._channels
+        self._begin()
+        for channel, old in zip(self._channels, before, strict=False):
+            self._drop_held(old)
+            if keep_turns:
+                channel.turns, channel.last_reading = old.turns, old.last_reading
+            elif old.last_stamp >= 0:
+                channel.before = replace(old, readings=deque(), before=None)
+
+    def _begin(self) -> None:
         self._channels = [_Channel(limits) for limits in self._limits]
         self._given_out = -1
         self._missing = len(self._channels)
+
+    def expect(self, angles: Vector) -> None:
+        """Say where motors, then joints are [rad], before the first reading; shape (channels,)."""
+        if angles.shape == (len(self._channels),) and np.all(np.isfinite(angles)):
+            for channel, angle in zip(self._channels, angles.tolist(), strict=True):
+                channel.near = angle
 
     def set_tracking(self, tracking: float | None) -> None:
         """Track with another bandwidth from now on, see ``limits_of``; no reading is lost."""
@@ -320,9 +419,11 @@ class Conditioner:
             refused["not_finite"] += 1
             return False
         stamp += channel.limits.sensor.clock_offset_ns
-        if stamp <= 0:
-            refused["late"] += 1
+        if not 0 < stamp < END_OF_TIME_NS:
+            refused["late" if stamp <= 0 else "future"] += 1
             return False
+        if channel.before is not None:
+            channel.go_on_turning(stamp)
         complaint = channel.complaint(stamp, reading)
         if complaint and complaint != "implausible":
             refused[complaint] += 1
@@ -343,6 +444,7 @@ class Conditioner:
             return False
         if complaint:
             refused[complaint] += 1
+            channel.note_implausible(stamp, reading)
             return False
         if channel.held:
             self._drop_held(channel)
@@ -364,6 +466,8 @@ class Conditioner:
 
     def _append(self, channel: _Channel, stamp: int, reading: float) -> None:
         value = angle = channel.angle_at(reading)
+        if channel.agreeing:
+            self.steps += channel.note_plausible(value)
         if channel.limits.bandwidth > 0.0:
             angle = channel.between_counts(stamp, value)
         channel.turns = channel.turns_at(reading)
@@ -408,6 +512,8 @@ class Conditioner:
             channel = self._channels[k]
         else:
             self.gaps += 1
+            if self._given_out >= 0:  # nobody knows the way that the axis has come since
+                self._given_out = max(self._given_out, confirmed[0][0] - 1)
         return self._append_held(channel, confirmed)
 
     def _append_held(self, channel: _Channel, confirmed: Sequence[tuple[int, float]]) -> bool:
@@ -416,6 +522,8 @@ class Conditioner:
         for stamp, reading in confirmed:
             if complaint := channel.complaint(stamp, reading):
                 self.refused[complaint] += 1
+                if complaint == "implausible":
+                    channel.note_implausible(stamp, reading)
             else:
                 self._append(channel, stamp, reading)
         return self.accepted > before
@@ -434,7 +542,7 @@ class Conditioner:
         left_behind = [channel.last_stamp for channel in self._channels]
         for channel in self._channels:
             channel.held.clear()
-        self.reset()
+        self._begin()
         for channel, kept, last in zip(self._channels, confirmed, left_behind, strict=True):
             channel.left_behind = last
             self._append_held(channel, kept)
@@ -517,6 +625,7 @@ class Conditioned:
     accepted: int
     clock_jumps: int
     gaps: int
+    steps: int = 0
 
 
 def condition(
@@ -544,9 +653,7 @@ def condition(
     ]
     clean = all(bool(np.all(np.abs(readings.value) <= LARGEST)) for readings in known)
     if clean:
-        angles = [
-            _angles(readings, limit.sensor) for readings, limit in zip(known, limits, strict=True)
-        ]
+        angles = [_angles(readings, limit) for readings, limit in zip(known, limits, strict=True)]
         clean = all(map(_is_clean, angles, limits))
     if clean and mode == "wait" and all(readings.stamp_ns[0] > 0 for readings in known):
         refused = dict.fromkeys(REFUSALS, 0)
@@ -557,13 +664,15 @@ def condition(
     return _replay(robot, motors, joints, mode)
 
 
-def _angles(readings: Readings, sensor: Sensor) -> Readings:
+def _angles(readings: Readings, limits: Limits) -> Readings:
     """Readings as angles, as ``_Channel.angle_at`` makes them."""
-    stamps, value = readings.stamp_ns, readings.value
+    stamps, value, sensor = readings.stamp_ns, readings.value, limits.sensor
     if sensor.clock_offset_ns:
         stamps = stamps + sensor.clock_offset_ns
-    if sensor.period != float("inf"):
-        turns = np.cumsum(np.rint(-np.diff(value, prepend=value[:1]) / sensor.period))
+    if sensor.period != float("inf") and value.size:
+        turns = limits.first_turn(float(value[0])) + np.cumsum(
+            np.rint(-np.diff(value, prepend=value[:1]) / sensor.period)
+        )
         value = value + sensor.period * turns
     if sensor.scale != 1.0 or sensor.offset != 0.0:
         value = sensor.scale * value + sensor.offset
@@ -656,6 +765,7 @@ def _replay(
         conditioner.accepted,
         conditioner.clock_jumps,
         conditioner.gaps,
+        conditioner.steps,
     )
 
 

@@ -6,7 +6,6 @@ No ROS here: a node converts messages, calls this, publishes what comes out.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -16,13 +15,13 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.conditioning import Conditioner
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Sample, State, initial_state, step
 from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
-from cdrj_ros.estimation.uncertainty import Spread, mark_unsure
+from cdrj_ros.estimation.uncertainty import MOVED, Spread, mark_unsure
 from cdrj_ros.model.document import LARGEST, complaints, schema
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.parameters import with_numbers
 from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot import Robot
 from cdrj_ros.model.robot_file import build_robot
+from cdrj_ros.model.status import INVALID, UNSURE
 
 Vector = NDArray[np.float64]
 
@@ -37,11 +36,8 @@ SMALLEST_NOISE: Final = 1e-6
 LARGEST_NOISE: Final = 1e6
 """A load cell whose message gives a noise outside of these has the robot file's [N]."""
 
-MOVED: Final = 0.01
-"""An axis that has moved further than this while nobody looked has an unknown history [rad]."""
-
 UNWATCHED_NS: Final = 100_000_000
-"""So long a time without samples counts as nobody looking [ns]."""
+"""So long a time between two runs counts as nobody looking [ns]."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +95,10 @@ class LiveEstimator:
         """Readings of load cells and efforts that no sample came for."""
         self._pending: list[tuple[int, str, float, float]] = []
         self._efforts_ns: dict[str, int] = {}
-        self.original = model.robot.document
-        """What the robot file said in the beginning."""
+        self.started = model
+        """The robot in the beginning."""
+        self.changes: dict[str, float] = {}
+        """Reference angles and preloads that were set since, by path [SI]."""
         self.use(model)
         self.reset()
 
@@ -124,6 +122,9 @@ class LiveEstimator:
         if spread is not None and measured:
             fusion = Fusion(spread, FREE_DRIFT if options.track_preload else SLOW_DRIFT)
         self.model, self.spread, self.fusion = model, spread, fusion
+        self._clock_offset_ns = {
+            motor.name: motor.sensor.clock_offset_ns for motor in model.robot.motors
+        }
         self._preload = np.repeat(
             [cable.preload for cable in model.robot.cables],
             [len(cable.element_names) for cable in model.robot.cables],
@@ -137,6 +138,7 @@ class LiveEstimator:
     def _restart(self) -> None:
         self._restart_from: tuple[State, Any, Any] | None = None
         self._jumps = self.conditioner.clock_jumps
+        self._steps = self.conditioner.steps
         self.state: State = initial_state(self.model)
         self.sample: Sample | None = None
         self.overlooked += len(self._pending)
@@ -149,7 +151,10 @@ class LiveEstimator:
 
     def resume(self, state: State, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Go on from a state of an earlier run, the next sample telling what happened since."""
-        self._restart_from = (state, arrays.get("motor_angle"), arrays.get("joint_angle"))
+        motor, joint = arrays.get("motor_angle"), arrays.get("joint_angle")
+        self._restart_from = (state, motor, joint)
+        if motor is not None and joint is not None:
+            self.conditioner.expect(np.concatenate([motor, joint]))
 
     def _take_up(self, sample: Sample) -> None:
         """Join an earlier run's state to the first sample of this one."""
@@ -166,7 +171,7 @@ class LiveEstimator:
         for before, now in ((motor, sample.motor_angle), (joint, sample.joint_angle)):
             if before is not None and before.shape == now.shape and now.size:
                 moved = max(moved, float(np.max(np.abs(now - before))))
-        if moved > MOVED and late > UNWATCHED_NS and self.spread is not None:
+        if moved > MOVED and not 0 < late <= UNWATCHED_NS and self.spread is not None:
             self.spread.reset()  # how it got there nobody has seen
 
     def feed(
@@ -207,10 +212,12 @@ class LiveEstimator:
         if spread is not None:
             stddev = spread.update(sample, estimate)
             mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
-            if self.fusion is not None and estimate.solved:
-                self.fusion.remember(estimate)
-                if self._pending:
-                    self._use_pending(self.fusion, sample)
+        if self._steps != self.conditioner.steps:
+            mark_all_unsure(estimate)
+        if self.fusion is not None and estimate.solved:
+            self.fusion.remember(estimate)
+            if self._pending:
+                self._use_pending(self.fusion, sample)
         return Output(estimate, stddev)
 
     def feed_tensions(
@@ -256,7 +263,12 @@ class LiveEstimator:
             if last is not None and abs(stamp_ns - last) < EFFORT_INTERVAL_NS:
                 continue
             self._efforts_ns[name] = stamp_ns
-            self._queue(stamp_ns, name, float(effort), self.options.effort_noise)
+            self._queue(
+                stamp_ns + self._clock_offset_ns[name],
+                name,
+                float(effort),
+                self.options.effort_noise,
+            )
 
     def _queue(self, stamp_ns: int, name: str, value: float, noise: float) -> None:
         if len(self._pending) >= 10_000:  # nobody takes them: no angles come
@@ -288,16 +300,15 @@ class LiveEstimator:
         """
         if self.sample is None:
             raise UsageError("no angles yet: every motor and joint must have been heard")
-        document = deepcopy(dict(self.model.robot.document))
-        words = []
-        for kind, entries, angles in (
-            ("motor", document["motors"], self.sample.motor_angle),
-            ("joint", document["joints"], self.sample.joint_angle),
+        values, words = {}, []
+        for kind, names, angles in (
+            ("motor", self.model.layout.motors, self.sample.motor_angle),
+            ("joint", self.model.layout.joints, self.sample.joint_angle),
         ):
-            for entry, angle in zip(entries, angles, strict=True):
-                entry["reference_angle"] = float(angle)
-                words.append(f"{kind} {entry['name']} {angle:.6g} rad")
-        self._replace(document)
+            for name, angle in zip(names, angles, strict=True):
+                values[f"{kind}s.{name}.reference_angle"] = float(angle)
+                words.append(f"{kind} {name} {angle:.6g} rad")
+        self.change(values)
         preloads = ", ".join(f"{c.name} {c.preload:g} N" for c in self.model.robot.cables)
         return f"reference is now {', '.join(words)}; there the preloads are {preloads}"
 
@@ -315,10 +326,7 @@ class LiveEstimator:
                 raise UsageError(f"there is no cable {name!r}; there are {', '.join(known)}")
             if not 0.0 <= value < 1e6:
                 raise UsageError(f"preload of {name} must be in [0, 1e6) N, got {value:g}")
-        document = deepcopy(dict(self.model.robot.document))
-        for entry in document["cables"]:
-            entry["preload"] = preloads.get(entry["name"], entry["preload"])
-        self._replace(document)
+        self.change({f"cables.{name}.preload": value for name, value in preloads.items()})
         return "; ".join(f"{n}: {known[n]:g} N, now {v:g} N" for n, v in preloads.items())
 
     def set_numbers(self, values: Mapping[str, float]) -> str:
@@ -327,21 +335,23 @@ class LiveEstimator:
         Raises:
             UsageError, RobotFileError: what cannot be; nothing has changed then.
         """
-        document = with_numbers(dict(self.model.robot.document), values)
-        for path, value in values.items():
-            if not abs(value) <= LARGEST:
-                raise UsageError(f"{path} must be a finite number, got {value:g}")
-        for complaint in complaints(document, schema()):
-            raise UsageError(complaint)
         state, sample = self.state, self.sample
-        self.use(_model_of(document, self.model.robot))
+        self.use(with_other_numbers(self.model, values))
         self.state, self.sample = state, sample
         return ", ".join(f"{path} = {value:g}" for path, value in values.items())
 
-    def _replace(self, document: dict[str, Any]) -> None:
-        """Another robot of the same parts; everything starts anew."""
-        self.use(_model_of(document, self.model.robot))
-        self.reset()
+    def change(self, values: Mapping[str, float]) -> None:
+        """Change reference angles and preloads, by path, for good; the estimate starts anew.
+
+        A state file keeps them, and sensors that start again after a turn keep their turns.
+
+        Raises:
+            UsageError, RobotFileError: what cannot be; nothing has changed then.
+        """
+        self.use(with_other_numbers(self.model, values))
+        self.changes.update(values)
+        self.conditioner.reset(keep_turns=True)
+        self._restart()
 
     @property
     def last_ns(self) -> int:
@@ -349,5 +359,23 @@ class LiveEstimator:
         return self.state.stamp_ns if self.sample is not None else NEVER
 
 
-def _model_of(document: dict[str, Any], before: Robot) -> Model:
-    return prepare(build_robot(document, before.source))
+def mark_all_unsure(estimate: Estimate) -> None:
+    """Set ``UNSURE`` on every element that is not ``INVALID``."""
+    status = estimate.values[estimate.layout.status]
+    flags = status.astype(np.uint8)
+    status[:] = np.where(flags & INVALID, flags, flags | UNSURE)
+
+
+def with_other_numbers(model: Model, values: Mapping[str, float]) -> Model:
+    """The robot with other numbers of its file, by path [SI].
+
+    Raises:
+        UsageError, RobotFileError: what cannot be.
+    """
+    document = with_numbers(dict(model.robot.document), values)
+    for path, value in values.items():
+        if not abs(value) <= LARGEST:
+            raise UsageError(f"{path} must be a finite number, got {value:g}")
+    for complaint in complaints(document, schema()):
+        raise UsageError(complaint)
+    return prepare(build_robot(document, model.robot.source))

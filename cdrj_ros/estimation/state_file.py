@@ -3,37 +3,47 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
+import re
 import tempfile
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import State
 from cdrj_ros.estimation.live import LiveEstimator
 from cdrj_ros.model.errors import CdrjError
+from cdrj_ros.model.plan import Model
 
 MAXIMUM_BYTES: Final = 50_000_000
 """A state file is small; more is not one."""
+
+CHANGED: Final = re.compile(r"(motors|joints)\.\w+\.reference_angle|cables\.\w+\.preload")
+"""Paths of the numbers that ``~/tare`` and ``~/set_preload`` set."""
 
 
 class StateFileError(CdrjError):
     """A state file that cannot be used; the estimator starts without it."""
 
 
-def _digest(live: LiveEstimator) -> bytes:
+def _digest(model: Model) -> NDArray[np.uint8]:
     """Of everything that a state only makes sense with."""
-    model = live.model
-    digest = hashlib.sha256(b"cdrj_ros state 1")
+    digest = hashlib.sha256(b"cdrj_ros state 2")
     digest.update(model.plan.tobytes())
     digest.update(model.numbers.tobytes())
-    return digest.digest()
+    return np.frombuffer(digest.digest(), dtype=np.uint8)
 
 
 def write_state(live: LiveEstimator, path: Path) -> bool:
     """Write what an estimator knows, all or nothing: a crash leaves the old file or the new one.
+
+    That is its state, and the reference angles and preloads that were set while it ran; these alone
+    where they were set and no sample has come since.
 
     Returns:
         False where there is nothing to keep yet.
@@ -41,17 +51,22 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
     Raises:
         StateFileError: the file cannot be written.
     """
-    if live.sample is None:
+    if live.sample is None and not live.changes:
         return False
-    arrays = {
-        "digest": np.frombuffer(_digest(live), dtype=np.uint8),
-        "stamp": np.array([live.state.stamp_ns]),
-        "state": live.state.values,
-        "motor_angle": live.sample.motor_angle,
-        "joint_angle": live.sample.joint_angle,
+    arrays: dict[str, NDArray[Any]] = {
+        "robot": _digest(live.started),
+        "changes": np.frombuffer(json.dumps(live.changes).encode(), dtype=np.uint8),
     }
-    if live.spread is not None:
-        arrays |= live.spread.memory()
+    if live.sample is not None:
+        arrays |= {
+            "digest": _digest(live.model),
+            "stamp": np.array([live.state.stamp_ns]),
+            "state": live.state.values,
+            "motor_angle": live.sample.motor_angle,
+            "joint_angle": live.sample.joint_angle,
+        }
+        if live.spread is not None:
+            arrays |= live.spread.memory()
     buffer = BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     try:
@@ -92,18 +107,38 @@ def read_state(live: LiveEstimator, path: Path) -> str:
         if type(error).__module__ not in ("zipfile", "zlib"):
             raise
         raise StateFileError(f"{path} is not a state file: {error}") from error
-    if arrays.get("digest", np.empty(0)).tobytes() != _digest(live):
+    if arrays.get("robot", np.empty(0)).tobytes() != _digest(live.started).tobytes():
         raise StateFileError(f"{path} is of another robot, or of other parameters")
-    values, stamp = arrays.get("state"), arrays.get("stamp")
-    if (
-        values is None
-        or values.shape != (live.model.state_size,)
-        or not np.all(np.isfinite(values))
-    ):
+    words = _take_up_changes(live, arrays, path)
+    if "state" not in arrays:
+        return f"{words} from {path}; the state itself is unknown"
+    if arrays.get("digest", np.empty(0)).tobytes() != _digest(live.model).tobytes():
+        said = f"{words} taken up; " if words else ""
+        raise StateFileError(f"{said}the state in {path} is of other friction")
+    values, stamp = arrays["state"], arrays.get("stamp")
+    if values.shape != (live.model.state_size,) or not np.all(np.isfinite(values)):
         raise StateFileError(f"{path} holds no usable state")
     if stamp is None or stamp.shape != (1,):
         raise StateFileError(f"{path} holds no stamp")
     if live.spread is not None and not live.spread.recall(arrays):
         live.spread.reset()
     live.resume(State(int(stamp[0]), values.astype(np.float64)), arrays)
-    return f"goes on from {path}"
+    return f"goes on from {path}" + (f", with {words}" if words else "")
+
+
+def _take_up_changes(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> str:
+    """Reference angles and preloads that were set in the earlier run; returns them in words.
+
+    Raises:
+        StateFileError: what the file says cannot be; nothing has changed then.
+    """
+    try:
+        changes = json.loads(arrays["changes"].tobytes())
+        if not changes:
+            return ""
+        if not all(CHANGED.fullmatch(name) for name in changes):
+            raise ValueError("numbers that no service sets")
+        live.change({name: float(value) for name, value in changes.items()})
+    except (KeyError, TypeError, ValueError, AttributeError, CdrjError) as error:
+        raise StateFileError(f"{path} holds no usable changes: {error}") from error
+    return ", ".join(f"{name} = {value:g}" for name, value in live.changes.items())

@@ -36,6 +36,9 @@ from cdrj_ros.model.status import INVALID, UNSURE
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
+# What the members have come to.
+TURN, LAST_STAMP, BEHIND, PROGRESS = range(4)
+
 MEMBERS: Final = 32
 """Members of the ensemble: the standard deviation is known to 1 / sqrt(2 * 32) = 12 %."""
 
@@ -48,6 +51,12 @@ SATURATED: Final = 0.7
 FRONTS: Final = (0.6, 0.25, 0.15)
 """Chances that the sense of friction changes nowhere along a cable, at one place, at two."""
 
+
+MOVED: Final = 0.01
+"""An axis that has moved further than this while nobody looked has an unknown history [rad]."""
+
+UNSEEN_NS: Final = 1_000_000_000
+"""So long a time between two samples is a gap in which nobody has looked [ns]."""
 
 WOUND_SPREAD: Final = 0.3
 """Spread of the logarithm of the tension at which the cable on a drum was wound."""
@@ -79,12 +88,51 @@ def _advance_member(
     size = state.size
     if state[STARTED] == 0.0:
         advance(plan, numbers, state, motor_angle, joint_angle, 0.0, out)
+        if out[STARTED] == 0.0:  # no such pose
+            return False
         state[:] = out[:size]
         impose_friction(plan, numbers, joint_angle, share, state, out[size + estimate_size :])
         dt = 0.0
     solved = advance(plan, numbers, state, motor_angle, joint_angle, dt, out)
     state[:] = out[:size]
     return solved
+
+
+def _elements_of(layout: Layout) -> NDArray[np.int64]:
+    """Of every spread column an element of its cable; -1 for efforts, which all cables make."""
+    cables = [name.rsplit("/", 1)[0] for name in layout.elements]
+    elements = [cables.index(cable) for cable in cables]
+    pulleys = [cables.index(name.rsplit("/", 1)[0]) for name in layout.pulleys]
+    efforts = [-1] * (len(layout.motors) + len(layout.joints))
+    return np.array(elements + pulleys + efforts, dtype=np.int64)
+
+
+@compiled
+def _is_invalid(estimate: Vector, elements: int, element: int) -> bool:
+    """Whether an estimate says nothing of an element, or of any for -1."""
+    if element >= 0:
+        return int(estimate[elements + element]) & INVALID != 0
+    flags = 0
+    for e in range(elements):
+        flags |= int(estimate[elements + e])
+    return flags & INVALID != 0
+
+
+@compiled
+def _was_unseen(
+    last_stamp: int, stamp: int, last_angle: Vector, motor_angle: Vector, joint_angle: Vector
+) -> bool:
+    """Whether an axis has moved in a gap before this sample."""
+    if last_stamp < 0 or stamp - last_stamp <= UNSEEN_NS:
+        return False
+    motors = motor_angle.size
+    for m in range(motors):
+        if abs(motor_angle[m] - last_angle[m]) > MOVED:
+            return True
+    for j in range(joint_angle.size):
+        if abs(joint_angle[j] - last_angle[motors + j]) > MOVED:
+            return True
+    return False
 
 
 @compiled
@@ -95,26 +143,45 @@ def _update(
     stamps: NDArray[np.int64],
     shares: Table,
     reading_errors: Table,
-    turn: NDArray[np.int64],
+    progress: NDArray[np.int64],
     count: int,
     columns: NDArray[np.int64],
+    element_of: NDArray[np.int64],
+    elements: int,
     stamp: int,
     motor_angle: Vector,
     joint_angle: Vector,
     estimate: Vector,
     deviation: Table,
     variance: Vector,
+    last_angle: Vector,
     readings: Vector,
     out: Vector,
     stddev: Vector,
 ) -> None:
-    """Bring the next ``count`` members up to date and write the standard deviations."""
+    """Bring the next ``count`` members up to date and write the standard deviations.
+
+    All members where they have seen nothing yet, where an axis moved while nobody looked (their
+    histories start anew then), and after samples of which something was not solved.
+    """
     members, size = states.shape
     motors, joints = motor_angle.size, joint_angle.size
+    if _was_unseen(progress[LAST_STAMP], stamp, last_angle, motor_angle, joint_angle):
+        states[:] = 0.0
+        deviation[:] = 0.0
+        variance[:] = 0.0
+        progress[TURN] = 0
+    progress[LAST_STAMP] = stamp
+    last_angle[:motors] = motor_angle
+    last_angle[motors:] = joint_angle
+    unsolved = _is_invalid(estimate, elements, -1)
+    if progress[TURN] == 0 or (progress[BEHIND] and not unsolved):
+        count = members
+    progress[BEHIND] = unsolved
     for _ in range(count):
-        k = turn[0] % members
-        errors = reading_errors[turn[0] % reading_errors.shape[0]]
-        turn[0] += 1
+        k = progress[TURN] % members
+        errors = reading_errors[progress[TURN] % reading_errors.shape[0]]
+        progress[TURN] += 1
         for m in range(motors):
             readings[m] = motor_angle[m] + errors[m]
         for j in range(joints):
@@ -125,10 +192,15 @@ def _update(
             dt, estimate.size, out,
         )  # fmt: skip
         stamps[k] = stamp
-        if not solved:
-            continue
+        own = out[size : size + estimate.size]
+        all_good = solved and not unsolved
         for c in range(columns.size):
-            d = out[size + columns[c]] - estimate[columns[c]]
+            if not all_good and (
+                _is_invalid(estimate, elements, element_of[c])
+                or _is_invalid(own, elements, element_of[c])
+            ):
+                continue
+            d = own[columns[c]] - estimate[columns[c]]
             variance[c] += (d * d - deviation[k, c] * deviation[k, c]) / members
             deviation[k, c] = d
         if k == members - 1:  # rounding does not add up
@@ -151,14 +223,17 @@ def _run(
     stamps: NDArray[np.int64],
     shares: Table,
     reading_errors: Table,
-    turn: NDArray[np.int64],
+    progress: NDArray[np.int64],
     columns: NDArray[np.int64],
+    element_of: NDArray[np.int64],
+    elements: int,
     sample_stamps: NDArray[np.int64],
     motor_angles: Table,
     joint_angles: Table,
     dt: Vector,
     deviation: Table,
     variance: Vector,
+    last_angle: Vector,
     readings: Vector,
     out: Vector,
     estimates: Table,
@@ -168,17 +243,13 @@ def _run(
     size = state.size
     wanted = estimates.shape[1]
     for k in range(dt.size):
-        started = state[STARTED] != 0.0
-        solved = advance(plan, nominal, state, motor_angles[k], joint_angles[k], dt[k], out)
+        advance(plan, nominal, state, motor_angles[k], joint_angles[k], dt[k], out)
         state[:] = out[:size]
         estimates[k] = out[size : size + wanted]
-        count = 1 if started else states.shape[0]
-        if not solved:
-            count = 0
         _update(
-            plan, numbers, states, stamps, shares, reading_errors, turn, count, columns,
-            sample_stamps[k], motor_angles[k], joint_angles[k], estimates[k], deviation, variance,
-            readings, out, stddevs[k],
+            plan, numbers, states, stamps, shares, reading_errors, progress, 1, columns,
+            element_of, elements, sample_stamps[k], motor_angles[k], joint_angles[k], estimates[k],
+            deviation, variance, last_angle, readings, out, stddevs[k],
         )  # fmt: skip
 
 
@@ -237,17 +308,21 @@ class Spread:
         self._errors = reading_errors(robot, generator)
         self.states = np.zeros((members, model.state_size))
         self.stamps = np.zeros(members, dtype=np.int64)
-        self._turn = np.zeros(1, dtype=np.int64)
+        self._progress = np.zeros(PROGRESS, dtype=np.int64)
+        self._element_of = _elements_of(model.layout)
+        self._elements = len(model.layout.elements)
         self._out = np.empty(model.out_size)
         self._readings = np.empty(len(robot.motors) + len(robot.joints))
+        self._last_angle = np.zeros(len(robot.motors) + len(robot.joints))
         self.deviation = np.zeros((members, self.columns.size))
         self.variance = np.zeros(self.columns.size)
         self.generator = generator
+        self.reset()
 
     def reset(self) -> None:
         """Forget what the members have seen; the next sample starts them anew."""
         self.states[:] = 0.0
-        self._turn[0] = 0
+        self._progress[:] = (0, -1, 0)
         self.deviation[:] = 0.0
         self.variance[:] = 0.0
 
@@ -257,7 +332,8 @@ class Spread:
             "members": self.states,
             "member_stamps": self.stamps,
             "member_numbers": self.numbers,
-            "turn": self._turn,
+            "progress": self._progress,
+            "last_angle": self._last_angle,
             "deviation": self.deviation,
         }
 
@@ -278,6 +354,8 @@ class Spread:
     def shift_clock(self, by_ns: int) -> None:
         """Move the members' stamps."""
         self.stamps += by_ns
+        if self._progress[LAST_STAMP] >= 0:
+            self._progress[LAST_STAMP] += by_ns
 
     def update(self, sample: Sample, estimate: Estimate) -> Vector:
         """Take the sample of a step and what came of it.
@@ -285,9 +363,8 @@ class Spread:
         Returns:
             Standard deviations, in the order of ``spread_columns``.
         """
-        count = 1 if self.states[0, STARTED] else len(self.states)
         stddev = np.empty(self.columns.size)
-        self._advance(sample, estimate, count if estimate.solved else 0, stddev)
+        self._advance(sample, estimate, 1, stddev)
         return stddev
 
     def catch_up(self, sample: Sample, estimate: Estimate) -> None:
@@ -299,8 +376,9 @@ class Spread:
     def _advance(self, sample: Sample, estimate: Estimate, count: int, stddev: Vector) -> None:
         _update(
             self.model.plan, self.numbers, self.states, self.stamps, self._shares,
-            self._errors, self._turn, count, self.columns, sample.stamp_ns, sample.motor_angle,
-            sample.joint_angle, estimate.values, self.deviation, self.variance, self._readings,
+            self._errors, self._progress, count, self.columns, self._element_of,
+            self._elements, sample.stamp_ns, sample.motor_angle, sample.joint_angle,
+            estimate.values, self.deviation, self.variance, self._last_angle, self._readings,
             self._out, stddev,
         )  # fmt: skip
 
@@ -326,9 +404,10 @@ class Spread:
         values = state.values.copy()
         _run(
             model.plan, model.numbers, values, self.numbers, self.states,
-            self.stamps, self._shares, self._errors, self._turn, self.columns, stamps,
-            samples.motor_angle, samples.joint_angle, dt, self.deviation, self.variance,
-            self._readings, self._out, estimates, stddev,
+            self.stamps, self._shares, self._errors, self._progress, self.columns,
+            self._element_of, self._elements, stamps, samples.motor_angle, samples.joint_angle, dt,
+            self.deviation, self.variance, self._last_angle, self._readings, self._out, estimates,
+            stddev,
         )  # fmt: skip
         return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout, stddev)
 

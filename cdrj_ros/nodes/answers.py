@@ -32,8 +32,12 @@ from cdrj_ros.model.plan import Layout, Model
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-STALLED_S: Final = 3.0
-"""With no answer for so long, what is under way counts as lost; if it comes after all, as late."""
+STALLED_S: Final = 10.0
+"""With no answer for so long, what is under way counts as lost; if it comes after all, as late.
+
+Fast DDS may notice only with its next heartbeat, up to 3 s later, that the last message did not get
+through, and the repair may fail too.
+"""
 
 NEVER: Final = 2**63
 """A place that no answer reaches."""
@@ -133,6 +137,8 @@ class Heard:
     """Times that the clock of the recording went back."""
     gaps: int
     """Times that a channel was silent for long."""
+    steps: int = 0
+    """Times that a channel's readings stepped further than the axis can move."""
 
 
 @dataclass
@@ -282,8 +288,9 @@ class Run:
         try:
             place = self._expected.index(stamp, line.place)
         except ValueError:
-            if line.place == 0 or self._expected[line.place - 1] != stamp:
-                self.strange += 1  # else: said again, marked stale, while nothing was played
+            again = line.place > 0 and self._expected[line.place - 1] == stamp
+            if self._expected and not again:  # said again: marked stale, while nothing was played
+                self.strange += 1
             return None
         for skipped in range(line.place, place):
             line.given_up[self._expected[skipped]] = skipped
@@ -369,6 +376,7 @@ class Run:
             refused=dict(gate.refused),
             clock_jumps=gate.clock_jumps,
             gaps=gate.gaps,
+            steps=gate.steps,
         )
 
 

@@ -59,6 +59,7 @@ def status_of(
         for flag in (SLACK, OVERLOAD, UNSURE, INVALID)
     }
     health = live.fusion.health.values() if live.fusion else ()
+    stepped = [f"{name} by {by:.3g} rad" for name, by in live.conditioner.displaced.items()]
     dropped = {one.name: one.dropped for one in health if one.dropped}
     level, message = DiagnosticStatus.OK, "estimating"
     if estimate is None:
@@ -69,6 +70,9 @@ def status_of(
         level, message = DiagnosticStatus.ERROR, f"not solved: {', '.join(flagged[INVALID])}"
     elif flagged[OVERLOAD]:
         level, message = DiagnosticStatus.ERROR, f"overload: {', '.join(flagged[OVERLOAD])}"
+    elif stepped:
+        level = DiagnosticStatus.WARN
+        message = f"readings stepped further than the axis can move: {', '.join(stepped)}; ~/tare"
     elif dropped:
         level = DiagnosticStatus.WARN
         message = "; ".join(f"sensor {one} dropped: {why}" for one, why in dropped.items())
@@ -93,6 +97,7 @@ def status_of(
         "readings accepted": str(conditioner.accepted),
         "clock jumps": str(conditioner.clock_jumps),
         "gaps": str(conditioner.gaps),
+        "readings stepped": ", ".join(stepped) or "none",
         "readings held": str(conditioner.held),
         "readings for another topic": str(conditioner.elsewhere),
         "readings that waited too long": str(conditioner.crowded),

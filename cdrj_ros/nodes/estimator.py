@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -30,6 +31,7 @@ from cdrj_ros.conversions import EstimateEncoder, marked_stale
 from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.estimation.live import LiveEstimator, Output
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
+from cdrj_ros.estimation.tracking import new_track, track
 from cdrj_ros.model.errors import CdrjError, UsageError
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
 from cdrj_ros.nodes.settings import (
@@ -40,7 +42,7 @@ from cdrj_ros.nodes.settings import (
     declare_preload,
     declare_text,
 )
-from cdrj_ros.nodes.spinning import STOP_POLL_S, ros_context, starting
+from cdrj_ros.nodes.spinning import RANGE, STOP_POLL_S, ros_context, starting
 
 DEPTH = 1000
 """Messages that a topic may queue: a burst of a second at 1 kHz is not lost."""
@@ -103,7 +105,6 @@ class EstimatorNode(Node):
         self.output: Output | None = None
         self.times = StepTimes()
         self._published = 0
-        self._seen = 0
         self._diagnosed = 0
         self._heard_ns: int | None = None
         self._diagnosed_ns = self._now_ns()
@@ -116,6 +117,13 @@ class EstimatorNode(Node):
                 (NodalForces, "nodal_forces"),
                 (JointState, "efforts"),
             )
+        )
+        self.efforts_stddev = (
+            self.create_publisher(
+                JointState, "efforts_stddev", _quality(), qos_overriding_options=overridable
+            )
+            if live.spread is not None
+            else None
         )
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -142,6 +150,7 @@ class EstimatorNode(Node):
         self.live.take(reference)
         self.live.take(reference._replace(stamp_ns=1_001_000_000))
         self.live.reset()
+        track(new_track(), 1_000_000, 0.0, 1.0, 1.0)
         took = perf_counter() - begin
         if took > 2.0:
             self.get_logger().info(f"kernels compiled in {took:.0f} s; kept for the next start")
@@ -212,6 +221,7 @@ class EstimatorNode(Node):
                 self.times.add((perf_counter() - begin) / len(outputs))
                 for output in outputs:
                     self._publish(output)
+                self._heard_ns = self._now_ns()
 
         return on_message
 
@@ -220,6 +230,9 @@ class EstimatorNode(Node):
         self.tensions.publish(self.encoder.tensions(estimate, stddev))
         self.forces.publish(self.encoder.nodal_forces(estimate, stddev))
         self.efforts.publish(self.encoder.efforts(estimate))
+        on_efforts = self.efforts_stddev
+        if on_efforts is not None and stddev is not None and on_efforts.get_subscription_count():
+            on_efforts.publish(self.encoder.efforts_stddev(estimate, stddev))
         self._published += 1
 
     def _on_tensions(self, payload: bytes) -> None:
@@ -230,13 +243,12 @@ class EstimatorNode(Node):
 
     def _on_watch(self) -> None:
         """Say again, and marked stale, what was known when the inputs fell silent."""
+        if self.output is None or self._heard_ns is None:
+            return
         now = self._now_ns()
-        if self._published != self._seen or (self._heard_ns or 0) > now:
-            self._seen, self._heard_ns = self._published, now
-        elif self.output is not None and now - (self._heard_ns or now) > self.timeout_s * 1e9:
-            stale = marked_stale(self.output.estimate)
-            self.tensions.publish(self.encoder.tensions(stale, self.output.stddev))
-            self.forces.publish(self.encoder.nodal_forces(stale, self.output.stddev))
+        self._heard_ns = min(self._heard_ns, now)  # the node's clock may have been set back
+        if now - self._heard_ns > self.timeout_s * 1e9:
+            self._publish_stale(self.output)
 
     def _on_diagnostics(self) -> None:
         now = self._now_ns()
@@ -248,7 +260,7 @@ class EstimatorNode(Node):
             self.live,
             self.output,
             rate,
-            None if self._heard_ns is None else max(now - self._heard_ns, 0) * 1e-9,
+            None if self._heard_ns is None else self._silence_s(),
             self.timeout_s,
             self.times,
         )
@@ -256,8 +268,23 @@ class EstimatorNode(Node):
         self.write_state()
 
     def _forget(self) -> None:
+        """What was said last holds no longer: the last message on the topics says so."""
+        if self.output is not None:
+            self._publish_stale(self.output)
         self.output = None
         self._heard_ns = None
+        self.write_state()
+
+    def _publish_stale(self, output: Output) -> None:
+        stale = marked_stale(output.estimate)
+        self.tensions.publish(self.encoder.tensions(stale, output.stddev))
+        self.forces.publish(self.encoder.nodal_forces(stale, output.stddev))
+
+    def _silence_s(self) -> float:
+        """Time since the last estimate [s]; infinite before the first."""
+        if self._heard_ns is None:
+            return float("inf")
+        return max(self._now_ns() - self._heard_ns, 0) * 1e-9
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.live.reset()
@@ -271,6 +298,10 @@ class EstimatorNode(Node):
 
     def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
+            if self.live.sample is not None and self._silence_s() > self.timeout_s:
+                raise UsageError(
+                    f"no estimate for {self.timeout_s:g} s: where the robot is now is not known"
+                )
             response.message = self.live.tare()
             response.success = True
             self._forget()
@@ -343,6 +374,8 @@ def _body(argv: Sequence[str]) -> int:
     with ros_context(arguments) as stop:
         with starting():
             node = EstimatorNode(own.state_file)
+        if os.environ.get(RANGE) == "LOCALHOST":
+            node.get_logger().info(f"heard on this machine only; {RANGE}=SUBNET opens the network")
         executor = EventsExecutor()
         executor.add_node(node)
         try:

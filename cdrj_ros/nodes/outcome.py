@@ -47,6 +47,7 @@ class Outcome:
     accepted: int = 0
     clock_jumps: int = 0
     gaps: int = 0
+    steps: int = 0
     latency_s: Floats = field(default_factory=lambda: np.empty(0))
     stamp_ns: Stamps = field(default_factory=lambda: np.empty(0, np.int64))
     """Stamps of all answers, each once, increasing, shape (n,)."""
@@ -66,6 +67,7 @@ class Outcome:
         self.accepted += heard.accepted
         self.clock_jumps += heard.clock_jumps
         self.gaps += heard.gaps
+        self.steps += heard.steps
         self.latency_s = np.concatenate((self.latency_s, heard.latency_s))[-KEPT:]
         if whole and self.passes:
             _, mine, new = np.intersect1d(self.stamp_ns, heard.stamp_ns, return_indices=True)
@@ -148,7 +150,7 @@ class Outcome:
         motors = len(layout.motors)
         samples = Samples(self.stamp_ns, self.angle[:, :motors], self.angle[:, motors:])
         conditioned = Conditioned(
-            (samples,), dict(self.refused), self.accepted, self.clock_jumps, self.gaps
+            (samples,), dict(self.refused), self.accepted, self.clock_jumps, self.gaps, self.steps
         )
         duration_s = (recording.end_ns - recording.start_ns) * 1e-9
         facts = self.facts(duration_s)

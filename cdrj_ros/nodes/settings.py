@@ -150,7 +150,7 @@ def declare_friction(node: Node) -> dict[str, float]:
 def _friction_value(live: LiveEstimator, name: str, value: float) -> float:
     """What a friction parameter means."""
     if value == UNSET:
-        return number_at(dict(live.original), name)
+        return number_at(dict(live.started.robot.document), name)
     if not 0.0 <= value <= LARGEST:
         raise UsageError(f"{name} must be in [0, {LARGEST:g}], or {UNSET:g}; got {value:g}")
     return value

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.cdr import JOINT_STATE, Template
+from cdrj_ros.cdr import JOINT_STATE, Template, joint_state_efforts
 from cdrj_ros.commands.shared import load_model
 from cdrj_ros.estimation.conditioning import Conditioner
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
@@ -397,6 +397,183 @@ def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
     assert bench.until(lambda: said[-1].message == "no input for 0.5 s")
     assert said[-1].level == said[-1].STALE
     assert float(values_of(said[-1])["age [s]"]) > 0.5
+
+
+class Clock:
+    """Sends /clock, and waits until the node has it."""
+
+    def __init__(self, bench: Bench, node: Any) -> None:
+        from rclpy.qos import QoSProfile
+        from rosgraph_msgs.msg import Clock as Message
+
+        self.bench, self.message, self.estimator = bench, Message(), node
+        self.publisher = bench.node.create_publisher(Message, "/clock", QoSProfile(depth=100))
+        assert bench.until(lambda: self.publisher.get_subscription_count() > 0)
+
+    def set(self, ns: int) -> None:
+        self.message.clock.sec, self.message.clock.nanosec = divmod(ns, SECOND)
+        self.publisher.publish(self.message)
+        assert self.bench.until(lambda: self.estimator._now_ns() == ns)
+
+
+def test_age_counts_from_the_last_estimate_however_long_the_timeout_is(bench: Bench) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    node = bench.estimator(use_sim_time=True, timeout=3600.0)
+    said: list[Any] = []
+    bench.node.create_subscription(DiagnosticArray, "/diagnostics", said.append, 100)
+    clock = Clock(bench, node)
+    clock.set(BEGIN)
+    feed(node, 0, 10)
+    for tenth in range(1, 24):
+        clock.set(BEGIN + tenth * SECOND // 10)
+        bench.executor.spin_once(timeout_sec=0.02)
+    assert bench.until(lambda: len(said) >= 2)
+    for array in said:
+        (status,) = array.status
+        now = array.header.stamp
+        age_s = now.sec - BEGIN // SECOND + 1e-9 * now.nanosec
+        assert status.level != status.STALE
+        assert float(values_of(status)["age [s]"]) == pytest.approx(age_s, abs=1e-3)
+
+
+def test_outputs_are_stale_no_sooner_and_hardly_later_than_the_timeout(bench: Bench) -> None:
+    from cdrj_msgs.msg import CableTensions
+
+    node = bench.estimator(use_sim_time=True, timeout=0.5)
+    heard: list[Any] = []
+    bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 100)
+    clock = Clock(bench, node)
+    assert bench.until(lambda: node.tensions.get_subscription_count() > 0)
+    clock.set(BEGIN)
+    clock.set(BEGIN + 110 * MILLISECOND)  # between two looks
+    feed(node, 0, 10)
+    assert bench.until(lambda: len(heard) == 10)
+    for ms in range(120, 611, 10):
+        clock.set(BEGIN + ms * MILLISECOND)
+        bench.executor.spin_once(timeout_sec=0.005)
+    assert len(heard) == 10
+    for ms in range(620, 741, 10):
+        clock.set(BEGIN + ms * MILLISECOND)
+        bench.executor.spin_once(timeout_sec=0.005)
+    assert bench.until(lambda: len(heard) > 10)
+    assert all(flags & STALE for flags in heard[-1].status)
+
+
+@pytest.mark.parametrize("service", ["reset", "tare", "set_preload"])
+def test_what_was_said_before_a_change_does_not_stand_as_the_last_word(
+    bench: Bench, service: str
+) -> None:
+    from cdrj_msgs.msg import CableTensions
+    from cdrj_msgs.srv import SetPreload
+    from std_srvs.srv import Trigger
+
+    node = bench.estimator()
+    heard: list[Any] = []
+    bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 100)
+    assert bench.until(lambda: node.tensions.get_subscription_count() > 0)
+    feed(node, 0, 10)
+    assert bench.until(lambda: len(heard) == 10)
+    assert not any(flags & STALE for flags in heard[-1].status)
+    kind, request = Trigger, Trigger.Request()
+    if service == "set_preload":
+        kind = SetPreload
+        request = SetPreload.Request(cable=["upper"], preload=[30.0])
+    assert bench.call(kind, f"/cdrj/estimator/{service}", request).success
+    assert bench.until(lambda: len(heard) == 11)
+    assert all(flags & STALE for flags in heard[-1].status)
+    feed(node, 10, 20)
+    assert bench.until(lambda: len(heard) == 21)
+    assert not any(flags & STALE for flags in heard[-1].status)
+
+
+def test_a_tare_is_refused_while_the_inputs_are_silent(bench: Bench) -> None:
+    from std_srvs.srv import Trigger
+
+    node = bench.estimator(use_sim_time=True, timeout=0.5)
+    clock = Clock(bench, node)
+    clock.set(BEGIN)
+    feed(node, 0, 500)
+    clock.set(BEGIN + 2 * SECOND)
+    before = node.live.model
+    answer = bench.call(Trigger, "/cdrj/estimator/tare", Trigger.Request())
+    assert not answer.success
+    assert answer.message.startswith("nothing changed: no estimate for 0.5 s")
+    assert node.live.model is before
+    feed(node, 500, 600)
+    assert bench.call(Trigger, "/cdrj/estimator/tare", Trigger.Request()).success
+    assert node.live.model.robot.motors[0].reference_angle == sample_at(599).motor_angle[0]
+
+
+def test_efforts_say_nothing_where_a_cable_is_not_solved_and_how_sure_they_are_elsewhere(
+    bench: Bench,
+) -> None:
+    from sensor_msgs.msg import JointState
+
+    node = bench.estimator()
+    heard: dict[str, list[bytes]] = {"efforts": [], "efforts_stddev": []}
+    for topic, payloads in heard.items():
+        bench.node.create_subscription(JointState, f"/cdrj/{topic}", payloads.append, 100, raw=True)
+    for publisher in (node.efforts, node.efforts_stddev):
+        assert bench.until(lambda: publisher.get_subscription_count() > 0)  # noqa: B023
+    far = sample_at(0)
+    node.joint(JOINT.encode(far.stamp_ns, position=far.joint_angle))
+    node.motor(MOTOR.encode(far.stamp_ns, position=far.motor_angle + 1e4))
+    assert not node.output.estimate.solved
+    assert bench.until(lambda: all(len(payloads) == 1 for payloads in heard.values()))
+    for (payload,) in heard.values():
+        stamp, names, effort = joint_state_efforts(payload)
+        assert (stamp, names, effort.size) == (far.stamp_ns, ("winch", "elbow"), 0)
+    node.live.reset()
+    feed(node, 1, 3)
+    assert bench.until(lambda: all(len(payloads) == 3 for payloads in heard.values()))
+    estimate, stddev = node.output
+    layout = estimate.layout
+    wanted = estimate.values[layout.motor_effort.start : layout.joint_effort.stop]
+    assert np.array_equal(joint_state_efforts(heard["efforts"][-1])[2], wanted)
+    said = joint_state_efforts(heard["efforts_stddev"][-1])[2]
+    assert np.array_equal(said, stddev[-2:])
+    assert np.all(said > 0.0)
+
+
+def test_without_uncertainty_there_is_no_topic_for_it(bench: Bench) -> None:
+    node = bench.estimator(uncertainty=False)
+    assert node.efforts_stddev is None
+    feed(node, 0, 3)
+    assert len(node.outputs) == 3
+
+
+def test_the_last_stamp_that_a_header_can_say_does_not_end_the_node(bench: Bench) -> None:
+    node = bench.estimator()
+    end = (2**31 - 1).to_bytes(4, "little") + (2**32 - 1).to_bytes(4, "little")
+    for template, listen in ((JOINT, node.joint), (MOTOR, node.motor)):
+        payload = template.encode(BEGIN, position=[0.0])
+        listen(payload[:4] + end + payload[12:])
+    assert not node.outputs
+    assert node.live.conditioner.refused["future"] == 2
+    feed(node, 0, 10)
+    assert len(node.outputs) == 10
+
+
+def test_a_step_of_an_encoder_is_said_until_the_reference_is_set_anew(bench: Bench) -> None:
+    from cdrj_ros.nodes.diagnostics import status_of
+
+    node = bench.estimator()
+
+    def status() -> Any:
+        return status_of("e", node.live, node.output, 1000.0, 0.01, 0.5, node.times)
+
+    feed(node, 0, 1500)
+    assert values_of(status())["readings stepped"] == "none"
+    for k in range(1500, 1700):
+        sample = sample_at(k)
+        node.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
+        node.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle + 0.9))
+    assert "winch by 0." in values_of(status())["readings stepped"]
+    assert status().level != status().OK
+    assert all(int(flags) & UNSURE for flags in node.output.estimate.status)
+    node.live.tare()
+    assert values_of(status())["readings stepped"] == "none"
 
 
 # diagnostics -----------------------------------------------------------------------------------

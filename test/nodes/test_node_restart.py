@@ -12,7 +12,8 @@ import pytest
 
 from cdrj_ros.cdr import CABLE_TENSIONS, JOINT_STATE, Template, cable_tensions
 from cdrj_ros.commands.shared import load_model
-from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
+from cdrj_ros.estimation.live import LiveEstimator
 from cdrj_ros.model.plan import Model
 
 ROOT = Path(__file__).parents[2]
@@ -109,6 +110,14 @@ class Remote:
                 self.until(lambda: len(self.answers) > begin + k - first - 2 * few)  # noqa: B023
         assert self.until(lambda: len(self.answers) == begin + last - first)
 
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """The answer of a service of the estimator."""
+        client = self.node.create_client(kind, f"/{self.side}/estimator/{name}")
+        assert self.until(client.service_is_ready)
+        answer = client.call_async(request)
+        assert self.until(answer.done)
+        return answer.result()
+
     def heard(self) -> tuple[np.ndarray, np.ndarray]:
         """Tensions and standard deviations of all answers [N], shapes (n, elements)."""
         got = [cable_tensions(one) for one in self.answers]
@@ -175,6 +184,39 @@ def test_killed_without_a_state_file_it_is_within_two_sigma_at_once_and_soon_wit
     back = turn + int(np.argmax(np.abs(angle[turn:] - angle[turn]) > 0.35))
     assert turn < back < len(angle) - 500
     assert np.mean(error[back + 500 :] / truth[back + 500 :]) < 0.03
+
+
+def test_what_the_services_set_outlives_a_kill(
+    node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
+) -> None:
+    """Killed at once after the answer, before any further sample."""
+    from cdrj_msgs.srv import SetPreload
+    from std_srvs.srv import Trigger
+
+    one = Remote(node, start_node, "set")
+    arguments = ("--state-file", str(tmp_path / "state"))
+    one.start(*arguments)
+    one.send(readings, 0, 800)
+    assert one.call(Trigger, "tare", Trigger.Request()).success
+    request = SetPreload.Request(cable=["lower"], preload=[20.0])
+    assert one.call(SetPreload, "set_preload", request).success
+    one.kill()
+    one.start(*arguments)
+    one.send(readings, 799, 900)
+    tension, _ = one.heard()
+    assert np.allclose(tension[0, :8], 36.85)
+    assert np.allclose(tension[0, 8:], 20.0)
+    live = LiveEstimator(model)
+    live.set_tracking(0.0)
+    live.take(sample_of(readings, 799))
+    live.tare()
+    live.set_preload({"lower": 20.0})
+    expected = [live.take(sample_of(readings, k)).estimate.tension for k in range(799, 900)]
+    assert np.array_equal(tension, expected)
+
+
+def sample_of(readings: Samples, k: int) -> Sample:
+    return Sample(int(readings.stamp_ns[k]), readings.motor_angle[k], readings.joint_angle[k])
 
 
 def test_load_cells_over_dds_find_a_lost_preload_in_every_element(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import runpy
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -168,6 +170,32 @@ def test_nothing_is_loaded_that_could_run() -> None:
                 assert keywords.get("typ", "'rt'") in ("'safe'", "'rt'"), path
             if ast.unparse(call.func) in ("np.load", "numpy.load"):
                 assert keywords.get("allow_pickle") == "False", path
+
+
+def test_a_node_that_is_run_speaks_to_this_machine_only_unless_told_otherwise() -> None:
+    from cdrj_ros.nodes.spinning import RANGE, REACH, stay_on_this_machine
+
+    environment = {"PATH": "/bin", "ROS_STATIC_PEERS": ""}
+    assert stay_on_this_machine(environment)
+    assert environment[RANGE] == "LOCALHOST"
+    for name in REACH:
+        told = {name: "SUBNET"}
+        assert not stay_on_this_machine(told)
+        assert told == {name: "SUBNET"}
+
+
+def test_what_was_not_told_is_seen_by_ros_itself() -> None:
+    script = (
+        "import os\n"
+        "import rclpy\n"
+        "from cdrj_ros.nodes.spinning import RANGE, REACH, ros_context\n"
+        "for name in REACH: os.environ.pop(name, None)\n"
+        "with ros_context(['x']): print(os.environ[RANGE], rclpy.ok())\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.stdout.split() == ["LOCALHOST", "True"], done.stderr
 
 
 def test_the_launch_file_limits_discovery_before_it_starts_the_node() -> None:

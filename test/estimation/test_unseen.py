@@ -1,0 +1,424 @@
+"""What nobody has seen is not made up: gaps, turns, steps of a sensor, unsolved cables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.commands.shared import load_model
+from cdrj_ros.estimation.conditioning import MAX_GAP_NS, Conditioner, Readings, condition
+from cdrj_ros.estimation.estimator import Sample, Samples
+from cdrj_ros.estimation.live import LiveEstimator, Options, Output
+from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
+from cdrj_ros.model.errors import UsageError
+from cdrj_ros.model.plan import Model, prepare
+from cdrj_ros.model.robot_file import build_robot
+from cdrj_ros.model.status import INVALID, UNSURE
+from cdrj_ros.validation import estimate
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+START = 1_700_000_000 * 10**9
+MS = 1_000_000
+UNFILTERED = Options(tracking=0.0)
+"""A filter between counts starts anew with a process."""
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return load_model(str(ROBOTS / "prototype.yaml"))
+
+
+@pytest.fixture(scope="module")
+def readings() -> Samples:
+    """Five seconds at 1 kHz: the joint by 0.6 rad, the winch by more than half a turn."""
+    time = 0.001 * np.arange(5000)
+    elbow = 0.6 * np.sin(2.0 * time)
+    winch = 8.0 * np.sin(elbow) + 0.02 * (1.0 - np.cos(7.0 * time))
+    return Samples(START + MS * np.arange(5000), winch[:, None], elbow[:, None])
+
+
+def variant(model: Model, change: Callable[[dict[str, Any]], None]) -> Model:
+    """The robot with another document."""
+    document = deepcopy(dict(model.robot.document))
+    change(document)
+    return prepare(build_robot(document, "test"))
+
+
+def send(live: LiveEstimator, readings: Samples, k: int, begin: int = 0) -> list[Output]:
+    stamp = begin or int(readings.stamp_ns[k])
+    outputs = live.feed("joints", stamp, ("elbow",), readings.joint_angle[k])[1]
+    return outputs + live.feed("motors", stamp, ("winch",), readings.motor_angle[k])[1]
+
+
+def all_unsure(output: Output) -> bool:
+    return bool(np.all(output.estimate.status.astype(int) & UNSURE))
+
+
+# -- gaps --------------------------------------------------------------------------------------
+
+
+def test_nothing_is_made_up_for_the_time_in_which_one_topic_was_silent(
+    model: Model, readings: Samples
+) -> None:
+    """The joint goes out and back while only the motor is heard."""
+    live = LiveEstimator(model)
+    before = [output for k in range(1000) for output in send(live, readings, k)]
+    stamps = readings.stamp_ns
+    for k in range(1000, 4000):
+        assert not live.feed("motors", int(stamps[k]), ("winch",), readings.motor_angle[k])[1]
+    outputs = [output for k in range(4000, 5000) for output in send(live, readings, k)]
+    assert live.conditioner.gaps == 1
+    assert live.conditioner.refused == dict.fromkeys(live.conditioner.refused, 0)
+    first = outputs[0]
+    assert first.estimate.stamp_ns == stamps[4000]
+    assert len(before) + len(outputs) == 2000
+    assert first.stddev is not None
+    assert before[-1].stddev is not None
+    assert np.mean(first.stddev[:16]) > 2.0 * np.mean(before[-1].stddev[:16])
+
+    motors = {"winch": Readings(stamps, stamps, readings.motor_angle[:, 0])}
+    heard = np.r_[0:1000, 4000:5000]
+    joints = {"elbow": Readings(stamps[heard], stamps[heard] - 1, readings.joint_angle[heard, 0])}
+    offline = estimate(model, condition(model.robot, motors, joints), spread=True)
+    assert np.array_equal(offline.stamp_ns, [o.estimate.stamp_ns for o in before + outputs])
+    node = np.array([output.estimate.tension for output in before + outputs])
+    assert np.array_equal(offline.values[:, model.layout.tension], node)
+    assert offline.stddev is not None
+    assert np.array_equal(offline.stddev, [output.stddev for output in before + outputs])
+
+
+def test_a_gap_in_which_nothing_moved_forgets_nothing(model: Model, readings: Samples) -> None:
+    live = LiveEstimator(model)
+    outputs = [output for k in range(1000) for output in send(live, readings, k)]
+    known = outputs[-1].stddev
+    late = int(readings.stamp_ns[999]) + 5 * MAX_GAP_NS
+    for k in range(10):
+        outputs += send(live, readings, 999, late + k * MS)
+    assert len(outputs) == 1010
+    assert outputs[-1].stddev is not None
+    assert known is not None
+    assert np.mean(outputs[-1].stddev[:16]) < 1.2 * np.mean(known[:16])
+
+
+def test_a_robot_moved_while_the_clock_was_set_back_is_known_less_well(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    path = tmp_path / "state"
+    live = LiveEstimator(model)
+    known = [output.stddev for k in range(1500) for output in send(live, readings, k)][-1]
+    write_state(live, path)
+    again = LiveEstimator(model)
+    read_state(again, path)
+    later = send(again, readings, 1900, START - 10**15)[0].stddev
+    assert known is not None
+    assert later is not None
+    assert later[:16].mean() > 2.0 * known[:16].mean()
+
+
+# -- turns -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def turning(model: Model) -> Model:
+    """Its winch's reading starts again after a turn."""
+    return variant(model, lambda document: document["motors"][0].update(period=2.0 * pi))
+
+
+def wrapped(readings: Samples, by: float = 0.0) -> Samples:
+    """Readings of the winch from -pi to pi, of a motor that is further on."""
+    motor = readings.motor_angle + by
+    return Samples(
+        readings.stamp_ns, motor - 2.0 * pi * np.round(motor / (2.0 * pi)), readings.joint_angle
+    )
+
+
+ACTIONS: Mapping[str, Callable[[LiveEstimator], object]] = {
+    "reset": lambda live: live.reset(),
+    "set_preload": lambda live: live.set_preload({"upper": 30.0}),
+    "tare": lambda live: live.tare(),
+}
+
+
+@pytest.mark.parametrize("action", ACTIONS)
+def test_turns_are_counted_on_whatever_is_set(
+    action: str, model: Model, turning: Model, readings: Samples
+) -> None:
+    """The same as with a sensor that never starts again, more than a turn from the reference."""
+    far = 7.0
+    here = {"motors": lambda d: d["motors"][0].update(reference_angle=far)}["motors"]
+    plain, period = variant(model, here), variant(turning, here)
+    there = Samples(readings.stamp_ns, readings.motor_angle + far, readings.joint_angle)
+    one, other = LiveEstimator(plain), LiveEstimator(period)
+    wrapping = wrapped(there)
+    assert np.ptp(wrapping.motor_angle - there.motor_angle) > 0.0
+    for k in range(3000):
+        if k == 1500:
+            ACTIONS[action](one)
+            ACTIONS[action](other)
+        expected, got = send(one, there, k), send(other, wrapping, k)
+        assert np.allclose(got[0].estimate.tension, expected[0].estimate.tension, atol=1e-6)
+
+
+def test_a_recording_that_is_played_anew_starts_at_its_own_turn(turning: Model) -> None:
+    """A reset, then stamps that go back: the turns of the first time mean nothing."""
+    live = LiveEstimator(turning)
+    for k in range(250):
+        reading = 0.05 * k % (2.0 * pi)
+        live.feed("both", START + k * MS, ("winch", "elbow"), (reading, 0.0))
+    assert live.sample is not None
+    assert live.sample.motor_angle[0] == pytest.approx(0.05 * 249)
+    live.reset()
+    live.feed("both", START, ("winch", "elbow"), (0.5, 0.0))
+    assert live.sample is not None
+    assert live.sample.motor_angle[0] == pytest.approx(0.5)
+
+
+def test_a_restart_finds_the_turn_it_was_in(
+    turning: Model, readings: Samples, tmp_path: Path
+) -> None:
+    path = tmp_path / "state"
+    there = Samples(readings.stamp_ns, readings.motor_angle, readings.joint_angle)
+    far = int(np.argmax(np.abs(readings.motor_angle[:, 0])))
+    assert abs(readings.motor_angle[far, 0]) > pi
+    live, wrapping = LiveEstimator(turning, UNFILTERED), wrapped(there)
+    for k in range(far):
+        send(live, wrapping, k)
+    write_state(live, path)
+    again = LiveEstimator(turning, UNFILTERED)
+    read_state(again, path)
+    for k in range(far, far + 100):
+        expected, got = send(live, wrapping, k), send(again, wrapping, k)
+        assert np.array_equal(got[0].estimate.values, expected[0].estimate.values)
+
+
+def test_the_first_reading_is_the_angle_in_the_joints_range_or_nearest_to_the_reference(
+    model: Model,
+) -> None:
+    def change(document: dict[str, Any]) -> None:
+        document["motors"][0].update(period=2.0 * pi, reference_angle=13.0)
+        document["joints"][0].update(period=2.0 * pi)
+
+    live = LiveEstimator(variant(model, change))
+    live.feed("both", START, ("winch", "elbow"), (0.2, 2.0 * pi - 0.5))
+    assert live.sample is not None
+    assert live.sample.joint_angle[0] == pytest.approx(-0.5)
+    assert live.sample.motor_angle[0] == pytest.approx(0.2 + 4.0 * pi)
+    assert sum(live.conditioner.refused.values()) == 0
+
+
+# -- steps of a sensor -------------------------------------------------------------------------
+
+
+def stepping(model: Model) -> Model:
+    return variant(model, lambda document: document["motors"][0].update(max_speed=20.0))
+
+
+def test_a_step_that_stays_is_followed_and_makes_everything_unsure(
+    model: Model, readings: Samples
+) -> None:
+    """Half a radian of lost counts: 25 ms at the most that the motor can do."""
+    live = LiveEstimator(stepping(model))
+    for k in range(1500):
+        outputs = send(live, readings, k)
+    assert not all_unsure(outputs[0])
+    jumped = Samples(readings.stamp_ns, readings.motor_angle + 0.5, readings.joint_angle)
+    outputs = [output for k in range(1500, 1700) for output in send(live, jumped, k)]
+    conditioner = live.conditioner
+    assert conditioner.steps == 1
+    assert 10 <= conditioner.refused["implausible"] <= 30
+    assert conditioner.displaced == {"winch": pytest.approx(0.5, abs=0.05)}
+    after = [o for o in outputs if o.estimate.stamp_ns > readings.stamp_ns[1530]]
+    assert len(after) > 150
+    assert all(map(all_unsure, after))
+    live.tare()
+    outputs = [output for k in range(1700, 2000) for output in send(live, jumped, k)]
+    assert conditioner.displaced == {}
+    assert not all_unsure(outputs[-1])
+
+
+@pytest.mark.parametrize("lasting", [1, 4])
+def test_a_glitch_is_no_step(model: Model, readings: Samples, lasting: int) -> None:
+    conditioner = Conditioner(stepping(model).robot)
+    for k in range(200):
+        off = 3.0 if 100 <= k < 100 + lasting else 0.0
+        conditioner.feed_motors(START + k * MS, ("winch",), readings.motor_angle[k] + off)
+    assert conditioner.refused["implausible"] == lasting
+    assert conditioner.steps == 0
+
+
+def test_noise_that_is_implausible_all_the_time_is_no_step(model: Model) -> None:
+    """Readings that do not agree with each other either."""
+    conditioner = Conditioner(stepping(model).robot)
+    generator = np.random.default_rng(0)
+    for k in range(400):
+        reading = 0.0 if k < 100 or k >= 300 else float(generator.uniform(5.0, 500.0))
+        conditioner.feed_motors(START + k * MS, ("winch",), (reading,))
+    assert conditioner.refused["implausible"] == 200
+    assert conditioner.steps == 0
+
+
+# -- what is not solved ------------------------------------------------------------------------
+
+
+def test_one_cable_that_is_not_solved_leaves_what_is_known_of_the_others(model: Model) -> None:
+    """The robot's two cables, each on a motor of its own, one of them wound in entirely."""
+
+    def change(document: dict[str, Any]) -> None:
+        document["motors"].append({**document["motors"][0], "name": "second"})
+        for cable, motor in zip(document["cables"], ("winch", "second"), strict=True):
+            for node in cable["nodes"]:
+                if "motor" in node:
+                    node["motor"] = motor
+
+    two = variant(model, change)
+    elements = two.layout.elements
+    upper = [k for k, name in enumerate(elements) if name.startswith("upper")]
+    lower = [k for k, name in enumerate(elements) if name.startswith("lower")]
+    good, bad = LiveEstimator(two), LiveEstimator(two)
+    far = 500.0 * np.sign(_winding_in(two))
+    for k in range(100):
+        stamp, turn = START + k * MS, 0.002 * k
+        sample = Sample(stamp, np.array([turn, turn]), np.array([0.0]))
+        expected = good.take(sample)
+        got = bad.take(sample._replace(motor_angle=np.array([turn, turn + far])))
+        status = got.estimate.status.astype(int)
+        assert not got.estimate.solved
+        assert np.all(status[lower] & INVALID)
+        assert not np.any(status[upper] & INVALID)
+        assert expected.stddev is not None
+        assert got.stddev is not None
+        assert np.allclose(got.stddev[upper], expected.stddev[upper], rtol=1e-6)
+        assert got.stddev[upper].min() > 0.0
+    back = bad.take(Sample(START + 100 * MS, np.array([0.2, 0.2]), np.array([0.0])))
+    assert back.estimate.solved
+    assert back.stddev is not None
+    assert back.stddev[lower].min() > 0.0
+
+
+def _winding_in(model: Model) -> float:
+    """Sense in which the second motor pulls the second cable in."""
+    live = LiveEstimator(model, Options(uncertainty=False))
+    still = Sample(START, np.zeros(2), np.zeros(1))
+    live.take(still)
+    turned = Sample(START + MS, np.array([0.0, 0.01]), np.zeros(1))
+    output = live.take(turned)
+    last = len(model.layout.elements) // 2
+    return 1.0 if output.estimate.tension[last] > model.robot.cables[1].preload else -1.0
+
+
+# -- what is set outlives the process ----------------------------------------------------------
+
+
+def test_reference_and_preloads_that_were_set_are_in_the_state_file(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    path = tmp_path / "state"
+    live = LiveEstimator(model, UNFILTERED)
+    for k in range(500):
+        send(live, readings, k)
+    live.tare()
+    live.set_preload({"lower": 20.0})
+    assert write_state(live, path)
+    at_once = LiveEstimator(model, UNFILTERED)
+    assert "cables.lower.preload = 20" in read_state(at_once, path)
+    for k in range(500, 900):
+        expected = send(live, readings, k)
+    write_state(live, path)
+    again = LiveEstimator(model, UNFILTERED)
+    assert "cables.lower.preload = 20" in read_state(again, path)
+    for k in range(900, 1000):
+        expected, got = send(live, readings, k), send(again, readings, k)
+        assert np.array_equal(got[0].estimate.values, expected[0].estimate.values)
+    for one in (at_once, again):
+        assert np.array_equal(one.model.numbers, live.model.numbers)
+        assert one.model.robot.motors == live.model.robot.motors
+    write_state(again, path)
+    assert read_state(LiveEstimator(model, UNFILTERED), path)  # and the restart after that one
+
+
+def test_of_other_friction_the_reference_is_taken_up_and_the_state_is_not(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    path = tmp_path / "state"
+    live = LiveEstimator(model)
+    for k in range(200):
+        send(live, readings, k)
+    live.set_preload({"lower": 20.0})
+    live.set_numbers({"friction.mu_c": 0.05})
+    for k in range(200, 400):
+        send(live, readings, k)
+    write_state(live, path)
+    again = LiveEstimator(model)
+    with pytest.raises(StateFileError, match=r"lower.preload = 20 taken up; .* other friction"):
+        read_state(again, path)
+    assert again.model.robot.cables[1].preload == 20.0
+    fresh = LiveEstimator(load_model(str(ROBOTS / "prototype.yaml"), "36.85,20"))
+    expected, got = send(fresh, readings, 400), send(again, readings, 400)
+    assert np.array_equal(got[0].estimate.values, expected[0].estimate.values)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        b"[1, 2]", b"nothing", b'{"friction.mu_c": 0.1}', b'{"cables.lower.preload": NaN}',
+        b'{"cables.none.preload": 3}', b'{"cables.lower.preload": "x"}',
+        b'{"motors.winch.reference_angle": 1e300}', b'{"name": "x"}', b"7", b"\xff",
+    ],
+)  # fmt: skip
+def test_changes_that_no_service_makes_are_refused(
+    model: Model, readings: Samples, tmp_path: Path, changes: bytes
+) -> None:
+    path = tmp_path / "state"
+    live = LiveEstimator(model)
+    for k in range(10):
+        send(live, readings, k)
+    write_state(live, path)
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    arrays["changes"] = np.frombuffer(changes, np.uint8)
+    with path.open("wb") as file:
+        np.savez(file, **arrays)
+    again = LiveEstimator(model)
+    with pytest.raises(StateFileError, match="no usable changes"):
+        read_state(again, path)
+    assert again.model is again.started
+
+
+# -- times -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3, -0.3])
+def test_a_motors_efforts_are_moved_by_its_clock_offset(
+    model: Model, readings: Samples, offset: float
+) -> None:
+    late = variant(model, lambda document: document["motors"][0].update(clock_offset=offset))
+    live = LiveEstimator(late, Options(track_preload=True))
+    for k in range(300):
+        stamp = int(readings.stamp_ns[k])
+        motor = stamp - round(offset * 1e9)
+        live.feed("joints", stamp, ("elbow",), readings.joint_angle[k])
+        live.feed_efforts(motor, ("winch",), (0.1,))
+        live.feed("motors", motor, ("winch",), readings.motor_angle[k])
+    assert live.fusion is not None
+    (health,) = live.fusion.health.values()
+    assert health.used + health.refused >= 5
+    assert live.overlooked == 0
+
+
+@pytest.mark.parametrize("stamp", [2**31 * 10**9, 2**31 * 10**9 + 4_294_967_295, 2**62])
+def test_a_stamp_that_no_header_can_say_is_refused(model: Model, stamp: int) -> None:
+    live = LiveEstimator(model)
+    assert live.feed("both", stamp, ("winch", "elbow"), (0.0, 0.0)) == (False, [])
+    assert live.conditioner.refused["future"] == 2
+    assert len(live.feed("both", START, ("winch", "elbow"), (0.0, 0.0))[1]) == 1
+
+
+def test_a_tare_needs_a_sample(model: Model) -> None:
+    with pytest.raises(UsageError, match="no angles yet"):
+        LiveEstimator(model).tare()

@@ -1,0 +1,164 @@
+"""Motor efforts find a lost preload: an estimator process over DDS, truth from contact cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.cdr import JOINT_STATE, Template, cable_tensions
+from cdrj_ros.commands.shared import load_model
+from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.rig.faults import Fault
+from cdrj_ros.rig.motion import sine
+from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder
+from cdrj_ros.rig.truth import simulate
+
+ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+WHOLE, LOST = "36.85,26.26", "29.48,26.26"
+"""Preloads of the robot file, and after the upper cable has lost 20 % [N]."""
+LOST_N = 7.37
+CREEP = Fault("slack", 7.0, 2.32e-3, "upper")
+"""The upper anchor gives way until t = 9 s, when the estimator has become sure.  Both cables then
+have lost 7.37 N: on one motor they balance each other."""
+FREQUENCY_HZ = 0.25
+EVERY = 4
+"""Of the rig's milliseconds one in so many is read: 250 Hz."""
+PATIENCE_S = 120.0
+BURST, AHEAD = 50, 200
+"""Samples sent without listening, and samples that may be unanswered."""
+INPUTS = ("motor_states", "joint_states")
+MOTOR = Template(JOINT_STATE, ("winch",), ("position", "effort"))
+MOTOR_ALONE = Template(JOINT_STATE, ("winch",), ("position",))
+JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the rig's sensors say, and what was true; one row a sample."""
+
+    stamp_ns: np.ndarray
+    motor: np.ndarray
+    joint: np.ndarray
+    effort: np.ndarray
+    """With noise [N m]."""
+    tension: np.ndarray
+    """Of every element [N], shape (n, elements)."""
+
+
+@cache
+def measure(preload: str, cycles: int, *faults: Fault) -> Measured:
+    """A second of rest and so many cycles of a rig with these preloads."""
+    time = np.arange(0.0, 1.0 + cycles / FREQUENCY_HZ, 1e-3)
+    course = sine(np.radians(38.0), FREQUENCY_HZ, 1.0)(time)
+    torque = RollingLoad().torque(course.angle, course.speed, course.acceleration)
+    robot = load_model(ROBOT, preload).robot
+    truth = simulate(robot, time, course.angle, torque, 20.0, cells=4, faults=faults)
+    when = time[::EVERY]
+    noise = np.random.default_rng(3).normal(0.0, 0.005, when.size)
+    return Measured(
+        1_000_000_000 + np.round(when * 1e9).astype(np.int64),
+        read_encoder(MOTOR_ENCODER, when, time, truth.motor_angle[:, 0]),
+        read_encoder(JOINT_ENCODER, when, time, truth.joint_angle[:, 0]),
+        truth.motor_effort[::EVERY, 0] + noise,
+        truth.tension[::EVERY],
+    )
+
+
+class Remote:
+    """An estimator process in a namespace of its own, and our ends of its topics."""
+
+    def __init__(self, node: Any, start_node: Any, side: str, **parameters: Any) -> None:
+        from cdrj_msgs.msg import CableTensions
+        from sensor_msgs.msg import JointState
+
+        self.node = node
+        self.answers: list[bytes] = []
+        self.motors, self.joints = (
+            node.create_publisher(JointState, f"/{side}/{topic}", 1000) for topic in INPUTS
+        )
+        answers = node.create_subscription(
+            CableTensions, f"/{side}/tensions", self.answers.append, 1000, raw=True
+        )
+        given = {"robot": ROBOT, "timeout": 3600.0, **parameters}
+        start_node(
+            "estimator", "--ros-args", "-r", f"__ns:=/{side}",
+            *(part for key, value in given.items() for part in ("-p", f"{key}:={value}")),
+        )  # fmt: skip
+        assert self.until(
+            lambda: (
+                self.motors.get_subscription_count() == 1
+                and self.joints.get_subscription_count() == 1
+                and node.count_publishers(answers.topic_name) == 1
+            )
+        )
+
+    def until(self, condition: Any) -> bool:
+        import rclpy
+
+        deadline = monotonic() + PATIENCE_S
+        while not condition():
+            if monotonic() > deadline:
+                return False
+            rclpy.spin_once(self.node, timeout_sec=0.01)
+        return True
+
+    def send(self, measured: Measured, count: int, *, efforts: bool = True) -> None:
+        """So many samples; waits for their answers."""
+        for k in range(count):
+            stamp = int(measured.stamp_ns[k])
+            self.joints.publish(JOINT.encode(stamp, position=measured.joint[k]))
+            angle = measured.motor[k]
+            self.motors.publish(
+                MOTOR.encode(stamp, position=angle, effort=measured.effort[k])
+                if efforts
+                else MOTOR_ALONE.encode(stamp, position=angle)
+            )
+            if k % BURST == BURST - 1:
+                assert self.until(lambda: len(self.answers) > k - AHEAD)  # noqa: B023
+        assert self.until(lambda: len(self.answers) == count)
+
+    def heard(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tensions and standard deviations of all answers [N], shapes (n, elements)."""
+        got = [cable_tensions(one) for one in self.answers]
+        tension, stddev = (np.array([one[k] for one in got]) for k in (2, 3))
+        return tension, stddev
+
+
+@pytest.mark.parametrize(
+    ("preload", "cycles", "faults"),
+    [(LOST, 10, ()), (WHOLE, 12, (CREEP,))],
+    ids=["before the start", "in motion"],
+)
+def test_the_motors_effort_recovers_a_preload_that_has_lost_a_fifth_within_ten_cycles(
+    node: Any, start_node: Any, preload: str, cycles: int, faults: tuple[Fault, ...]
+) -> None:
+    measured = measure(preload, cycles, *faults)
+    one = Remote(node, start_node, "tracked", track_preload=True)
+    one.send(measured, measured.stamp_ns.size)
+    tension, stddev = one.heard()
+    tenth = slice(-round(1e3 / FREQUENCY_HZ / EVERY), None)
+    error = (tension - measured.tension)[tenth]
+    for cable in (slice(0, 8), slice(8, 16)):
+        assert np.abs(error[:, cable]).mean() < 0.1 * LOST_N
+    assert np.mean(np.abs(error) < 2.0 * stddev[tenth]) > 0.92
+
+
+def test_unless_asked_for_the_same_efforts_change_no_byte_and_recover_nothing(
+    node: Any, start_node: Any
+) -> None:
+    measured = measure(LOST, 10)
+    count = measured.stamp_ns.size // 4
+    told = Remote(node, start_node, "told")
+    untold = Remote(node, start_node, "untold")
+    told.send(measured, count)
+    untold.send(measured, count, efforts=False)
+    assert told.answers == untold.answers
+    error = told.heard()[0] - measured.tension[:count]
+    assert error[:, :8].mean() > 0.95 * LOST_N
+    assert np.abs(error[:, 8:]).mean() < 0.1
