@@ -131,6 +131,11 @@ class Remote:
         self.answers.clear()
 
 
+def figures(words: str) -> None:
+    """For docs/reliability.md."""
+    print(words)  # noqa: T201
+
+
 def alone(model: Model, readings: Samples) -> np.ndarray:
     """Tensions without an end or a start in between [N]."""
     _, estimates = run(model, initial_state(model), readings)
@@ -160,6 +165,7 @@ def test_of_two_robots_on_a_network_one_is_killed_and_goes_on_and_the_other_neve
     assert np.array_equal(right.heard()[0], truth[:1000])
     tension, stddev = left.heard()
     apart = np.abs(tension - truth[805:1000]) / stddev
+    figures(f"first within {np.max(apart[0]):.2f} sigma, {np.mean(apart < 2.0):.1%} within two")
     assert np.max(apart[0]) < 2.0
     assert np.mean(apart < 2.0) > 0.95
 
@@ -177,13 +183,20 @@ def test_killed_without_a_state_file_it_is_within_two_sigma_at_once_and_soon_wit
     tension, stddev = one.heard()
     truth = alone(model, readings)[begin:end]
     error = np.abs(tension - truth)
-    assert np.mean((error <= 2.0 * stddev + 0.02)[:50]) > 0.9
+    assert np.all(error[0] <= 2.0 * stddev[0])
+    assert np.mean((error <= 2.0 * stddev)[:50]) > 0.97
     assert np.mean(error[0]) > 0.5  # nobody has told it what the friction had done
     angle = readings.joint_angle[begin:end, 0]
     turn = int(np.argmax(np.abs(angle[:1500] - angle[0])))
     back = turn + int(np.argmax(np.abs(angle[turn:] - angle[turn]) > 0.35))
     assert turn < back < len(angle) - 500
-    assert np.mean(error[back + 500 :] / truth[back + 500 :]) < 0.03
+    relative = np.mean(error[back + 500 :] / truth[back + 500 :], axis=0)
+    within = np.mean((error <= 2.0 * stddev)[:50]), np.mean(error <= 2.0 * stddev)
+    figures(f"first 50: {within[0]:.1%} within two sigma, all: {within[1]:.1%}")
+    print(
+        f"after a reversal {relative.mean():.2%} of the tension, worst element {relative.max():.2%}"
+    )
+    assert relative.max() < 0.03
 
 
 def test_what_the_services_set_outlives_a_kill(
