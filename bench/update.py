@@ -11,6 +11,7 @@ from bench.mjcf import mjcf
 from cdrj_ros.bag import Topics
 from cdrj_ros.commands.shared import load_model
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
+from cdrj_ros.estimation.uncertainty import Spread as Ensemble
 from cdrj_ros.model.plan import Model
 from cdrj_ros.validation import condition_recording, read_inputs
 
@@ -25,8 +26,10 @@ def recorded_motion(model: Model) -> Samples:
     return condition_recording(model, read_inputs(str(BAG), Topics(), model)).segments[0]
 
 
-def stepping(model: Model, motion: Samples, count: int) -> Callable[[], None]:
-    """``step`` over the first samples, one call each."""
+def stepping(
+    model: Model, motion: Samples, count: int, ensemble: Ensemble | None = None
+) -> Callable[[], None]:
+    """``step`` over the first samples, one call each; of an ensemble the ``update`` after each."""
     readings = [
         Sample(int(stamp), motor, joint)
         for stamp, motor, joint in zip(
@@ -42,7 +45,25 @@ def stepping(model: Model, motion: Samples, count: int) -> Callable[[], None]:
         for sample in readings:
             state, _ = step(model, state, sample)
 
-    return stepped
+    def stepped_with_spread() -> None:
+        assert ensemble is not None
+        ensemble.reset()
+        state = initial_state(model)
+        for sample in readings:
+            state, estimate = step(model, state, sample)
+            ensemble.update(sample, estimate)
+
+    return stepped if ensemble is None else stepped_with_spread
+
+
+def in_bulk(model: Model, motion: Samples, ensemble: Ensemble) -> Callable[[], None]:
+    """All samples in one call, standard deviations included."""
+
+    def ran() -> None:
+        ensemble.reset()
+        ensemble.run(initial_state(model), motion)
+
+    return ran
 
 
 def evaluating(model: Model, motion: Samples, count: int) -> Callable[[], None]:
@@ -68,7 +89,7 @@ def evaluating(model: Model, motion: Samples, count: int) -> Callable[[], None]:
 
 
 def measure() -> list[Row]:
-    """Microseconds per sample: one by one beside MuJoCo, and in bulk."""
+    """Microseconds per sample: one by one beside MuJoCo, in bulk, and both with their spread."""
     model = load_model(str(ROBOT))
     motion = recorded_motion(model)
     many = Samples(
@@ -76,13 +97,15 @@ def measure() -> list[Row]:
         motion.motor_angle[: BULK * STEPS],
         motion.joint_angle[: BULK * STEPS],
     )
-    ours, theirs, bulk = (
+    theirs, ours, sure, bulk, sure_bulk = (
         np.array(times) * 1e6
         for times in in_turn(
             ROUNDS,
-            stepping(model, motion, STEPS),
             evaluating(model, motion, STEPS),
+            stepping(model, motion, STEPS),
+            stepping(model, motion, STEPS, Ensemble(model)),
             lambda: run(model, initial_state(model), many),
+            in_bulk(model, many, Ensemble(model)),
         )
     )
     return [
@@ -90,5 +113,13 @@ def measure() -> list[Row]:
             "step", "one update, 2 cables, 14 pulleys, every output", "µs",
             ours / STEPS, "MuJoCo: two tendons, no friction", theirs / STEPS, "≤ 1",
         ),
-        Row("step", "the same in bulk (run)", "µs", Spread.of(bulk / (BULK * STEPS))),
+        compared(
+            "step", "one update with its standard deviations", "µs",
+            sure / STEPS, "one update without", ours / STEPS, "≤ 3",
+        ),
+        Row("step", "one update in bulk (run)", "µs", Spread.of(bulk / (BULK * STEPS))),
+        compared(
+            "step", "in bulk with standard deviations", "µs",
+            sure_bulk / (BULK * STEPS), "in bulk without", bulk / (BULK * STEPS), "≤ 3",
+        ),
     ]  # fmt: skip

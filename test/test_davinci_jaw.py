@@ -16,6 +16,7 @@ from cdrj_ros.estimation.metrics import pooled_errors
 from cdrj_ros.model.parameters import number_at, with_numbers
 from cdrj_ros.model.plan import Model, prepare
 from cdrj_ros.model.robot_file import build_robot, load_document, load_robot
+from cdrj_ros.validation import condition_recording, read_inputs
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBOT = ROOT / "config" / "robots" / "davinci_jaw.yaml"
@@ -95,6 +96,20 @@ def test_runs_that_were_not_fitted_are_explained(model: Model) -> None:
     spindle, jaw = r2_of(compared(model, "validate"))
     assert spindle >= 0.980
     assert jaw >= 0.970
+
+
+@recordings
+@pytest.mark.parametrize("folder", ["train", "validate", "other_wrist_pose"])
+def test_its_sensors_are_those_of_the_recordings(model: Model, folder: str) -> None:
+    """Every reading lies on the grid of the file's counts, and none is refused."""
+    for bag in sorted(entry for entry in (RECORDINGS / folder).iterdir() if entry.is_dir()):
+        recording = read_inputs(str(bag), Topics(), model)
+        readings = {**recording.motors, **recording.joints}
+        for axis in model.robot.axes:
+            counts = readings[axis.name].value / axis.sensor.resolution
+            assert np.abs(counts - np.round(counts)).max() < 0.01, (bag.name, axis.name)
+        conditioned = condition_recording(model, recording)
+        assert not any(conditioned.refused.values()), (bag.name, conditioned.refused)
 
 
 @recordings

@@ -44,11 +44,12 @@ def recording(
     noise: float = 0.02,
     seed: int = 1,
     name: str = "made_up",
+    frequency: float = 0.1,
 ) -> Recorded:
     """What the estimator itself says of a motion, with noise: a model without error."""
     model = prepare(build_robot(document, "made up"))
     time = np.arange(round(seconds * RATE)) / RATE
-    joint = amplitude * np.sin(2.0 * np.pi * 0.1 * time)
+    joint = amplitude * np.sin(2.0 * np.pi * frequency * time)
     motor = 8.0 * np.sin(joint) + 0.08 * np.sin(1.7 * time)
     stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
     samples = Samples(stamps, motor[:, None].copy(), joint[:, None].copy())
@@ -94,6 +95,69 @@ def test_a_model_without_error_is_found_again_within_its_standard_errors(
     assert np.sqrt(np.mean(off**2)) < 2.0
     np.testing.assert_allclose(found.values, truth, rtol=2e-3)
     assert not [text for text in found.findings if "told apart" in text]
+
+
+FRICTION_AND_DRUM = {
+    "friction.mu_c": 0.12,
+    "friction.mu_s": 0.24,
+    "friction.stribeck_speed": 0.04,
+    "friction.bearing_friction": 0.012,
+    "drum_radius": 0.0135,
+    "pulley_bearing_torque": 1.6e-3,
+}
+"""What is looked for, and starts 20 % off (the drum's radius: 10 %)."""
+
+
+@pytest.fixture(scope="module")
+def rubbing(document: Document) -> Document:
+    """The prototype with a drag of 2 N mm in the bearing of every pulley."""
+    return with_numbers(document, starting_values(document, ["pulley_bearing_torque=2e-3"]))
+
+
+def far_off(document: Document) -> dict[str, float]:
+    radii = {f"cables.{cable}.nodes.1.radius": 0.0135 for cable in ("upper", "lower")}
+    texts = [f"{name}={value}" for name, value in FRICTION_AND_DRUM.items() if "." in name]
+    drag = starting_values(document, ["pulley_bearing_torque=1.6e-3"])
+    return starting_values(document, texts) | drag | radii
+
+
+def test_stribeck_bearings_and_drum_are_found_from_slow_and_fast_motion(rubbing: Document) -> None:
+    """A fast motion takes the cable past the Stribeck speed, a slow one stays below it."""
+    both = [
+        recording(rubbing, 20.0, name="slow"),
+        recording(rubbing, 10.0, name="fast", seed=2, frequency=0.5),
+    ]
+    found = found_from(rubbing, ",".join(FRICTION_AND_DRUM), far_off(rubbing), both)
+    truth = np.array([number_at(rubbing, unknown.paths[0]) for unknown in found.unknowns])
+    off = (found.values - truth) / found.stddev
+    assert np.all(np.abs(off) < 3.0), dict(zip([u.name for u in found.unknowns], off, strict=True))
+    assert np.sqrt(np.mean(off**2)) < 2.0
+    assert np.all(found.stddev < 0.05 * truth), "known, not just allowed for"
+
+
+def test_slow_motion_alone_does_not_tell_the_stribeck_speed_and_says_so(
+    rubbing: Document,
+) -> None:
+    slow = recording(rubbing, 60.0, amplitude=0.1, noise=1.0, frequency=0.01)
+    fit = "friction.mu_c,friction.mu_s,friction.stribeck_speed"
+    start = {name: FRICTION_AND_DRUM[name] for name in fit.split(",")}
+    found = found_from(rubbing, fit, start, [slow])
+    (sentence,) = found.findings
+    assert "friction.stribeck_speed" in sentence
+    assert found.values[1] == pytest.approx(0.2, rel=0.02), "which is all there is at rest"
+    assert found.stddev[1] < 0.01 * 0.2
+
+
+def test_the_friction_of_bearings_is_not_seen_where_the_cable_slides_on_fixed_pulleys(
+    rubbing: Document,
+) -> None:
+    fixed = with_numbers(rubbing, {"friction.rho": 1.0})
+    fit = "friction.mu_c,friction.bearing_friction"
+    found = found_from(fixed, fit, {"friction.mu_c": 0.12}, [recording(fixed, 10.0)])
+    assert found.values[0] == pytest.approx(0.15, abs=3.0 * found.stddev[0])
+    assert any("bearing_friction has no influence" in text for text in found.findings)
+    silent = found.unknowns[1]
+    assert found.stddev[1] == pytest.approx((silent.upper - silent.lower) / np.sqrt(12.0))
 
 
 def test_standard_errors_of_white_noise_are_the_spread_over_repetitions(document: Document) -> None:

@@ -193,7 +193,7 @@ def test_killed_without_a_state_file_it_is_within_two_sigma_at_once_and_soon_wit
     relative = np.mean(error[back + 500 :] / truth[back + 500 :], axis=0)
     within = np.mean((error <= 2.0 * stddev)[:50]), np.mean(error <= 2.0 * stddev)
     figures(f"first 50: {within[0]:.1%} within two sigma, all: {within[1]:.1%}")
-    print(
+    figures(
         f"after a reversal {relative.mean():.2%} of the tension, worst element {relative.max():.2%}"
     )
     assert relative.max() < 0.03
