@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
@@ -216,6 +217,29 @@ def test_rosbags_and_mcap_read_the_written_bag_by_its_embedded_types(
         assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
         topics = {channel.topic for _, channel, _ in reader.iter_messages()}
     assert topics == set(seen)
+
+
+def test_a_reader_that_knows_no_types_reads_them_from_the_written_bag(
+    short: Path, tmp_path: Path
+) -> None:
+    """Foxglove's own decoder, every message of every topic."""
+    out = tmp_path / "out"
+    assert run(tmp_path, short, "--write-bag", out)[0] == 0
+    counts = dict.fromkeys(OUTPUTS, 0)
+    with (out / "out_0.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, channel, _, decoded in reader.iter_decoded_messages():
+            if channel.topic in counts:
+                counts[channel.topic] += 1
+                assert decoded.header.stamp.sec > 0
+                assert len(decoded.name) > 0
+    read = read_recording(out, Topics(references=OUTPUTS))
+    wanted = {
+        "/cdrj/tensions": "tension/upper/1",
+        "/cdrj/nodal_forces": "nodal_force/upper/2",
+        "/cdrj/efforts": "effort/winch",
+    }
+    assert counts == {t: read.references[name].value.size for t, name in wanted.items()}
 
 
 def test_an_estimate_in_the_original_gives_way_to_the_new_one(short: Path, tmp_path: Path) -> None:
