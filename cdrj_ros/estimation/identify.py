@@ -17,7 +17,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.identification.certainty import certainty, effective_variance
+from cdrj_ros.estimation.identification.certainty import (
+    certainty,
+    effective_variance,
+    remaining_step,
+)
 from cdrj_ros.estimation.identification.residuals import (
     CONDITIONING_KEYS,
     Observations,
@@ -33,10 +37,12 @@ from cdrj_ros.estimation.identification.solution import (
     LOSSES,
     Progress,
     jacobian,
+    limits,
     many_starts,
     robust_weights,
     solve,
     thresholds,
+    with_priors,
 )
 from cdrj_ros.estimation.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.document import Document
@@ -59,6 +65,12 @@ MOST_RESIDUALS: Final = 400_000
 COARSE_STEPS: Final = 60
 FINE_STEPS: Final = 6
 ROBUST_ROUNDS: Final = 3
+
+SETTLING_STEPS: Final = 5
+SETTLED: Final = 0.3
+"""A further step that is smaller than this is not taken [standard errors]."""
+UNSETTLED: Final = 1.0
+"""One that is larger, and could not be taken, is told [standard errors]."""
 
 WEIGHTS: Final = ("spread", "noise")
 
@@ -181,13 +193,12 @@ def identify(
                 last, coordinates, loss, FINE_STEPS, say, LAST_TOLERANCE, rough
             ).coordinates
             evaluations = last.evaluations
-        say("standard errors")
+        coordinates, slopes, unsettled = _settle(last, rough, coordinates, loss, say)
         here = rough.residuals(coordinates)
-        slopes = jacobian(rough, coordinates, central=True)[: here.size]
         bend = thresholds(rough, here)
         known = certainty(rough, coordinates, here, slopes, robust_weights(loss, here, bend))
         residuals = last.residuals(coordinates)
-        findings = known.findings
+        findings = known.findings + unsettled
         if settings.starts > 1:
             findings += (_of_starts(len(found), same),)
         return Identification(
@@ -202,6 +213,45 @@ def identify(
             float(np.sqrt(np.mean(residuals**2))),
             evaluations + rough.evaluations,
         )
+
+
+def _settle(
+    last: Problem, rough: Problem, coordinates: Vector, loss: str, say: Progress
+) -> tuple[Vector, Table, tuple[str, ...]]:
+    """Go on while a further step would be worth a good part of a standard error.
+
+    A cost that hardly falls any more ends a fit too early where most of it is noise.
+
+    Returns:
+        The coordinates, the Jacobian there without priors, and what is to be said if they still
+        move.
+    """
+    lower, upper = limits(last)
+    for _ in range(SETTLING_STEPS):
+        residuals = last.residuals(coordinates)
+        say("standard errors")
+        slopes = jacobian(rough, coordinates, central=True)[: residuals.size]
+        weights = robust_weights(loss, residuals, thresholds(last, residuals))
+        step, size = remaining_step(last, coordinates, residuals, slopes, weights)
+        worst = int(size.argmax())
+        if size[worst] <= SETTLED:
+            return coordinates, slopes, ()
+        moved = np.clip(coordinates + step, lower, upper)
+        after = with_priors(last, moved, last.residuals(moved))
+        before = with_priors(last, coordinates, residuals)
+        weights = np.concatenate([weights, np.ones(before.size - weights.size)])
+        if not weights @ after**2 < weights @ before**2:
+            break
+        say(f"one more step, of {size[worst]:.1f} standard errors")
+        coordinates = moved
+    slopes = jacobian(rough, coordinates, central=True)[: residuals.size]
+    if size[worst] <= UNSETTLED:
+        return coordinates, slopes, ()
+    sentence = (
+        f"The fit has not settled: {last.unknowns[worst].name} would still move by "
+        f"{size[worst]:.1f} of its standard errors."
+    )
+    return coordinates, slopes, (sentence,)
 
 
 def _changes_samples(path: str) -> bool:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cdrj_ros.estimation.conditioning import Readings
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.estimation.identification.certainty import remaining_step
 from cdrj_ros.estimation.identification.residuals import Recorded, channel_columns
 from cdrj_ros.estimation.identification.unknowns import (
     parse_unknowns,
@@ -146,6 +148,34 @@ def test_slow_motion_alone_does_not_tell_the_stribeck_speed_and_says_so(
     assert "friction.stribeck_speed" in sentence
     assert found.values[1] == pytest.approx(0.2, rel=0.02), "which is all there is at rest"
     assert found.stddev[1] < 0.01 * 0.2
+
+
+def test_a_fit_to_mostly_noise_does_not_stop_short_of_its_own_accuracy(
+    rubbing: Document, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cost hardly falls any more where the numbers still move by half a standard error."""
+    left: list[np.ndarray] = []
+
+    def remember(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
+        step, size = remaining_step(*arguments)
+        left.append(size)
+        return step, size
+
+    monkeypatch.setattr("cdrj_ros.estimation.identify.remaining_step", remember)
+    fit = "friction.mu_c,friction.mu_s,friction.stribeck_speed"
+    start = {name: FRICTION_AND_DRUM[name] for name in fit.split(",")}
+    noisy = [recording(rubbing, 60.0, noise=1.0)]
+    settled = found_from(rubbing, fit, start, noisy)
+    assert left[0].max() > 0.3
+    assert left[-1].max() < 0.1
+    assert not [text for text in settled.findings if "settled" in text]
+    truth = [number_at(rubbing, unknown.paths[0]) for unknown in settled.unknowns]
+    assert np.all(np.abs(settled.values - truth) < 3.0 * settled.stddev)
+
+    monkeypatch.setattr("cdrj_ros.estimation.identify.SETTLING_STEPS", 1)
+    monkeypatch.setattr("cdrj_ros.estimation.identify.UNSETTLED", 0.3)
+    hasty = found_from(rubbing, fit, start, noisy)
+    assert [text for text in hasty.findings if text.startswith("The fit has not settled: friction")]
 
 
 def test_the_friction_of_bearings_is_not_seen_where_the_cable_slides_on_fixed_pulleys(

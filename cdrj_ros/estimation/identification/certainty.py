@@ -43,6 +43,9 @@ STRETCHES: Final = 4
 VISITED: Final = 0.01
 """Share of a recording from which a state counts as gone through."""
 
+AT_BOUND: Final = 1e-6
+"""A number is at a bound that is no further away than this share of the range."""
+
 RATE_WINDOW_S: Final = 0.05
 """Half the time over which the direction of motion is looked at [s]."""
 
@@ -87,6 +90,36 @@ def certainty(
         np.clip(correlation, -1.0, 1.0),
         findings(problem, coordinates, information, covariance),
     )
+
+
+def remaining_step(
+    problem: Problem, coordinates: Vector, residuals: Vector, jacobian: Table, weights: Vector
+) -> tuple[Vector, Vector]:
+    """The Gauss-Newton step that a solution leaves undone; arguments as for ``certainty``.
+
+    Returns:
+        The step in coordinates, and its size in standard errors, shape (p,) each; 0 for numbers
+        at a bound that it would leave.
+    """
+    variance = effective_variance(problem, residuals * np.sqrt(weights))
+    information = jacobian.T @ (jacobian * weights[:, None]) / variance
+    information += np.diag(_known_beforehand(problem, coordinates))
+    uphill = jacobian.T @ (residuals * weights) / variance
+    for k, (unknown, x) in enumerate(zip(problem.unknowns, coordinates, strict=True)):
+        if unknown.prior is not None:
+            off = unknown.value(float(x)) - unknown.prior[0]
+            uphill[k] += unknown.slope(float(x)) * off / unknown.prior[1] ** 2
+    lower, upper = limits(problem)
+    margin = AT_BOUND * (upper - lower)
+    leaves = ((coordinates <= lower + margin) & (uphill > 0.0)) | (
+        (coordinates >= upper - margin) & (uphill < 0.0)
+    )
+    free = np.flatnonzero(~leaves)
+    covariance = np.linalg.inv(information[np.ix_(free, free)])
+    step, size = np.zeros(coordinates.size), np.zeros(coordinates.size)
+    step[free] = -covariance @ uphill[free]
+    size[free] = np.abs(step[free]) / np.sqrt(np.diag(covariance))
+    return step, size
 
 
 def effective_variance(problem: Problem, residuals: Vector) -> float:
