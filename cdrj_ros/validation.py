@@ -20,8 +20,8 @@ from cdrj_ros.estimation.comparison import (
     summed_up,
     unknown_references,
 )
-from cdrj_ros.estimation.conditioning import Conditioned, Readings, condition
 from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
+from cdrj_ros.estimation.offline import Conditioned, Readings, condition
 from cdrj_ros.estimation.pulley_friction import PulleyFriction, pulley_friction
 from cdrj_ros.estimation.reversals import clock_resets, reversal_zones
 from cdrj_ros.estimation.uncertainty import Spread, spread_columns

@@ -29,7 +29,6 @@ from cdrj_ros.commands.shared import (
 )
 from cdrj_ros.commands.validate import validate_bag
 from cdrj_ros.estimation.comparison import BagComparison
-from cdrj_ros.estimation.conditioning import Readings
 from cdrj_ros.estimation.identification.residuals import Recorded
 from cdrj_ros.estimation.identification.solution import LOSSES
 from cdrj_ros.estimation.identification.unknowns import (
@@ -40,6 +39,7 @@ from cdrj_ros.estimation.identification.unknowns import (
 )
 from cdrj_ros.estimation.identify import WEIGHTS, Identification, Settings, identify
 from cdrj_ros.estimation.metrics import ChannelError, pooled_errors
+from cdrj_ros.estimation.offline import Readings
 from cdrj_ros.model.document import Document, complaints, parse_document, schema
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.parameters import with_numbers

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.conditioning import CONFIRMATIONS, MAX_GAP_NS
+from cdrj_ros.estimation.channel import CONFIRMATIONS, MAX_GAP_NS
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

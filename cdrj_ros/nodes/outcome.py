@@ -10,8 +10,8 @@ import numpy as np
 
 from cdrj_ros.bag import Recording
 from cdrj_ros.estimation.comparison import BagComparison
-from cdrj_ros.estimation.conditioning import Conditioned
 from cdrj_ros.estimation.estimator import Samples
+from cdrj_ros.estimation.offline import Conditioned
 from cdrj_ros.model.plan import Model
 from cdrj_ros.nodes.answers import STALLED_S, Floats, Heard, Stamps, Tally, channels_of
 from cdrj_ros.validation import compare_with_references, counters_of

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.comparison import Angle, Channel, compare
-from cdrj_ros.estimation.conditioning import Readings, condition
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.estimation.offline import Readings, condition
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.plan import prepare

@@ -10,15 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cdrj_ros.estimation.conditioning import (
-    CONFIRMATIONS,
-    MAX_GAP_NS,
-    Conditioned,
-    Conditioner,
-    Readings,
-    condition,
-)
+from cdrj_ros.estimation.channel import CONFIRMATIONS, MAX_GAP_NS
+from cdrj_ros.estimation.conditioning import Conditioner
 from cdrj_ros.estimation.estimator import Sample
+from cdrj_ros.estimation.offline import Conditioned, Readings, condition
 from cdrj_ros.model.robot_file import parse_robot
 
 ROBOT = parse_robot("""

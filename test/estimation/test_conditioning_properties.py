@@ -12,16 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cdrj_ros.estimation import conditioning
-from cdrj_ros.estimation.conditioning import (
-    MAX_GAP_NS,
-    RANGE_MARGIN,
-    WHOLE,
-    Conditioner,
-    Readings,
-    condition,
-    limits_of,
-)
+from cdrj_ros.estimation.channel import MAX_GAP_NS, RANGE_MARGIN, limits_of
+from cdrj_ros.estimation.conditioning import WHOLE, Conditioner
 from cdrj_ros.estimation.estimator import Sample
+from cdrj_ros.estimation.offline import Readings, condition
 from cdrj_ros.model.robot_file import parse_robot
 
 PLAIN = """

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.conditioning import Readings
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.estimation.identification.certainty import remaining_step
 from cdrj_ros.estimation.identification.residuals import Recorded, channel_columns
@@ -21,6 +20,7 @@ from cdrj_ros.estimation.identification.unknowns import (
     with_priors,
 )
 from cdrj_ros.estimation.identify import Identification, Settings, identify
+from cdrj_ros.estimation.offline import Readings
 from cdrj_ros.model.document import Document
 from cdrj_ros.model.errors import RobotFileError, UsageError
 from cdrj_ros.model.parameters import number_at, with_numbers

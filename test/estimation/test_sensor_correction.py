@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.conditioning import Conditioner, Readings, condition
+from cdrj_ros.estimation.conditioning import Conditioner
+from cdrj_ros.estimation.offline import Readings, condition
 from cdrj_ros.model.errors import RobotFileError
 from cdrj_ros.model.robot import Robot, Sensor
 from cdrj_ros.model.robot_file import load_robot, parse_robot

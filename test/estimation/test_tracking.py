@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cdrj_ros.estimation.conditioning import Conditioner, Readings, condition
+from cdrj_ros.estimation.conditioning import Conditioner
+from cdrj_ros.estimation.offline import Readings, condition
 from cdrj_ros.estimation.tracking import half_width, new_track, track, track_all
 from cdrj_ros.model.errors import RobotFileError
 from cdrj_ros.model.robot import Sensor

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from cdrj_ros.commands.shared import load_model
-from cdrj_ros.estimation.conditioning import MAX_GAP_NS, Conditioner, Readings, condition
+from cdrj_ros.estimation.channel import MAX_GAP_NS
+from cdrj_ros.estimation.conditioning import Conditioner
 from cdrj_ros.estimation.estimator import Sample, Samples
 from cdrj_ros.estimation.live import LiveEstimator, Options, Output
+from cdrj_ros.estimation.offline import Readings, condition
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.plan import Model, prepare

@@ -31,8 +31,9 @@ from cdrj_ros.cdr import (
 )
 from cdrj_ros.cdr import read_layout as layout_of
 from cdrj_ros.commands.shared import load_model
-from cdrj_ros.estimation.conditioning import WHOLE, Readings, condition
+from cdrj_ros.estimation.conditioning import WHOLE
 from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
+from cdrj_ros.estimation.offline import Readings, condition
 from cdrj_ros.model.plan import Model
 from cdrj_ros.model.status import INVALID, UNSURE
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.commands.shared import load_model
-from cdrj_ros.estimation.conditioning import Readings, condition
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.offline import Readings, condition
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.status import SLACK
 from cdrj_ros.rig.motion import Motion, dwell, ramps, random, sine

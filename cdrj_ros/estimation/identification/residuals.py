@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.conditioning import Readings, condition
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.estimation.identification.unknowns import Unknown, values_by_path
+from cdrj_ros.estimation.offline import Readings, condition
 from cdrj_ros.model.document import Document
 from cdrj_ros.model.errors import RobotFileError, UsageError
 from cdrj_ros.model.parameters import with_numbers
