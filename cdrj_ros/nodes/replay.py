@@ -354,6 +354,17 @@ def _replay(
         node = ReplayNode(wiring)
     executor = EventsExecutor()
     executor.add_node(node)
+    try:
+        return _play_and_report(arguments, model, node, executor, bags, stop)
+    finally:  # in this order: an event that comes in between would reach what is no longer there
+        executor.shutdown()
+        node.destroy_node()
+
+
+def _play_and_report(
+    arguments: argparse.Namespace, model: Model, node: ReplayNode, executor: EventsExecutor,
+    bags: Sequence[Bag], stop: StopRequest,
+) -> int:  # fmt: skip
     controls, display, keyboard = Controls(), Display(), Keyboard()
     player = Player(model, node, executor, stop, controls, keyboard, display)
     offer_services(node, controls, player)
