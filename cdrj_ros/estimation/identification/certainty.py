@@ -95,7 +95,7 @@ def certainty(
 def remaining_step(
     problem: Problem, coordinates: Vector, residuals: Vector, jacobian: Table, weights: Vector
 ) -> tuple[Vector, Vector]:
-    """The Gauss-Newton step that a solution leaves undone; arguments as for ``certainty``.
+    """(I4): the Gauss-Newton step that a solution leaves undone; arguments as for ``certainty``.
 
     Returns:
         The step in coordinates, and its size in standard errors, shape (p,) each; 0 for numbers
