@@ -40,7 +40,7 @@ check: setup
 	@$(IN_ENV) ruff check
 	@$(IN_ENV) ruff format --check
 	@$(IN_ENV) tools/types.sh
-	@$(IN_ENV) python -m pytest -q test/test_imports.py
+	@$(IN_ENV) python -m pytest -q test/project/test_rooms.py
 
 bench: setup $(BENCH)
 	@$(IN_ENV) python -m bench

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import cos, degrees, sin
 
-from cdrj_ros.model.robot import Profile, Pulley, Robot, Winch
+from cdrj_ros.robot.description import Profile, Pulley, Robot, Winch
 
 ROLLING_RADIUS = 0.04
 """R of the rolling joint [m], assumed as in the simulated rig."""

@@ -23,11 +23,12 @@ from bench.processes import (
     spin_until,
 )
 from bench.update import recorded_motion
-from cdrj_ros.cdr import JOINT_STATE, Template
-from cdrj_ros.commands.shared import load_model
-from cdrj_ros.conversions import EstimateEncoder
-from cdrj_ros.estimation.estimator import Sample, initial_state, step
-from cdrj_ros.model.plan import Model
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.messages.cdr import JOINT_STATE, Template
+from cdrj_ros.messages.conversions import EstimateEncoder
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
 
 BLOCKS = 8
 """Turns of each node; one more, before, goes uncounted."""

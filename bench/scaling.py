@@ -12,9 +12,10 @@ from math import pi
 import numpy as np
 
 from bench.figures import Row, Spread, compared, in_turn
-from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot import Anchor, Cable, Friction, Motor, Profile, Pulley, Robot, Winch
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.description import Anchor, Cable, Friction, Motor, Profile, Pulley, Robot, Winch
 
 PULLEYS = (7, 30, 100, 1000, 10_000)
 ROUNDS = 5

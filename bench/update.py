@@ -9,11 +9,12 @@ import numpy as np
 from bench.figures import BAG, ROBOT, Row, Spread, compared, in_turn
 from bench.mjcf import mjcf
 from cdrj_ros.bag import Topics
-from cdrj_ros.commands.shared import load_model
-from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
-from cdrj_ros.estimation.uncertainty import Spread as Ensemble
-from cdrj_ros.model.plan import Model
-from cdrj_ros.validation import condition_recording, read_inputs
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.ensemble import Spread as Ensemble
+from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
 
 STEPS = 10_000
 ROUNDS = 15

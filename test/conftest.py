@@ -16,8 +16,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
-    from cdrj_ros.estimation.estimator import Samples
-    from cdrj_ros.model.plan import Model
+    from cdrj_ros.conditioning.samples import Samples
+    from cdrj_ros.model.prepared import Model
 
 DOMAINS = 101
 """1 to 101: above, the ports are those that Linux gives to anyone."""
@@ -45,8 +45,8 @@ SAMPLE = Path(__file__).parents[1] / "bags" / "prototype_preload_36_26"
 def recorded() -> Callable[[Model, int], Samples]:
     """Angles of the sample recording, six cycles at 1.5 kHz, of which every so many-th is kept."""
     from cdrj_ros.bag import Topics
-    from cdrj_ros.estimation.estimator import Samples
-    from cdrj_ros.validation import condition_recording, read_inputs
+    from cdrj_ros.conditioning.samples import Samples
+    from cdrj_ros.judgement.validation import condition_recording, read_inputs
 
     def every(model: Model, step: int) -> Samples:
         recording = read_inputs(str(SAMPLE), Topics(), model)

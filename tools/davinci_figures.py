@@ -22,17 +22,17 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.bag import Topics  # noqa: E402
-from cdrj_ros.estimation.metrics import pooled_errors  # noqa: E402
-from cdrj_ros.model.parameters import with_numbers  # noqa: E402
-from cdrj_ros.model.plan import Model, prepare  # noqa: E402
-from cdrj_ros.model.robot_file import build_robot, load_document  # noqa: E402
-from cdrj_ros.validation import (  # noqa: E402
+from cdrj_ros.judgement.metrics import pooled_errors  # noqa: E402
+from cdrj_ros.judgement.validation import (  # noqa: E402
     compare_with_references,
     condition_recording,
     estimate,
     estimate_channels,
     read_inputs,
 )
+from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
+from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
+from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402

@@ -102,7 +102,7 @@ class Feeder:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import JointState
 
-        from cdrj_ros.cdr import JOINT_STATE, Template
+        from cdrj_ros.messages.cdr import JOINT_STATE, Template
 
         self.node = Node("soak", namespace="cdrj")
         self.executor = EventsExecutor()
@@ -195,7 +195,7 @@ class Feeder:
 def _run(feeder: Feeder, process: subprocess.Popen[bytes], minutes: float, rate: float) -> Soak:
     import psutil
 
-    from cdrj_ros.commands.shared import progress_bar
+    from cdrj_ros.foundation.progress import progress_bar
 
     soak = Soak()
     resident = psutil.Process(process.pid)

@@ -1,4 +1,4 @@
-"""Bags in MCAP (or, read only, sqlite3): the only place that opens them; knows no ROS."""
+"""Recordings on disk; nothing else opens one."""
 
 from cdrj_ros.bag.messages import RawMessage, TopicInfo, list_topics, read_messages
 from cdrj_ros.bag.recording import Recording, Series, Topics, read_recording

@@ -1,8 +1,8 @@
 """Many messages of one topic decoded at once.
 
-Payloads of equal length are stacked into rows.  A row's layout is worked out once with care
-(`cdrj_ros.cdr.read_layout`); all rows that agree with it in the bytes that decide the layout are
-then read by slicing columns.  What disagrees is looked at on its own.
+Payloads of equal length are stacked into rows.  The layout of one row is parsed with every check
+(`cdrj_ros.messages.cdr.read_layout`); all rows that agree with it in the bytes that decide the
+layout are then read by slicing columns.  A row that disagrees is parsed on its own.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy.typing as npt
 import zstandard
 
 from cdrj_ros.bag.mcap_file import ZSTD_MAGIC, Batch, Int64s, Octets, column, pick
-from cdrj_ros.cdr import TEXT, Field, Layout, MessageError, MessageType, read_layout
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.messages.cdr import TEXT, Field, Layout, MessageError, MessageType, read_layout
 
 Float64s = npt.NDArray[np.float64]
 

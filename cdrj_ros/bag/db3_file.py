@@ -15,7 +15,7 @@ import numpy as np
 from cdrj_ros.bag.bulk import LEAD
 from cdrj_ros.bag.definitions import long_name
 from cdrj_ros.bag.mcap_file import Batch, Channel, Int64s, Stretch
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
 
 MAGIC: Final = b"SQLite format 3\0"
 _AT_ONCE: Final = 20_000

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from cdrj_ros.cdr import MESSAGE_TYPES, TEXT, Field, MessageType
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.messages.cdr import MESSAGE_TYPES, TEXT, Field, MessageType
 
 OWN_PACKAGE: Final = "cdrj_msgs"
 

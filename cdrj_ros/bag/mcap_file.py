@@ -29,7 +29,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 
 from cdrj_ros.bag.definitions import long_name
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"

@@ -13,7 +13,7 @@ from cdrj_ros.bag.bulk import unpack_message
 from cdrj_ros.bag.mcap_file import ZSTD_MAGIC, Batch, Channel, Int64s
 from cdrj_ros.bag.recording import require_cdr
 from cdrj_ros.bag.source import BagFile, Source, open_source
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
 
 
 class RawMessage(NamedTuple):

@@ -14,8 +14,8 @@ from cdrj_ros.bag.bulk import Block, BulkDecoder, merged
 from cdrj_ros.bag.definitions import message_type
 from cdrj_ros.bag.mcap_file import Batch, Channel
 from cdrj_ros.bag.source import BagFile, Source, open_source
-from cdrj_ros.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 
 REFERENCE_ARRAYS: Final[Mapping[str, tuple[str, str]]] = {
     CABLE_TENSIONS.name: ("tension", "tension"),

@@ -13,7 +13,7 @@ from ruamel.yaml.error import YAMLError
 
 from cdrj_ros.bag.db3_file import Db3File
 from cdrj_ros.bag.mcap_file import Channel, McapFile
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
 
 METADATA: Final = "metadata.yaml"
 _SUFFIXES: Final = (".mcap", ".mcap.zstd", ".db3")

@@ -20,8 +20,8 @@ from cdrj_ros.bag.mcap_writing import COMPRESSIONS, Block, write_file
 from cdrj_ros.bag.metadata import OFFERED_QOS, WrittenTopic, information, metadata_file
 from cdrj_ros.bag.recording import require_cdr
 from cdrj_ros.bag.source import METADATA, open_source
-from cdrj_ros.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, Template
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, Template
 
 _CHUNK_BYTES: Final = 1 << 20
 

@@ -1,1 +1,1 @@
-"""The command lines: arguments, printing and exit codes, nothing else."""
+"""Command lines: arguments, printing, exit codes."""

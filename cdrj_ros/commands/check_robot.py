@@ -9,8 +9,9 @@ from collections.abc import Iterator, Sequence
 from math import degrees, isfinite, pi
 from typing import TYPE_CHECKING, Any, Final
 
-from cdrj_ros.commands.shared import DONE, load_model, run_command
-from cdrj_ros.estimation.inspection import (
+from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.inspection.ranges import (
     CableCheck,
     Extent,
     Inspection,
@@ -18,10 +19,10 @@ from cdrj_ros.estimation.inspection import (
     pose_text,
     prismatic_joints,
 )
-from cdrj_ros.estimation.suspicions import Suspicion, find_suspicions
-from cdrj_ros.model.errors import UsageError
-from cdrj_ros.model.robot import Robot
-from cdrj_ros.model.robot_file import load_document
+from cdrj_ros.inspection.suspicions import Suspicion, find_suspicions
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import load_document
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -52,7 +53,7 @@ def _body(argv: Sequence[str]) -> int:
     else:
         _print(inspection, suspicions)
     if arguments.json and arguments.json != "-":
-        from cdrj_ros.report.files import write_text
+        from cdrj_ros.foundation.files import write_text
 
         write_text(arguments.json, _json_text(inspection, suspicions))
         print(f"figures: {arguments.json}")

@@ -18,39 +18,29 @@ from numpy.typing import NDArray
 
 from cdrj_ros import __version__
 from cdrj_ros.bag import Recording, Topics
-from cdrj_ros.commands.shared import (
-    DONE,
-    LINE_S,
-    add_topic_options,
-    progress_bar,
-    robot_path,
-    run_command,
-    topics_of,
-)
+from cdrj_ros.commands.shared import DONE, add_topic_options, run_command, topics_of
 from cdrj_ros.commands.validate import validate_bag
-from cdrj_ros.estimation.comparison import BagComparison
-from cdrj_ros.estimation.identification.residuals import Recorded
-from cdrj_ros.estimation.identification.solution import LOSSES
-from cdrj_ros.estimation.identification.unknowns import (
+from cdrj_ros.conditioning.whole_recording import Readings
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.progress import LINE_S, progress_bar
+from cdrj_ros.identification.fit import WEIGHTS, Identification, Settings, identify
+from cdrj_ros.identification.residuals import Recorded
+from cdrj_ros.identification.solution import LOSSES
+from cdrj_ros.identification.unknowns import (
     parse_unknowns,
     starting_values,
     with_bounds,
     with_priors,
 )
-from cdrj_ros.estimation.identify import WEIGHTS, Identification, Settings, identify
-from cdrj_ros.estimation.metrics import ChannelError, pooled_errors
-from cdrj_ros.estimation.offline import Readings
-from cdrj_ros.model.document import Document, complaints, parse_document, schema
-from cdrj_ros.model.errors import UsageError
-from cdrj_ros.model.parameters import with_numbers
-from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot_file import build_robot, load_document, parse_robot
-from cdrj_ros.model.robot_writer import (
-    with_numbers_in_text,
-    with_section,
-    yaml_number,
-)
-from cdrj_ros.validation import read_inputs
+from cdrj_ros.judgement.comparison import BagComparison
+from cdrj_ros.judgement.metrics import ChannelError, pooled_errors
+from cdrj_ros.judgement.validation import read_inputs
+from cdrj_ros.model.loading import robot_path
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.document import Document, complaints, parse_document, schema
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document, parse_robot
+from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
 
 COVARIANCE_LIMIT: Final = 64
 """Parameters whose covariance a robot file can hold."""

@@ -10,8 +10,10 @@ from pathlib import Path
 from time import monotonic
 from typing import Final
 
-from cdrj_ros.commands.shared import DONE, load_model, progress_bar, run_command
-from cdrj_ros.model.errors import UsageError
+from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.model.loading import load_model
 from cdrj_ros.reproduction.runs import Motion
 from cdrj_ros.reproduction.study import numbers, work
 from cdrj_ros.reproduction.tables import Table, markdown, rich_table, tables

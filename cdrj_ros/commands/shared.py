@@ -5,28 +5,21 @@ from __future__ import annotations
 import argparse
 import platform
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from importlib import metadata
-from pathlib import Path
-from time import monotonic
 from typing import Final
 
 from cdrj_ros import __version__
 from cdrj_ros.bag import Topics
-from cdrj_ros.estimation.comparison import BagComparison
-from cdrj_ros.estimation.limits import Judgement
-from cdrj_ros.model.errors import CdrjError, RobotFileError, UsageError
-from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot_file import build_robot, load_document
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.judgement.comparison import BagComparison
+from cdrj_ros.judgement.limits import Judgement
+from cdrj_ros.model.prepared import Model
 
 DONE: Final = 0
 OUTSIDE_LIMITS: Final = 1
 BAD_INPUT: Final = 2
 INTERRUPTED: Final = 130
-
-LINE_S: Final = 5.0
-"""Time between two lines of progress where there is no terminal [s]."""
 
 
 def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:
@@ -101,92 +94,6 @@ def topics_of(arguments: argparse.Namespace) -> Topics:
     )
 
 
-def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model:
-    """Read and prepare a robot file; a bare name means one of the installed ones.
-
-    Args:
-        path: the file, or a name.
-        preload: of every cable [N], as numbers or as text with commas; None or empty for the
-            file's.
-
-    Raises:
-        CdrjError: what is wrong with either, in one line.
-    """
-    document, source = load_document(robot_path(path))
-    if not preload:
-        return prepare(build_robot(document, source))
-    try:
-        values = [float(v) for v in (preload.split(",") if isinstance(preload, str) else preload)]
-    except ValueError as error:
-        raise UsageError(f"preload must be numbers and commas, got {preload!r}") from error
-    cables = document["cables"]
-    if len(values) != len(cables) or not all(0.0 <= value < 1e6 for value in values):
-        raise UsageError(
-            f"preload needs {len(cables)} tensions in [0, 1e6) N, one for each of "
-            f"{', '.join(cable['name'] for cable in cables)}; got {preload!r}"
-        )
-    for cable, value in zip(cables, values, strict=True):
-        cable["preload"] = value
-    return prepare(build_robot(document, source))
-
-
-def robot_path(path: str) -> Path:
-    """The robot file; a bare name means one of the installed ones.
-
-    Raises:
-        RobotFileError: there is none of that name.
-    """
-    if not Path(path).exists() and "/" not in path and not path.endswith(".yaml"):
-        for folder in _installed_robots():
-            if (folder / f"{path}.yaml").exists():
-                return folder / f"{path}.yaml"
-        raise RobotFileError(f"there is no robot file {path}, and none of that name is installed")
-    return Path(path)
-
-
-def _installed_robots() -> Iterator[Path]:
-    """Folders that may hold the package's own robot files: beside the source, or installed."""
-    here = Path(__file__).resolve()
-    yield here.parents[2] / "config" / "robots"
-    for parent in here.parents:
-        yield parent / "share" / "cdrj_ros" / "config" / "robots"
-
-
-def _lines(description: str, total: float) -> Callable[[float], None]:
-    """Progress where there is no terminal: a line now and then."""
-    begin = last = monotonic()
-
-    def report(done: float) -> None:
-        nonlocal last
-        if monotonic() - last > LINE_S:
-            last = monotonic()
-            share = done / max(total, 1e-9)
-            left = (last - begin) * (1.0 / share - 1.0) if share >= 0.01 else 0.0
-            remaining = f", {left:.0f} s left" if left >= 0.5 else ""
-            text = f"{description}: {100.0 * share:.0f} %{remaining}"
-            print(text, file=sys.stderr, flush=True)
-
-    return report
-
-
-@contextmanager
-def progress_bar(description: str, total: float) -> Iterator[Callable[[float], None]]:
-    """A bar on standard error; yields a function that takes what is done."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(file=sys.stderr)
-    if not console.is_terminal:
-        yield _lines(description, total)
-        return
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(), console=console, transient=True,
-    ) as progress:  # fmt: skip
-        task = progress.add_task(description, total=total)
-        yield lambda done: progress.update(task, completed=done)
-
-
 def versions() -> dict[str, str]:
     """What produced the numbers."""
     named = {"cdrj_ros": __version__, "Python": platform.python_version()}
@@ -203,9 +110,9 @@ def write_results(
     judgement: Judgement | None = None,
 ) -> None:
     """Print the table, then write what the options ask for."""
-    from cdrj_ros.estimation.metrics import pooled_errors
+    from cdrj_ros.judgement.metrics import pooled_errors
+    from cdrj_ros.judgement.validation import PUBLISHED, PUBLISHED_HEADING, robot_summary
     from cdrj_ros.report.table import print_judgement, print_table
-    from cdrj_ros.validation import PUBLISHED, PUBLISHED_HEADING, robot_summary
 
     beside = PUBLISHED if model.robot.name == "prototype" else None
     heading = PUBLISHED_HEADING if beside else ""
@@ -224,7 +131,7 @@ def write_results(
         write_json(arguments.json, comparisons, judgement)
         print(f"figures: {arguments.json}")
     if arguments.html:
-        from cdrj_ros.estimation.inspection import inspect_robot
+        from cdrj_ros.inspection.ranges import inspect_robot
         from cdrj_ros.report.drawing import draw_robot
         from cdrj_ros.report.html import write_report
 

@@ -12,16 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.bag import BagWriter, Topics, read_recording
-from cdrj_ros.commands.shared import (
-    DONE,
-    add_robot_option,
-    load_model,
-    progress_bar,
-    run_command,
-)
-from cdrj_ros.model.errors import UsageError
-from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot import Joint, Motor, Robot
+from cdrj_ros.commands.shared import DONE, add_robot_option, run_command
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.rig import motion
 from cdrj_ros.rig.faults import KINDS as FAULTS
 from cdrj_ros.rig.faults import Fault
@@ -39,6 +34,7 @@ from cdrj_ros.rig.sensors import (
     schedule,
 )
 from cdrj_ros.rig.truth import Progress, SlackError, Truth, follow, simulate
+from cdrj_ros.robot.description import Joint, Motor, Robot
 
 EPOCH_NS: Final = 1_700_000_000_000_000_000
 """Stamp of a simulated recording's start [ns]."""

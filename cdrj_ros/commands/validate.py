@@ -23,19 +23,16 @@ from cdrj_ros.commands.shared import (
     add_result_options,
     add_robot_option,
     add_topic_options,
-    load_model,
-    progress_bar,
     run_command,
     topic_prefix,
     topics_of,
     write_results,
 )
-from cdrj_ros.estimation.comparison import BagComparison
-from cdrj_ros.estimation.limits import judge, load_limits
-from cdrj_ros.model.errors import BagError, UsageError
-from cdrj_ros.model.plan import Model
-from cdrj_ros.model.robot import Robot
-from cdrj_ros.validation import (
+from cdrj_ros.foundation.errors import BagError, UsageError
+from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.judgement.comparison import BagComparison
+from cdrj_ros.judgement.limits import judge, load_limits
+from cdrj_ros.judgement.validation import (
     OUTPUTS,
     compare_with_references,
     condition_recording,
@@ -46,6 +43,9 @@ from cdrj_ros.validation import (
     stddev_channels,
     write_estimates,
 )
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.robot.description import Robot
 
 READING_SHARE = 0.5
 """Of the time that a bag takes, for the progress shown."""

@@ -1,1 +1,1 @@
-"""From samples to estimates, and how good the estimates are."""
+"""Samples become estimates with standard deviations."""

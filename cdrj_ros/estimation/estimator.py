@@ -11,8 +11,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.model.mechanism import advance, advance_all
-from cdrj_ros.model.plan import Layout, Model
+from cdrj_ros.model.prepared import Layout, Model
 
 Vector = NDArray[np.float64]
 
@@ -22,17 +23,6 @@ NEVER: Final = -1
 
 _empty: Final = np.empty
 _tuple: Final = tuple.__new__
-
-
-class Sample(NamedTuple):
-    """Encoder readings of all motors and joints at one time."""
-
-    stamp_ns: int
-    """Time since the clock's epoch [ns]."""
-    motor_angle: Vector
-    """[rad], shape (motors,), in the robot's order."""
-    joint_angle: Vector
-    """[rad], shape (joints,), in the robot's order."""
 
 
 class State(NamedTuple):
@@ -99,18 +89,6 @@ class Estimate(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Samples:
-    """Encoder readings over time."""
-
-    stamp_ns: NDArray[np.int64]
-    """Increasing [ns], shape (n,)."""
-    motor_angle: NDArray[np.float64]
-    """[rad], shape (n, motors)."""
-    joint_angle: NDArray[np.float64]
-    """[rad], shape (n, joints)."""
-
-
-@dataclass(frozen=True)
 class Estimates:
     """Everything that is estimated over time."""
 
@@ -121,7 +99,7 @@ class Estimates:
     layout: Layout
     stddev: NDArray[np.float64] | None = None
     """Standard deviations of tensions, magnitudes of nodal forces, efforts of motors and of joints,
-    shape (n, elements + pulleys + motors + joints); see ``cdrj_ros.estimation.uncertainty``."""
+    shape (n, elements + pulleys + motors + joints); see ``cdrj_ros.estimation.ensemble``."""
 
 
 def initial_state(model: Model) -> State:
@@ -135,7 +113,7 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     Args:
         model: the prepared robot.
         state: from ``initial_state`` or the step before.
-        sample: later than the state; finite (see ``cdrj_ros.estimation.conditioning``).
+        sample: later than the state; finite (see ``cdrj_ros.conditioning.time_line``).
 
     Returns:
         The new state and the estimate at the sample's stamp.

@@ -16,11 +16,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.estimator import Estimate, Sample, State
-from cdrj_ros.estimation.uncertainty import Spread
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.estimator import Estimate, State
 from cdrj_ros.model import packing
-from cdrj_ros.model.plan import Model, shape_at
-from cdrj_ros.model.robot import Winch
+from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.robot.description import Winch
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import State
-from cdrj_ros.estimation.live import LiveEstimator
-from cdrj_ros.model.errors import CdrjError
-from cdrj_ros.model.plan import Model
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.model.prepared import Model
 
 MAXIMUM_BYTES: Final = 50_000_000
 """A state file is small; more is not one."""

@@ -1,1 +1,1 @@
-"""The physics: frozen values and pure functions; knows nothing of time series, files or ROS."""
+"""One sample of physics: angles and friction history in, tensions out."""

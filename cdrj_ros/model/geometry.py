@@ -31,9 +31,6 @@ FRAME, NODE_INDICES = range(2)
 X, Y, NODE_RADIUS, TURN, ARC_REFERENCE, ARC_ANGLE, NODE_NUMBERS = range(7)
 POSE_X, POSE_Y, POSE_ANGLE, POSE_NUMBERS = range(4)
 
-TABLE_INTERVALS: Final = 256
-"""Intervals of a tabulated function over its joint's range."""
-
 
 @compiled
 def wrap_to_pi(angle: float) -> float:

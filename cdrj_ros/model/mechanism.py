@@ -34,7 +34,6 @@ from cdrj_ros.model.cable import (
     solve_cable,
 )
 from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.course import shape
 from cdrj_ros.model.drum import MEMORY_SIZE, material_held, start_drum, turn_drum
 from cdrj_ros.model.friction import blended_loss, stribeck_share
 from cdrj_ros.model.geometry import POSE_NUMBERS
@@ -72,6 +71,7 @@ from cdrj_ros.model.packing import (
     estimate_size,
     scratch_size,
 )
+from cdrj_ros.model.shape import shape
 from cdrj_ros.model.status import INVALID
 
 Vector = NDArray[np.float64]

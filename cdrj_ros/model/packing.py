@@ -1,7 +1,7 @@
 """Where everything lies in the flat arrays of a prepared robot, its state and its estimate.
 
-The robot is prepared once (``cdrj_ros.model.plan``) as ``plan`` (integers) and ``numbers`` (reals).
-The header of ``plan`` says where each block lies.
+The robot is prepared once (``cdrj_ros.model.prepared``) as ``plan`` (integers) and ``numbers``
+(reals).  The header of ``plan`` says where each block lies.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def state_size(plan: Indices) -> int:
 
 @compiled
 def estimate_size(plan: Indices) -> int:
-    """Floats of the estimate, in the order of ``cdrj_ros.model.plan.Layout``."""
+    """Floats of the estimate, in the order of ``cdrj_ros.model.prepared.Layout``."""
     return 2 * plan[ELEMENTS] + 5 * plan[PULLEYS] + plan[MOTORS] + plan[JOINTS] + 2 * plan[CABLES]
 
 

@@ -1,1 +1,1 @@
-"""The ROS nodes: convert, step, publish. The only place that imports rclpy and the messages."""
+"""The ROS 2 nodes: convert, call, publish. The only room that imports rclpy and the messages."""

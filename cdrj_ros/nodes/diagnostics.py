@@ -8,7 +8,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.estimation.live import LiveEstimator, Output
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, UNSURE
 
 WINDOW = 4096

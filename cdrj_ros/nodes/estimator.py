@@ -25,14 +25,20 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_ros.cdr import JointStateDecoder, MessageError, cable_tensions, joint_state_efforts
-from cdrj_ros.commands.shared import DONE, load_model, run_command
-from cdrj_ros.conversions import EstimateEncoder, marked_stale
-from cdrj_ros.estimation.estimator import Sample
-from cdrj_ros.estimation.live import LiveEstimator, Output
+from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.conditioning.tracking import new_track, track
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
-from cdrj_ros.estimation.tracking import new_track, track
-from cdrj_ros.model.errors import CdrjError, UsageError
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.messages.cdr import (
+    JointStateDecoder,
+    MessageError,
+    cable_tensions,
+    joint_state_efforts,
+)
+from cdrj_ros.messages.conversions import EstimateEncoder, marked_stale
+from cdrj_ros.model.loading import load_model
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
 from cdrj_ros.nodes.settings import (
     changed_options,

@@ -22,16 +22,16 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from cdrj_ros.bag import Topics
-from cdrj_ros.bag.playback import Playback
-from cdrj_ros.estimation.conditioning import MODES
-from cdrj_ros.model.errors import CdrjError, UsageError
-from cdrj_ros.model.plan import Model
-from cdrj_ros.nodes.answers import KINDS, Heard, Run, Tally
-from cdrj_ros.nodes.controls import Controls
-from cdrj_ros.nodes.keyboard import Keyboard
+from cdrj_ros.conditioning.time_line import MODES
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.spinning import StopRequest
-from cdrj_ros.nodes.terminal import Display
+from cdrj_ros.replay.answers import KINDS, Heard, Run, Tally
+from cdrj_ros.replay.controls import Controls
+from cdrj_ros.replay.display import Display
+from cdrj_ros.replay.keyboard import Keyboard
+from cdrj_ros.replay.playback import Playback
 
 WINDOW: Final = 64
 """Estimates under way at once: far fewer than any queue holds, so that none is lost."""

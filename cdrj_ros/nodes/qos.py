@@ -17,7 +17,7 @@ from rclpy.qos import (
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from cdrj_ros.model.errors import UsageError
+from cdrj_ros.foundation.errors import UsageError
 
 DEPTH: Final = 1000
 """Messages that a topic may queue."""

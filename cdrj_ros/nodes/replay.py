@@ -17,34 +17,20 @@ import numpy as np
 from rclpy.experimental import EventsExecutor
 
 from cdrj_ros.bag import RawMessage, Recording, Topics, read_recording
-from cdrj_ros.bag.playback import (
-    MAX_RATE,
-    MIN_RATE,
-    ORDERS,
-    Playback,
-    Reel,
-    checked_rate,
-    log_order,
-    merged_source,
-    stamp_order,
-)
-from cdrj_ros.cdr import BYTE_ORDER, Field, MessageError, read_layout
 from cdrj_ros.commands.shared import (
     DONE,
     INTERRUPTED,
     add_result_options,
     add_robot_option,
     add_topic_options,
-    load_model,
     run_command,
     topics_of,
     write_results,
 )
-from cdrj_ros.model.errors import BagError, UsageError
-from cdrj_ros.model.plan import Model
-from cdrj_ros.nodes.controls import KEYS, Controls, rate_in_words
-from cdrj_ros.nodes.keyboard import Keyboard
-from cdrj_ros.nodes.outcome import Outcome
+from cdrj_ros.foundation.errors import BagError, UsageError
+from cdrj_ros.messages.cdr import BYTE_ORDER, Field, MessageError, read_layout
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.player import (
     Ending,
     Extra,
@@ -57,7 +43,21 @@ from cdrj_ros.nodes.player import (
 from cdrj_ros.nodes.qos import read_overrides, was_latched
 from cdrj_ros.nodes.services import offer_services
 from cdrj_ros.nodes.spinning import StopRequest, ros_context, starting
-from cdrj_ros.nodes.terminal import Display
+from cdrj_ros.replay.controls import KEYS, Controls, rate_in_words
+from cdrj_ros.replay.display import Display
+from cdrj_ros.replay.keyboard import Keyboard
+from cdrj_ros.replay.outcome import Outcome
+from cdrj_ros.replay.playback import (
+    MAX_RATE,
+    MIN_RATE,
+    ORDERS,
+    Playback,
+    Reel,
+    checked_rate,
+    log_order,
+    merged_source,
+    stamp_order,
+)
 
 INCOMPLETE: Final = 1
 """Exit code: played, but estimates were lost or the estimator went away."""

@@ -10,9 +10,9 @@ from cdrj_msgs.srv import Burst, GetPlayback, Seek, SetRate
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from cdrj_ros.nodes.controls import Controls, Reply
 from cdrj_ros.nodes.player import Player
-from cdrj_ros.nodes.terminal import counters
+from cdrj_ros.replay.controls import Controls, Reply
+from cdrj_ros.replay.display import counters
 
 
 def offer_services(node: Node, controls: Controls, player: Player) -> None:

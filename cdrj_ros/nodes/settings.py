@@ -9,11 +9,11 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from cdrj_ros.estimation.conditioning import MODES
-from cdrj_ros.estimation.live import LiveEstimator, Options
-from cdrj_ros.model.document import LARGEST, schema
-from cdrj_ros.model.errors import CdrjError, UsageError
-from cdrj_ros.model.parameters import number_at
+from cdrj_ros.conditioning.time_line import MODES
+from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.robot.document import LARGEST, schema
+from cdrj_ros.robot.parameters import number_at
 
 FRICTION: Final = (
     "mu_c",

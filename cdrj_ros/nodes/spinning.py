@@ -13,7 +13,7 @@ import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.signals import SignalHandlerOptions
 
-from cdrj_ros.model.errors import CdrjError
+from cdrj_ros.foundation.errors import CdrjError
 
 STOP_POLL_S = 0.1
 """A request to stop is seen within this time [s]."""

@@ -1,1 +1,1 @@
-"""Results for people and programs: a table, a JSON file, pictures and one HTML page."""
+"""Results for people and for programs: a table, a JSON file, pictures and one HTML page."""

@@ -23,9 +23,9 @@ from matplotlib.patches import Arc, Circle, Polygon
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.inspection import CableCheck, Inspection, prismatic_joints
-from cdrj_ros.model.plan import Shape, shape_at
-from cdrj_ros.model.robot import Anchor, Cable, Place, Pulley, Robot, Winch
+from cdrj_ros.inspection.ranges import CableCheck, Inspection, prismatic_joints
+from cdrj_ros.model.prepared import Shape, shape_at
+from cdrj_ros.robot.description import Anchor, Cable, Place, Pulley, Robot, Winch
 
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
@@ -68,7 +68,7 @@ def draw_robot(inspection: Inspection, size: tuple[float, float] | None = None) 
     """A robot's cables, by positions to scale, by spans unrolled; both where it has both.
 
     Args:
-        inspection: of ``cdrj_ros.estimation.inspection``.
+        inspection: of ``cdrj_ros.inspection.ranges``.
         size: width and height [px]; one unit of the drawing is one pixel.  Default: what fits it.
             Below some 600 px labels of long cables come to lie on each other.
     """

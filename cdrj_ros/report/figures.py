@@ -21,10 +21,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.comparison import QUANTITIES, Channel, quantity_of
-from cdrj_ros.estimation.metrics import COVERAGE_SIGMAS
-from cdrj_ros.estimation.pulley_friction import PulleyFriction
-from cdrj_ros.estimation.reversals import envelope
+from cdrj_ros.judgement.comparison import QUANTITIES, Channel, quantity_of
+from cdrj_ros.judgement.metrics import COVERAGE_SIGMAS
+from cdrj_ros.judgement.pulley_friction import PulleyFriction
+from cdrj_ros.judgement.reversals import envelope
 from cdrj_ros.report.numbers import decimals_for, format_number, scale_for
 from cdrj_ros.report.series import Window, gaps, seconds_since
 

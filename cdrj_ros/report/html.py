@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from cdrj_ros.estimation.comparison import QUANTITIES, BagComparison, Channel, quantity_of
-from cdrj_ros.estimation.limits import Judgement
-from cdrj_ros.estimation.metrics import (
+from cdrj_ros.foundation.files import write_text
+from cdrj_ros.judgement.comparison import QUANTITIES, BagComparison, Channel, quantity_of
+from cdrj_ros.judgement.limits import Judgement
+from cdrj_ros.judgement.metrics import (
     COVERAGE_SIGMAS,
     MINIMUM_SHARE,
     NO_SAMPLES,
@@ -27,9 +28,7 @@ from cdrj_ros.estimation.metrics import (
     bag_errors,
     pooled_errors,
 )
-from cdrj_ros.estimation.reversals import AROUND_NS, REVERSAL_SHARE, turning_points
-from cdrj_ros.model.robot import Robot
-from cdrj_ros.report.files import write_text
+from cdrj_ros.judgement.reversals import AROUND_NS, REVERSAL_SHARE, turning_points
 from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
 from cdrj_ros.report.parameters import parameter_tables
 from cdrj_ros.report.series import (
@@ -48,6 +47,7 @@ from cdrj_ros.report.table import (
     table_groups,
 )
 from cdrj_ros.report.verdict import Verdict, origin_of, telling_channels, verdict
+from cdrj_ros.robot.description import Robot
 
 SHARE_IN_WORDS: Final = "difference of the two tensions over the larger one"
 

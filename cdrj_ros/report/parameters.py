@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from math import degrees, isfinite
 from typing import Any
 
-from cdrj_ros.model.robot import Cable, Friction, PassiveTorque, Pulley, Robot, Sensor, Winch
 from cdrj_ros.report.numbers import ABSENT
+from cdrj_ros.robot.description import Cable, Friction, PassiveTorque, Pulley, Robot, Sensor, Winch
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Final, TypeAlias
 
-from cdrj_ros.estimation.comparison import BagComparison, unit_of
-from cdrj_ros.estimation.limits import Judgement
-from cdrj_ros.estimation.metrics import ChannelError, bag_errors, pooled_errors
-from cdrj_ros.estimation.pulley_friction import PulleyFriction
-from cdrj_ros.report.files import write_text
+from cdrj_ros.foundation.files import write_text
+from cdrj_ros.judgement.comparison import BagComparison, unit_of
+from cdrj_ros.judgement.limits import Judgement
+from cdrj_ros.judgement.metrics import ChannelError, bag_errors, pooled_errors
+from cdrj_ros.judgement.pulley_friction import PulleyFriction
 
 FORMAT: Final = "cdrj_ros/validation"
 VERSION: Final = 2

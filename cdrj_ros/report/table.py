@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, TextIO
 
-from cdrj_ros.estimation.comparison import QUANTITIES, quantity_of
-from cdrj_ros.estimation.limits import Judgement
-from cdrj_ros.estimation.metrics import ChannelError, mean_over_channels
+from cdrj_ros.judgement.comparison import QUANTITIES, quantity_of
+from cdrj_ros.judgement.limits import Judgement
+from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
 from cdrj_ros.report.numbers import (
     decimals_for,
     format_number,

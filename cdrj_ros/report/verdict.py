@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.estimation.comparison import QUANTITIES, BagComparison, quantity_of
-from cdrj_ros.estimation.metrics import ChannelError, mean_over_channels
+from cdrj_ros.judgement.comparison import QUANTITIES, BagComparison, quantity_of
+from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
 from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
 from cdrj_ros.report.table import table_groups
 

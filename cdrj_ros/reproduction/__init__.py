@@ -1,1 +1,1 @@
-"""The source's figures and tables, from this package: its curves beside those of the rig."""
+"""The figures and tables of the source, redrawn."""

@@ -14,13 +14,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.comparison import Angle, Channel, compare
-from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.estimation.offline import Readings, condition
-from cdrj_ros.model.errors import UsageError
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.judgement.comparison import Angle, Channel, compare
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.model.plan import prepare
-from cdrj_ros.model.robot import Cable, Friction, Pulley, Robot
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.sensors import (
     JOINT_ENCODER,
     MOTOR_ENCODER,
@@ -31,6 +31,7 @@ from cdrj_ros.rig.sensors import (
     reading_times,
 )
 from cdrj_ros.rig.truth import Truth, simulate
+from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot
 
 Vector = NDArray[np.float64]
 Progress = Callable[[float], None]

@@ -10,11 +10,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.comparison import Channel
-from cdrj_ros.estimation.metrics import ChannelError, channel_error, mean_over_channels
-from cdrj_ros.model.errors import UsageError
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.judgement.comparison import Channel
+from cdrj_ros.judgement.metrics import ChannelError, channel_error, mean_over_channels
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.model.robot import Robot
 from cdrj_ros.reproduction import curves
 from cdrj_ros.reproduction.runs import (
     CABLES,
@@ -34,6 +33,7 @@ from cdrj_ros.reproduction.runs import (
     with_constant_wraps,
     with_friction,
 )
+from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
 

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from math import degrees, radians
 from typing import TYPE_CHECKING, Final
 
-from cdrj_ros.estimation.metrics import ChannelError
+from cdrj_ros.judgement.metrics import ChannelError
 from cdrj_ros.model.friction import (
     PRINTED,
     bearing_transmission,
     blended_loss,
     sliding_transmission,
 )
-from cdrj_ros.model.robot import Pulley, Robot
 from cdrj_ros.reproduction.study import (
     CHOICES,
     FORWARD,
@@ -24,6 +23,7 @@ from cdrj_ros.reproduction.study import (
     errors_of,
     forward_change,
 )
+from cdrj_ros.robot.description import Pulley, Robot
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

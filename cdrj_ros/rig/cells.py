@@ -13,10 +13,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.errors import RobotFileError
-from cdrj_ros.model.geometry import TABLE_INTERVALS
-from cdrj_ros.model.plan import Model, prepare, shape_at
-from cdrj_ros.model.robot import Anchor, Cable, Node, Profile, Pulley, Robot, Winch
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.robot.description import (
+    TABLE_INTERVALS,
+    Anchor,
+    Cable,
+    Node,
+    Profile,
+    Pulley,
+    Robot,
+    Winch,
+)
 
 Vector = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.errors import UsageError
-from cdrj_ros.model.plan import prepare, shape_at
-from cdrj_ros.model.robot import Anchor, Cable, Motor, Node, Pulley, Robot, Winch
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Pulley, Robot, Winch
 
 Vector = NDArray[np.float64]
 

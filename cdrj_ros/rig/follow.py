@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.course import shape
-from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.geometry import POSE_NUMBERS
 from cdrj_ros.model.packing import ELEMENTS, FRAMES, JOINTS, PULLEYS
-from cdrj_ros.model.plan import Model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.shape import shape
 from cdrj_ros.rig.faults import drums_of
 
 Vector = NDArray[np.float64]

@@ -14,11 +14,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model import packing
 from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.mechanism import advance
-from cdrj_ros.model.robot import Robot
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.load import (
     DAMPING,
@@ -31,6 +30,7 @@ from cdrj_ros.rig.load import (
     weight,
 )
 from cdrj_ros.rig.truth import BATCH, Progress, Rig, Truth, make_rig, read_out, require_taut
+from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.model.robot import Robot
+from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.errors import UsageError
+from cdrj_ros.foundation.errors import UsageError
 
 Vector = NDArray[np.float64]
 

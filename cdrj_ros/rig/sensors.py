@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.robot import Sensor
+from cdrj_ros.robot.description import Sensor
 
 Vector = NDArray[np.float64]
 

@@ -16,16 +16,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model import packing
 from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.mechanism import advance, advance_all
-from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot import Robot
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.rig.cells import Divided, divide, divide_contacts
 from cdrj_ros.rig.faults import Fault, Wiring, wire
 from cdrj_ros.rig.follow import follow_joints, pull_together, shapes_along
+from cdrj_ros.robot.description import Robot
 
 __all__ = [
     "BALANCE_TOLERANCE",

@@ -8,7 +8,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from cdrj_ros.bag import BagWriter, Topics, list_topics, read_messages, read_recording
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
 
 ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
 COUNT = 600

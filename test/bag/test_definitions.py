@@ -3,8 +3,8 @@
 import pytest
 
 from cdrj_ros.bag.definitions import long_name, message_type, own_definition, parse_definition
-from cdrj_ros.cdr import JOINT_STATE, TEXT, Field
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.messages.cdr import JOINT_STATE, TEXT, Field
 
 
 def test_nested_messages_are_written_out_flat():

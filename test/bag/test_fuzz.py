@@ -14,7 +14,7 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from cdrj_ros.bag import Topics, list_topics, read_messages, read_recording
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
 
 ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
 COUNT = 40

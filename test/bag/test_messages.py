@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cdrj_ros.bag import BagWriter, RawMessage, TopicInfo, list_topics, read_messages
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
 
 
 @pytest.fixture

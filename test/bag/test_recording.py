@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.bag import BagWriter, Topics, read_recording
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
 
 ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
 MS = 1_000_000
@@ -223,7 +223,7 @@ def test_messages_not_in_cdr_are_refused_by_their_encoding(make, tmp_path):
 
 
 def test_a_definition_with_other_fields_is_followed(make, tmp_path):
-    from cdrj_ros.cdr import Field, MessageType, Template
+    from cdrj_ros.messages.cdr import Field, MessageType, Template
 
     header = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
     text = Field("header.frame_id", "text")

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from cdrj_ros.bag import BagWriter, Topics, list_topics, read_messages, read_recording
 from cdrj_ros.bag.mcap_file import McapFile
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
 
 ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
 ODD_BAGS = Path(__file__).parents[3] / "shared" / "data" / "odd_bags"

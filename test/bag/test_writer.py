@@ -8,7 +8,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_msg
 
 from cdrj_ros.bag import BagWriter, Topics, list_topics, read_messages, read_recording
-from cdrj_ros.model.errors import BagError
+from cdrj_ros.foundation.errors import BagError
 
 T = 1_700_000_000_000_000_000 + np.arange(3000) * 1_000_000
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from cdrj_ros.commands import check_robot
-from cdrj_ros.estimation.inspection import inspect_robot, transmissions
-from cdrj_ros.estimation.suspicions import Suspicion, find_suspicions
+from cdrj_ros.inspection.ranges import inspect_robot, transmissions
+from cdrj_ros.inspection.suspicions import Suspicion, find_suspicions
 from cdrj_ros.model.friction import bearing_transmission, sliding_transmission
-from cdrj_ros.model.plan import prepare
-from cdrj_ros.model.robot_file import load_robot, parse_robot
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.reader import load_robot, parse_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))

@@ -14,11 +14,11 @@ import pytest
 from cdrj_ros.bag import BagWriter, Topics
 from cdrj_ros.commands import identify, validate
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.model.parameters import number_at, with_numbers
-from cdrj_ros.model.plan import prepare
-from cdrj_ros.model.robot_file import build_robot, load_document, load_robot
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
 from cdrj_ros.rig.truth import simulate
+from cdrj_ros.robot.parameters import number_at, with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document, load_robot
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"

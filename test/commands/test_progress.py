@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from cdrj_ros.commands import shared
-from cdrj_ros.commands.shared import progress_bar
+from cdrj_ros.foundation.progress import progress_bar
 
 
 def test_without_a_terminal_it_is_a_line_now_and_then_with_the_time_left(
@@ -65,8 +65,8 @@ def test_in_a_terminal_it_is_a_bar_with_the_time_left(monkeypatch: pytest.Monkey
 
 def test_a_replay_tells_the_time_left_at_its_pace(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("rclpy")
-    from cdrj_ros.nodes.answers import Run, Tally
-    from cdrj_ros.nodes.terminal import Display
+    from cdrj_ros.replay.answers import Run, Tally
+    from cdrj_ros.replay.display import Display
 
     robot = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
     run = Run(shared.load_model(str(robot)))

@@ -10,7 +10,7 @@ import pytest
 
 from cdrj_ros.bag import BagWriter, read_recording
 from cdrj_ros.commands import simulate, validate
-from cdrj_ros.estimation import metrics
+from cdrj_ros.judgement import metrics
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"

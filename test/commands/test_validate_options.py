@@ -15,14 +15,14 @@ from rosbags.highlevel import AnyReader
 
 from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
 from cdrj_ros.commands import validate
-from cdrj_ros.commands.shared import load_model
-from cdrj_ros.validation import (
+from cdrj_ros.judgement.validation import (
     OUTPUTS,
     condition_recording,
     estimate,
     estimate_channels,
     read_inputs,
 )
+from cdrj_ros.model.loading import load_model
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.commands.shared import load_model
-from cdrj_ros.estimation.channel import MAX_GAP_NS
-from cdrj_ros.estimation.conditioning import Conditioner
-from cdrj_ros.estimation.estimator import Sample, Samples
-from cdrj_ros.estimation.live import LiveEstimator, Options, Output
-from cdrj_ros.estimation.offline import Readings, condition
+from cdrj_ros.conditioning.gate import MAX_GAP_NS
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.conditioning.time_line import Conditioner
+from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
-from cdrj_ros.model.errors import UsageError
-from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot_file import build_robot
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.judgement.validation import estimate
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID, UNSURE
-from cdrj_ros.validation import estimate
+from cdrj_ros.robot.reader import build_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 START = 1_700_000_000 * 10**9

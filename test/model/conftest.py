@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.estimator import Samples
-from cdrj_ros.model.robot import Cable, Pulley, Robot
-from cdrj_ros.model.robot_file import load_robot
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.robot.description import Cable, Pulley, Robot
+from cdrj_ros.robot.reader import load_robot
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 EPOCH_NS = 1_700_000_000_000_000_000

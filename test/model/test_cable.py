@@ -10,25 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.estimator import (
-    Estimate,
-    Estimates,
-    Sample,
-    Samples,
-    State,
-    initial_state,
-    run,
-    step,
-)
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, run, step
 from cdrj_ros.model import cable as kernel
 from cdrj_ros.model.cable import acceptable, element_tension, tolerance
 from cdrj_ros.model.drum import MEMORY_SIZE, material_held
 from cdrj_ros.model.friction import ELASTOPLASTIC, LAWS, LUGRE, NONE
-from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot import Robot
-from cdrj_ros.model.robot_file import parse_robot
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK
 from cdrj_ros.rig.cells import divide
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import parse_robot
 
 Variant = Callable[..., Robot]
 Drive = Callable[..., Samples]

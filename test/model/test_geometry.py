@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from cdrj_ros.model.errors import RobotFileError
+from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.geometry import tangent, wrap_to_pi
-from cdrj_ros.model.plan import Model, Shape, prepare, shape_at
-from cdrj_ros.model.robot import Robot
-from cdrj_ros.model.robot_file import parse_robot
+from cdrj_ros.model.prepared import Model, Shape, prepare, shape_at
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import parse_robot
 
 HEAD = """
 name: hand

@@ -10,10 +10,10 @@ import pytest
 import sympy
 from scipy.integrate import solve_ivp
 
-from cdrj_ros.model.errors import UsageError
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad, RollingStrands
-from cdrj_ros.model.plan import prepare, shape_at
-from cdrj_ros.model.robot import Robot
+from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.robot.description import Robot
 
 LOAD = RollingLoad(joint_mass=0.23, load_mass=0.31, rolling_radius=0.043, load_distance=0.152)
 PRINTED = replace(LOAD, form="published")

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model import cable as kernel
 from cdrj_ros.model.cable import element_tension, solve_cable
-from cdrj_ros.model.errors import UsageError
 from cdrj_ros.model.friction import NONE
 from cdrj_ros.model.stiffness import (
     Stiffness,

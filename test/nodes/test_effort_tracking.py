@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.cdr import JOINT_STATE, Template, cable_tensions
-from cdrj_ros.commands.shared import load_model
+from cdrj_ros.messages.cdr import JOINT_STATE, Template, cable_tensions
 from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.model.loading import load_model
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.motion import sine
 from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder

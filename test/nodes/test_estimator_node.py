@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from cdrj_ros.bag import Topics, read_messages
-from cdrj_ros.cdr import JOINT_STATE, Template
-from cdrj_ros.commands.shared import load_model
-from cdrj_ros.conversions import FORCE_ARRAYS, AnswerReader
-from cdrj_ros.estimation.conditioning import REFUSALS
-from cdrj_ros.model.plan import Layout
+from cdrj_ros.conditioning.time_line import REFUSALS
+from cdrj_ros.judgement.validation import condition_recording, estimate, read_inputs
+from cdrj_ros.messages.cdr import JOINT_STATE, Template
+from cdrj_ros.messages.conversions import FORCE_ARRAYS, AnswerReader
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Layout
 from cdrj_ros.model.status import STALE, UNSURE
-from cdrj_ros.validation import condition_recording, estimate, read_inputs
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")

@@ -21,7 +21,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.cdr import (
+from cdrj_ros.conditioning.time_line import WHOLE
+from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
+from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     ENCAPSULATION,
     JOINT_STATE,
@@ -30,12 +33,9 @@ from cdrj_ros.cdr import (
     Template,
     cable_tensions,
 )
-from cdrj_ros.cdr import read_layout as layout_of
-from cdrj_ros.commands.shared import load_model
-from cdrj_ros.estimation.conditioning import WHOLE
-from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
-from cdrj_ros.estimation.offline import Readings, condition
-from cdrj_ros.model.plan import Model
+from cdrj_ros.messages.cdr import read_layout as layout_of
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID, UNSURE
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")

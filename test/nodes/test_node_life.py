@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.cdr import JOINT_STATE, Template, joint_state_efforts
-from cdrj_ros.commands.shared import load_model
-from cdrj_ros.estimation.conditioning import Conditioner
-from cdrj_ros.estimation.estimator import Sample, initial_state, step
-from cdrj_ros.model.parameters import with_numbers
-from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot_file import build_robot
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.conditioning.time_line import Conditioner
+from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.messages.cdr import JOINT_STATE, Template, joint_state_efforts
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import OVERLOAD, SLACK, STALE, UNSURE
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 SECOND = 10**9
@@ -588,7 +589,7 @@ KEYS = {
 
 
 def test_diagnostics_say_in_words_what_is_the_matter(bench: Bench) -> None:
-    from cdrj_ros.estimation.conditioning import REFUSALS
+    from cdrj_ros.conditioning.time_line import REFUSALS
     from cdrj_ros.nodes.diagnostics import status_of
 
     node = bench.estimator(tension_sensors=True)

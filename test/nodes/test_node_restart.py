@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.cdr import CABLE_TENSIONS, JOINT_STATE, Template, cable_tensions
-from cdrj_ros.commands.shared import load_model
-from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
-from cdrj_ros.estimation.live import LiveEstimator
-from cdrj_ros.model.plan import Model
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, Template, cable_tensions
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")

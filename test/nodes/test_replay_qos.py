@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 
-from cdrj_ros.model.errors import UsageError
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.nodes.qos import DEPTH, read_overrides, was_latched
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.comparison import Angle, BagComparison, compare_bag
+from cdrj_ros.judgement.comparison import Angle, BagComparison, compare_bag
 
 EPOCH_NS = 1_722_000_000_123_456_789
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from cdrj_ros.estimation.inspection import Inspection, inspect_robot
-from cdrj_ros.model.plan import prepare
-from cdrj_ros.model.robot_file import load_robot, parse_robot
+from cdrj_ros.inspection.ranges import Inspection, inspect_robot
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report.drawing import cable_line, draw_robot, pose_of, write_png
+from cdrj_ros.robot.reader import load_robot, parse_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))

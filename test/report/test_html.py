@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from cdrj_ros.estimation.comparison import Angle, BagComparison, Channel, compare_bag
-from cdrj_ros.estimation.limits import Judgement, Outside
-from cdrj_ros.estimation.pulley_friction import PulleyFriction
-from cdrj_ros.model.robot_file import load_robot
+from cdrj_ros.judgement.comparison import Angle, BagComparison, Channel, compare_bag
+from cdrj_ros.judgement.limits import Judgement, Outside
+from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.report import html
 from cdrj_ros.report.figures import PALETTE
 from cdrj_ros.report.html import write_report
+from cdrj_ros.robot.reader import load_robot
 
 ROBOT = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 VOID = {"meta", "link", "br", "img", "hr", "input"}

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.comparison import BagComparison, Channel
-from cdrj_ros.estimation.metrics import FIGURES, bag_errors, pooled_errors
+from cdrj_ros.judgement.comparison import BagComparison, Channel
+from cdrj_ros.judgement.metrics import FIGURES, bag_errors, pooled_errors
 from cdrj_ros.report.results_json import FORMAT, VERSION, results, write_results
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.comparison import BagComparison, Channel
-from cdrj_ros.estimation.metrics import bag_errors, pooled_errors
+from cdrj_ros.judgement.comparison import BagComparison, Channel
+from cdrj_ros.judgement.metrics import bag_errors, pooled_errors
 from cdrj_ros.report.verdict import last_elements, telling_channels, verdict
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.model.robot_file import load_robot
 from cdrj_ros.reproduction.runs import Motion
 from cdrj_ros.reproduction.study import Study, work
+from cdrj_ros.robot.reader import load_robot
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.model.errors import UsageError
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.reproduction import study as study_module
 from cdrj_ros.reproduction.runs import CABLES, COMMON_RHO, Motion, move_freely
 from cdrj_ros.reproduction.study import (

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.model.robot_file import load_robot
 from cdrj_ros.reproduction.study import Study
 from cdrj_ros.reproduction.tables import (
     REASONS,
@@ -21,6 +20,7 @@ from cdrj_ros.reproduction.tables import (
     transmissions,
     wrap_range,
 )
+from cdrj_ros.robot.reader import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 

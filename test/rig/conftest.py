@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from cdrj_ros.model.robot import Robot
-from cdrj_ros.model.robot_file import load_robot, parse_robot
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import load_robot, parse_robot
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 

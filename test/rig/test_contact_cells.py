@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
-from cdrj_ros.model.errors import UsageError
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot import Robot
-from cdrj_ros.model.robot_file import load_robot, parse_robot
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.rig.truth import divide_contacts, simulate
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import load_robot, parse_robot
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 EPOCH_NS = 1_700_000_000_000_000_000

@@ -8,14 +8,15 @@ from types import SimpleNamespace as Robots
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.model.errors import UsageError
-from cdrj_ros.model.plan import prepare, shape_at
-from cdrj_ros.model.robot import Robot
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.rig.faults import DURATION_S, Fault, wire
 from cdrj_ros.rig.load import make_load
 from cdrj_ros.rig.motion import differences, sine
 from cdrj_ros.rig.truth import SlackError, Truth, follow, simulate
+from cdrj_ros.robot.description import Robot
 
 TIME = np.arange(6_001) / 1000.0
 COURSE = sine(np.radians(25.0), 0.2, 0.5)(TIME)

@@ -8,14 +8,14 @@ from types import SimpleNamespace as Robots
 import numpy as np
 import pytest
 
-from cdrj_ros.model.errors import UsageError
-from cdrj_ros.model.plan import prepare, shape_at
-from cdrj_ros.model.robot import Robot
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.rig.cells import divide
 from cdrj_ros.rig.follow import follow_joints, pull_together
 from cdrj_ros.rig.load import make_load
 from cdrj_ros.rig.motion import differences, sine
 from cdrj_ros.rig.truth import follow, simulate
+from cdrj_ros.robot.description import Robot
 
 TIME = np.arange(3_001) / 1000.0
 

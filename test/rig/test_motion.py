@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.model.errors import UsageError
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.rig import motion
 
 AMPLITUDE, FREQUENCY, BEGIN, CENTRE = 0.6, 0.5, 0.5, 0.1

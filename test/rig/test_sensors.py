@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cdrj_ros.model.robot import Sensor
 from cdrj_ros.rig.sensors import (
     Encoder,
     LoadCells,
@@ -17,6 +16,7 @@ from cdrj_ros.rig.sensors import (
     reading_times,
     schedule,
 )
+from cdrj_ros.robot.description import Sensor
 
 ENCODER = Encoder(16_384, 1000.0)
 STEP = 2.0 * np.pi / ENCODER.counts

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.commands.shared import load_model
+from cdrj_ros.conditioning.whole_recording import Readings, condition
 from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.offline import Readings, condition
 from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import SLACK
 from cdrj_ros.rig.motion import Motion, dwell, ramps, random, sine
 from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, Encoder, read_encoder, reading_times

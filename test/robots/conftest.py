@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.estimator import Estimates, Sample, Samples, initial_state, run, step
-from cdrj_ros.model.plan import Model, prepare
-from cdrj_ros.model.robot import Pulley, Robot
-from cdrj_ros.model.robot_file import load_robot
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import Estimates, initial_state, run, step
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.description import Pulley, Robot
+from cdrj_ros.robot.reader import load_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 EPOCH_NS = 1_700_000_000_000_000_000

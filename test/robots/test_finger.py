@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.estimator import Estimates, Samples
-from cdrj_ros.model.plan import Model, prepare, shape_at
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.estimator import Estimates
+from cdrj_ros.model.prepared import Model, prepare, shape_at
 
 CABLES = ("deep", "superficial", "extensor")
 ELEMENTS = {"deep": slice(0, 5), "superficial": slice(5, 8), "extensor": slice(8, 13)}

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cdrj_ros.model.plan import Model, prepare
+from cdrj_ros.model.prepared import Model, prepare
 
 WEIGHT = 500.0
 FALLS = 4
@@ -110,7 +110,8 @@ def test_without_friction_every_fall_carries_a_quarter(
 
 
 def test_a_rope_without_load_is_slack_and_pulls_nothing(models: dict[str, Model]) -> None:
-    from cdrj_ros.estimation.estimator import Sample, initial_state, step
+    from cdrj_ros.conditioning.samples import Sample
+    from cdrj_ros.estimation.estimator import initial_state, step
     from cdrj_ros.model.status import SLACK
 
     model = models["hoist"]

@@ -8,7 +8,7 @@ from math import cos, sin
 import numpy as np
 import pytest
 
-from cdrj_ros.model.plan import Model, prepare, shape_at
+from cdrj_ros.model.prepared import Model, prepare, shape_at
 
 PULLEYS = np.array([[0.60, 0.40], [-0.60, 0.40], [-0.60, -0.40], [0.60, -0.40]])
 ANCHORS = np.array([[0.06, -0.04], [-0.06, -0.04], [-0.06, 0.04], [0.06, 0.04]])

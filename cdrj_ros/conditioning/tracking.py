@@ -1,0 +1,91 @@
+"""An angle between the counts of its sensor: a tracking filter that stays within what was read.
+
+A sensor of low resolution says the same for many samples and then jumps by a count.  The angle
+meanwhile moves on.  A critically damped third-order tracking filter (g-h-k, fading memory; E.
+Brookner, Tracking and Kalman Filtering Made Easy, 1998, ch. 1; N. Morrison, 1969, ch. 13) follows
+constant acceleration without lag, and is kept within half a count and three standard deviations of
+every reading: however badly it suits the motion, it errs by no more than twice the sensor's errors.
+"""
+
+from __future__ import annotations
+
+from math import exp, pi
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.compiled import compiled
+from cdrj_ros.robot.description import Sensor
+
+Vector = NDArray[np.float64]
+
+NOISE_BAND: Final = 3.0
+"""Standard deviations of noise by which a reading may be off."""
+
+FAR: Final = 1e15
+"""A filter that expects an angle beyond this has been led astray [rad]."""
+
+# The filter's memory.
+SEEN, ANGLE, SPEED, ACCELERATION, MEMORY = range(5)
+
+
+def new_track() -> Vector:
+    """Memory of a filter that has seen nothing."""
+    return np.zeros(MEMORY)
+
+
+def half_width(sensor: Sensor) -> float:
+    """How far a reading of the sensor may be from the angle [rad]."""
+    return abs(sensor.scale) * (0.5 * sensor.resolution + NOISE_BAND * sensor.noise)
+
+
+@compiled
+def track(memory: Vector, dt_ns: int, reading: float, bandwidth: float, band: float) -> float:
+    """The angle at a reading [rad], (C1) of docs/conditioning.md.
+
+    Args:
+        memory: shape (MEMORY,), changed.
+        dt_ns: time since the reading before [ns]; of no meaning at the first one.
+        reading: angle as read [rad].
+        bandwidth: of the filter [Hz], positive.
+        band: how far the angle may be from the reading [rad].
+
+    Returns:
+        The angle, within ``band`` of the reading.  After a silence of a whole period of the
+        bandwidth the filter starts anew.
+    """
+    dt = dt_ns * 1e-9
+    speed, acceleration = memory[SPEED], memory[ACCELERATION]
+    angle = memory[ANGLE] + speed * dt + 0.5 * acceleration * dt * dt
+    if memory[SEEN] == 0.0 or dt * bandwidth > 1.0 or not abs(angle) < FAR:
+        memory[SEEN], memory[ANGLE], memory[SPEED], memory[ACCELERATION] = 1.0, reading, 0.0, 0.0
+        return reading
+    n = memory[SEEN] + 1.0
+    memory[SEEN] = min(n, 1e6)
+    fade = exp(-2.0 * pi * bandwidth * dt)
+    fresh = 1.0 - fade
+    # at first all readings count alike (growing memory), later the recent ones more
+    g = max(1.0 - fade**3, 3.0 * (3.0 * n * n - 3.0 * n + 2.0) / (n * (n + 1.0) * (n + 2.0)))
+    h = max(1.5 * fresh**2 * (1.0 + fade), 18.0 * (2.0 * n - 1.0) / (n * (n + 1.0) * (n + 2.0)))
+    k = max(fresh**3, 60.0 / (n * (n + 1.0) * (n + 2.0)))
+    if n < 3.0:  # a line through two readings, no parabola yet
+        h, k = 1.0, 0.0
+    off = reading - angle
+    angle += min(g, 1.0) * off
+    memory[SPEED] = speed + acceleration * dt + h * off / dt
+    memory[ACCELERATION] = acceleration + k * off / (dt * dt)
+    memory[ANGLE] = angle = min(max(angle, reading - band), reading + band)
+    return float(angle)
+
+
+@compiled
+def track_all(
+    stamp_ns: NDArray[np.int64], reading: Vector, bandwidth: float, band: float, angle: Vector
+) -> None:
+    """``track`` over a recording without gaps, shape (n,), into ``angle``."""
+    memory = np.zeros(MEMORY)
+    before = np.int64(0)
+    for i in range(reading.size):
+        angle[i] = track(memory, stamp_ns[i] - before, reading[i], bandwidth, band)
+        before = stamp_ns[i]

@@ -1,0 +1,526 @@
+"""How sure the estimate is: an ensemble of estimators that differ in everything that is not known.
+
+Every member has its own parameters, drawn from their covariance, its own readings, within noise
+and resolution, and its own friction history, since at the start nobody knows on which side of its
+bound a pulley's friction lies.  Members go through the same ``advance`` as the estimate, so what
+pulleys forget when they slip, members forget too, and the spread narrows by itself.
+
+At each sample one member in turn is brought up to date: the cost is that of one more estimate,
+whatever the number of members, and the spread is complete after as many samples.  Friction hardly
+depends on rate, so a member may take all the samples since its last turn in one step.
+docs/uncertainty.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import sqrt
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.model import packing
+from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.friction_history import impose_friction
+from cdrj_ros.model.mechanism import advance
+from cdrj_ros.model.packing import STARTED
+from cdrj_ros.model.prepared import Layout, Model, prepare, shape_at
+from cdrj_ros.model.status import INVALID, UNSURE
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.parameters import find_number, with_numbers
+from cdrj_ros.robot.reader import build_robot
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+# What the members have come to.
+TURN, LAST_STAMP, BEHIND, PROGRESS = range(4)
+
+MEMBERS: Final = 32
+"""Members of the ensemble: the standard deviation is known to 1 / sqrt(2 * 32) = 12 %."""
+
+PERTURBATIONS: Final = 1021
+"""Rows of random reading errors that members take in turn; a prime, so that none has its own."""
+
+SATURATED: Final = 0.7
+"""Share of cables whose pulleys start at their bounds, as after a long motion."""
+
+FRONTS: Final = (0.6, 0.25, 0.15)
+"""Chances that the sense of friction changes nowhere along a cable, at one place, at two."""
+
+
+MOVED: Final = 0.01
+"""An axis that has moved further than this while nobody looked has an unknown history [rad]."""
+
+UNSEEN_NS: Final = 1_000_000_000
+"""So long a time between two samples is a gap in which nobody has looked [ns]."""
+
+WOUND_SPREAD: Final = 0.3
+"""Spread of the logarithm of the tension at which the cable on a drum was wound."""
+
+
+def spread_columns(layout: Layout) -> NDArray[np.int64]:
+    """Where the quantities with a standard deviation lie in the estimate.
+
+    Tensions of all elements, magnitudes of the force on all pulleys, efforts of all motors, then
+    of all joints.
+    """
+    parts = (layout.tension, layout.magnitude, layout.motor_effort, layout.joint_effort)
+    return np.concatenate([np.arange(part.start, part.stop) for part in parts]).astype(np.int64)
+
+
+@compiled
+def _advance_member(
+    plan: NDArray[np.int64],
+    numbers: Vector,
+    state: Vector,
+    share: Vector,
+    motor_angle: Vector,
+    joint_angle: Vector,
+    dt: float,
+    estimate_size: int,
+    out: Vector,
+) -> bool:
+    """Bring one member up to date, or start it with its friction history; False: not solved."""
+    size = state.size
+    if state[STARTED] == 0.0:
+        advance(plan, numbers, state, motor_angle, joint_angle, 0.0, out)
+        if out[STARTED] == 0.0:  # no such pose
+            return False
+        state[:] = out[:size]
+        impose_friction(plan, numbers, joint_angle, share, state, out[size + estimate_size :])
+        dt = 0.0
+    solved = advance(plan, numbers, state, motor_angle, joint_angle, dt, out)
+    state[:] = out[:size]
+    return solved
+
+
+def _elements_of(layout: Layout) -> NDArray[np.int64]:
+    """Of every spread column an element of its cable; -1 for efforts, which all cables make."""
+    cables = [name.rsplit("/", 1)[0] for name in layout.elements]
+    elements = [cables.index(cable) for cable in cables]
+    pulleys = [cables.index(name.rsplit("/", 1)[0]) for name in layout.pulleys]
+    efforts = [-1] * (len(layout.motors) + len(layout.joints))
+    return np.array(elements + pulleys + efforts, dtype=np.int64)
+
+
+@compiled
+def _is_invalid(estimate: Vector, elements: int, element: int) -> bool:
+    """Whether an estimate says nothing of an element, or of any for -1."""
+    if element >= 0:
+        return int(estimate[elements + element]) & INVALID != 0
+    flags = 0
+    for e in range(elements):
+        flags |= int(estimate[elements + e])
+    return flags & INVALID != 0
+
+
+@compiled
+def _was_unseen(
+    last_stamp: int, stamp: int, last_angle: Vector, motor_angle: Vector, joint_angle: Vector
+) -> bool:
+    """Whether an axis has moved in a gap before this sample."""
+    if last_stamp < 0 or stamp - last_stamp <= UNSEEN_NS:
+        return False
+    motors = motor_angle.size
+    for m in range(motors):
+        if abs(motor_angle[m] - last_angle[m]) > MOVED:
+            return True
+    for j in range(joint_angle.size):
+        if abs(joint_angle[j] - last_angle[motors + j]) > MOVED:
+            return True
+    return False
+
+
+@compiled
+def _update(
+    plan: NDArray[np.int64],
+    numbers: Table,
+    states: Table,
+    stamps: NDArray[np.int64],
+    shares: Table,
+    reading_errors: Table,
+    progress: NDArray[np.int64],
+    count: int,
+    columns: NDArray[np.int64],
+    element_of: NDArray[np.int64],
+    elements: int,
+    stamp: int,
+    motor_angle: Vector,
+    joint_angle: Vector,
+    estimate: Vector,
+    deviation: Table,
+    variance: Vector,
+    last_angle: Vector,
+    readings: Vector,
+    out: Vector,
+    stddev: Vector,
+) -> None:
+    """Bring the next ``count`` members up to date and write the standard deviations.
+
+    All members where they have seen nothing yet, where an axis moved while nobody looked (their
+    histories start anew then), and after samples of which something was not solved.
+    """
+    members, size = states.shape
+    motors, joints = motor_angle.size, joint_angle.size
+    if _was_unseen(progress[LAST_STAMP], stamp, last_angle, motor_angle, joint_angle):
+        states[:] = 0.0
+        deviation[:] = 0.0
+        variance[:] = 0.0
+        progress[TURN] = 0
+    progress[LAST_STAMP] = stamp
+    last_angle[:motors] = motor_angle
+    last_angle[motors:] = joint_angle
+    unsolved = _is_invalid(estimate, elements, -1)
+    if progress[TURN] == 0 or (progress[BEHIND] and not unsolved):
+        count = members
+    progress[BEHIND] = unsolved
+    for _ in range(count):
+        k = progress[TURN] % members
+        errors = reading_errors[progress[TURN] % reading_errors.shape[0]]
+        progress[TURN] += 1
+        for m in range(motors):
+            readings[m] = motor_angle[m] + errors[m]
+        for j in range(joints):
+            readings[motors + j] = joint_angle[j] + errors[motors + j]
+        dt = (stamp - stamps[k]) * 1e-9
+        solved = _advance_member(
+            plan, numbers[k], states[k], shares[k], readings[:motors], readings[motors:],
+            dt, estimate.size, out,
+        )  # fmt: skip
+        stamps[k] = stamp
+        own = out[size : size + estimate.size]
+        all_good = solved and not unsolved
+        for c in range(columns.size):
+            if not all_good and (
+                _is_invalid(estimate, elements, element_of[c])
+                or _is_invalid(own, elements, element_of[c])
+            ):
+                continue
+            d = own[columns[c]] - estimate[columns[c]]
+            variance[c] += (d * d - deviation[k, c] * deviation[k, c]) / members
+            deviation[k, c] = d
+        if k == members - 1:  # rounding does not add up
+            for c in range(columns.size):
+                total = 0.0
+                for i in range(members):
+                    total += deviation[i, c] * deviation[i, c]
+                variance[c] = total / members
+    for c in range(columns.size):
+        stddev[c] = sqrt(max(variance[c], 0.0))
+
+
+@compiled
+def _run(
+    plan: NDArray[np.int64],
+    nominal: Vector,
+    state: Vector,
+    numbers: Table,
+    states: Table,
+    stamps: NDArray[np.int64],
+    shares: Table,
+    reading_errors: Table,
+    progress: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    element_of: NDArray[np.int64],
+    elements: int,
+    sample_stamps: NDArray[np.int64],
+    motor_angles: Table,
+    joint_angles: Table,
+    dt: Vector,
+    deviation: Table,
+    variance: Vector,
+    last_angle: Vector,
+    readings: Vector,
+    out: Vector,
+    estimates: Table,
+    stddevs: Table,
+) -> None:
+    """``advance`` and ``_update`` over many samples, the very same functions."""
+    size = state.size
+    wanted = estimates.shape[1]
+    for k in range(dt.size):
+        advance(plan, nominal, state, motor_angles[k], joint_angles[k], dt[k], out)
+        state[:] = out[:size]
+        estimates[k] = out[size : size + wanted]
+        _update(
+            plan, numbers, states, stamps, shares, reading_errors, progress, 1, columns,
+            element_of, elements, sample_stamps[k], motor_angles[k], joint_angles[k], estimates[k],
+            deviation, variance, last_angle, readings, out, stddevs[k],
+        )  # fmt: skip
+
+
+@compiled
+def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -> None:
+    """Set ``UNSURE`` where a standard deviation exceeds a share of the tension or the preload.
+
+    Args:
+        values: an estimate: tensions, then status of all elements, then the rest; changed.
+        preload: of every element's cable [N], shape (elements,).
+        stddev: of the tensions, then the rest [N].
+        share: see ``Options.unsure_share``.
+    """
+    elements = preload.size
+    for e in range(elements):
+        if stddev[e] > share * max(values[e], preload[e]):
+            flags = int(values[elements + e])
+            if flags & INVALID == 0:
+                values[elements + e] = flags | UNSURE
+
+
+class Spread:
+    """The ensemble of one robot; ``update`` after every ``step``, with what it took and gave."""
+
+    def __init__(
+        self, model: Model, members: int = MEMBERS, seed: int = 0, preload_share: float = 0.0
+    ) -> None:
+        """Draw the members.
+
+        Args:
+            model: the prepared robot; its uncertainty and its sensors say what is not known.
+            members: their number, even and at least 8.
+            seed: of the draws; the same seed gives the same spread.
+            preload_share: standard deviation of every preload beside the robot file's, as a share
+                of it.
+        """
+        if members < 8 or members % 2:
+            raise ValueError(f"members must be even and at least 8, got {members}")
+        generator = np.random.default_rng(seed)
+        robot = model.robot
+        self.model = model
+        self.columns = spread_columns(model.layout)
+        rows = draw_members(robot, members, generator)
+        if rows:
+            numbers = np.stack([prepare(one, check_range=False).numbers for one in rows])
+        else:
+            numbers = np.repeat(model.numbers[None, :], members, axis=0)
+        wind_differently(model, numbers, generator)
+        if preload_share > 0.0:
+            preload_differently(model, numbers, preload_share, generator)
+        self.numbers = numbers
+        self._shares = np.concatenate(
+            [friction_shares(members, len(cable.pulleys), generator) for cable in robot.cables],
+            axis=1,
+        )
+        self._errors = reading_errors(robot, generator)
+        self.states = np.zeros((members, model.state_size))
+        self.stamps = np.zeros(members, dtype=np.int64)
+        self._progress = np.zeros(PROGRESS, dtype=np.int64)
+        self._element_of = _elements_of(model.layout)
+        self._elements = len(model.layout.elements)
+        self._out = np.empty(model.out_size)
+        self._readings = np.empty(len(robot.motors) + len(robot.joints))
+        self._last_angle = np.zeros(len(robot.motors) + len(robot.joints))
+        self.deviation = np.zeros((members, self.columns.size))
+        self.variance = np.zeros(self.columns.size)
+        self.generator = generator
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what the members have seen; the next sample starts them anew."""
+        self.states[:] = 0.0
+        self._progress[:] = (0, -1, 0)
+        self.deviation[:] = 0.0
+        self.variance[:] = 0.0
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """What the members know, to be given to ``recall`` later."""
+        return {
+            "members": self.states,
+            "member_stamps": self.stamps,
+            "member_numbers": self.numbers,
+            "progress": self._progress,
+            "last_angle": self._last_angle,
+            "deviation": self.deviation,
+        }
+
+    def recall(self, arrays: Mapping[str, NDArray[Any]]) -> bool:
+        """Take up what ``memory`` gave; False, and nothing changed, where it does not fit."""
+        own = self.memory()
+        for name, values in own.items():
+            there = arrays.get(name)
+            if there is None or there.shape != values.shape or there.dtype != values.dtype:
+                return False
+            if values.dtype == np.float64 and not np.all(np.isfinite(there)):
+                return False
+        for name, values in own.items():
+            values[:] = arrays[name]
+        self.variance[:] = (self.deviation**2).mean(axis=0)
+        return True
+
+    def shift_clock(self, by_ns: int) -> None:
+        """Move the members' stamps."""
+        self.stamps += by_ns
+        if self._progress[LAST_STAMP] >= 0:
+            self._progress[LAST_STAMP] += by_ns
+
+    def update(self, sample: Sample, estimate: Estimate) -> Vector:
+        """Take the sample of a step and what came of it.
+
+        Returns:
+            Standard deviations, in the order of ``spread_columns``.
+        """
+        stddev = np.empty(self.columns.size)
+        self._advance(sample, estimate, 1, stddev)
+        return stddev
+
+    def catch_up(self, sample: Sample, estimate: Estimate) -> None:
+        """Bring all members to the sample that ``update`` has seen last."""
+        if np.all(self.stamps == sample.stamp_ns):
+            return
+        self._advance(sample, estimate, len(self.states), np.empty(self.columns.size))
+
+    def _advance(self, sample: Sample, estimate: Estimate, count: int, stddev: Vector) -> None:
+        _update(
+            self.model.plan, self.numbers, self.states, self.stamps, self._shares,
+            self._errors, self._progress, count, self.columns, self._element_of,
+            self._elements, sample.stamp_ns, sample.motor_angle, sample.joint_angle,
+            estimate.values, self.deviation, self.variance, self._last_angle, self._readings,
+            self._out, stddev,
+        )  # fmt: skip
+
+    def run(
+        self,
+        state: State,
+        samples: Samples,
+        into: Table | None = None,
+        stddev_into: Table | None = None,
+    ) -> tuple[State, Estimates]:
+        """``step`` and ``update`` over many samples in one call; bit for bit the same numbers.
+
+        ``into`` as for the estimator's ``run``, ``stddev_into`` of shape (n, columns).
+        """
+        model = self.model
+        stamps = samples.stamp_ns
+        estimates = np.empty((stamps.size, model.layout.size)) if into is None else into
+        stddev = np.empty((stamps.size, self.columns.size)) if stddev_into is None else stddev_into
+        if stamps.size == 0:
+            return state, Estimates(stamps, estimates, model.layout, stddev)
+        first = state.stamp_ns if state.stamp_ns != NEVER else int(stamps[0])
+        dt = np.diff(stamps, prepend=np.int64(first)) * 1e-9
+        values = state.values.copy()
+        _run(
+            model.plan, model.numbers, values, self.numbers, self.states,
+            self.stamps, self._shares, self._errors, self._progress, self.columns,
+            self._element_of, self._elements, stamps, samples.motor_angle, samples.joint_angle, dt,
+            self.deviation, self.variance, self._last_angle, self._readings, self._out, estimates,
+            stddev,
+        )  # fmt: skip
+        return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout, stddev)
+
+
+def draw_members(robot: Robot, members: int, generator: np.random.Generator) -> list[Robot]:
+    """Robots whose parameters are drawn from their covariance; empty where all are exact.
+
+    In pairs to both sides of the mean, and where there are fewer parameters than pairs with
+    exactly the given covariance, so that what depends linearly on them has exactly its spread.
+    """
+    known = robot.uncertainty
+    if known is None or not robot.document:
+        return []
+    values, vectors = np.linalg.eigh(known.covariance)
+    factor = vectors * np.sqrt(np.maximum(values, 0.0))
+    pairs, p = members // 2, len(known.parameters)
+    normal = generator.standard_normal((pairs, p))
+    if pairs >= p:
+        normal = np.linalg.qr(normal)[0] * np.sqrt(pairs)
+    draws = np.concatenate([normal, -normal]) @ factor.T
+    return [_drawn(robot, known.parameters, draw) for draw in draws]
+
+
+def _drawn(robot: Robot, parameters: tuple[str, ...], draw: Vector) -> Robot:
+    """The robot with its parameters moved by ``draw``, less far where no robot is there."""
+    document: Any = robot.document
+    for share in (1.0, 0.5, 0.25):
+        values = {}
+        for path, change in zip(parameters, draw * share, strict=True):
+            number = find_number(document, path)
+            values[path] = _within(number.value + float(change), number.rules, number.value)
+        try:
+            return build_robot(with_numbers(document, values), robot.source)
+        except CdrjError:
+            continue
+    return robot
+
+
+def _within(value: float, rules: Mapping[str, Any], given: float) -> float:
+    """The value within the range that the schema allows."""
+    value = max(value, rules.get("minimum", value))
+    value = min(value, rules.get("maximum", value))
+    if value <= rules.get("exclusiveMinimum", -np.inf) or value >= rules.get(
+        "exclusiveMaximum", np.inf
+    ):
+        return given
+    return value
+
+
+def wind_differently(model: Model, numbers: Table, generator: np.random.Generator) -> None:
+    """Let the cable on the drums have been wound at tensions of which nothing is known.
+
+    It lies there at the tension of the moment in which it was wound (E3), not at the preload.
+
+    Args:
+        model: the prepared robot.
+        numbers: of all members, shape (members, numbers), changed.
+        generator: of the draws.
+    """
+    first = int(model.plan[packing.IN_CABLES])
+    half = len(numbers) // 2
+    for c in range(len(model.robot.cables)):
+        at = first + c * packing.CABLE_NUMBERS + packing.WOUND_TENSION
+        normal = generator.standard_normal(half)
+        numbers[:, at] *= np.exp(WOUND_SPREAD * np.concatenate([normal, -normal]))
+
+
+def preload_differently(
+    model: Model, numbers: Table, share: float, generator: np.random.Generator
+) -> None:
+    """Let the members' preloads differ, cable by cable, by ``share`` of them."""
+    shape = shape_at(model, np.array([joint.reference_angle for joint in model.robot.joints]))
+    half = len(numbers) // 2
+    first = int(model.plan[packing.IN_MATERIAL])
+    element = 0
+    for c, cable in enumerate(model.robot.cables):
+        at = int(model.plan[packing.IN_CABLES]) + c * packing.CABLE_NUMBERS
+        normal = generator.standard_normal(half)
+        change = 1.0 + share * np.concatenate([normal, -normal])
+        preload = numbers[:, at + packing.PRELOAD] * np.maximum(change, 0.0)
+        numbers[:, at + packing.PRELOAD] = preload
+        stretch = 1.0 + preload / numbers[:, at + packing.AXIAL_STIFFNESS]
+        for _ in cable.element_names:
+            numbers[:, first + element] = shape.length[element] / stretch
+            element += 1
+
+
+def friction_shares(members: int, pulleys: int, generator: np.random.Generator) -> Table:
+    """Friction histories that motions before the start may have left behind.
+
+    Returns:
+        Share of every pulley's bound that its friction holds, shape (members, pulleys): of one
+        sense as far as the last motion has come along the cable, of the other beyond, mostly all
+        of the bound; as many members with one sense as with the other.
+    """
+    half = members // 2
+    fronts = generator.integers(0, pulleys + 1, (half, len(FRONTS) - 1))
+    there = generator.choice(len(FRONTS), (half, 1), p=FRONTS) > np.arange(len(FRONTS) - 1)
+    behind = np.arange(pulleys)[None, :, None] >= fronts[:, None, :]
+    passed = (behind & there[:, None, :]).sum(axis=2)
+    shares = np.where(passed % 2 == 0, 1.0, -1.0)
+    partly = generator.random(half) > SATURATED
+    shares[partly] *= generator.random((int(partly.sum()), pulleys))
+    return np.concatenate([shares, -shares])
+
+
+def reading_errors(robot: Robot, generator: np.random.Generator) -> Table:
+    """Errors of motor and joint angles [rad] from noise and resolution, (PERTURBATIONS, axes)."""
+    sensors = [axis.sensor for axis in robot.axes]
+    scale = np.array([abs(sensor.scale) for sensor in sensors])
+    noise = scale * np.array([sensor.noise for sensor in sensors])
+    count = scale * np.array([sensor.resolution for sensor in sensors])
+    shape = (PERTURBATIONS, len(sensors))
+    errors = noise * generator.standard_normal(shape) + count * (generator.random(shape) - 0.5)
+    return np.ascontiguousarray(errors)

@@ -1,1 +1,0 @@
-"""Parts of ``cdrj_ros.estimation.identify``; docs/identification.md."""

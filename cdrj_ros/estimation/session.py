@@ -1,0 +1,382 @@
+"""The estimator as it lives in a node: readings in, estimates out, and what may change meanwhile.
+
+No ROS here: a node converts messages, calls this, publishes what comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.conditioning.time_line import Conditioner
+from cdrj_ros.estimation.ensemble import MOVED, Spread, mark_unsure
+from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
+from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.status import INVALID, UNSURE
+from cdrj_ros.robot.document import LARGEST, complaints, schema
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot
+
+Vector = NDArray[np.float64]
+
+EFFORT_INTERVAL_NS: Final = 50_000_000
+"""A motor's effort is used at most this often [ns]: its errors last longer than a sample."""
+
+
+DOUBT: Final = 0.2
+"""Standard deviation of every preload, as a share of it, where something else is measured too."""
+
+SMALLEST_NOISE: Final = 1e-6
+LARGEST_NOISE: Final = 1e6
+"""A load cell whose message gives a noise outside of these has the robot file's [N]."""
+
+UNWATCHED_NS: Final = 100_000_000
+"""So long a time between two runs counts as nobody looking [ns]."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to run."""
+
+    conditioning: str = "wait"
+    """``wait`` for the slower channel, or ``predict`` it."""
+    uncertainty: bool = True
+    """Whether to estimate standard deviations."""
+    unsure_share: float = 0.1
+    """An element is ``UNSURE`` whose standard deviation exceeds this share of its tension."""
+    tension_sensors: bool = False
+    """Whether load cells are to be expected; their preloads may then drift."""
+    track_preload: bool = False
+    """Whether to correct the preloads by the motors' efforts."""
+    effort_noise: float = 0.01
+    """Standard deviation of a motor's effort [N m]."""
+    tracking: float | None = None
+    """Bandwidth of the filters between counts [Hz], 0 for none; None: the robot file's."""
+
+
+class Output(NamedTuple):
+    """One estimate and how sure it is."""
+
+    estimate: Estimate
+    stddev: Vector | None
+    """In the order of ``spread_columns``; None where no uncertainty is estimated."""
+
+
+class LiveEstimator:
+    """One robot's conditioning, estimate, uncertainty and sensors."""
+
+    def __init__(self, model: Model, options: Options | None = None) -> None:
+        """Prepare.
+
+        Args:
+            model: the prepared robot.
+            options: how to run.
+
+        Raises:
+            UsageError: options that exclude each other or are out of range.
+        """
+        options = options or Options()
+        measured = options.tension_sensors or options.track_preload
+        if measured and not options.uncertainty:
+            raise UsageError("tension_sensors and track_preload need uncertainty: true")
+        self.options = options
+        self.conditioner = Conditioner(model.robot, options.conditioning, tracking=options.tracking)
+        self.unsolved = 0
+        """Samples of which some element was not solved."""
+        self.unknown_elements = 0
+        """Readings of load cells at elements that the robot does not have."""
+        self.overlooked = 0
+        """Readings of load cells and efforts that no sample came for."""
+        self._pending: list[tuple[int, str, float, float]] = []
+        self._efforts_ns: dict[str, int] = {}
+        self.started = model
+        """The robot in the beginning."""
+        self.changes: dict[str, float] = {}
+        """Reference angles and preloads that were set since, by path [SI]."""
+        self.use(model)
+        self.reset()
+
+    def set_unsure_share(self, share: float) -> None:
+        """Change the share above which an element is ``UNSURE``."""
+        self.options = replace(self.options, unsure_share=share)
+
+    def set_tracking(self, bandwidth: float | None) -> None:
+        """Change the filters between counts, see ``Options.tracking``; the estimate goes on."""
+        self.options = replace(self.options, tracking=bandwidth)
+        self.conditioner.set_tracking(bandwidth)
+
+    def use(self, model: Model) -> None:
+        """Go on with another robot of the same parts; state and readings stay."""
+        options = self.options
+        measured = options.tension_sensors or options.track_preload
+        spread: Spread | None = None
+        fusion: Fusion | None = None
+        if options.uncertainty:
+            spread = Spread(model, preload_share=DOUBT if measured else 0.0)
+        if spread is not None and measured:
+            fusion = Fusion(spread, FREE_DRIFT if options.track_preload else SLOW_DRIFT)
+        self.model, self.spread, self.fusion = model, spread, fusion
+        self._clock_offset_ns = {
+            motor.name: motor.sensor.clock_offset_ns for motor in model.robot.motors
+        }
+        self._preload = np.repeat(
+            [cable.preload for cable in model.robot.cables],
+            [len(cable.element_names) for cable in model.robot.cables],
+        )
+
+    def reset(self) -> None:
+        """Forget readings, friction history and what was measured; the counters stay."""
+        self.conditioner.reset()
+        self._restart()
+
+    def _restart(self) -> None:
+        self._restart_from: tuple[State, Any, Any] | None = None
+        self._jumps = self.conditioner.clock_jumps
+        self._steps = self.conditioner.steps
+        self.state: State = initial_state(self.model)
+        self.sample: Sample | None = None
+        self.overlooked += len(self._pending)
+        self._pending.clear()
+        self._efforts_ns.clear()
+        if self.spread is not None:
+            self.spread.reset()
+        if self.fusion is not None:
+            self.fusion.reset()
+
+    def resume(self, state: State, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from a state of an earlier run, the next sample telling what happened since."""
+        motor, joint = arrays.get("motor_angle"), arrays.get("joint_angle")
+        self._restart_from = (state, motor, joint)
+        if motor is not None and joint is not None:
+            self.conditioner.expect(np.concatenate([motor, joint]))
+
+    def _take_up(self, sample: Sample) -> None:
+        """Join an earlier run's state to the first sample of this one."""
+        assert self._restart_from is not None
+        state, motor, joint = self._restart_from
+        self._restart_from = None
+        late = sample.stamp_ns - state.stamp_ns
+        if late <= 0:  # the clock has been set back since
+            state = State(sample.stamp_ns - 1_000_000, state.values)
+            if self.spread is not None:
+                self.spread.shift_clock(late - 1_000_000)
+        self.state = state
+        moved = 0.0
+        for before, now in ((motor, sample.motor_angle), (joint, sample.joint_angle)):
+            if before is not None and before.shape == now.shape and now.size:
+                moved = max(moved, float(np.max(np.abs(now - before))))
+        if moved > MOVED and not 0 < late <= UNWATCHED_NS and self.spread is not None:
+            self.spread.reset()  # how it got there nobody has seen
+
+    def feed(
+        self, kind: str, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
+    ) -> tuple[bool, list[Output]]:
+        """Take a message of angles.
+
+        Args:
+            kind: ``motors``, ``joints`` or ``both``.
+            stamp_ns: its stamp [ns].
+            names, positions: what it says [rad].
+
+        Returns:
+            Whether the clock went back, and the estimates that are now possible.
+        """
+        conditioner = self.conditioner
+        if kind == "motors":
+            samples = conditioner.feed_motors(stamp_ns, names, positions)
+        elif kind == "joints":
+            samples = conditioner.feed_joints(stamp_ns, names, positions)
+        else:
+            samples = conditioner.feed_both(stamp_ns, names, positions)
+        jumped = conditioner.clock_jumps != self._jumps
+        if jumped:
+            self._restart()
+        return jumped, [self.take(sample) for sample in samples]
+
+    def take(self, sample: Sample) -> Output:
+        """One sample through the estimator."""
+        if self._restart_from is not None:
+            self._take_up(sample)
+        self.state, estimate = step(self.model, self.state, sample)
+        self.sample = sample
+        if not estimate.solved:
+            self.unsolved += 1
+        stddev = None
+        spread = self.spread
+        if spread is not None:
+            stddev = spread.update(sample, estimate)
+            mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
+        if self._steps != self.conditioner.steps:
+            mark_all_unsure(estimate)
+        if self.fusion is not None and estimate.solved:
+            self.fusion.remember(estimate)
+            if self._pending:
+                self._use_pending(self.fusion, sample)
+        return Output(estimate, stddev)
+
+    def feed_tensions(
+        self,
+        stamp_ns: int,
+        names: Sequence[str],
+        tensions: Sequence[float] | Vector,
+        stddevs: Sequence[float] | Vector,
+    ) -> None:
+        """Take a message of load cells; they are used with the sample that reaches their stamp.
+
+        Args:
+            stamp_ns: its stamp [ns].
+            names: ``cable/element``.
+            tensions: measured [N].
+            stddevs: [N], as long, or empty for the robot file's.
+        """
+        fusion = self.fusion
+        if fusion is None:
+            return
+        if len(names) != len(tensions) or len(stddevs) not in (0, len(names)):
+            self.conditioner.refused["malformed"] += 1
+            return
+        for k, name in enumerate(names):
+            if not fusion.knows(name):
+                self.unknown_elements += 1
+                continue
+            noise = float(stddevs[k]) if len(stddevs) else 0.0
+            if not SMALLEST_NOISE <= noise <= LARGEST_NOISE:
+                noise = fusion.noise_of(name)
+            self._queue(stamp_ns, name, float(tensions[k]), noise)
+
+    def feed_efforts(
+        self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
+    ) -> None:
+        """Take measured efforts of motors [N m]; others are ignored."""
+        if not self.options.track_preload:
+            return
+        for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
+            if name not in self.model.layout.motors:
+                continue
+            last = self._efforts_ns.get(name)
+            if last is not None and abs(stamp_ns - last) < EFFORT_INTERVAL_NS:
+                continue
+            self._efforts_ns[name] = stamp_ns
+            self._queue(
+                stamp_ns + self._clock_offset_ns[name],
+                name,
+                float(effort),
+                self.options.effort_noise,
+            )
+
+    def _queue(self, stamp_ns: int, name: str, value: float, noise: float) -> None:
+        if len(self._pending) >= 10_000:  # nobody takes them: no angles come
+            del self._pending[:5_000]
+            self.overlooked += 5_000
+        self._pending.append((stamp_ns, name, value, noise))
+
+    def _use_pending(self, fusion: Fusion, sample: Sample) -> None:
+        later = []
+        for stamp, name, value, noise in self._pending:
+            if stamp > sample.stamp_ns:
+                if stamp - sample.stamp_ns <= 5 * HISTORY_NS:
+                    later.append((stamp, name, value, noise))
+                else:
+                    self.overlooked += 1
+                continue
+            correct = fusion.tension if "/" in name else fusion.motor_effort
+            self.state = correct(sample, self.state, stamp, name, value, noise)
+        self._pending = later
+
+    def tare(self) -> str:
+        """Take the present angles for the reference pose.
+
+        Returns:
+            What was done, in words and numbers.
+
+        Raises:
+            UsageError: no sample yet.
+        """
+        if self.sample is None:
+            raise UsageError("no angles yet: every motor and joint must have been heard")
+        values, words = {}, []
+        for kind, names, angles in (
+            ("motor", self.model.layout.motors, self.sample.motor_angle),
+            ("joint", self.model.layout.joints, self.sample.joint_angle),
+        ):
+            for name, angle in zip(names, angles, strict=True):
+                values[f"{kind}s.{name}.reference_angle"] = float(angle)
+                words.append(f"{kind} {name} {angle:.6g} rad")
+        self.change(values)
+        preloads = ", ".join(f"{c.name} {c.preload:g} N" for c in self.model.robot.cables)
+        return f"reference is now {', '.join(words)}; there the preloads are {preloads}"
+
+    def set_preload(self, preloads: Mapping[str, float]) -> str:
+        """Set the preloads of cables in the reference pose [N]; starts anew.
+
+        Raises:
+            UsageError: an unknown cable or a tension out of range.
+        """
+        known = {cable.name: cable.preload for cable in self.model.robot.cables}
+        if not preloads:
+            raise UsageError(f"name at least one cable of {', '.join(known)}")
+        for name, value in preloads.items():
+            if name not in known:
+                raise UsageError(f"there is no cable {name!r}; there are {', '.join(known)}")
+            if not 0.0 <= value < 1e6:
+                raise UsageError(f"preload of {name} must be in [0, 1e6) N, got {value:g}")
+        self.change({f"cables.{name}.preload": value for name, value in preloads.items()})
+        return "; ".join(f"{n}: {known[n]:g} N, now {v:g} N" for n, v in preloads.items())
+
+    def set_numbers(self, values: Mapping[str, float]) -> str:
+        """Change numbers of the robot file, by path; friction history and readings stay.
+
+        Raises:
+            UsageError, RobotFileError: what cannot be; nothing has changed then.
+        """
+        state, sample = self.state, self.sample
+        self.use(with_other_numbers(self.model, values))
+        self.state, self.sample = state, sample
+        return ", ".join(f"{path} = {value:g}" for path, value in values.items())
+
+    def change(self, values: Mapping[str, float]) -> None:
+        """Change reference angles and preloads, by path, for good; the estimate starts anew.
+
+        A state file keeps them, and sensors that start again after a turn keep their turns.
+
+        Raises:
+            UsageError, RobotFileError: what cannot be; nothing has changed then.
+        """
+        self.use(with_other_numbers(self.model, values))
+        self.changes.update(values)
+        self.conditioner.reset(keep_turns=True)
+        self._restart()
+
+    @property
+    def last_ns(self) -> int:
+        """Stamp of the last sample [ns]; ``NEVER`` before the first."""
+        return self.state.stamp_ns if self.sample is not None else NEVER
+
+
+def mark_all_unsure(estimate: Estimate) -> None:
+    """Set ``UNSURE`` on every element that is not ``INVALID``."""
+    status = estimate.values[estimate.layout.status]
+    flags = status.astype(np.uint8)
+    status[:] = np.where(flags & INVALID, flags, flags | UNSURE)
+
+
+def with_other_numbers(model: Model, values: Mapping[str, float]) -> Model:
+    """The robot with other numbers of its file, by path [SI].
+
+    Raises:
+        UsageError, RobotFileError: what cannot be.
+    """
+    document = with_numbers(dict(model.robot.document), values)
+    for path, value in values.items():
+        if not abs(value) <= LARGEST:
+            raise UsageError(f"{path} must be a finite number, got {value:g}")
+    for complaint in complaints(document, schema()):
+        raise UsageError(complaint)
+    return prepare(build_robot(document, model.robot.source))

@@ -1,0 +1,1 @@
+"""What every room stands on: errors, writing files, progress on a terminal."""

@@ -1,0 +1,47 @@
+"""Progress of long work, on standard error."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+from typing import Final
+
+LINE_S: Final = 5.0
+"""Time between two lines of progress where there is no terminal [s]."""
+
+
+def _lines(description: str, total: float) -> Callable[[float], None]:
+    """Progress where there is no terminal: a line now and then."""
+    begin = last = monotonic()
+
+    def report(done: float) -> None:
+        nonlocal last
+        if monotonic() - last > LINE_S:
+            last = monotonic()
+            share = done / max(total, 1e-9)
+            left = (last - begin) * (1.0 / share - 1.0) if share >= 0.01 else 0.0
+            remaining = f", {left:.0f} s left" if left >= 0.5 else ""
+            text = f"{description}: {100.0 * share:.0f} %{remaining}"
+            print(text, file=sys.stderr, flush=True)
+
+    return report
+
+
+@contextmanager
+def progress_bar(description: str, total: float) -> Iterator[Callable[[float], None]]:
+    """A bar on standard error; yields a function that takes what is done."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(file=sys.stderr)
+    if not console.is_terminal:
+        yield _lines(description, total)
+        return
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(), console=console, transient=True,
+    ) as progress:  # fmt: skip
+        task = progress.add_task(description, total=total)
+        yield lambda done: progress.update(task, completed=done)

@@ -1,0 +1,1 @@
+"""Recordings become parameters with standard errors."""

@@ -1,0 +1,137 @@
+"""What the data cannot tell, in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.identification.residuals import Problem
+from cdrj_ros.identification.solution import limits
+from cdrj_ros.identification.unknowns import Unknown
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+CLOSE: Final = 0.05
+"""Eigenvalue of the correlation matrix below which a combination counts as hard to tell apart: of
+two numbers, a correlation beyond 0.95."""
+
+MATTERS: Final = 0.02
+"""Relative uncertainty below which it does not matter how it comes about."""
+
+UNKNOWN: Final = 0.5
+"""Relative uncertainty from which a number counts as not seen by the data."""
+
+MEMBER: Final = 0.3
+"""Share in a direction, relative to the largest, from which a number belongs to it."""
+
+
+def findings(
+    problem: Problem, coordinates: Vector, information: Table, covariance: Table
+) -> tuple[str, ...]:
+    """Sentences on numbers without influence, at their bounds, or known only in combination.
+
+    Args:
+        problem: that was solved.
+        coordinates: of the solution, shape (p,).
+        information: of the data alone, in coordinates, shape (p, p).
+        covariance: in coordinates, shape (p, p).
+    """
+    unknowns = problem.unknowns
+    values = np.array([u.value(float(x)) for u, x in zip(unknowns, coordinates, strict=True)])
+    slopes = np.array([u.slope(float(x)) for u, x in zip(unknowns, coordinates, strict=True)])
+    size = np.maximum(np.abs(values), np.abs(slopes))  # of its step where a number is near zero
+    strength = np.sqrt(np.maximum(np.diag(information), 0.0))
+    silent = strength <= 1e-6 * max(float(strength.max()), 1e-300)
+    stddev = np.sqrt(np.diag(covariance))
+    together = stddev * np.abs(slopes) / size
+    alone = np.abs(slopes) / size / np.sqrt(np.diag(np.linalg.inv(covariance)))
+    sign = np.sign(slopes) * np.where(values < 0.0, -1.0, 1.0)
+    correlation = covariance / np.outer(stddev, stddev) * np.outer(sign, sign)
+
+    sentences = [
+        f"{unknowns[k].name} has no influence on the references that were fitted."
+        for k in np.flatnonzero(silent)
+    ]
+    sentences += _at_bounds(problem, coordinates, silent)
+    told = set(np.flatnonzero(silent).tolist())
+    eigenvalues, vectors = np.linalg.eigh(correlation)
+    for direction in np.flatnonzero(eigenvalues < CLOSE):
+        share = np.abs(vectors[:, direction])
+        members = [
+            int(k) for k in np.argsort(-share) if share[k] >= MEMBER * share.max() and not silent[k]
+        ]
+        if len(members) < 2 or set(members) <= told or max(together[members]) < MATTERS:
+            continue
+        told |= set(members)
+        if len(members) == 2:
+            i, j = members
+            alike = len({unknowns[k].paths[0].rsplit(".", 1)[-1] for k in members}) == 1
+            signless = alike or unknowns[i].lower < 0.0 or unknowns[j].lower < 0.0
+            sentences.append(
+                _pair(unknowns, i, j, float(correlation[i, j]), signless, alone, together)
+            )
+        else:
+            sentences.append(_several(unknowns, members, alone, together))
+    sentences += [
+        f"{unknowns[k].name} is hardly seen by the data: {values[k]:.4g} within "
+        f"{_percent(together[k])}."
+        for k in np.flatnonzero(together >= UNKNOWN)
+        if k not in told
+    ]
+    return tuple(sentences)
+
+
+def _at_bounds(problem: Problem, coordinates: Vector, silent: NDArray[np.bool_]) -> list[str]:
+    lower, upper = limits(problem)
+    sentences = []
+    for k, unknown in enumerate(problem.unknowns):
+        for bound, end in ((lower, "lower"), (upper, "upper")):
+            if not silent[k] and abs(coordinates[k] - bound[k]) < 1e-2:
+                value = unknown.value(float(coordinates[k]))
+                sentences.append(
+                    f"{unknown.name} ended at its {end} bound, {value:.5g}: the data want it "
+                    "beyond, or the model lacks something."
+                )
+    return sentences
+
+
+def _pair(
+    unknowns: Sequence[Unknown],
+    i: int,
+    j: int,
+    correlation: float,
+    signless: bool,
+    alone: Vector,
+    together: Vector,
+) -> str:
+    rising = correlation > 0.0
+    if signless:
+        combination = "difference" if rising else "sum"
+    else:
+        combination = "ratio" if rising else "product"
+    return (
+        f"{unknowns[i].name} and {unknowns[j].name} can hardly be told apart (correlation "
+        f"{correlation:+.3f}): the data fix their {combination}, more or less. One known, the "
+        f"other would be known within {_percent(alone[i])} and {_percent(alone[j])}; as it is, "
+        f"within {_percent(together[i])} and {_percent(together[j])}."
+    )
+
+
+def _several(
+    unknowns: Sequence[Unknown], members: Sequence[int], alone: Vector, together: Vector
+) -> str:
+    names = [unknowns[k].name for k in members]
+    return (
+        f"{', '.join(names[:-1])} and {names[-1]} can hardly be told apart: changed together they "
+        "leave the fit as it is. All others known, each would be known within "
+        f"{', '.join(_percent(alone[k]) for k in members)}; as it is, within "
+        f"{', '.join(_percent(together[k]) for k in members)}."
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 1.0 else f"a factor of {1.0 + share:.1f}"

@@ -1,0 +1,334 @@
+"""Recordings against the estimator: residuals of all reference channels for given parameters.
+
+What is fitted is the estimator itself: conditioned samples through ``run``, causally, from the
+first one on, the estimates brought to the references' stamps as in every comparison.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from math import sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.identification.unknowns import Unknown, values_by_path
+from cdrj_ros.model.prepared import Layout, Model, prepare
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+CHUNK: Final = 20_000
+"""Samples that are estimated in one go: what is not compared need not be kept."""
+
+CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period", "correction")
+"""Keys of motors and joints that change the samples themselves."""
+
+TENSION, NODAL_FORCE, EFFORT = "tension", "nodal_force", "effort"
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One recording: readings in, references out."""
+
+    name: str
+    motors: Mapping[str, Readings]
+    joints: Mapping[str, Readings]
+    references: Mapping[str, tuple[Stamps, Vector]]
+    """Stamps [ns] and values by channel: ``tension/upper/8``, ``effort/jaw``."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One reference of one recording, as it is fitted."""
+
+    name: str
+    column: int
+    """In the estimate."""
+    stamp_ns: Stamps
+    """[ns], shape (n,)."""
+    reference: Vector
+    """[N] or [N m], shape (n,)."""
+    sigma: float
+    """Unit of its residual."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """One recording, thinned for a round of the fit."""
+
+    recorded: Recorded
+    stride: int
+    """Every how manieth sample is estimated."""
+    samples: Samples | None
+    """Conditioned; None where the unknowns change them."""
+    channels: tuple[Channel, ...]
+
+    @property
+    def size(self) -> int:
+        """Residuals."""
+        return sum(channel.reference.size for channel in self.channels)
+
+
+def channel_columns(layout: Layout) -> dict[str, int]:
+    """Column of the estimate by name of channel."""
+    named: dict[str, int] = {}
+    for prefix, names, where in (
+        (TENSION, layout.elements, layout.tension),
+        (NODAL_FORCE, layout.pulleys, layout.magnitude),
+        (EFFORT, layout.motors, layout.motor_effort),
+        (EFFORT, layout.joints, layout.joint_effort),
+    ):
+        named |= {f"{prefix}/{name}": where.start + k for k, name in enumerate(names)}
+    return named
+
+
+def chosen_channels(
+    layout: Layout, recordings: Sequence[Recorded], patterns: Sequence[str]
+) -> tuple[str, ...]:
+    """Channels that are estimated, recorded somewhere, and wanted.
+
+    Raises:
+        UsageError: a pattern matches none of them; says which there are.
+    """
+    recorded = {name for one in recordings for name in one.references}
+    there = [name for name in channel_columns(layout) if name in recorded]
+    if not there:
+        raise UsageError(
+            f"the recordings have no reference of this robot; they have "
+            f"{', '.join(sorted(recorded)) or 'none at all'}"
+        )
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in there):
+            raise UsageError(f"no reference is called {pattern}; there are {', '.join(there)}")
+    if not patterns:
+        return tuple(there)
+    return tuple(n for n in there if any(fnmatchcase(n, pattern) for pattern in patterns))
+
+
+def samples_of(model: Model, recorded: Recorded) -> Samples:
+    """The recording's conditioned samples; after a jump of the clock, those that came last.
+
+    Raises:
+        UsageError: none was acceptable.
+    """
+    segments = condition(model.robot, recorded.motors, recorded.joints).segments
+    if not segments or segments[-1].stamp_ns.size < 2:
+        raise UsageError(f"{recorded.name}: hardly a sample of all motors and joints is acceptable")
+    return segments[-1]
+
+
+def spreads(recordings: Sequence[Recorded], channels: Sequence[str], rule: str) -> dict[str, float]:
+    """Unit of every channel's residual.
+
+    Args:
+        recordings: all of them.
+        channels: their names.
+        rule: ``spread``: how much the references of its kind vary, so that a fit explains as much
+            of the variance of each kind as it can; ``noise``: of the channel's own sensor, from
+            its second differences.
+    """
+    values = {
+        name: [one.references[name][1] for one in recordings if name in one.references]
+        for name in channels
+    }
+    if rule == "noise":
+        return {name: max(map(_noise, listed)) for name, listed in values.items()}
+    kinds: dict[str, list[str]] = {}
+    for name in channels:  # each motor and joint is a kind of its own: they differ in lever arms
+        kind = name.split("/", 1)[0]
+        kinds.setdefault(name if kind == EFFORT else kind, []).append(name)
+    result: dict[str, float] = {}
+    for members in kinds.values():
+        variance = [float(np.var(np.concatenate(values[name]))) for name in members]
+        result |= dict.fromkeys(members, max(float(np.sqrt(np.mean(variance))), 1e-9))
+    return result
+
+
+def _noise(values: Vector) -> float:
+    """Standard deviation of white noise on a smooth signal, a sensor's count at least."""
+    steps = np.abs(np.diff(values))
+    count = float(steps[steps > 0.0].min()) if np.any(steps > 0.0) else 0.0
+    bend = np.abs(np.diff(values, 2))
+    white = float(np.median(bend)) / 0.6745 / sqrt(6.0) if bend.size else 0.0
+    return max(white, min(count, float(np.std(values))) / sqrt(12.0), 1e-9)
+
+
+class Problem:
+    """Residuals of all recordings as a function of the unknowns' coordinates."""
+
+    def __init__(
+        self,
+        document: Document,
+        source: str,
+        unknowns: Sequence[Unknown],
+        observations: Sequence[Observations],
+        pool: Executor,
+    ) -> None:
+        self.document = document
+        self.source = source
+        self.unknowns = tuple(unknowns)
+        self.observations = tuple(observations)
+        self.begin = prepare(build_robot(document, source))
+        """The model of the document's own numbers."""
+        self.prior_scale = 1.0
+        """What a prior's residual is multiplied by: the standard deviation of a residual as if
+        all were independent."""
+        self.evaluations = 0
+        """Runs of all recordings so far."""
+        self._pool = pool
+
+    def values(self, coordinates: Vector) -> Vector:
+        """The unknowns [SI]."""
+        return np.array(
+            [u.value(float(x)) for u, x in zip(self.unknowns, coordinates, strict=True)]
+        )
+
+    def model(self, coordinates: Vector) -> Model:
+        """The estimator's model.
+
+        Raises:
+            RobotFileError: the numbers describe no possible robot.
+        """
+        values = values_by_path(self.unknowns, self.values(coordinates))
+        return prepare(build_robot(with_numbers(self.document, values), self.source))
+
+    def residuals(self, coordinates: Vector) -> Vector:
+        """All residuals in one row; infinite where the numbers describe no possible robot."""
+        return self.residuals_of([coordinates])[0]
+
+    def residuals_of(self, many: Sequence[Vector]) -> list[Vector]:
+        """Residuals at several coordinates, worked on side by side."""
+        models: list[Model | None] = []
+        for coordinates in many:
+            try:
+                models.append(self.model(coordinates))
+            except RobotFileError:
+                models.append(None)
+        tasks = [(model, one) for model in models if model is not None for one in self.observations]
+        parts = iter(list(self._pool.map(lambda task: residuals_of_one(*task), tasks)))
+        self.evaluations += len(models)
+        size = sum(one.size for one in self.observations)
+        return [
+            np.full(size, np.inf)
+            if model is None
+            else np.concatenate([next(parts) for _ in self.observations])
+            for model in models
+        ]
+
+
+def estimated(model: Model, samples: Samples, columns: Sequence[int]) -> Table:
+    """Columns of the estimate over all samples, shape (n, columns)."""
+    n = samples.stamp_ns.size
+    result = np.empty((n, len(columns)))
+    state = initial_state(model)
+    for begin in range(0, n, CHUNK):
+        part = slice(begin, begin + CHUNK)
+        state, estimates = run(
+            model,
+            state,
+            Samples(samples.stamp_ns[part], samples.motor_angle[part], samples.joint_angle[part]),
+        )
+        result[part] = estimates.values[:, columns]
+    return result
+
+
+def residuals_of_one(model: Model, observed: Observations) -> Vector:
+    """(estimate - reference) / sigma of every channel of a recording, channel by channel."""
+    samples = observed.samples
+    if samples is None:
+        samples = thinned(samples_of(model, observed.recorded), observed.stride)
+    columns = [channel.column for channel in observed.channels]
+    values = estimated(model, samples, columns)
+    since = int(samples.stamp_ns[0])
+    own = (samples.stamp_ns - since).astype(np.float64)
+    placed: dict[int, tuple[NDArray[np.intp], Vector]] = {}
+    parts = []
+    for k, channel in enumerate(observed.channels):
+        key = id(channel.stamp_ns)
+        if key not in placed:
+            wanted = np.clip((channel.stamp_ns - since).astype(np.float64), own[0], own[-1])
+            right = np.clip(np.searchsorted(own, wanted), 1, own.size - 1)
+            placed[key] = right, (wanted - own[right - 1]) / (own[right] - own[right - 1])
+        right, share = placed[key]
+        column = values[:, k]
+        estimate = column[right - 1] + share * (column[right] - column[right - 1])
+        parts.append((estimate - channel.reference) / channel.sigma)
+    return np.concatenate(parts) if parts else np.empty(0)
+
+
+def thinned(samples: Samples, stride: int) -> Samples:
+    """Every ``stride``-th sample."""
+    if stride == 1:
+        return samples
+    return Samples(
+        np.ascontiguousarray(samples.stamp_ns[::stride]),
+        np.ascontiguousarray(samples.motor_angle[::stride]),
+        np.ascontiguousarray(samples.joint_angle[::stride]),
+    )
+
+
+def observe(
+    model: Model,
+    recorded: Recorded,
+    sigmas: Mapping[str, float],
+    stride: int,
+    most_residuals: int,
+    settle_s: float,
+    moving: bool,
+) -> Observations:
+    """A recording ready to be fitted.
+
+    Args:
+        model: of the robot at the start.
+        recorded: the recording.
+        sigmas: unit of the residual of every channel that is fitted.
+        stride: every how manieth sample is estimated.
+        most_residuals: references are thinned until they are no more.
+        settle_s: time from the first sample that is not compared [s].
+        moving: whether the unknowns change the samples.
+
+    Raises:
+        UsageError: no reference lies within the samples.
+    """
+    whole = samples_of(model, recorded)
+    begin = int(whole.stamp_ns[0]) + round(settle_s * 1e9)
+    until = int(whole.stamp_ns[-1])
+    columns = channel_columns(model.layout)
+    inside: dict[int, tuple[NDArray[np.intp], Stamps]] = {}
+    found = []
+    names = [name for name in sigmas if name in recorded.references]
+    for name in names:
+        stamps, values = recorded.references[name]
+        key = id(stamps)
+        finite = bool(np.isfinite(values).all())
+        if not finite or key not in inside:
+            ok = np.isfinite(values) & (stamps >= begin) & (stamps <= until)
+            _, first = np.unique(stamps, return_index=True)
+            at = first[ok[first]]
+            step = max(1, -(-at.size * len(names) // most_residuals))
+            at = at[::step]
+            placed = at, np.ascontiguousarray(stamps[at])
+            if finite:
+                inside[key] = placed
+        else:
+            placed = inside[key]
+        at, chosen = placed
+        found.append(Channel(name, columns[name], chosen, values[at], sigmas[name]))
+    channels = tuple(channel for channel in found if channel.reference.size)
+    if not channels:
+        raise UsageError(f"{recorded.name}: no fitted reference lies within its samples")
+    samples = None if moving else thinned(whole, stride)
+    return Observations(recorded, stride, samples, channels)

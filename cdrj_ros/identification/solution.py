@@ -1,0 +1,273 @@
+"""Bounded least squares over rounds of ever more samples; several starts; robust losses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.identification.residuals import Problem
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+LOSSES: Final = ("linear", "soft_l1", "huber")
+
+STEP: Final = 2e-3
+"""Step of the differences that make the Jacobian, in coordinates."""
+
+DRAWS: Final = 12
+"""Random points that are looked at for each start that is made."""
+
+INSIDE: Final = 1e-3
+"""How far from its bounds a start is kept, in coordinates."""
+
+HUBER: Final = 1.345
+"""Where a robust loss bends, in standard deviations of a channel's residual."""
+
+TOLERANCE: Final = 3e-5
+"""Relative change of the cost, or of the coordinates, that ends a round."""
+
+LAST_TOLERANCE: Final = 1e-3
+"""The same for the last round, which starts close to its end."""
+
+Progress = Callable[[str], None]
+
+
+class Solved(NamedTuple):
+    """Where a round ended."""
+
+    coordinates: Vector
+    cost: float
+    """Half the sum of squares, robust loss and priors included."""
+    steps: int
+
+
+def solve(
+    problem: Problem,
+    begin: Vector,
+    loss: str,
+    most_steps: int,
+    say: Progress,
+    tolerance: float = TOLERANCE,
+    slopes: Problem | None = None,
+) -> Solved:
+    """Least squares from one start.
+
+    Args:
+        problem: whose residuals are minimised.
+        begin: coordinates of the start.
+        loss: one of ``LOSSES``.
+        most_steps: evaluations of the residuals beside those of the Jacobian.
+        say: called with a line for every step.
+        tolerance: relative change of cost or coordinates that ends it.
+        slopes: the same references with fewer samples, to take the Jacobian from: nearly the same,
+            and many times cheaper.
+
+    Raises:
+        RobotFileError: the start describes no possible robot.
+    """
+    from scipy.optimize import least_squares
+
+    lower, upper = limits(problem)
+    margin = np.minimum(INSIDE, 0.25 * (upper - lower))
+    begin = np.clip(begin, lower + margin, upper - margin)
+    problem.model(begin)  # raises the error that says why, where an infinite residual would not
+    size = sum(one.size for one in problem.observations)
+    steps = 0
+
+    def residuals(coordinates: Vector) -> Vector:
+        nonlocal steps
+        steps += 1
+        found = with_priors(problem, coordinates, problem.residuals(coordinates))
+        rms = float(np.sqrt(np.mean(found[:size] ** 2)))
+        say(f"step {steps}: rms residual {rms:.5g}")
+        return found
+
+    def differences(coordinates: Vector) -> Table:
+        return jacobian(slopes or problem, coordinates)
+
+    first = with_priors(problem, begin, problem.residuals(begin))
+    found = least_squares(
+        residuals,
+        begin,
+        differences,
+        bounds=(lower, upper),
+        loss=_robust(loss, problem, first) if loss != "linear" else "linear",
+        max_nfev=most_steps,
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=1e-12,
+    )
+    return Solved(found.x, float(found.cost), int(found.nfev))
+
+
+def limits(problem: Problem) -> tuple[Vector, Vector]:
+    """Bounds of all coordinates."""
+    pairs = np.array([unknown.limits for unknown in problem.unknowns])
+    return pairs[:, 0], pairs[:, 1]
+
+
+def with_priors(problem: Problem, coordinates: Vector, residuals: Vector) -> Vector:
+    """Residuals followed by those of the priors."""
+    priors = [
+        problem.prior_scale * (unknown.value(float(x)) - unknown.prior[0]) / unknown.prior[1]
+        for unknown, x in zip(problem.unknowns, coordinates, strict=True)
+        if unknown.prior is not None
+    ]
+    return np.concatenate([residuals, priors]) if priors else residuals
+
+
+def jacobian(problem: Problem, coordinates: Vector, central: bool = False) -> Table:
+    """Differences of the residuals, all columns side by side, priors included.
+
+    A column whose step leaves the bounds, or describes no possible robot, steps the other way.
+    """
+    lower, upper = limits(problem)
+    n = coordinates.size
+    ahead = np.where(coordinates + STEP <= upper, 1.0, -1.0)
+    points = [coordinates]
+    for k in range(n):
+        points.append(_beside(coordinates, k, ahead[k] * STEP))
+        if central:
+            points.append(_beside(coordinates, k, -ahead[k] * STEP))
+    found = problem.residuals_of(points)
+    rows = [
+        with_priors(problem, point, values) for point, values in zip(points, found, strict=True)
+    ]
+    here, columns = rows[0], []
+    per = 2 if central else 1
+    for k in range(n):
+        there = rows[1 + per * k]
+        back = rows[2 + per * k] if central else None
+        outside = not lower[k] <= coordinates[k] - ahead[k] * STEP <= upper[k]
+        if (
+            back is not None
+            and not outside
+            and np.isfinite(there).all()
+            and np.isfinite(back).all()
+        ):
+            columns.append((there - back) / (2.0 * ahead[k] * STEP))
+            continue
+        side = ahead[k]
+        if not np.isfinite(there).all():
+            side = -side
+            point = _beside(coordinates, k, side * STEP)
+            there = with_priors(problem, point, problem.residuals(point))
+        if not np.isfinite(there).all():
+            raise UsageError(
+                f"{problem.unknowns[k].name} cannot be varied: no robot is possible beside "
+                f"{problem.unknowns[k].value(float(coordinates[k])):.6g}"
+            )
+        columns.append((there - here) / (side * STEP))
+    return np.column_stack(columns)
+
+
+def _beside(coordinates: Vector, k: int, step: float) -> Vector:
+    moved = coordinates.copy()
+    moved[k] += step
+    return moved
+
+
+def thresholds(problem: Problem, residuals: Vector) -> Vector:
+    """Where the robust loss bends for every residual: at ``HUBER`` robust sigmas of its channel."""
+    by_name: dict[str, list[Vector]] = {}
+    at = 0
+    spans = []
+    for observed in problem.observations:
+        for channel in observed.channels:
+            part = residuals[at : at + channel.reference.size]
+            by_name.setdefault(channel.name, []).append(np.abs(part))
+            spans.append((channel.name, part.size))
+            at += part.size
+    bends = {
+        name: max(HUBER * 1.4826 * float(np.median(np.concatenate(parts))), 1e-12)
+        for name, parts in by_name.items()
+    }
+    ends = [np.full(size, bends[name]) for name, size in spans]
+    return np.concatenate([*ends, np.full(residuals.size - at, np.inf)])
+
+
+def robust_weights(loss: str, residuals: Vector, bend: Vector) -> Vector:
+    """Derivative of the loss by the squared residual: 1 for small ones, less for outliers."""
+    if loss == "linear":
+        return np.ones(residuals.size)
+    z = (residuals / bend) ** 2
+    if loss == "huber":
+        weights: Vector = np.where(z <= 1.0, 1.0, 1.0 / np.sqrt(np.maximum(z, 1.0)))
+    else:
+        weights = 1.0 / np.sqrt(1.0 + z)
+    return weights
+
+
+def _robust(loss: str, problem: Problem, residuals: Vector) -> Callable[[Vector], Any]:
+    """The loss for ``least_squares``, bending for each channel where its own noise ends."""
+    bend2 = thresholds(problem, residuals) ** 2
+
+    def shape(squares: Vector) -> Table:
+        z = squares / bend2
+        rho = np.empty((3, z.size))
+        if loss == "huber":
+            far = z > 1.0
+            root = np.sqrt(np.maximum(z, 1.0))
+            rho[0] = np.where(far, 2.0 * root - 1.0, z)
+            rho[1] = np.where(far, 1.0 / root, 1.0)
+            rho[2] = np.where(far, -0.5 / root**3, 0.0)
+        else:
+            t = 1.0 + z
+            rho[0] = 2.0 * (np.sqrt(t) - 1.0)
+            rho[1] = t**-0.5
+            rho[2] = -0.5 * t**-1.5
+        finite = np.isfinite(bend2)
+        rho[0] = np.where(finite, rho[0] * np.where(finite, bend2, 1.0), squares)
+        rho[2] /= bend2
+        return rho
+
+    return shape
+
+
+def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
+    """The best of ``DRAWS`` times as many random points, by their residuals alone.
+
+    They lie within a factor of e, or by the number itself, around the file's numbers.
+    """
+    if count < 1:
+        return []
+    generator = np.random.default_rng(seed)
+    lower, upper = limits(problem)
+    drawn = [
+        np.clip(generator.uniform(-5.0, 5.0, lower.size), lower, upper)
+        for _ in range(DRAWS * count)
+    ]
+    ranked = []
+    for begin in range(0, len(drawn), DRAWS):  # not all residuals at once: memory
+        some = drawn[begin : begin + DRAWS]
+        for point, residuals in zip(some, problem.residuals_of(some), strict=True):
+            cost = float(np.sum(with_priors(problem, point, residuals) ** 2))
+            if np.isfinite(cost):
+                ranked.append((cost, point))
+    ranked.sort(key=lambda pair: pair[0])
+    return [point for _, point in ranked[:count]]
+
+
+def many_starts(
+    problem: Problem, count: int, seed: int, loss: str, most_steps: int, say: Progress
+) -> tuple[list[Solved], int]:
+    """Rounds from the robot file's numbers and from random ones; the best one first.
+
+    Returns:
+        What was found from each start, best first, and how many ended in the best one's minimum.
+    """
+    begins = [np.zeros(len(problem.unknowns)), *_promising(problem, count - 1, seed)]
+    found = []
+    for k, begin in enumerate(begins):
+        if len(begins) > 1:
+            say(f"start {k + 1} of {len(begins)}")
+        found.append(solve(problem, begin, loss, most_steps, say))
+    found.sort(key=lambda solved: solved.cost)
+    best = found[0]
+    same = sum(solved.cost <= best.cost * 1.01 + 1e-12 for solved in found)
+    return found, same

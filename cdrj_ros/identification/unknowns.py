@@ -1,0 +1,334 @@
+"""What is identified: numbers of the robot file, alone or tied, each with its own coordinate.
+
+The optimiser sees a coordinate ``u`` for every unknown, 0 at its start, in which a step of 1 is a
+step worth trying: a fifth of the number.  Numbers that cannot be zero or change their sign use
+the logarithm, so that they never will; all others a straight line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from math import exp, inf, isfinite, log
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.parameters import Number, find_number, matching_paths, split_outside
+
+Vector = NDArray[np.float64]
+
+STEP_SHARE: Final = 0.2
+"""A coordinate of 1 is this share of the number."""
+
+LOG_REACH: Final = 30.0
+"""A number without other bounds may grow or shrink by this factor."""
+
+SIGNED_REACH: Final = 20.0
+"""A number of either sign may move by this many times its step."""
+
+TYPICAL: Final[Mapping[str, float]] = {
+    "mu_c": 0.05,
+    "mu_s": 0.05,
+    "rho": 0.1,
+    "bearing_friction": 0.002,
+    "breakaway": 0.1,
+    "viscous": 20.0,
+    "bristle_damping": 20.0,
+    "preload": 1.0,
+    "bearing_torque": 1e-3,
+    "bearing_diameter": 5e-4,
+    "spring_stiffness": 0.01,
+    "spring_rest": 0.1,
+    "reference_angle": 0.05,
+    "offset": 0.02,
+    "angle": 0.02,
+    "clock_offset": 1e-3,
+    "slope": 5e-4,
+    "sine": 5e-4,
+    "origin": 1e-3,
+    "position": 1e-3,
+    "value": 1e-3,
+}
+"""Smallest step worth trying of a number that may be zero [SI], by key."""
+
+SHORT_FORMS: Final[Mapping[str, str]] = {
+    **{
+        key: f"cables.{{*}}.friction.{key}"
+        for key in (
+            "rho", "mu_c", "mu_s", "stribeck_speed", "stribeck_lag", "bearing_friction",
+            "bristle_stiffness", "bristle_damping", "viscous", "breakaway",
+        )
+    },
+    "v_s": "cables.{*}.friction.stribeck_speed",
+    "f_d": "cables.{*}.friction.bearing_friction",
+    "preload": "cables.{*}.preload",
+    "axial_stiffness": "cables.{*}.axial_stiffness",
+    "EA": "cables.{*}.axial_stiffness",
+    "drum_radius": "drum_radius",
+    "pulley_bearing_torque": "cables.{*}.nodes.*.bearing_torque",
+    "joint_offset": "joints.{*}.offset",
+    "joint_scale": "joints.{*}.scale",
+    "clock_offset": "joints.{*}.clock_offset",
+}  # fmt: skip
+"""Names for what is asked for most: of every cable (joint, motor) its own."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number that is identified, at one place of the robot file or tied at several."""
+
+    paths: tuple[str, ...]
+    signs: tuple[int, ...]
+    """The number at ``paths[k]`` is ``signs[k]`` times this one."""
+    start: float
+    """[SI]."""
+    lower: float
+    """[SI], below ``upper``."""
+    upper: float
+    """[SI]."""
+    step: float
+    """What a coordinate of 1 adds [SI]; 0: the coordinate is a logarithm."""
+    prior: tuple[float, float] | None = None
+    """Mean and standard deviation of what is known beforehand [SI]."""
+
+    @property
+    def name(self) -> str:
+        """How it is called in tables: its first path, and how many more are tied to it."""
+        return (
+            self.paths[0] if len(self.paths) == 1 else f"{self.paths[0]} (+{len(self.paths) - 1})"
+        )
+
+    def value(self, coordinate: float) -> float:
+        """The number [SI] at a coordinate."""
+        if self.step == 0.0:
+            return self.start * exp(STEP_SHARE * coordinate)
+        return self.start + self.step * coordinate
+
+    def coordinate(self, value: float) -> float:
+        """The inverse of ``value``."""
+        if self.step == 0.0:
+            return log(value / self.start) / STEP_SHARE
+        return (value - self.start) / self.step
+
+    def slope(self, coordinate: float) -> float:
+        """Change of the number with its coordinate [SI]."""
+        if self.step == 0.0:
+            return STEP_SHARE * self.value(coordinate)
+        return self.step
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Both bounds as coordinates, in increasing order."""
+        ends = self.coordinate(self.lower), self.coordinate(self.upper)
+        return min(ends), max(ends)
+
+
+def values_by_path(unknowns: Sequence[Unknown], values: Iterable[float]) -> dict[str, float]:
+    """The numbers [SI] of all tied places."""
+    return {
+        path: sign * value
+        for unknown, value in zip(unknowns, values, strict=True)
+        for path, sign in zip(unknown.paths, unknown.signs, strict=True)
+    }
+
+
+def parse_unknowns(document: Document, text: str) -> tuple[Unknown, ...]:
+    """The unknowns of a list such as ``rho,cables.*.preload,joints.jaw.offset``.
+
+    Items are paths, patterns or short forms, with commas between them.  A pattern with ``*`` or
+    ``[a,b]`` is one common number, one with braces, ``{*}`` or ``{a,b}``, one for each.  Paths
+    joined by ``=`` are one number too, a minus before a path turns its sign there:
+    ``cables.a.spans.3.slope=-cables.b.spans.3.slope``.
+
+    Raises:
+        UsageError: an item is no parameter, or stands for a number that another one has already.
+    """
+    unknowns: list[Unknown] = []
+    for item in split_outside(text, ","):
+        if not item:
+            raise UsageError(f"--fit needs names with single commas between them, got {text!r}")
+        unknowns += _parse_item(document, item)
+    taken: set[str] = set()
+    for unknown in unknowns:
+        for path in unknown.paths:
+            if path in taken:
+                raise UsageError(f"{path} is to be fitted twice in {text!r}")
+            taken.add(path)
+    return tuple(unknowns)
+
+
+def _parse_item(document: Document, item: str) -> list[Unknown]:
+    if item == "drum_radius":
+        return _drum_radii(document)
+    if item.isidentifier() and item not in SHORT_FORMS:
+        close = get_close_matches(item, SHORT_FORMS, n=1)
+        raise UsageError(
+            f"{item} is no short form"
+            + (f"; did you mean {close[0]}?" if close else f"; there are {', '.join(SHORT_FORMS)}")
+        )
+    members = split_outside(SHORT_FORMS.get(item, item), "=")
+    if len(members) == 1:
+        pattern, sign = _signed(members[0])
+        if sign < 0:
+            raise UsageError(f"{item}: a minus has a meaning only behind =")
+        groups = matching_paths(document, pattern)
+        return [_unknown(document, group, (1,) * len(group)) for group in groups]
+    paths: list[str] = []
+    signs: list[int] = []
+    for member in members:
+        pattern, sign = _signed(member)
+        groups = matching_paths(document, pattern)
+        if len(groups) != 1:
+            raise UsageError(f"{item}: braces keep numbers apart and = ties them; use one of both")
+        paths += groups[0]
+        signs += [sign] * len(groups[0])
+    if signs[0] < 0:
+        raise UsageError(f"{item}: the first one gives the sign; put the minus to the others")
+    return [_unknown(document, tuple(paths), tuple(signs))]
+
+
+def _signed(member: str) -> tuple[str, int]:
+    return (member[1:].strip(), -1) if member.startswith("-") else (member, 1)
+
+
+def _drum_radii(document: Document) -> list[Unknown]:
+    """The drums of each motor, one radius for all cables on it."""
+    by_motor: dict[str, list[str]] = {}
+    for cable in document["cables"]:
+        for k, node in enumerate(cable["nodes"]):
+            if node["type"] == "winch":
+                by_motor.setdefault(node["motor"], []).append(
+                    f"cables.{cable['name']}.nodes.{k + 1}.radius"
+                )
+    return [_unknown(document, tuple(paths), (1,) * len(paths)) for paths in by_motor.values()]
+
+
+def _unknown(document: Document, paths: tuple[str, ...], signs: tuple[int, ...]) -> Unknown:
+    numbers = [find_number(document, path) for path in paths]
+    starts = [sign * number.value for number, sign in zip(numbers, signs, strict=True)]
+    start = float(np.mean(starts))
+    first = numbers[0]
+    lower, upper = _allowed(first)
+    if -1 in signs:
+        lower, upper = max(lower, -upper), min(upper, -lower)
+    if first.key == "reference_angle" and paths[0].startswith("joints."):
+        lower, upper = (
+            find_number(document, f"{paths[0].rsplit('.', 1)[0]}.range.1").value,
+            find_number(document, f"{paths[0].rsplit('.', 1)[0]}.range.2").value,
+        )
+    positive = "exclusiveMinimum" in first.rules
+    signless = first.key in ("slope", "sine", "scale") and start != 0.0
+    if (positive and start > 0.0) or signless:
+        ends = sorted((start / LOG_REACH, start * LOG_REACH))
+        return Unknown(paths, signs, start, max(ends[0], lower), min(ends[1], upper), 0.0)
+    step = max(STEP_SHARE * abs(start), TYPICAL.get(first.key, 1e-3))
+    if lower == 0.0:
+        upper = min(upper, max(LOG_REACH * abs(start), 100.0 * step))
+    else:
+        lower, upper = (
+            max(lower, start - SIGNED_REACH * step),
+            min(upper, start + SIGNED_REACH * step),
+        )
+    return Unknown(paths, signs, start, lower, upper, step)
+
+
+def _allowed(number: Number) -> tuple[float, float]:
+    """What the schema allows."""
+    rules = number.rules
+    lower = float(rules.get("minimum", rules.get("exclusiveMinimum", -inf)))
+    upper = float(rules.get("maximum", rules.get("exclusiveMaximum", inf)))
+    return lower, upper
+
+
+def with_bounds(unknowns: Sequence[Unknown], texts: Iterable[str]) -> tuple[Unknown, ...]:
+    """The unknowns with bounds from ``path=lower:upper`` [SI]; one end may be left out.
+
+    Raises:
+        UsageError: no such unknown, no numbers, or bounds that exclude every value.
+    """
+    result = list(unknowns)
+    for text in texts:
+        chosen, given = _addressed(result, text, "--bounds", "lower:upper")
+        low, _, high = given.partition(":")
+        for k in chosen:
+            unknown = result[k]
+            lower = _number_of(low, text) if low else unknown.lower
+            upper = _number_of(high, text) if high else unknown.upper
+            if not lower < upper:
+                raise UsageError(f"--bounds {text}: {lower:g} must be less than {upper:g}")
+            if unknown.step == 0.0 and lower * upper <= 0.0:
+                raise UsageError(
+                    f"--bounds {text}: {unknown.name} cannot change its sign or be zero"
+                )
+            result[k] = replace(unknown, lower=lower, upper=upper)
+    return tuple(result)
+
+
+def with_priors(unknowns: Sequence[Unknown], texts: Iterable[str]) -> tuple[Unknown, ...]:
+    """The unknowns with what is known beforehand, from ``path=mean:stddev`` [SI].
+
+    Raises:
+        UsageError: no such unknown, no numbers, or a standard deviation that is not positive.
+    """
+    result = list(unknowns)
+    for text in texts:
+        chosen, given = _addressed(result, text, "--prior", "mean:stddev")
+        mean, _, stddev = given.partition(":")
+        prior = _number_of(mean, text), _number_of(stddev, text)
+        if not prior[1] > 0.0:
+            raise UsageError(f"--prior {text}: the standard deviation must be greater than 0")
+        for k in chosen:
+            result[k] = replace(result[k], prior=prior)
+    return tuple(result)
+
+
+def starting_values(document: Document, texts: Iterable[str]) -> dict[str, float]:
+    """Numbers by path from ``path=value`` [SI], patterns and short forms included.
+
+    Raises:
+        UsageError: no such parameter, or no number.
+    """
+    values: dict[str, float] = {}
+    for text in texts:
+        name, _, given = text.rpartition("=")
+        value = _number_of(given, text)
+        for member in split_outside(SHORT_FORMS.get(name, name), "="):
+            pattern, sign = _signed(member)
+            for group in matching_paths(document, pattern):
+                values |= dict.fromkeys(group, sign * value)
+    return values
+
+
+def _addressed(
+    unknowns: Sequence[Unknown], text: str, option: str, form: str
+) -> tuple[list[int], str]:
+    """Which unknowns ``path=...`` means, and what stands behind the last equals sign."""
+    name, _, given = text.rpartition("=")
+    if not name or ":" not in given:
+        raise UsageError(f"{option} must be PATH={form}, got {text!r}")
+    pattern = SHORT_FORMS.get(name, name).replace("{*}", "*")
+    chosen = [
+        k
+        for k, unknown in enumerate(unknowns)
+        if any(path == name or fnmatchcase(path, pattern) for path in unknown.paths)
+    ]
+    if not chosen:
+        fitted = ", ".join(unknown.paths[0] for unknown in unknowns)
+        raise UsageError(f"{option} {text}: {name} is not among what is fitted ({fitted})")
+    return chosen, given
+
+
+def _number_of(text: str, whole: str) -> float:
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise UsageError(f"{text!r} in {whole!r} is not a number") from error
+    if not isfinite(value):
+        raise UsageError(f"{text!r} in {whole!r} must be finite")
+    return value

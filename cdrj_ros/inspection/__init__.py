@@ -1,0 +1,1 @@
+"""What a robot file implies before anything moves."""

@@ -1,0 +1,427 @@
+"""What a robot's cables do over the joint ranges: lengths, wraps, moment arms, losses, tension.
+
+Geometry and statics only, no samples: it is what ``check_robot`` prints.  The motors are taken to
+follow the joints so that every cable keeps its preload as well as the winches allow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from math import exp, pi
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.friction import RIGID_BRISTLE, STRIBECK_FORMS, blended_loss
+from cdrj_ros.model.prepared import Model, Shape, shape_at
+from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+POSES_PER_JOINT: Final = (81, 21, 9, 5)
+"""Poses along every joint of a robot with one, two, three, four joints."""
+
+RANDOM_POSES: Final = 1000
+"""Poses of a robot with more joints than that, beside the corners of its range."""
+
+MOST_CORNERS: Final = 10
+"""Joints up to which every corner of the range is visited."""
+
+LOOSEST: Final = 1e-7
+"""Tolerance of balance and of tension that counts as none, relative to the load."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Smallest and largest value over the poses, and where."""
+
+    low: float
+    high: float
+    low_at: tuple[float, ...]
+    """Joint angles [rad], or [m] for prismatic joints."""
+    high_at: tuple[float, ...]
+
+    @property
+    def width(self) -> float:
+        """Largest less smallest value."""
+        return self.high - self.low
+
+
+@dataclass(frozen=True)
+class ElementCheck:
+    """One element of a cable over the joint ranges."""
+
+    name: str
+    length: Extent
+    """With its share of the arcs [m]."""
+    span: Extent
+    """Between the tangent points [m]; at a drum or sector the arc wound there counts too."""
+    moment_arm: tuple[Extent, ...]
+    """-dL/dq of every joint [m]; [-] for prismatic joints."""
+
+
+@dataclass(frozen=True)
+class PulleyCheck:
+    """One pulley of a cable over the joint ranges."""
+
+    name: str
+    wrap: Extent
+    """[rad]."""
+    transmission_at_rest: Extent
+    """eta for v -> 0 [-], what must be overcome to move."""
+    transmission_sliding: Extent
+    """eta for v far above the Stribeck speed [-]."""
+    passing: float
+    """Length of cable that runs over it as the joints go through their ranges [m]."""
+    needed: float
+    """Length of cable that must run over it before it is known to slip: twice break-away [m]."""
+
+
+@dataclass(frozen=True)
+class CableCheck:
+    """One cable over the joint ranges."""
+
+    name: str
+    elements: tuple[ElementCheck, ...]
+    pulleys: tuple[PulleyCheck, ...]
+    length: Extent
+    """Of all elements together [m]."""
+    moment_arm: tuple[Extent, ...]
+    """-dL/dq of every joint, all elements together [m]; [-] for prismatic joints."""
+    transmission_at_rest: Extent
+    """Product over the pulleys [-]."""
+    transmission_sliding: Extent
+    """Product over the pulleys [-]."""
+    stiffness: float
+    """EA / length in the reference pose [N/m]."""
+    followed: Extent
+    """Tension without friction when the motors follow, under the given loads [N]."""
+    worst: Extent
+    """Tension at the pulling end when every pulley has to slip, under the given loads [N]."""
+    slack_after: tuple[float, ...]
+    """Motion of every joint from the reference pose, motors still, that takes all preload away
+    [rad] or [m]; infinite where the cable does not move the joint."""
+
+
+@dataclass(frozen=True)
+class MotorCheck:
+    """One motor over the joint ranges."""
+
+    name: str
+    angle: Extent
+    """From the reference pose [rad]."""
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """A robot over its joint ranges."""
+
+    model: Model
+    poses: Matrix
+    """Visited joint angles, shape (poses, joints)."""
+    cables: tuple[CableCheck, ...]
+    motors: tuple[MotorCheck, ...]
+    loads: Mapping[str, float]
+    """Effort that the cables must exert on a joint in every pose [N m] or [N]."""
+    unbalanced: tuple[tuple[float, ...], ...]
+    """Poses in which no tensions of at least 0 N exert the loads."""
+    unmoved: tuple[tuple[float, ...], ...]
+    """Poses in which some motion of the joints changes no cable's length."""
+
+
+def prismatic_joints(robot: Robot) -> frozenset[str]:
+    """Names of the joints that are positions [m] and not angles."""
+    return frozenset(
+        frame.joint for frame in robot.frames if frame.motion == "prismatic" and frame.joint
+    )
+
+
+def visited_poses(robot: Robot) -> Matrix:
+    """Reference pose, then a grid or, for many joints, corners and a random cloud.
+
+    Returns:
+        Shape (poses, joints).
+    """
+    lower = np.array([joint.lower for joint in robot.joints])
+    upper = np.array([joint.upper for joint in robot.joints])
+    reference = np.array([[joint.reference_angle for joint in robot.joints]])
+    count = len(robot.joints)
+    if count == 0:
+        return reference.reshape(1, 0)
+    if count <= len(POSES_PER_JOINT):
+        axis = np.linspace(0.0, 1.0, POSES_PER_JOINT[count - 1])
+        shares = np.array(list(product(axis, repeat=count)))
+    else:
+        shares = np.random.default_rng(0).random((RANDOM_POSES, count))
+        if count <= MOST_CORNERS:
+            shares = np.vstack([np.array(list(product((0.0, 1.0), repeat=count))), shares])
+    grid: Matrix = np.vstack([reference, lower + shares * (upper - lower)])
+    return grid
+
+
+def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[float, float]:
+    """eta of a pulley at rest and sliding fast, by the cable's law: (37), (41) and their blend."""
+    friction = pulley.friction
+    if cable.law == "none":
+        return 1.0, 1.0
+    if cable.law == "euler":
+        eta = exp(-friction.mu_c * wrap_angle)
+        return eta, eta
+    kinetic, static = blended_loss(
+        friction.rho,
+        friction.mu_c,
+        friction.mu_s,
+        wrap_angle,
+        friction.bearing_friction * pulley.bearing_diameter / pulley.radius,
+        STRIBECK_FORMS.index(friction.stribeck),
+        1.0,
+    )
+    return 1.0 - kinetic - static, 1.0 - kinetic
+
+
+def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Inspection:
+    """Look at a prepared robot in many poses of its joints' ranges.
+
+    Args:
+        model: the robot.
+        loads: effort that the cables must exert on a joint, in every pose [N m], or [N] for a
+            prismatic joint; joints that are not named take what comes.
+
+    Raises:
+        UsageError: a load on a joint that does not exist.
+    """
+    robot = model.robot
+    loads = dict(loads or {})
+    for name in loads:
+        if name not in model.layout.joints:
+            raise UsageError(
+                f"there is no joint {name!r} to load; {robot.name} has "
+                f"{', '.join(model.layout.joints) or 'none'}"
+            )
+    poses = visited_poses(robot)
+    shapes = [shape_at(model, pose) for pose in poses]
+    length = np.array([shape.length for shape in shapes])
+    by_joint = np.array([shape.length_by_joint for shape in shapes])
+    whole = np.stack([length[:, part].sum(axis=1) for part in _parts(robot)], axis=1)
+    whole_by = np.stack([by_joint[:, part].sum(axis=1) for part in _parts(robot)], axis=1)
+
+    stiffness = np.array([c.axial_stiffness for c in robot.cables]) / whole[0]
+    drums = _drums(robot)
+    motors, followed = _follow(robot, whole, stiffness, drums)
+    unbalanced: list[tuple[float, ...]] = []
+    if loads:
+        followed, unbalanced = _loaded(model, loads, poses, whole_by, followed, stiffness, drums)
+    return Inspection(
+        model,
+        poses,
+        tuple(_cables(model, poses, shapes, followed, stiffness, motors)),
+        tuple(
+            MotorCheck(motor.name, _extent(motors[:, m], poses))
+            for m, motor in enumerate(robot.motors)
+        ),
+        loads,
+        tuple(unbalanced),
+        tuple(
+            tuple(pose)
+            for pose, arms in zip(poses.tolist(), whole_by, strict=True)
+            if np.linalg.matrix_rank(_scaled(arms)) < len(robot.joints)
+        ),
+    )
+
+
+def _parts(robot: Robot) -> Iterator[slice]:
+    """Places of every cable's elements."""
+    at = 0
+    for cable in robot.cables:
+        yield slice(at, at + len(cable.nodes) - 1)
+        at += len(cable.nodes) - 1
+
+
+def _drums(robot: Robot) -> Matrix:
+    """Cable wound in per radian of every motor [m], shape (cables, motors)."""
+    names = [motor.name for motor in robot.motors]
+    drums = np.zeros((len(robot.cables), len(names)))
+    for c, cable in enumerate(robot.cables):
+        for node in (cable.nodes[0], cable.nodes[-1]):
+            if isinstance(node, Winch):
+                drums[c, names.index(node.motor)] += node.winding * node.radius
+    return drums
+
+
+def _follow(robot: Robot, whole: Matrix, stiffness: Vector, drums: Matrix) -> tuple[Matrix, Matrix]:
+    """Motor angles that keep the preloads, in the sense of least squares, and what is then left.
+
+    Returns:
+        Motor angles from the reference [rad], (poses, motors), and tensions [N], (poses, cables).
+    """
+    wanted = whole[0] - whole  # to be wound in, (poses, cables)
+    angles = np.linalg.lstsq(stiffness[:, None] * drums, (stiffness * wanted).T, rcond=None)[0].T
+    preload = np.array([cable.preload for cable in robot.cables])
+    tension = preload + stiffness * (angles @ drums.T - wanted)
+    return angles, np.maximum(tension, 0.0)
+
+
+def _loaded(
+    model: Model,
+    loads: Mapping[str, float],
+    poses: Matrix,
+    whole_by: NDArray[np.float64],
+    followed: Matrix,
+    stiffness: Vector,
+    drums: Matrix,
+) -> tuple[Matrix, list[tuple[float, ...]]]:
+    """Tensions without friction that exert the loads and stay closest to those without.
+
+    The motors turn by d more: t = t_follow + k B d >= 0, and -A^T t = load on the named joints;
+    the largest |t - t_follow| is made smallest, a linear program in d and that largest change.
+    """
+    from scipy.optimize import linprog  # slow to import, so only where used
+
+    named = [model.layout.joints.index(name) for name in loads]
+    efforts = np.array(list(loads.values()))
+    turned = stiffness[:, None] * drums  # k B
+    count, motors = turned.shape
+    rows = np.vstack(
+        [
+            np.hstack([-turned, np.zeros((count, 1))]),
+            np.hstack([turned, -np.ones((count, 1))]),
+            np.hstack([-turned, -np.ones((count, 1))]),
+        ]
+    )
+    scale = max(1.0, float(np.abs(efforts).max()))
+    tensions = followed.copy()
+    unbalanced = []
+    for k in range(poses.shape[0]):
+        arms = -whole_by[k][:, named].T  # efforts by tensions
+        result = linprog(
+            np.append(np.zeros(motors), 1.0),
+            A_ub=rows,
+            b_ub=np.concatenate([followed[k], np.zeros(2 * count)]),
+            A_eq=np.hstack([arms @ turned, np.zeros((len(named), 1))]) / scale,
+            b_eq=(efforts - arms @ followed[k]) / scale,
+            bounds=[(None, None)] * motors + [(0.0, None)],
+        )
+        if result.success:
+            tensions[k] = np.maximum(followed[k] + turned @ result.x[:-1], 0.0)
+        else:
+            unbalanced.append(tuple(poses[k].tolist()))
+    return tensions, unbalanced
+
+
+def _cables(
+    model: Model,
+    poses: Matrix,
+    shapes: list[Shape],
+    followed: Matrix,
+    stiffness: Vector,
+    motors: Matrix,
+) -> Iterator[CableCheck]:
+    robot = model.robot
+    names = [motor.name for motor in robot.motors]
+    joints = range(len(robot.joints))
+    pulley_at = 0
+    for c, (cable, part) in enumerate(zip(robot.cables, _parts(robot), strict=True)):
+        length = np.array([shape.length[part] for shape in shapes])
+        by_joint = np.array([shape.length_by_joint[part] for shape in shapes])
+        count = len(cable.pulleys)
+        wrap = np.array([shape.wrap[pulley_at : pulley_at + count] for shape in shapes])
+        pulley_at += count
+        radius = np.array([pulley.radius for pulley in cable.pulleys])
+        arcs = np.pad(0.5 * radius * wrap, ((0, 0), (1, 1)))
+        spans = length - arcs[:, :-1] - arcs[:, 1:]
+
+        last = cable.nodes[-1]
+        wound = np.zeros(poses.shape[0])
+        if isinstance(last, Winch):
+            wound = last.winding * last.radius * motors[:, names.index(last.motor)]
+        eta = np.array(
+            [
+                [transmissions(cable, pulley, wrap[k, p]) for p, pulley in enumerate(cable.pulleys)]
+                for k in range(poses.shape[0])
+            ]
+        ).reshape(poses.shape[0], count, 2)
+        at_rest = eta[:, :, 0].prod(axis=1)
+        worst = followed[:, c]
+        for p in reversed(range(count)):  # towards node 1: each pulley adds its loss
+            drag = 0.0
+            if cable.law not in ("none", "euler"):
+                drag = cable.pulleys[p].bearing_torque / cable.pulleys[p].radius
+            worst = worst / eta[:, p, 0] + np.where(worst > 0.0, drag, 0.0)
+        arms = by_joint.sum(axis=1)
+        yield CableCheck(
+            cable.name,
+            tuple(
+                ElementCheck(
+                    name,
+                    _extent(length[:, e], poses),
+                    _extent(spans[:, e], poses),
+                    tuple(_extent(-by_joint[:, e, j], poses) for j in joints),
+                )
+                for e, name in enumerate(cable.element_names)
+            ),
+            tuple(
+                PulleyCheck(
+                    name,
+                    _extent(wrap[:, p], poses),
+                    _extent(eta[:, p, 0], poses),
+                    _extent(eta[:, p, 1], poses),
+                    float(np.ptp(length[:, p + 1 :].sum(axis=1) + wound)),
+                    _travel_to_slip(cable, p, eta[:, p, 0], followed[:, c]),
+                )
+                for p, name in enumerate(cable.pulley_names)
+            ),
+            _extent(length.sum(axis=1), poses),
+            tuple(_extent(-arms[:, j], poses) for j in joints),
+            _extent(at_rest, poses),
+            _extent(eta[:, :, 1].prod(axis=1), poses),
+            float(stiffness[c]),
+            _extent(followed[:, c], poses),
+            _extent(worst, poses),
+            tuple(
+                float(cable.preload / (stiffness[c] * abs(arms[0, j])))
+                if abs(arms[0, j]) > LOOSEST
+                else float("inf")
+                for j in joints
+            ),
+        )
+
+
+def _travel_to_slip(cable: Cable, p: int, eta: Vector, tension: Vector) -> float:
+    """From the bound on one side to that on the other: 2 g / sigma0, g = (1 - eta) T [m]."""
+    if cable.law == "none":
+        return 0.0
+    stiffness = cable.pulleys[p].friction.bristle_stiffness
+    if cable.law in ("euler", "steady"):
+        stiffness = RIGID_BRISTLE
+    return float(np.max(2.0 * (1.0 - eta) * tension)) / stiffness
+
+
+def _extent(values: Vector, poses: Matrix) -> Extent:
+    low, high = int(np.argmin(values)), int(np.argmax(values))
+    return Extent(
+        float(values[low]), float(values[high]), tuple(poses[low].tolist()),
+        tuple(poses[high].tolist()),
+    )  # fmt: skip
+
+
+def _scaled(arms: Matrix) -> Matrix:
+    """Columns of unit length, so that [m] and [-] can stand side by side in a rank."""
+    norm = np.linalg.norm(arms, axis=0)
+    scaled: Matrix = arms / np.where(norm > LOOSEST, norm, np.inf)
+    return scaled
+
+
+def pose_text(robot: Robot, pose: Iterable[float]) -> str:
+    """``elbow = 40.0°, slide = 0.120 m``."""
+    positions = prismatic_joints(robot)
+    return ", ".join(
+        f"{joint.name} = {value:.3f} m"
+        if joint.name in positions
+        else f"{joint.name} = {value * 180.0 / pi:.1f}°"
+        for joint, value in zip(robot.joints, pose, strict=True)
+    )

@@ -1,0 +1,348 @@
+"""What looks wrong in a robot file that is formally right, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import degrees, isinf, pi
+from typing import Final
+
+from cdrj_ros.inspection.ranges import (
+    CableCheck,
+    Extent,
+    Inspection,
+    PulleyCheck,
+    pose_text,
+    prismatic_joints,
+)
+from cdrj_ros.robot.description import Anchor, Cable, Pulley, Robot, Winch
+
+NARROW_WRAP: Final = 2.0 * pi / 180.0
+"""A cable that wraps less than this is about to leave its pulley [rad]."""
+
+WRONG_SENSE: Final = 1.5 * pi
+"""Wrap of a pulley given by its position, beyond which its sense of turning is doubtful [rad]."""
+
+SHORTEST_SHARE: Final = 0.1
+"""Of its longest span, to which an element should not shrink [-]."""
+
+MOST_TURNS: Final = 10.0
+"""Turns of a drum beyond which cable lies in several layers, usually."""
+
+LARGEST_LOSS: Final = 0.5
+"""Share of the tension that pulleys may take before friction rules the answer [-]."""
+
+LARGEST_STRAIN: Final = 0.03
+"""Strain at which cables break or yield, usually [-]."""
+
+PLAUSIBLE_MODULUS: Final = (1e9, 250e9)
+"""Young's modulus as laid, from nylon to more than steel [Pa]."""
+
+LOST_PRELOAD: Final = 0.05
+"""Share of the preload below which a cable counts as having lost it [-]."""
+
+SMALL_ARM: Final = 1e-3
+"""Of the largest moment arm of a joint, that counts as none [-]."""
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """One thing to look at."""
+
+    where: str
+    """Name of the cable, pulley, element, motor or joint."""
+    text: str
+    """What is odd, with numbers, and what it means."""
+    grave: bool = True
+    """False for a remark: usual in some mechanisms, good to know."""
+
+
+def find_suspicions(
+    inspection: Inspection, moduli: Mapping[str, float] | None = None
+) -> tuple[Suspicion, ...]:
+    """Everything odd about a robot, the grave first.
+
+    Args:
+        inspection: of ``cdrj_ros.inspection.ranges``.
+        moduli: Young's modulus of cables by name [Pa], where the file gives it.
+    """
+    robot = inspection.model.robot
+    found: list[Suspicion] = []
+    for cable, check in zip(robot.cables, inspection.cables, strict=True):
+        found += _geometry(robot, cable, check)
+        found += _slip(cable, check)
+        found += _friction(cable)
+        found += _tension(robot, cable, check, bool(inspection.loads))
+        found += _material(cable, (moduli or {}).get(cable.name))
+    found += _motors(inspection)
+    found += _joints(inspection)
+    return tuple(sorted(found, key=lambda suspicion: not suspicion.grave))
+
+
+def _at(robot: Robot, pose: tuple[float, ...]) -> str:
+    text = pose_text(robot, pose)
+    return f" at {text}" if text else ""
+
+
+def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
+    for pulley in check.pulleys:
+        wrap = pulley.wrap
+        if wrap.low < NARROW_WRAP:
+            yield Suspicion(
+                pulley.name,
+                f"the wrap falls to {degrees(wrap.low):.1f}°{_at(robot, wrap.low_at)}: the cable "
+                "is about to leave the pulley",
+            )
+        if cable.routed and WRONG_SENSE < wrap.high <= 2.0 * pi:
+            yield Suspicion(
+                pulley.name,
+                f"the wrap grows to {degrees(wrap.high):.0f}°{_at(robot, wrap.high_at)}: is turn "
+                "the other way round?",
+            )
+        if wrap.high > 2.0 * pi:
+            yield Suspicion(
+                pulley.name,
+                f"the wrap grows to {degrees(wrap.high):.0f}°{_at(robot, wrap.high_at)}: more than "
+                "a whole turn, the cable has to pass beside itself",
+            )
+    for element in check.elements:
+        span = element.span
+        if span.high > 0.0 and span.low < SHORTEST_SHARE * span.high:
+            yield Suspicion(
+                element.name,
+                f"the free span shrinks to {1e3 * span.low:.1f} mm{_at(robot, span.low_at)}, "
+                f"{100.0 * span.low / span.high:.0f} % of its longest",
+            )
+    for joint, arm in zip(robot.joints, check.moment_arm, strict=True):
+        size = max(abs(arm.low), abs(arm.high))
+        if arm.low < -SMALL_ARM * size and arm.high > SMALL_ARM * size and size > 1e-9:
+            # a platform's cables do so as it passes by; on a joint with an axis it is a dead point
+            yield Suspicion(
+                cable.name,
+                f"its moment arm about {joint.name} changes sign ({_arm(robot, joint.name, arm)}): "
+                "it pulls one way in one part of the range and the other way in the rest",
+                grave=len(robot.joints) == 1,
+            )
+
+
+def _arm(robot: Robot, joint: str, arm: Extent) -> str:
+    if joint in prismatic_joints(robot):
+        return f"{arm.low:.3g} to {arm.high:.3g}"
+    return f"{1e3 * arm.low:.3g} to {1e3 * arm.high:.3g} mm"
+
+
+def _slip(cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
+    for k, pulley in enumerate(check.pulleys):
+        if pulley.transmission_at_rest.low >= 1.0 or pulley.passing > max(pulley.needed, 1e-6):
+            continue
+        bound = (1.0 - pulley.transmission_at_rest.low) * check.followed.high
+        yield Suspicion(
+            pulley.name,
+            f"the joints carry {1e6 * pulley.passing:.1f} µm of cable over it"
+            + (
+                f", {1e6 * pulley.needed:.1f} µm are needed to know its friction"
+                if pulley.needed > 0.0
+                else ""
+            )
+            + f": it slips only as the tension changes by some {_swing(cable, check, k, pulley)}, "
+            f"and until then what lies behind it is known to ±{bound:.2g} N only",
+            grave=False,
+        )
+
+
+def _swing(cable: Cable, check: CableCheck, k: int, pulley: PulleyCheck) -> str:
+    """Change of tension before a pulley that takes it from one bound to the other."""
+    bound = (1.0 - pulley.transmission_at_rest.low) * check.followed.high
+    behind = cable.axial_stiffness / sum(element.length.high for element in check.elements[k + 1 :])
+    contact = cable.pulleys[k].friction.bristle_stiffness
+    return f"{2.0 * bound * (1.0 + behind / contact):.2g} N"
+
+
+def _friction(cable: Cable) -> Iterator[Suspicion]:
+    """Keys without effect; once for a cable."""
+    groups: dict[str, list[str]] = {}
+    for name, pulley in zip(cable.pulley_names, cable.pulleys, strict=True):
+        for text in _without_effect(cable, pulley):
+            groups.setdefault(text, []).append(name)
+    for text, names in groups.items():
+        alike = len(names) == len(cable.pulleys) and len(names) > 1
+        where = cable.name if alike else ", ".join(names)
+        yield Suspicion(where, text, grave=not text.startswith("no friction"))
+
+
+def _without_effect(cable: Cable, pulley: Pulley) -> Iterator[str]:
+    friction = pulley.friction
+    law = cable.law
+    if law == "none":
+        if friction.mu_c > 0.0 or friction.bearing_friction > 0.0:
+            yield "law is none: mu_c and bearing_friction are without effect"
+        return
+    if friction.mu_s != friction.mu_c:
+        reason = ""
+        if law == "euler":
+            reason = "law euler has no static friction"
+        elif friction.rho == 0.0:
+            reason = "rho is 0: only the bearing counts"
+        elif friction.mu_c == 0.0 and friction.stribeck == "printed":
+            reason = "the printed form scales mu_c, which is 0"
+        if reason:
+            yield f"mu_s = {friction.mu_s:g} is without effect: {reason}"
+    elif friction.stribeck_speed is not None:
+        yield "stribeck_speed is without effect: mu_s equals mu_c"
+    bearing = friction.bearing_friction > 0.0 and pulley.bearing_diameter > 0.0
+    if bearing and (friction.rho == 1.0 or law == "euler"):
+        yield (
+            "bearing_friction is without effect: "
+            + ("law euler knows sliding alone" if law == "euler" else "rho is 1: sliding alone")
+        )
+    if friction.bearing_friction > 0.0 and pulley.bearing_diameter == 0.0 and friction.rho < 1.0:
+        yield "bearing_friction is without effect: bearing_diameter is 0"
+    if friction.mu_c > 0.0 and friction.rho == 0.0 and law != "euler":
+        yield f"mu_c = {friction.mu_c:g} is without effect: rho is 0, only the bearing counts"
+    sliding = friction.rho > 0.0 or law == "euler"
+    if not (bearing or pulley.bearing_torque > 0.0) and (friction.mu_c == 0.0 or not sliding):
+        yield f"no friction at all, although law is {law}"
+
+
+def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Iterator[Suspicion]:
+    lost = 1.0 - check.transmission_at_rest.low
+    if lost > LARGEST_LOSS:
+        yield Suspicion(
+            cable.name,
+            f"its pulleys may take {100.0 * lost:.0f} % of the tension"
+            f"{_at(robot, check.transmission_at_rest.low_at)}: errors of the friction parameters "
+            "will rule the estimate of the far elements",
+        )
+    if check.worst.high > cable.maximum_tension:
+        yield Suspicion(
+            cable.name,
+            f"{check.worst.high:.4g} N at the pulling end{_at(robot, check.worst.high_at)}, "
+            f"friction included, is above max_tension {cable.maximum_tension:g} N",
+        )
+    elif isinf(cable.maximum_tension):
+        yield Suspicion(cable.name, "has no max_tension: no overload will be reported", grave=False)
+    if cable.preload == 0.0:
+        if not loaded:
+            yield Suspicion(
+                cable.name,
+                "has no preload: its tension is what the winch stretches it by; give --load for "
+                "the tension under a load",
+                grave=False,
+            )
+    elif not loaded and check.followed.low < LOST_PRELOAD * cable.preload:
+        passive = not any(isinstance(node, Winch) for node in cable.nodes)
+        why = (
+            "no winch is there to follow the joints"
+            if passive
+            else "a motor cannot follow all of its cables at once; compare their moment arms, "
+            "drum radii and windings"
+        )
+        yield Suspicion(
+            cable.name,
+            f"the tension falls from the preload {cable.preload:g} N to {check.followed.low:.3g} N"
+            f"{_at(robot, check.followed.low_at)} even as the motors follow: {why}",
+        )
+    elif loaded and check.followed.low < LOST_PRELOAD * cable.preload:
+        yield Suspicion(
+            cable.name,
+            f"the load leaves {check.followed.low:.3g} N of tension"
+            f"{_at(robot, check.followed.low_at)}: about to go slack",
+        )
+
+
+def _material(cable: Cable, modulus: float | None) -> Iterator[Suspicion]:
+    least, most = PLAUSIBLE_MODULUS
+    if modulus is not None and not least <= modulus <= most:
+        yield Suspicion(
+            cable.name,
+            f"youngs_modulus is {modulus / 1e9:.3g} GPa; steel rope has 50 to 200, braided "
+            "polymers 5 to 120: is the unit right?",
+        )
+    strain = cable.preload / cable.axial_stiffness
+    if strain > LARGEST_STRAIN:
+        yield Suspicion(
+            cable.name,
+            f"the preload alone stretches it by {100.0 * strain:.2g} %: is EA = "
+            f"{cable.axial_stiffness:.4g} N right?",
+        )
+
+
+def _motors(inspection: Inspection) -> Iterator[Suspicion]:
+    robot = inspection.model.robot
+    for motor, check in zip(robot.motors, inspection.motors, strict=True):
+        ends = [
+            (cable.name, node, place)
+            for cable in robot.cables
+            for place, node in ((1, cable.nodes[0]), (-1, cable.nodes[-1]))
+            if isinstance(node, Winch) and node.motor == motor.name
+        ]
+        if not ends:
+            yield Suspicion(motor.name, "moves no cable: no winch names this motor")
+            continue
+        turns = check.angle.width / (2.0 * pi)
+        if turns > MOST_TURNS:
+            yield Suspicion(
+                motor.name,
+                f"makes {turns:.1f} turns over the joint range: if the cable lies in several "
+                "layers, the drum's radius is not constant",
+            )
+        senses = {
+            name: node.winding * node.place.turn * place
+            for name, node, place in ends
+            if node.place is not None
+        }
+        if len(set(senses.values())) > 1:
+            yield Suspicion(
+                motor.name,
+                "winding and turn contradict each other between "
+                + " and ".join(senses)
+                + ": drums on one shaft that the cables go round in the same sense wind alike, "
+                "and in opposite senses wind oppositely",
+            )
+    signs = {motor.name: motor.effort_sign for motor in robot.motors}
+    signs |= {joint.name: joint.effort_sign for joint in robot.joints}
+    if len(set(signs.values())) > 1:
+        negative = [name for name, sign in signs.items() if sign < 0]
+        yield Suspicion(
+            ", ".join(negative),
+            "effort_sign is -1 here and +1 elsewhere: these efforts are what balances the cables, "
+            "the others what the cables exert",
+            grave=False,
+        )
+
+
+def _joints(inspection: Inspection) -> Iterator[Suspicion]:
+    robot = inspection.model.robot
+    moved = []
+    for j, joint in enumerate(robot.joints):
+        arms = [check.moment_arm[j] for check in inspection.cables]
+        most = max(max(abs(arm.low), abs(arm.high)) for arm in arms)
+        if most <= 1e-9:
+            yield Suspicion(joint.name, "is not moved by any cable")
+            continue
+        moved.append(joint.name)
+        small = SMALL_ARM * most
+        for sign, word in ((1.0, "increase"), (-1.0, "decrease")):
+            if all(max(sign * arm.low, sign * arm.high) <= small for arm in arms):
+                yield Suspicion(
+                    joint.name,
+                    f"no cable can {word} it: only a load, gravity or a spring does",
+                    grave=False,
+                )
+    if inspection.unmoved and len(moved) == len(robot.joints):
+        yield Suspicion(
+            ", ".join(moved),
+            f"{_at(robot, inspection.unmoved[0]).strip()} the joints can move without changing any "
+            f"cable's length (in {len(inspection.unmoved)} of {len(inspection.poses)} poses)",
+        )
+    if inspection.unbalanced:
+        yield Suspicion(
+            ", ".join(inspection.loads),
+            f"no tensions of at least 0 N balance the load{_at(robot, inspection.unbalanced[0])} "
+            f"(in {len(inspection.unbalanced)} of {len(inspection.poses)} poses)",
+        )
+    for cable in robot.cables:
+        if all(isinstance(node, Anchor) for node in (cable.nodes[0], cable.nodes[-1])):
+            yield Suspicion(
+                cable.name, "has no winch: a passive cable between two anchors", grave=False
+            )

@@ -1,0 +1,212 @@
+"""Bounds on the figures of a comparison, from a file: what a team's CI asks of every change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.judgement.comparison import QUANTITIES, BagComparison, quantity_of
+from cdrj_ros.judgement.metrics import (
+    FIGURES,
+    ChannelError,
+    bag_errors,
+    mean_over_channels,
+    pooled_errors,
+)
+
+LIMITED: Final = ("n", *FIGURES)
+"""Figures that may have limits."""
+
+JUDGED: Final = ("all", "each")
+"""What is judged: the joined samples of all recordings, or each recording by itself as well."""
+
+LARGEST_FILE: Final = 1_000_000
+"""A file of limits is small [bytes]."""
+
+
+class LimitsError(CdrjError):
+    """A file of limits that does not say what it means."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Bounds on one figure of the channels that match a pattern."""
+
+    pattern: str
+    """A channel's name, with ``*``, ``?`` and ``[...]`` as in file names; or a quantity alone
+    ("tension"), which stands for the mean over its channels."""
+    figure: str
+    """One of LIMITED."""
+    least: float | None = None
+    most: float | None = None
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Everything that one file asks."""
+
+    source: str
+    """The file."""
+    limits: tuple[Limit, ...]
+    each: bool = False
+    """Every recording is judged by itself, too."""
+
+
+@dataclass(frozen=True)
+class Outside:
+    """One figure that is not within its limit."""
+
+    where: str
+    """The recording; "all recordings" where their joined samples are meant."""
+    channel: str
+    """The channel, or the pattern that no channel matches."""
+    figure: str
+    value: float | None
+    """None where the figure is not known."""
+    bound: float
+    least: bool
+    """Whether ``bound`` is the least that is allowed, not the most."""
+
+    @property
+    def by(self) -> float | None:
+        """How far beyond the bound, at least 0, in the figure's unit; None where not known."""
+        return None if self.value is None else abs(self.value - self.bound)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What came of the limits."""
+
+    source: str
+    checked: int
+    """Comparisons of a figure with a bound."""
+    outside: tuple[Outside, ...]
+
+
+def load_limits(path: str | Path) -> Limits:
+    """Read a file of limits.
+
+    Raises:
+        LimitsError: with one line that names the key, what was given and what is allowed.
+    """
+    try:
+        data = Path(path).read_bytes()
+        text = data[: LARGEST_FILE + 1].decode()
+    except OSError as error:
+        raise LimitsError(f"{path} cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise LimitsError(f"{path} is not UTF-8 text") from None
+    if len(data) > LARGEST_FILE:
+        raise LimitsError(f"{path} has {len(data)} bytes and is no file of limits")
+    return parse_limits(text, str(path))
+
+
+def parse_limits(text: str, source: str) -> Limits:
+    """The limits of a YAML text: ``channels: {PATTERN: {FIGURE: {min: X, max: X}}}``.
+
+    Raises:
+        LimitsError: as ``load_limits``.
+    """
+    try:
+        raw: Any = YAML(typ="safe", pure=True).load(text)
+    except (YAMLError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split("To suppress")[0].split())
+        raise LimitsError(f"{source} is not YAML: {reason[:300]}") from None
+    entries = _mapping(raw, "", ("judge", "channels"), source)
+    judged = entries.get("judge", JUDGED[0])
+    if judged not in JUDGED:
+        raise LimitsError(f"judge must be one of {', '.join(JUDGED)}, got {judged!r} ({source})")
+    channels = _mapping(entries.get("channels"), "channels", None, source)
+    limits = []
+    for pattern, figures in channels.items():
+        where = f"channels.{pattern}"
+        _require_quantity(pattern, where, source)
+        for figure, bounds in _mapping(figures, where, LIMITED, source).items():
+            limits.append(_limit(pattern, figure, bounds, f"{where}.{figure}", source))
+    if not limits:
+        raise LimitsError(f"channels names no limit ({source})")
+    return Limits(source, tuple(limits), judged == "each")
+
+
+def judge(limits: Limits, comparisons: Sequence[BagComparison]) -> Judgement:
+    """Hold the figures against their limits; what is not known is outside."""
+    pooled = [("all recordings", pooled_errors(comparisons))]
+    if len(comparisons) == 1:
+        pooled = [(comparisons[0].path, pooled[0][1])]
+    elif limits.each:
+        pooled += [(comparison.path, bag_errors(comparison)) for comparison in comparisons]
+    checked = 0
+    outside: list[Outside] = []
+    for where, errors in pooled:
+        for limit in limits.limits:
+            matching = _matching(limit.pattern, errors)
+            for bound, least in ((limit.least, True), (limit.most, False)):
+                if bound is None:
+                    continue
+                checked += max(len(matching), 1)
+                if not matching:
+                    outside.append(Outside(where, limit.pattern, limit.figure, None, bound, least))
+                for name, error in matching.items():
+                    value = getattr(error, limit.figure)
+                    if value is None or (value < bound if least else value > bound):
+                        outside.append(Outside(where, name, limit.figure, value, bound, least))
+    return Judgement(limits.source, checked, tuple(outside))
+
+
+def _matching(pattern: str, errors: Mapping[str, ChannelError]) -> dict[str, ChannelError]:
+    if pattern in QUANTITIES:
+        members = [error for name, error in errors.items() if quantity_of(name) == pattern]
+        return {pattern: mean_over_channels(members)} if members else {}
+    return {name: error for name, error in errors.items() if fnmatchcase(name, pattern)}
+
+
+def _limit(pattern: str, figure: str, bounds: Any, where: str, source: str) -> Limit:
+    given = _mapping(bounds, where, ("min", "max"), source)
+    for key, value in given.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+            raise LimitsError(f"{where}.{key} must be a finite number, got {value!r} ({source})")
+    if not given:
+        raise LimitsError(f"{where} needs min, max or both ({source})")
+    least, most = given.get("min"), given.get("max")
+    if least is not None and most is not None and least > most:
+        raise LimitsError(f"{where}.min must be at most max = {most:g}, got {least:g} ({source})")
+    return Limit(pattern, figure, least, most)
+
+
+def _mapping(value: Any, where: str, known: Sequence[str] | None, source: str) -> dict[str, Any]:
+    """A mapping of known keys (None: any)."""
+    if not isinstance(value, dict):
+        wanted = f"a mapping of {', '.join(known)}" if known else "a mapping"
+        raise LimitsError(f"{where or 'the file'} must be {wanted}, got {_shown(value)} ({source})")
+    for key in value:
+        path = f"{where}.{key}" if where else str(key)
+        if not isinstance(key, str):
+            raise LimitsError(f"{path} must be text, got {_shown(key)} ({source})")
+        if known is not None and key not in known:
+            close = get_close_matches(key, known, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
+            raise LimitsError(f"{' '.join(path.split())} is not a known key; {hint} ({source})")
+    return value
+
+
+def _require_quantity(pattern: str, where: str, source: str) -> None:
+    prefix = pattern.partition("/")[0]
+    if prefix not in QUANTITIES and not any(character in prefix for character in "*?["):
+        known = ", ".join(f"{key}, {key}/…" for key in QUANTITIES)
+        raise LimitsError(
+            f"{' '.join(where.split())} names no channel; names are {known} ({source})"
+        )
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

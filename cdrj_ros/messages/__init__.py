@@ -1,0 +1,1 @@
+"""Serialised messages to values and back."""

@@ -1,0 +1,170 @@
+"""Between messages (as CDR bytes) and the estimator's values; the only such place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.estimator import Estimate
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, ENCAPSULATION, JOINT_STATE, NODAL_FORCES, Template
+from cdrj_ros.model.prepared import Layout
+from cdrj_ros.model.status import STALE
+
+FORCE_ARRAYS: Final = (
+    "force_x",
+    "force_y",
+    "force_z",
+    "magnitude",
+    "friction",
+    "slip_speed",
+    "status",
+)
+
+
+PADDING: Final = 7
+"""Bytes that a middleware may append to a message."""
+
+
+class EstimateEncoder:
+    """Writes estimates of one robot as messages, always into the same buffers."""
+
+    def __init__(self, layout: Layout, frame_id: str = "", uncertain: bool = False) -> None:
+        """Prepare the three messages; the names never change.
+
+        Args:
+            layout: places in the estimate.
+            frame_id: of the headers.
+            uncertain: whether standard deviations will be given.
+        """
+        self._layout = layout
+        more = ("stddev",) if uncertain else ()
+        self._tensions = Template(
+            CABLE_TENSIONS, layout.elements, ("tension", "status", *more), frame_id
+        )
+        self._forces = Template(NODAL_FORCES, layout.pulleys, (*FORCE_ARRAYS, *more), frame_id)
+        self._elements, self._pulleys = len(layout.elements), len(layout.pulleys)
+        axes = layout.motors + layout.joints
+        self._efforts = Template(JOINT_STATE, axes, ("effort",), frame_id)
+        self._no_efforts = Template(JOINT_STATE, axes, (), frame_id)
+        self._efforts_stddev = Template(JOINT_STATE, axes, ("effort",), frame_id)
+        self._flat = np.zeros(len(layout.pulleys))
+        before: list[int] = []
+        at = 0
+        for cable in layout.cables:
+            count = sum(name.startswith(f"{cable}/") for name in layout.pulleys)
+            before += range(at, at + count)
+            at += count + 1
+        self._before = np.array(before, dtype=np.intp)
+        self._after = self._before + 1
+
+    def tensions(self, estimate: Estimate, stddev: NDArray[np.float64] | None = None) -> bytes:
+        """cdrj_msgs/CableTensions; with standard deviations, in the order of ``spread_columns``."""
+        values, layout = estimate.values, self._layout
+        more = {} if stddev is None else {"stddev": stddev[: self._elements]}
+        return self._tensions.encode(
+            estimate.stamp_ns, tension=values[layout.tension], status=values[layout.status], **more
+        )
+
+    def nodal_forces(self, estimate: Estimate, stddev: NDArray[np.float64] | None = None) -> bytes:
+        """cdrj_msgs/NodalForces; a pulley has the flags of both of its elements."""
+        values, layout = estimate.values, self._layout
+        first = self._elements
+        more = {} if stddev is None else {"stddev": stddev[first : first + self._pulleys]}
+        status = values[layout.status].astype(np.uint8)
+        return self._forces.encode(
+            estimate.stamp_ns,
+            force_x=values[layout.force_x],
+            force_y=values[layout.force_y],
+            force_z=self._flat,
+            magnitude=values[layout.magnitude],
+            friction=values[layout.friction],
+            slip_speed=values[layout.slip_speed],
+            status=status[self._before] | status[self._after],
+            **more,
+        )
+
+    def efforts(self, estimate: Estimate) -> bytes:
+        """sensor_msgs/JointState with efforts of all motors, then all joints [N m].
+
+        Without any where some element is ``INVALID``: the message has no status to say so.
+        """
+        layout = self._layout
+        if not estimate.solved:
+            return self._no_efforts.encode(estimate.stamp_ns)
+        return self._efforts.encode(
+            estimate.stamp_ns,
+            effort=estimate.values[layout.motor_effort.start : layout.joint_effort.stop],
+        )
+
+    def efforts_stddev(self, estimate: Estimate, stddev: NDArray[np.float64]) -> bytes:
+        """sensor_msgs/JointState whose efforts are the standard deviations of ``efforts``."""
+        if not estimate.solved:
+            return self._no_efforts.encode(estimate.stamp_ns)
+        return self._efforts_stddev.encode(
+            estimate.stamp_ns, effort=stddev[self._elements + self._pulleys :]
+        )
+
+
+def marked_stale(estimate: Estimate) -> Estimate:
+    """The same numbers, every element marked ``STALE``."""
+    values = estimate.values.copy()
+    status = values[estimate.layout.status]
+    status[:] = status.astype(np.uint8) | STALE
+    return estimate._replace(values=values)
+
+
+class AnswerReader:
+    """Reads back messages that ``EstimateEncoder`` wrote for a robot of this layout."""
+
+    def __init__(self, layout: Layout) -> None:
+        """Prepare the places of the arrays."""
+        self.layout = layout
+        tensions, forces = ("tension", "status"), FORCE_ARRAYS
+        self._templates = {
+            "tension": [
+                Template(CABLE_TENSIONS, layout.elements, (*tensions, "stddev")),
+                Template(CABLE_TENSIONS, layout.elements, tensions),
+            ],
+            "nodal_force": [
+                Template(NODAL_FORCES, layout.pulleys, (*forces, "stddev")),
+                Template(NODAL_FORCES, layout.pulleys, forces),
+            ],
+            "effort": [Template(JOINT_STATE, layout.motors + layout.joints, ("effort",))],
+        }
+
+    def stamp(self, payload: bytes) -> int:
+        """Header stamp [ns]."""
+        sec = int.from_bytes(payload[4:8], "little", signed=True)
+        return sec * 1_000_000_000 + int.from_bytes(payload[8:12], "little")
+
+    def arrays(
+        self, kind: str, payloads: Sequence[bytes]
+    ) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]:
+        """Stamps [ns], shape (n,), and arrays, shape (n, names), of messages of one kind.
+
+        With ``stddev`` where the first message has it.  Messages of another shape (another
+        robot's, say) are left out.
+        """
+        template = self._templates[kind][-1]
+        for candidate in self._templates[kind]:
+            if payloads and 0 <= len(payloads[0]) - len(candidate.payload) <= PADDING:
+                template = candidate
+                break
+        size = len(template.payload)
+        alike = [payload[:size] for payload in payloads if 0 <= len(payload) - size <= PADDING]
+        rows = np.frombuffer(b"".join(alike), np.uint8).reshape(len(alike), size)
+        stamps = rows[:, ENCAPSULATION : ENCAPSULATION + 8].copy()
+        sec = stamps.view("<i4")[:, 0].astype(np.int64)
+        nanosec = stamps.view("<u4")[:, 1].astype(np.int64)
+        arrays = {
+            name: np.ascontiguousarray(
+                rows[:, span.offset : span.offset + span.count * np.dtype(span.dtype).itemsize]
+            )
+            .view(span.dtype)
+            .astype(np.float64)
+            for name, span in template.spans.items()
+        }
+        return sec * 1_000_000_000 + nanosec, arrays

@@ -1,0 +1,61 @@
+"""From the name of a robot file to a robot that is ready to be stepped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.reader import build_robot, load_document
+
+
+def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model:
+    """Read and prepare a robot file; a bare name means one of the installed ones.
+
+    Args:
+        path: the file, or a name.
+        preload: of every cable [N], as numbers or as text with commas; None or empty for the
+            file's.
+
+    Raises:
+        CdrjError: what is wrong with either, in one line.
+    """
+    document, source = load_document(robot_path(path))
+    if not preload:
+        return prepare(build_robot(document, source))
+    try:
+        values = [float(v) for v in (preload.split(",") if isinstance(preload, str) else preload)]
+    except ValueError as error:
+        raise UsageError(f"preload must be numbers and commas, got {preload!r}") from error
+    cables = document["cables"]
+    if len(values) != len(cables) or not all(0.0 <= value < 1e6 for value in values):
+        raise UsageError(
+            f"preload needs {len(cables)} tensions in [0, 1e6) N, one for each of "
+            f"{', '.join(cable['name'] for cable in cables)}; got {preload!r}"
+        )
+    for cable, value in zip(cables, values, strict=True):
+        cable["preload"] = value
+    return prepare(build_robot(document, source))
+
+
+def robot_path(path: str) -> Path:
+    """The robot file; a bare name means one of the installed ones.
+
+    Raises:
+        RobotFileError: there is none of that name.
+    """
+    if not Path(path).exists() and "/" not in path and not path.endswith(".yaml"):
+        for folder in _installed_robots():
+            if (folder / f"{path}.yaml").exists():
+                return folder / f"{path}.yaml"
+        raise RobotFileError(f"there is no robot file {path}, and none of that name is installed")
+    return Path(path)
+
+
+def _installed_robots() -> Iterator[Path]:
+    """Folders that may hold the package's own robot files: beside the source, or installed."""
+    here = Path(__file__).resolve()
+    yield here.parents[2] / "config" / "robots"
+    for parent in here.parents:
+        yield parent / "share" / "cdrj_ros" / "config" / "robots"

@@ -1,0 +1,1 @@
+"""Playing a bag, without ROS."""

@@ -1,0 +1,389 @@
+"""What was asked of an estimator and what it answered.  No ROS here.
+
+The inputs go through the same gate as the estimator's own, so that every estimate to come is known
+the moment its inputs are sent: its stamp, its order, the time it was asked for.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.conditioning.time_line import Conditioner
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.messages.cdr import (
+    CABLE_TENSIONS,
+    JOINT_STATE,
+    NODAL_FORCES,
+    JointStateDecoder,
+    MessageError,
+    MessageType,
+    read_layout,
+)
+from cdrj_ros.model.prepared import Layout, Model
+
+Floats = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+STALLED_S: Final = 10.0
+"""With no answer for so long, what is under way counts as lost; if it comes after all, as late.
+
+Fast DDS may notice only with its next heartbeat, up to 3 s later, that the last message did not get
+through, and the repair may fail too.
+"""
+
+NEVER: Final = 2**63
+"""A place that no answer reaches."""
+
+FOLD: Final = 1024
+"""Messages decoded at once."""
+
+
+class AnotherRobotError(CdrjError):
+    """The estimator answers for other elements than the robot file has."""
+
+
+class Kind(NamedTuple):
+    """One of the topics on which an estimator answers."""
+
+    topic: str
+    message: MessageType
+    array: str
+    """Which of its arrays is compared."""
+
+
+KINDS: Final = (
+    Kind("tensions", CABLE_TENSIONS, "tension"),
+    Kind("nodal_forces", NODAL_FORCES, "magnitude"),
+    Kind("efforts", JOINT_STATE, "effort"),
+)
+
+
+def names_of(layout: Layout) -> tuple[tuple[str, ...], ...]:
+    """What the messages of each kind name, in their order."""
+    return layout.elements, layout.pulleys, layout.motors + layout.joints
+
+
+def channels_of(layout: Layout) -> list[str]:
+    """The compared channels, in the order of the columns of ``Heard.value``."""
+    prefixes = ("tension", "nodal_force", "effort")
+    return [
+        f"{prefix}/{name}"
+        for prefix, names in zip(prefixes, names_of(layout), strict=True)
+        for name in names
+    ]
+
+
+@dataclass(frozen=True)
+class Tally:
+    """How many, so far."""
+
+    sent: int = 0
+    """Inputs published."""
+    expected: int = 0
+    """Estimates that the inputs sent make possible."""
+    received: int = 0
+    """Estimates of which all three messages have come."""
+    lost: int = 0
+    """Expected, and given up or overtaken by a later one."""
+    late: int = 0
+    """Received after having been given up; not among the lost."""
+    strange: int = 0
+    """Answers that no input explains: of another estimator, or of what was before."""
+
+    @property
+    def under_way(self) -> int:
+        """Neither received nor lost yet."""
+        return self.expected - self.received - self.lost
+
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(
+            self.sent + other.sent,
+            self.expected + other.expected,
+            self.received + other.received,
+            self.lost + other.lost,
+            self.late + other.late,
+            self.strange + other.strange,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Heard:
+    """All that one run of the estimator, from a reset to the next, has answered."""
+
+    tally: Tally
+    stamp_ns: Stamps
+    """Stamps of the complete answers in the order asked for, shape (n,)."""
+    value: Floats
+    """``channels_of`` the robot, shape (n, channels)."""
+    latency_s: Floats
+    """From the sending of the input that made it possible to the last of its three messages."""
+    stddev: Floats
+    """As ``value``; NaN where the estimator says nothing of it."""
+    angle: Floats
+    """Motors and joints of those samples [rad], shape (n, motors + joints)."""
+    accepted: int
+    """Readings that passed the gate."""
+    refused: dict[str, int]
+    """Readings that the gate refused, by cause."""
+    clock_jumps: int
+    """Times that the clock of the recording went back."""
+    gaps: int
+    """Times that a channel was silent for long."""
+    steps: int = 0
+    """Times that a channel's readings stepped further than the axis can move."""
+
+
+@dataclass
+class _Line:
+    """The answers on one topic."""
+
+    kind: Kind
+    names: tuple[str, ...]
+    place: int = 0
+    """Which estimate is expected next on this topic."""
+    count: int = 0
+    """Estimates answered on this topic."""
+    given_up: dict[int, int] = field(default_factory=dict)
+    """Places of the estimates given up, by stamp."""
+    index: array[int] = field(default_factory=lambda: array("q"))
+    """Places of the messages, in order of arrival."""
+    heard_s: array[float] = field(default_factory=lambda: array("d"))
+    payloads: list[bytes] = field(default_factory=list)
+    """Not yet decoded."""
+    blocks: list[Floats] = field(default_factory=list)
+    """Values and their standard deviations, shape (2, m, names) each."""
+
+    def fold(self) -> None:
+        """Decode the waiting payloads; what is of no known shape becomes NaN."""
+        if not self.payloads:
+            return
+        block = np.full((2, len(self.payloads), len(self.names)), np.nan)
+        lengths = np.fromiter(map(len, self.payloads), np.int64, len(self.payloads))
+        for length in np.unique(lengths).tolist():
+            rows = np.flatnonzero(lengths == length)
+            block[:, rows] = self._decode([self.payloads[k] for k in rows])
+        self.blocks.append(block)
+        self.payloads.clear()
+
+    def _decode(self, payloads: Sequence[bytes]) -> Floats | float:
+        """A block of payloads of one length; NaN if they are of other names."""
+        layout = read_layout(payloads[0], self.kind.message.fields)
+        if layout.texts["name"] != self.names:
+            return np.nan
+        octets = np.frombuffer(b"".join(payloads), np.uint8).reshape(len(payloads), -1)
+        block = np.full((2, len(payloads), len(self.names)), np.nan)
+        for row, name in enumerate((self.kind.array, "stddev")):
+            span = layout.numbers.get(name)
+            if span is not None and span.count == len(self.names):
+                wanted = np.ascontiguousarray(octets[:, span.offset : span.offset + 8 * span.count])
+                block[row] = wanted.view(span.dtype)
+        return block
+
+
+class Run:
+    """One run of the estimator: tell it what is sent and what is heard; ask it how things stand."""
+
+    def __init__(self, model: Model, conditioning: str = "wait") -> None:
+        """Nothing sent yet; ``conditioning`` is the estimator's."""
+        self.conditioner = Conditioner(model.robot, conditioning)
+        self.trouble: CdrjError | None = None
+        """Why going on makes no sense."""
+        self.sent = 0
+        self.strange = 0
+        self.heard_s = 0.0
+        """When anything expected was last heard [s]; 0 before."""
+        self._layout = model.layout
+        self._expected = array("q")
+        self._asked_s = array("d")
+        self._angle = array("d")
+        self._lines = [
+            _Line(kind, names) for kind, names in zip(KINDS, names_of(model.layout), strict=True)
+        ]
+        self._late: set[int] = set()
+        self._room_at = NEVER
+        self._on_room: Callable[[], None] = _nothing
+        self._unanswerable = 0
+
+    # -- inputs --------------------------------------------------------------------------------
+
+    def asker(
+        self, feed: Callable[[int, Sequence[str], Floats], list[Sample]]
+    ) -> Callable[[bytes], None]:
+        """What to call with every payload sent on one topic; ``feed`` is of ``conditioner``."""
+        decode = JointStateDecoder()
+        refused = self.conditioner.refused
+
+        def ask(payload: bytes) -> None:
+            self.sent += 1
+            self._unanswerable += 1
+            try:
+                stamp, names, position = decode(payload)
+            except MessageError:
+                refused["malformed"] += 1
+                return
+            for sample in feed(stamp, names, position):
+                self._unanswerable = 0
+                self._expected.append(sample.stamp_ns)
+                self._asked_s.append(perf_counter())
+                self._angle.extend(sample.motor_angle)
+                self._angle.extend(sample.joint_angle)
+
+        return ask
+
+    @property
+    def unanswerable(self) -> int:
+        """Inputs sent since the last one that made an estimate possible."""
+        return self._unanswerable
+
+    # -- answers -------------------------------------------------------------------------------
+
+    def listener(self, number: int) -> Callable[[bytes], None]:
+        """What to call with every payload heard on the topic of ``KINDS[number]``."""
+        line, expected = self._lines[number], self._expected
+        keep, note = line.payloads.append, line.heard_s.append
+        from_bytes = int.from_bytes
+
+        def hear(payload: bytes) -> None:
+            stamp = from_bytes(payload[4:8], "little", signed=True) * 1_000_000_000 + from_bytes(
+                payload[8:12], "little"
+            )
+            place = line.place
+            if place >= len(expected) or expected[place] != stamp:
+                found = self._find(line, stamp)
+                if found is None:
+                    return
+                place = found
+            else:
+                line.place = place + 1
+            if not line.count:
+                self._check_names(line, payload)
+            line.count += 1
+            line.index.append(place)
+            now = perf_counter()
+            note(now)
+            self.heard_s = now
+            keep(payload)
+            if place >= self._room_at:
+                self._room_at = NEVER
+                self._on_room()
+            if len(line.payloads) >= FOLD:
+                line.fold()
+
+        return hear
+
+    def _find(self, line: _Line, stamp: int) -> int | None:
+        """The place of an answer that is not the next one expected; None for one not asked for."""
+        late = line.given_up.pop(stamp, None)
+        if late is not None:
+            self._late.add(late)
+            return late
+        try:
+            place = self._expected.index(stamp, line.place)
+        except ValueError:
+            again = line.place > 0 and self._expected[line.place - 1] == stamp
+            if self._expected and not again:  # said again: marked stale, while nothing was played
+                self.strange += 1
+            return None
+        for skipped in range(line.place, place):
+            line.given_up[self._expected[skipped]] = skipped
+        line.place = place + 1
+        return place
+
+    def _check_names(self, line: _Line, payload: bytes) -> None:
+        try:
+            names = read_layout(payload, line.kind.message.fields).texts["name"]
+        except MessageError as error:
+            self.trouble = AnotherRobotError(f"{line.kind.topic} cannot be read: {error}")
+            return
+        if names != line.names:
+            self.trouble = AnotherRobotError(
+                f"the estimator is of another robot: its {line.kind.topic} are of "
+                f"{_listed(names)}, expected {_listed(line.names)} as in the robot file"
+            )
+
+    # -- how things stand ----------------------------------------------------------------------
+
+    @property
+    def under_way(self) -> int:
+        """Estimates that have been asked for and not been answered on all topics."""
+        lines = self._lines
+        return len(self._expected) - min(lines[0].place, lines[1].place, lines[2].place)
+
+    def call_at(self, under_way: int, then: Callable[[], None]) -> None:
+        """Call ``then`` once, when an answer leaves about so many under way."""
+        self._on_room = then
+        self._room_at = len(self._expected) - 1 - under_way
+
+    def give_up_stalled(self, now_s: float, patience_s: float = STALLED_S) -> int:
+        """Count what is under way as lost where nothing has come for so long; returns how many."""
+        waiting = self.under_way
+        if not waiting:
+            return 0
+        oldest_s = self._asked_s[len(self._expected) - waiting]
+        if now_s - max(oldest_s, self.heard_s) <= patience_s:
+            return 0
+        for line in self._lines:
+            for place in range(line.place, len(self._expected)):
+                line.given_up[self._expected[place]] = place
+            line.place = len(self._expected)
+        return waiting
+
+    def tally(self) -> Tally:
+        """The numbers so far."""
+        received = min(line.count for line in self._lines)
+        lost = len(self._expected) - self.under_way - received
+        return Tally(
+            self.sent, len(self._expected), received, max(lost, 0), len(self._late), self.strange
+        )
+
+    def finish(self) -> Heard:
+        """Everything of this run as arrays; what is not complete by now is lost."""
+        n = len(self._expected)
+        columns: list[Floats] = []
+        last_s = np.zeros(n)
+        for line in self._lines:
+            line.fold()
+            block = np.full((2, n, len(line.names)), np.nan)
+            heard = np.full(n, np.nan)
+            index = np.frombuffer(line.index, np.int64)
+            if index.size:
+                block[:, index] = np.concatenate(line.blocks, axis=1)
+                heard[index] = np.frombuffer(line.heard_s, np.float64)
+            columns.append(block)
+            last_s = np.maximum(last_s, heard)  # NaN where one of the three is missing
+        complete = np.isfinite(last_s)
+        value, stddev = np.concatenate(columns, axis=2)[:, complete]
+        received = int(np.count_nonzero(complete))
+        late = int(np.count_nonzero(complete[list(self._late)]))
+        layout, gate = self._layout, self.conditioner
+        axes = len(layout.motors) + len(layout.joints)
+        return Heard(
+            tally=Tally(self.sent, n, received, n - received, late, self.strange),
+            stamp_ns=np.array(self._expected, np.int64)[complete],
+            value=value,
+            latency_s=(last_s - np.array(self._asked_s))[complete],
+            stddev=stddev,
+            angle=np.array(self._angle).reshape(n, axes)[complete],
+            accepted=gate.accepted,
+            refused=dict(gate.refused),
+            clock_jumps=gate.clock_jumps,
+            gaps=gate.gaps,
+            steps=gate.steps,
+        )
+
+
+def _nothing() -> None:
+    """Nobody waits."""
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:4])
+    return f"{shown}, ... ({len(names)} in all)" if len(names) > 4 else shown or "nothing"

@@ -1,0 +1,278 @@
+"""The parsed robot: frozen values, validated by ``cdrj_ros.robot.reader``. SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+TABLE_INTERVALS: Final = 256
+"""Intervals of a tabulated function over its joint's range."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """How readings of an angle sensor become angles, and how well: angle = scale reading + offset.
+
+    Its clock may differ from the others', its reading may start again after a turn.
+    """
+
+    scale: float = 1.0
+    """[-]; negative where the sensor counts the other way."""
+    offset: float = 0.0
+    """[rad]."""
+    period: float = float("inf")
+    """The reading starts again after this much [rad]."""
+    clock_offset_ns: int = 0
+    """Added to the stamps of its readings [ns]."""
+    resolution: float = 0.0
+    """Size of a count [rad]."""
+    noise: float = 0.0
+    """Standard deviation of a reading beside its resolution [rad]."""
+    tracking_bandwidth: float = 0.0
+    """Of the filter that finds the angle between counts [Hz]; 0 for none."""
+    corrected_at: tuple[float, ...] = ()
+    """Angles at which ``correction`` is given, increasing [rad]; empty for none."""
+    correction: tuple[float, ...] = ()
+    """Added to the angle: straight between these values, the outermost beyond them [rad]."""
+
+
+@dataclass(frozen=True)
+class PassiveTorque:
+    """Torque of an axis itself, beside the cables: (E13) in docs/model.md."""
+
+    bearing_torque: float = 0.0
+    """Coulomb friction [N m]."""
+    bearing_stiffness: float = 0.0
+    """Its slope where the motion turns [N m/rad]; positive where there is friction."""
+    spring_stiffness: float = 0.0
+    """[N m/rad]."""
+    spring_rest: float = 0.0
+    """Angle at which the spring's torque vanishes [rad]."""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How well some numbers of the robot file are known."""
+
+    parameters: tuple[str, ...]
+    """Paths, see ``cdrj_ros.robot.parameters``, length p."""
+    covariance: NDArray[np.float64]
+    """Of the numbers in SI, symmetric and positive semidefinite, shape (p, p)."""
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A motor whose encoder is read; its drums are winch nodes of cables."""
+
+    name: str
+    reference_angle: float = 0.0
+    """Encoder reading in the pose in which the preload was measured [rad]."""
+    max_speed: float = float("inf")
+    """Faster readings are refused [rad/s]."""
+    effort_sign: int = 1
+    """+1: efforts are what the cables exert on the motor; -1: what the motor must supply."""
+    passive: PassiveTorque = PassiveTorque()
+    sensor: Sensor = Sensor()
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint whose angle is measured."""
+
+    name: str
+    lower: float
+    """Lower end of the range [rad]; [m] for a prismatic joint."""
+    upper: float
+    """Upper end of the range [rad]; [m] for a prismatic joint."""
+    reference_angle: float = 0.0
+    """Reading in the pose in which the preload was measured, within the range [rad]."""
+    max_speed: float = float("inf")
+    """Faster readings are refused [rad/s]."""
+    effort_sign: int = 1
+    """+1: efforts are what the cables exert on the joint; -1: what balances them."""
+    passive: PassiveTorque = PassiveTorque()
+    sensor: Sensor = Sensor()
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction of a pulley, Table II of the source; see docs/model.md, section 4."""
+
+    mu_c: float = 0.0
+    """Coulomb coefficient of cable on pulley [-]."""
+    mu_s: float = 0.0
+    """Static coefficient of cable on pulley [-], at least mu_c."""
+    stribeck_speed: float | None = None
+    """v_s [m/s]; has no default because published values lie orders of magnitude apart."""
+    stribeck_lag: float = 0.02
+    """Time by which static friction lags behind the slip speed [s], positive."""
+    rho: float = 1.0
+    """Share of sliding friction in the blend, 1 - rho is the bearing's [-]."""
+    bearing_friction: float = 0.0
+    """f_d of (39) [-]: half of the usual bearing coefficient."""
+    bristle_stiffness: float = 1e6
+    """sigma0 [N/m]."""
+    bristle_damping: float = 0.0
+    """sigma1 [N s/m], fading with speed."""
+    viscous: float = 0.0
+    """sigma2 [N s/m]."""
+    breakaway: float = 1.0
+    """Share of the bound up to which pre-sliding is elastic (law elastoplastic) [-]."""
+    stribeck: str = "printed"
+    """Form of static friction: ``printed`` (35) or ``capstan``."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A function of one joint angle (or none): offset + table(angle)."""
+
+    joint: str | None
+    angle: NDArray[np.float64]
+    """Grid over the joint's range [rad], uniform, shape (k + 1,); empty for a constant."""
+    value: NDArray[np.float64]
+    """Values on the grid [m] or [rad]; one value for a constant."""
+    slope: NDArray[np.float64]
+    """Derivatives on the grid; empty for a constant."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a node is, for cables described by positions."""
+
+    frame: str
+    x: float
+    """In the frame [m]."""
+    y: float
+    """In the frame [m]."""
+    turn: int
+    """+1 where the cable goes round counter-clockwise on its way from node 1, -1 clockwise, 0 for
+    a point."""
+
+
+@dataclass(frozen=True)
+class Winch:
+    """A motor's drum at an end of a cable."""
+
+    motor: str
+    radius: float
+    """From the axis to the cable's centre line [m]."""
+    winding: int
+    """+1: a positive motor angle winds the cable in; -1: pays it out."""
+    place: Place | None = None
+
+
+@dataclass(frozen=True)
+class Pulley:
+    """A pulley inside a cable."""
+
+    radius: float
+    """From the axis to the cable's centre line [m]."""
+    friction: Friction
+    bearing_diameter: float = 0.0
+    """d of (39) [m]."""
+    bearing_torque: float = 0.0
+    """Friction torque of the bearing without load [N m]."""
+    wrap: tuple[Profile, ...] = ()
+    """Wrap angle [rad] as a sum of functions; empty for pulleys described by positions."""
+    place: Place | None = None
+    cells: int = 1
+    """Number of equal contact cells of which this node is one; 1 is a whole, lumped pulley."""
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """A fixed end of a cable; with a radius, a sector that winds cable as its frame turns."""
+
+    radius: float = 0.0
+    """Of the sector [m]; 0 for a point."""
+    place: Place | None = None
+
+
+Node = Winch | Pulley | Anchor
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A planar frame that moves with a joint."""
+
+    name: str
+    parent: str | None
+    motion: str
+    joint: str | None
+    x: float
+    """Origin in the parent [m]."""
+    y: float
+    """Origin in the parent [m]."""
+    angle: float
+    """In the parent at joint angle 0 [rad]."""
+    direction: tuple[float, float] = (1.0, 0.0)
+    """Unit vector of a prismatic motion."""
+    rolling_radius: float = 0.0
+    """Radius of both circles of a rolling joint [m]."""
+
+
+@dataclass(frozen=True)
+class Cable:
+    """A chain of nodes; element i lies between nodes i and i + 1."""
+
+    name: str
+    axial_stiffness: float
+    """EA [N]."""
+    preload: float
+    """Tension in the reference pose, the same in every element [N]."""
+    nodes: tuple[Node, ...]
+    spans: tuple[tuple[Profile, ...], ...] = ()
+    """Length between tangent points of every element [m]; empty for cables given by positions."""
+    maximum_tension: float = float("inf")
+    """Above this an element counts as overloaded [N]."""
+    slack_tension: float = 0.1
+    """At or below this an element counts as slack [N]."""
+    sensor_noise: float = 0.1
+    """Standard deviation of a load cell whose messages do not give one [N]."""
+    law: str = "elastoplastic"
+    """Friction law of all its pulleys, one of ``cdrj_ros.model.friction.LAWS``."""
+
+    @property
+    def pulleys(self) -> tuple[Pulley, ...]:
+        """The pulleys in order."""
+        return tuple(node for node in self.nodes if isinstance(node, Pulley))
+
+    @property
+    def routed(self) -> bool:
+        """Whether lengths and wraps follow from positions."""
+        return self.nodes[0].place is not None
+
+    @property
+    def element_names(self) -> tuple[str, ...]:
+        """``cable/1`` to ``cable/n-1``."""
+        return tuple(f"{self.name}/{i}" for i in range(1, len(self.nodes)))
+
+    @property
+    def pulley_names(self) -> tuple[str, ...]:
+        """``cable/2`` to ``cable/n-1``: pulleys carry the number of their node."""
+        return tuple(f"{self.name}/{i}" for i in range(2, len(self.nodes)))
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Everything the estimator knows of a robot before it runs."""
+
+    name: str
+    motors: tuple[Motor, ...]
+    joints: tuple[Joint, ...]
+    cables: tuple[Cable, ...]
+    frames: tuple[Frame, ...] = ()
+    source: str = ""
+    """The file it was read from."""
+    uncertainty: Uncertainty | None = None
+    document: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    """What the file says, in SI; empty for robots made otherwise."""
+
+    @property
+    def axes(self) -> tuple[Motor | Joint, ...]:
+        """All motors, then all joints."""
+        return (*self.motors, *self.joints)

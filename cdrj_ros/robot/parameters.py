@@ -1,0 +1,329 @@
+"""The numbers of a robot file by name: ``cables.upper.friction.rho``, ``motors.spindle.offset``.
+
+A path leads through the document as it is after reading: SI, no unit suffixes, names instead of
+indices.  Entries without a name count from 1, as elements and pulleys do in every message:
+``cables.b.nodes.3.bearing_torque`` is pulley ``b/3``, ``cables.b.spans.3.slope`` element ``b/3``.
+
+A path may name a number that the file leaves out: it then has the value that leaving it out
+means, and setting it writes it where the path says.  ``cables.upper.friction.mu_c`` is what the
+cable's pulleys use, unless a pulley has its own, wherever that comes from.
+
+The axial stiffness of a cable that is given by modulus and diameter is a number too; setting it
+scales the modulus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from copy import deepcopy
+from dataclasses import MISSING, dataclass, fields
+from difflib import get_close_matches
+from math import isnan, nan, pi
+from typing import Any, Final
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.robot.description import Anchor, Friction, PassiveTorque, Pulley, Sensor
+from cdrj_ros.robot.document import Document, schema
+from cdrj_ros.robot.reader import DEFAULT_BREAKAWAY_ANGLE
+
+Keys = tuple[str | int, ...]
+
+NOT_PARAMETERS: Final = ("uncertainty", "identified")
+"""Keys of the file that hold results."""
+
+
+def _defaults_of(kind: type) -> dict[str, float]:
+    return {
+        field.name: float(field.default)
+        for field in fields(kind)
+        if field.default is not MISSING and isinstance(field.default, (int, float))
+    }
+
+
+_AXIS: Final = {
+    "reference_angle": 0.0,
+    "clock_offset": 0.0,
+    **_defaults_of(PassiveTorque),
+    **_defaults_of(Sensor),
+}
+
+DEFAULTS: Final[Mapping[str, Mapping[str, float]]] = {
+    "motor": _AXIS,
+    "joint": _AXIS,
+    "friction": _defaults_of(Friction),
+    "pulley": _defaults_of(Pulley),
+    "anchor": _defaults_of(Anchor),
+    "frame": {"angle": 0.0},
+    "term": {"offset": 0.0, "slope": 0.0, "sine": 0.0},
+}
+"""What it means to leave a number out, by kind of entry; others must be there."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a document, there or left out."""
+
+    path: str
+    keys: Keys
+    """Where it stands in the document."""
+    value: float
+    """[SI]."""
+    given: bool
+    """Whether the document has it; False: it is left out and this is what that means."""
+    factor: float
+    """``value`` over the document's number; not 1 for a stiffness that stands as a modulus."""
+    rules: Mapping[str, Any]
+    """Its part of the schema."""
+
+    @property
+    def key(self) -> str:
+        """Its last name in words: ``preload``; ``span`` or ``wrap_angle`` for plain entries."""
+        named = [key for key in self.keys if isinstance(key, str)]
+        return self.path.rsplit(".", 1)[-1] if self.factor != 1.0 else named[-1]
+
+
+@dataclass(frozen=True)
+class _Spot:
+    """A place in the document while a path is followed."""
+
+    keys: Keys
+    value: Any
+    """None where the document has nothing here."""
+    rules: Mapping[str, Any]
+    kind: str
+    """Name of its definition in the schema, or empty."""
+
+
+def find_number(document: Document, path: str) -> Number:
+    """The number that a path leads to.
+
+    Raises:
+        UsageError: the path leads nowhere, or not to a number, or to one that is left out and has
+            no default; says what there is instead.
+    """
+    number = _find(document, path)
+    if isnan(number.value):
+        raise UsageError(f"{path} is not in the file and has no default; it must be given a value")
+    return number
+
+
+def _find(document: Document, path: str) -> Number:
+    """The number that a path leads to, NaN where it must be given and is not."""
+    spot = parent = _Spot((), document, schema(), "")
+    for segment in path.split("."):
+        spot, parent = _step(document, spot, segment, path), spot
+    return _number(document, path, parent, spot)
+
+
+def number_at(document: Document, path: str) -> float:
+    """The value [SI] of the number that a path leads to.
+
+    Raises:
+        UsageError: as ``find_number``.
+    """
+    return find_number(document, path).value
+
+
+def with_numbers(document: Document, values: Mapping[str, float]) -> Document:
+    """A copy of the document with other numbers, by path [SI].
+
+    What is left out in the document is written where the path says.  The document is not checked
+    anew; ``build_robot`` does.
+
+    Raises:
+        UsageError: as ``find_number``, but what has no default may be set.
+    """
+    numbers = [(_find(document, path), value) for path, value in values.items()]
+    changed = deepcopy(document)
+    for number, value in numbers:
+        place: Any = changed
+        for key in number.keys[:-1]:
+            place = place.setdefault(key, {}) if isinstance(place, dict) else place[key]
+        place[number.keys[-1]] = value / number.factor
+    return changed
+
+
+def matching_paths(document: Document, pattern: str) -> tuple[tuple[str, ...], ...]:
+    """Groups of paths that a pattern stands for.
+
+    ``*`` or ``[a,b]`` in place of a name stand for several at once: one group.  In braces, ``{*}``
+    or ``{a,b}``, each is a group of its own.
+
+    Raises:
+        UsageError: as ``find_number``, or nothing matches.
+    """
+    groups: dict[tuple[str, ...], list[str]] = {}
+    root = _Spot((), document, schema(), "")
+    for apart, segments in _expanded(document, root, split_outside(pattern, "."), pattern):
+        groups.setdefault(apart, []).append(".".join(segments))
+    for path in member_paths(groups.values()):
+        _find(document, path)
+    return tuple(tuple(group) for group in groups.values())
+
+
+def split_outside(text: str, separator: str) -> list[str]:
+    """Split where the separator stands outside of brackets and braces."""
+    parts, depth = [""], 0
+    for letter in text:
+        depth += (letter in "[{") - (letter in "]}")
+        if letter == separator and depth <= 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return [part.strip() for part in parts]
+
+
+def _expanded(
+    document: Document, spot: _Spot, segments: list[str], pattern: str
+) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
+    """(what keeps groups apart, path) of everything below a place that a pattern stands for."""
+    if not segments:
+        return [((), ())]
+    segment, rest = segments[0], segments[1:]
+    apart = segment.startswith("{") and segment.endswith("}")
+    several = segment.startswith("[") and segment.endswith("]")
+    inner = segment[1:-1] if apart or several else segment
+    every = inner == "*"
+    if every:
+        names = [name for name in _names(spot) if name not in NOT_PARAMETERS]
+    else:
+        names = [name.strip() for name in inner.split(",")]
+    found = []
+    complaint: UsageError | None = None
+    for name in names:
+        try:
+            below = _expanded(document, _step(document, spot, name, pattern), rest, pattern)
+            if every:  # a winch has no bearing torque: * means those that have
+                for _, path in below:
+                    _find(document, ".".join([*_named(document, spot), name, *path]))
+        except UsageError as error:
+            if not every:
+                raise
+            complaint = error
+            continue
+        found += [((name, *key) if apart else key, (name, *path)) for key, path in below]
+    if not found:
+        raise complaint or UsageError(f"{pattern} stands for nothing in this robot file")
+    return found
+
+
+def _named(document: Document, spot: _Spot) -> list[str]:
+    """The path of a place, with names and counts from 1."""
+    names: list[str] = []
+    value: Any = document
+    for key in spot.keys:
+        if isinstance(key, str):
+            names.append(key)
+            value = (value or {}).get(key)
+        else:
+            value = value[key]
+            named = isinstance(value, dict) and "name" in value
+            names.append(value["name"] if named else str(key + 1))
+    return names
+
+
+def _names(spot: _Spot) -> list[str]:
+    """What a path may go on with."""
+    if isinstance(spot.value, list):
+        if spot.value and all(isinstance(one, dict) and "name" in one for one in spot.value):
+            return [one["name"] for one in spot.value]
+        return [str(k + 1) for k in range(len(spot.value))]
+    return [key for key, rules in spot.rules.get("properties", {}).items() if _leads_on(rules)]
+
+
+def _leads_on(rules: Mapping[str, Any]) -> bool:
+    """Whether there is a number at or below a key."""
+    if rules.get("$ref", "").endswith(("/name", "/sign")):
+        return False
+    return "$ref" in rules or rules.get("type") in ("number", "array")
+
+
+def _step(document: Document, spot: _Spot, segment: str, path: str) -> _Spot:
+    """One segment further."""
+    names = _names(spot)
+    if segment not in names:
+        raise _unknown(document, spot, segment, names, path)
+    if isinstance(spot.value, list):
+        k = names.index(segment)
+        return _spot((*spot.keys, k), spot.value[k], spot.rules.get("items", {}), spot.kind)
+    inside = spot.value if isinstance(spot.value, dict) else {}
+    return _spot((*spot.keys, segment), inside.get(segment), spot.rules["properties"][segment], "")
+
+
+def _spot(keys: Keys, value: Any, rules: Mapping[str, Any], outer: str) -> _Spot:
+    """A place with the schema's references followed."""
+    kind = ""
+    definitions = schema()["$defs"]
+    while "$ref" in rules:
+        kind = rules["$ref"].rsplit("/", 1)[-1]
+        rules = definitions[kind]
+    if kind == "node" and isinstance(value, dict):
+        kind = value["type"]
+        rules = definitions[kind]
+    if kind == "profile" or outer == "profile":
+        kind = "profile"
+        if isinstance(value, dict):
+            kind, rules = "term", definitions["term"]
+        elif not isinstance(value, list):
+            rules = {"type": "number"} if outer else {"type": "number", "exclusiveMinimum": 0}
+    return _Spot(keys, value, rules, kind)
+
+
+def _unknown(
+    document: Document, spot: _Spot, segment: str, names: list[str], path: str
+) -> UsageError:
+    here = ".".join(_named(document, spot)) or "the robot file"
+    if not names:
+        return UsageError(f"{path}: {here} is a number, nothing follows after it")
+    close = get_close_matches(segment, names, n=1)
+    hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(names)}"
+    return UsageError(f"{path}: {here} has no {segment or 'empty name'!r}; {hint}")
+
+
+def _number(document: Document, path: str, parent: _Spot, spot: _Spot) -> Number:
+    value, keys = spot.value, spot.keys
+    if isinstance(value, bool) or not (value is None or isinstance(value, (int, float))):
+        names = _names(spot)
+        raise UsageError(
+            f"{path} is not a number" + (f"; go on with one of {', '.join(names)}" if names else "")
+        )
+    if value is not None:
+        return Number(path, keys, float(value), True, 1.0, spot.rules)
+    if spot.rules.get("type") != "number":
+        raise UsageError(f"{path} is not a number; go on with one of {', '.join(_names(spot))}")
+    if parent.kind == "cable" and keys[-1] == "axial_stiffness":
+        area = pi * parent.value["diameter"] ** 2 / 4.0
+        modulus = parent.value["youngs_modulus"]
+        return Number(path, (*keys[:-1], "youngs_modulus"), area * modulus, True, area, spot.rules)
+    default = _default(document, parent, str(keys[-1]))
+    return Number(path, keys, default, False, 1.0, spot.rules)
+
+
+def _default(document: Document, parent: _Spot, key: str) -> float:
+    if parent.kind == "friction":
+        return _friction_default(document, parent.keys, key)
+    if key == "bearing_stiffness":
+        torque = (parent.value or {}).get("bearing_torque", 0.0)
+        return float(torque) / DEFAULT_BREAKAWAY_ANGLE if torque else nan
+    return DEFAULTS.get(parent.kind, {}).get(key, nan)
+
+
+def _friction_default(document: Document, keys: Keys, key: str) -> float:
+    """From the pulley's, the cable's, then the robot's friction; mu_s is mu_c where left out."""
+    layers: list[Document] = [document.get("friction", {})]
+    place: Any = document
+    for step in keys[:-1]:
+        place = place[step]
+        if isinstance(place, dict):
+            layers.append(place.get("friction", {}))
+    wanted = (key, "mu_c") if key == "mu_s" else (key,)
+    for name in wanted:
+        for layer in reversed(layers):
+            if name in layer:
+                return float(layer[name])
+    return DEFAULTS["friction"].get(key, nan)
+
+
+def member_paths(groups: Iterable[Iterable[str]]) -> tuple[str, ...]:
+    """All paths of all groups, in order."""
+    return tuple(path for group in groups for path in group)

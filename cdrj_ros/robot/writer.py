@@ -1,0 +1,152 @@
+"""New numbers into the text of a robot file; every comment, unit and blank stays where it is.
+
+The text is not written anew: the scalars that change are replaced in place, at the marks that the
+YAML parser leaves.  A number keeps the unit of its key: ``radius_mm: 5`` becomes
+``radius_mm: 5.02``.  What the file leaves out is added in SI to the mapping that it belongs to.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from math import isclose
+from typing import Any, Final
+
+from ruamel.yaml import YAML
+
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, Document, parse_document
+from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
+
+DIGITS: Final = 7
+"""Significant digits that are written."""
+
+_PLAIN_KEY: Final = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*\s*:")
+
+
+def yaml_number(value: float, digits: int = DIGITS) -> str:
+    """A number as every YAML reader understands it: ``0.11``, ``1.0e-06``."""
+    text = f"{value:.{digits}g}"
+    mantissa, exponent, power = text.partition("e")
+    if "." not in mantissa and (exponent or len(mantissa.lstrip("-")) >= digits):
+        mantissa += ".0"
+    return mantissa + exponent + power
+
+
+def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) -> str:
+    """The robot file's text with other numbers, by path (see ``cdrj_ros.robot.parameters``) [SI].
+
+    Raises:
+        UsageError: a path leads nowhere.
+        RobotFileError: the text is no robot file, or a number in it cannot be changed alone
+            because the text repeats it by an alias.
+    """
+    document = parse_document(text, source)
+    wanted = with_numbers(document, values)
+    for path, value in values.items():
+        at = parse_document(text, source)
+        # numbers that are left out still need their places: find them in the changed document
+        number = find_number(with_numbers(at, {path: value}), path)
+        text = _with_number(text, number)
+    if not _alike(parse_document(text, source), wanted):
+        raise RobotFileError(
+            f"{source} repeats one of {', '.join(values)} by an alias or a merge; write it out"
+        )
+    return text
+
+
+def with_section(text: str, key: str, section: str | None) -> str:
+    """The text with a top-level entry put at its end, in place of the one that was there.
+
+    Args:
+        text: YAML, a block mapping at its top.
+        key: of the entry.
+        section: its lines, the key's own included; None to leave it out.
+    """
+    lines, kept, inside = text.splitlines(keepends=True), [], False
+    for line in lines:
+        if _PLAIN_KEY.match(line):
+            inside = line.split(":", 1)[0].strip() == key
+        if not inside:
+            kept.append(line)
+    result = "".join(kept).rstrip() + "\n"
+    return result if section is None else f"{result}\n{section.rstrip()}\n"
+
+
+def _with_number(text: str, number: Number) -> str:
+    """One number replaced or added."""
+    node: Any = YAML(typ="rt", pure=True).compose(text)
+    factor = 1.0
+    keys = list(number.keys)
+    while keys:
+        key = keys[0]
+        if isinstance(key, int):
+            node = node.value[key]
+        else:
+            found = _entry(node, key)
+            if found is None:
+                return _inserted(text, node, keys, number.value / number.factor / factor)
+            name, node = found
+            own = next((f for s, f in UNIT_SUFFIXES.items() if name == key + s), 1.0)
+            factor = own * (factor if key in IN_THE_UNIT else 1.0)
+        keys.pop(0)
+    begin, end = node.start_mark.index, node.end_mark.index
+    return _replaced(text, begin, end, yaml_number(number.value / number.factor / factor))
+
+
+def _entry(mapping: Any, key: str) -> tuple[str, Any] | None:
+    """The key as written, with its unit, and the value's node."""
+    for name, value in mapping.value:
+        if name.value == key or any(name.value == key + suffix for suffix in UNIT_SUFFIXES):
+            return str(name.value), value
+    return None
+
+
+def _replaced(text: str, begin: int, end: int, new: str) -> str:
+    """The scalar replaced; a comment on its line stays in its column where there is room."""
+    rest = text[end:]
+    gap = re.match(r"( *)(?=#)", rest)
+    if gap and len(gap.group(1)) > 1:
+        room = max(end - begin + len(gap.group(1)) - len(new), 1)
+        rest = " " * room + rest[gap.end() :]
+    return text[:begin] + new + rest
+
+
+def _inserted(text: str, mapping: Any, keys: Keys | list[str | int], value: float) -> str:
+    """A new entry ``a: {b: value}`` at the end of a mapping."""
+    entry = yaml_number(value)
+    for key in reversed(keys[1:]):
+        entry = f"{{{key}: {entry}}}"
+    entry = f"{keys[0]}: {entry}"
+    if mapping.flow_style:
+        end = mapping.end_mark.index - 1
+        before: str = text[:end].rstrip()
+        return before + (", " if mapping.value else "") + entry + text[len(before) :]
+    # A block ends where the next one begins; its first key gives the column, and the new entry
+    # stands before the second, or behind the only one.
+    first_key, _ = mapping.value[0]
+    column: int = first_key.start_mark.column
+    if len(mapping.value) > 1:
+        second_key, _ = mapping.value[1]
+        line_begin: int = second_key.start_mark.index - column
+        return text[:line_begin] + " " * column + entry + "\n" + text[line_begin:]
+    end = mapping.value[0][1].end_mark.index
+    line_end: int = text.find("\n", max(end - 1, 0))
+    line_end = len(text) if line_end < 0 else line_end
+    return text[:line_end] + "\n" + " " * column + entry + text[line_end:]
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Whether two documents say the same, numbers within the digits that are written."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, float) or isinstance(other, float):
+        return isclose(one, other, rel_tol=10.0 ** (1 - DIGITS), abs_tol=1e-12)
+    return bool(one == other)
+
+
+def sections_of(document: Document) -> tuple[str, ...]:
+    """Top-level keys that hold results."""
+    return tuple(key for key in ("uncertainty", "identified") if key in document)

@@ -1,0 +1,326 @@
+"""Whatever comes, in whatever order: laws of the gates and the time line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cdrj_ros.conditioning import time_line as conditioning
+from cdrj_ros.conditioning.gate import MAX_GAP_NS, RANGE_MARGIN, limits_of
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.conditioning.time_line import WHOLE, Conditioner
+from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.robot.reader import parse_robot
+
+PLAIN = """
+name: plain
+motors: [{name: a, max_speed: 50}, {name: b}]
+joints: [{name: p, range: [-1, 1], max_speed: 20}, {name: q, range: [0, 2]}]
+"""
+SENSED = """
+name: sensed
+motors:
+  - {name: a, max_speed: 50, period: 0.5, scale: -2, offset: 0.3, clock_offset: -0.25}
+  - {name: b, period: 6.283185307179586, clock_offset: 0.001, noise: 0.2, tracking_bandwidth: 1}
+joints:
+  - {name: p, range: [-1, 1], max_speed: 20, scale: 0.5, offset: -0.1, resolution: 0.01,
+     tracking_bandwidth: 12}
+  - {name: q, range: [0, 2], period: 3, clock_offset: -0.002}
+"""
+CABLE = """
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 1
+    nodes: [{type: winch, motor: a, winding: 1, radius: 0.1}, {type: anchor}]
+    spans: [1]
+"""
+ROBOTS = {text.split()[1]: parse_robot(text + CABLE) for text in (PLAIN, SENSED)}
+NAMES = {"motors": ("a", "b"), "joints": ("p", "q"), "both": ("a", "b", "p", "q")}
+CLOCKS = (10**9, 1_700_000_000 * 10**9)
+MILLISECOND = 1_000_000
+
+
+@dataclass(frozen=True)
+class Message:
+    """What comes in on one topic."""
+
+    topic: str
+    stamp: int
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+
+
+STAMPS = st.one_of(
+    st.integers(0, 4_000).map(lambda k: CLOCKS[0] + k * MILLISECOND),  # 4 s around one clock,
+    st.integers(0, 4_000).map(lambda k: CLOCKS[1] + k * MILLISECOND),  # and around another
+    st.integers(0, 50).map(lambda k: CLOCKS[0] + k),
+    st.sampled_from((0, 1, -1, 2**31 * 10**9 - 1, -(2**31) * 10**9, 250_000_000)),
+)
+VALUES = st.one_of(
+    st.floats(-1.2, 2.2),
+    st.sampled_from((0.0, -0.0, 5e-324, -1e-310, 1e12, 1e308, -1e308, np.nan, np.inf, -np.inf)),
+    st.floats(allow_nan=True, allow_infinity=True),
+)
+NAME = st.sampled_from(("a", "b", "p", "q", "", "stranger", "a" * 10_000))
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> Message:
+    topic = draw(st.sampled_from(("motors", "joints", "both")))
+    names = draw(st.one_of(st.just(NAMES[topic]), st.lists(NAME, max_size=5).map(tuple)))
+    values = draw(st.lists(VALUES, min_size=len(names), max_size=len(names)))
+    if draw(st.integers(0, 9)) == 0:
+        values = values[:-1] if values else [0.0]
+    return Message(topic, draw(STAMPS), names, tuple(values))
+
+
+@st.composite
+def runs(draw: st.DrawFn) -> list[Message]:
+    """Consecutive messages of one topic: what makes a channel believe in a new clock."""
+    topic = draw(st.sampled_from(("motors", "joints", "both")))
+    begin, step = draw(STAMPS), draw(st.sampled_from((1, MILLISECOND, 900 * MILLISECOND)))
+    value = draw(VALUES)
+    names = NAMES[topic]
+    count = draw(st.integers(2, 8))
+    return [Message(topic, begin + k * step, names, (value,) * len(names)) for k in range(count)]
+
+
+STREAMS = st.lists(st.one_of(messages().map(lambda one: [one]), runs()), max_size=25).map(
+    lambda parts: [message for part in parts for message in part]
+)
+MODES = st.sampled_from(("wait", "predict"))
+ROBOT = st.sampled_from(sorted(ROBOTS))
+thorough = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+
+
+def feed(conditioner: Conditioner, message: Message) -> list[Sample]:
+    method = getattr(conditioner, f"feed_{message.topic}")
+    samples: list[Sample] = method(message.stamp, message.names, message.values)
+    return samples
+
+
+def settled(conditioner: Conditioner) -> int:
+    """Readings that are accounted for, whole messages left out."""
+    by_reading = sum(n for cause, n in conditioner.refused.items() if cause not in WHOLE)
+    return conditioner.accepted + conditioner.elsewhere + conditioner.held + by_reading
+
+
+def refused_whole(message: Message) -> bool:
+    return len(message.names) != len(message.values) or not message.names or message.stamp <= 0
+
+
+@thorough
+@given(ROBOT, MODES, STREAMS)
+def test_samples_are_finite_within_limits_and_later_than_the_one_before(
+    robot: str, mode: str, stream: list[Message]
+) -> None:
+    conditioner = Conditioner(ROBOTS[robot], mode)
+    limits = limits_of(ROBOTS[robot])
+    offsets = {limit.sensor.clock_offset_ns for limit in limits}
+    possible: set[int] = set()
+    last, jumps, given_out = -1, 0, 0
+    for message in stream:
+        possible |= {message.stamp + offset for offset in offsets}
+        samples = feed(conditioner, message)
+        if conditioner.clock_jumps != jumps:
+            jumps, last = conditioner.clock_jumps, -1
+        for sample in samples:
+            assert sample.stamp_ns > max(last, 0)
+            assert sample.stamp_ns in possible
+            last = sample.stamp_ns
+            values = np.concatenate((sample.motor_angle, sample.joint_angle))
+            assert np.all(np.isfinite(values))
+            for value, limit in zip(values, limits, strict=True):
+                assert limit.lower - 2 * RANGE_MARGIN <= value <= limit.upper + 2 * RANGE_MARGIN
+        given_out += len(samples)
+    assert given_out <= conditioner.accepted
+
+
+@thorough
+@given(ROBOT, MODES, STREAMS, st.integers(0, 60))
+def test_every_reading_is_accepted_refused_elsewhere_or_held_and_nothing_else(
+    robot: str, mode: str, stream: list[Message], reset_at: int
+) -> None:
+    conditioner = Conditioner(ROBOTS[robot], mode)
+    whole = readings = 0
+    for k, message in enumerate(stream):
+        if k == reset_at:
+            conditioner.reset()
+            assert conditioner.held == 0
+        feed(conditioner, message)
+        if refused_whole(message):
+            whole += 1
+        else:
+            readings += len(message.names)
+        assert settled(conditioner) == readings
+        assert sum(conditioner.refused[cause] for cause in WHOLE) == whole
+
+
+@thorough
+@given(ROBOT, STREAMS)
+def test_what_is_kept_is_bounded(robot: str, stream: list[Message]) -> None:
+    conditioner = Conditioner(ROBOTS[robot], "predict")
+    for message in stream:
+        feed(conditioner, message)
+        for channel in conditioner._channels:
+            assert len(channel.held) < conditioning.CONFIRMATIONS
+            stamps = [stamp for stamp, _ in channel.readings]
+            assert stamps == sorted(set(stamps))
+
+
+@thorough
+@given(ROBOT, STREAMS, STREAMS)
+def test_a_refused_message_leaves_no_trace(
+    robot: str, before: list[Message], after: list[Message]
+) -> None:
+    """One that holds nothing back either: the same samples follow with and without it."""
+    with_it, without = (Conditioner(ROBOTS[robot]) for _ in range(2))
+    for message in before:
+        assert _bits(feed(with_it, message)) == _bits(feed(without, message))
+    for message in after:
+        accepted, held, jumps = with_it.accepted, with_it.held, with_it.clock_jumps
+        state = [list(channel.held) for channel in with_it._channels]
+        samples = feed(with_it, message)
+        unchanged = state == [list(channel.held) for channel in with_it._channels]
+        if (accepted, held, jumps) == (with_it.accepted, with_it.held, with_it.clock_jumps) and (
+            unchanged
+        ):
+            assert samples == []  # refused: the other one never hears of it
+        else:
+            assert _bits(samples) == _bits(feed(without, message))
+
+
+def _bits(samples: Sequence[Sample]) -> list[tuple[int, bytes, bytes]]:
+    return [(s.stamp_ns, s.motor_angle.tobytes(), s.joint_angle.tobytes()) for s in samples]
+
+
+@st.composite
+def courses(draw: st.DrawFn) -> dict[str, list[Message]]:
+    """Two topics as sensors send them: one clock, their own rates, now and then a bad reading."""
+    streams = {}
+    for topic in ("motors", "joints"):
+        gaps = draw(st.lists(st.integers(1, 5_000_000), min_size=1, max_size=40))
+        stamps = (CLOCKS[1] + np.cumsum(gaps)).tolist()
+        sent = []
+        for stamp in stamps:
+            drift = (stamp - CLOCKS[1]) * 1e-9
+            values = (drift, 0.5) if topic == "motors" else (0.3, 1.0 - drift)
+            if draw(st.integers(0, 7)) == 0:
+                values = (draw(st.sampled_from((np.nan, np.inf, 1e308, -1e13))), values[1])
+            sent.append(Message(topic, stamp, NAMES[topic], values))
+        streams[topic] = sent
+    return streams
+
+
+@thorough
+@given(ROBOT, courses(), st.randoms(use_true_random=False))
+def test_the_order_in_which_topics_arrive_does_not_matter_while_waiting(
+    robot: str, streams: dict[str, list[Message]], order: Random
+) -> None:
+    def listen(turns: Sequence[str]) -> tuple[list[tuple[int, bytes, bytes]], Conditioner]:
+        conditioner = Conditioner(ROBOTS[robot])
+        sources = {topic: iter(sent) for topic, sent in streams.items()}
+        found = []
+        for topic in turns:
+            found += _bits(feed(conditioner, next(sources[topic])))
+        return found, conditioner
+
+    turns = [topic for topic, sent in streams.items() for _ in sent]
+    one, first = listen(turns)
+    order.shuffle(turns)
+    other, second = listen(turns)
+    assert one == other
+    assert (first.refused, first.accepted) == (second.refused, second.accepted)
+    stamps = [stamp for stamp, _, _ in one]
+    assert len(stamps) == len(set(stamps))
+
+
+@thorough
+@given(ROBOT, courses())
+def test_a_recording_gives_the_same_as_its_messages(
+    robot: str, streams: dict[str, list[Message]]
+) -> None:
+    conditioner = Conditioner(ROBOTS[robot])
+    channels: dict[str, dict[str, Readings]] = {"motors": {}, "joints": {}}
+    found = []
+    for topic, sent in streams.items():
+        for message in sent:
+            found += _bits(feed(conditioner, message))
+        for k, name in enumerate(NAMES[topic]):
+            stamps = np.array([m.stamp for m in sent])
+            channels[topic][name] = Readings(stamps, stamps, np.array([m.values[k] for m in sent]))
+    done = condition(ROBOTS[robot], channels["motors"], channels["joints"])
+    offline = [
+        one
+        for segment in done.segments
+        for one in _bits([Sample(*row) for row in zip(*vars(segment).values(), strict=True)])
+    ]
+    assert offline == found
+    assert (done.refused, done.accepted) == (conditioner.refused, conditioner.accepted)
+
+
+@pytest.mark.parametrize("mode", conditioning.MODES)
+def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(
+    mode: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(conditioning, "WAITING", 100)
+    conditioner = Conditioner(ROBOTS["plain"], mode)
+    begin = CLOCKS[1]
+
+    def motors(k: int) -> list[Sample]:
+        return conditioner.feed_motors(begin + k * MILLISECOND, ("a", "b"), (0.0, 0.001 * k))
+
+    for k in range(1000):
+        assert motors(k) == []
+    assert all(len(channel.readings) <= 100 for channel in conditioner._channels)
+    assert conditioner.crowded == 2 * 900
+    assert conditioner.accepted == 2000
+
+    first = conditioner.feed_joints(begin + 999 * MILLISECOND, ("p", "q"), (0.0, 1.0))
+    assert [sample.stamp_ns for sample in first] == [begin + 999 * MILLISECOND]
+    for k in range(1000, 2000):  # the joints fall silent again
+        motors(k)
+    assert all(len(channel.readings) <= 100 for channel in conditioner._channels)
+
+    last = [
+        sample
+        for k in range(1990, 2100)
+        for sample in conditioner.feed_joints(begin + k * MILLISECOND, ("p", "q"), (0.0, 1.0))
+    ]
+    stamps = [sample.stamp_ns for sample in last]
+    assert stamps == sorted(set(stamps))
+    assert stamps[0] > begin + 999 * MILLISECOND
+    assert begin + 1999 * MILLISECOND in stamps
+    for sample in last:  # of motor b, which nobody has had to guess
+        k = (sample.stamp_ns - begin) // MILLISECOND
+        assert sample.motor_angle[1] == pytest.approx(0.001 * k, abs=1e-12)
+
+
+def test_a_clock_that_begins_at_zero_may_be_offset() -> None:
+    """A stamp that the offset moves before zero is late, and the channel is none the worse."""
+    conditioner = Conditioner(ROBOTS["sensed"])
+    for k in range(1, 1001):
+        stamp = k * MILLISECOND
+        conditioner.feed_motors(stamp, ("a", "b"), (0.0, 0.0))
+        conditioner.feed_joints(stamp, ("p", "q"), (0.0, 0.5))
+    assert conditioner.refused["late"] == 250 + 2
+    assert conditioner.lag_ns < 300 * MILLISECOND
+
+
+def test_held_readings_must_be_plausible_too() -> None:
+    """Five readings of another time are believed as a clock, not as a motion."""
+    conditioner = Conditioner(ROBOTS["plain"])
+    conditioner.feed_motors(CLOCKS[1], ("a",), (0.0,))
+    for k in range(5):
+        stamp = CLOCKS[1] + 2 * MAX_GAP_NS + k * MILLISECOND
+        conditioner.feed_motors(stamp, ("a",), (1e6 if k == 2 else 0.01 * k,))
+    assert conditioner.accepted == 5
+    assert conditioner.refused["implausible"] == 1
+    assert conditioner.gaps == 1

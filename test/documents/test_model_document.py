@@ -1,0 +1,109 @@
+"""docs/model.md and the code name the same equations and functions."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCUMENT = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+SOURCES = sorted(
+    path
+    for folder in ("model", "conditioning", "estimation", "identification")
+    for path in (ROOT / "cdrj_ros" / folder).rglob("*.py")
+)
+CITATION = re.compile(r"\((E?)(\d{1,2})\)(?:\s?[-–]\s?\(E?(\d{1,2})\))?")
+
+
+def equations(text: str) -> set[str]:
+    """Numbers of all equations cited, ranges written out: (4), (29)-(31), (E2)."""
+    found: set[str] = set()
+    for letter, first, last in CITATION.findall(text):
+        found |= {f"{letter}{n}" for n in range(int(first), int(last or first) + 1)}
+    return found
+
+
+def docstrings(path: Path) -> str:
+    """All strings that stand alone: docstrings of modules, classes, functions and fields."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return "\n".join(
+        node.value.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+def resolved(name: str) -> object:
+    """The object of a dotted name below ``cdrj_ros``."""
+    parts = name.split(".")
+    for k in range(len(parts), 0, -1):
+        try:
+            found: object = importlib.import_module(".".join(["cdrj_ros", *parts[:k]]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[k:]:
+            found = getattr(found, part)
+        return found
+    raise AttributeError(name)
+
+
+def computed() -> dict[str, list[str]]:
+    """Functions by equation, from the last section's table."""
+    table: dict[str, list[str]] = {}
+    section = DOCUMENT[DOCUMENT.index("## 12.") :]
+    for line in section.splitlines():
+        cells = line.split("|")
+        if line.startswith("| ("):
+            for number in equations(cells[1]):
+                table.setdefault(number, []).extend(re.findall(r"`([\w.]+)`", cells[2]))
+    return table
+
+
+@pytest.mark.parametrize("name", sorted({n for names in computed().values() for n in names}))
+def test_the_function_of_an_equation_exists(name: str) -> None:
+    assert callable(resolved(name))
+
+
+def test_every_equation_has_a_function_and_every_function_an_equation() -> None:
+    table = computed()
+    assert all(table.values())
+    before = DOCUMENT[: DOCUMENT.index("## 12.")]
+    assert equations(before) == set(table)
+    assert {str(n) for n in range(1, 45)} <= set(table), "none of the source's is left out"
+    ours = sorted(int(number[1:]) for number in table if number.startswith("E"))
+    assert ours == list(range(1, len(ours) + 1))
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
+def test_every_equation_cited_in_the_code_stands_in_the_document(path: Path) -> None:
+    assert equations(docstrings(path)) <= equations(DOCUMENT)
+
+
+def test_every_name_in_the_document_stands_in_the_code() -> None:
+    code = "\n".join(
+        path.read_text(encoding="utf-8")
+        for path in (ROOT / "cdrj_ros").rglob("*")
+        if path.suffix in (".py", ".json")
+    )
+    words = set(re.findall(r"\w+", code))
+    missing = []
+    for token in re.findall(r"`([^`]+)`", DOCUMENT):
+        if "/" in token or token.endswith(".md"):  # a file, here or in the package
+            places = [base / token for base in (ROOT, ROOT / "cdrj_ros", ROOT / "docs")]
+            if not any(place.exists() for place in places):
+                missing.append(token)
+            continue
+        missing += [word for word in re.findall(r"[A-Za-z_]\w+", token) if word not in words]
+    assert missing == []
+
+
+def test_the_figures_of_the_documents_are_there() -> None:
+    for document in (ROOT / "docs").glob("*.md"):
+        for target in re.findall(r"!\[[^]]*\]\(([^)]+)\)", document.read_text(encoding="utf-8")):
+            assert (document.parent / target).exists(), (document.name, target)

@@ -1,0 +1,138 @@
+"""docs/robot_file.md: its example is a robot, its mistakes are answered so, it has every key."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.inspection.ranges import inspect_robot
+from cdrj_ros.inspection.suspicions import find_suspicions
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.document import schema
+from cdrj_ros.robot.reader import parse_robot
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / "docs" / "robot_file.md").read_text("utf-8")
+FIRST, SPANS = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def generator() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("keys", ROOT / "tools" / "robot_file_keys.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_key_reference_is_that_of_the_schema(generator: ModuleType) -> None:
+    assert generator.updated(TEXT) == TEXT, "run python tools/robot_file_keys.py"
+
+
+def test_every_key_of_the_schema_is_in_the_reference(generator: ModuleType) -> None:
+    def keys(rule: object) -> set[str]:
+        found: set[str] = set()
+        if isinstance(rule, dict):
+            for name, inner in rule.items():
+                if name == "properties" and isinstance(inner, dict):
+                    found |= set(inner)
+                found |= keys(inner)
+        elif isinstance(rule, list):
+            for inner in rule:
+                found |= keys(inner)
+        return found
+
+    reference = generator.reference()
+    for key in keys(schema()):
+        assert f"| `{key}` |" in reference, key
+
+
+def test_a_new_key_reaches_the_reference_with_unit_default_and_range(
+    generator: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    added = {
+        "type": "number", "exclusiveMinimum": 0, "maximum": 5,
+        "description": "Mass per length [kg/m]. Default 0.25.",
+    }  # fmt: skip
+    document = schema()
+    monkeypatch.setitem(document["$defs"]["cable"]["properties"], "mass", added)
+    line = next(one for one in generator.reference().splitlines() if one.startswith("| `mass`"))
+    assert line == "| `mass` | number | kg/m | 0.25 | > 0, ≤ 5 | Mass per length. |"
+    assert generator.updated(TEXT) != TEXT
+
+
+def test_the_first_robot_is_one_and_nothing_about_it_is_suspicious() -> None:
+    model = prepare(parse_robot(FIRST, "one_joint.yaml"))
+    assert model.layout.elements == ("flexor/1", "flexor/2", "extensor/1", "extensor/2")
+    inspection = inspect_robot(model)
+    assert find_suspicions(inspection) == ()
+    flexor, extensor = inspection.cables
+    # a cable that bends the joint has a positive arm
+    assert flexor.moment_arm[0].low == pytest.approx(0.040)
+    assert extensor.moment_arm[0].high == pytest.approx(-0.040)
+
+
+def test_a_wrong_sense_of_turning_is_suspicious() -> None:
+    wrong = FIRST.replace("[150, 60], turn: cw", "[150, 60], turn: ccw")
+    assert wrong != FIRST
+    found = find_suspicions(inspect_robot(prepare(parse_robot(wrong))))
+    assert any(one.where == "flexor/2" and "other way round" in one.text for one in found)
+
+
+def test_the_spans_shown_are_spans() -> None:
+    text = f"""
+name: shown
+motors: [{{name: m}}]
+joints: [{{name: elbow, range_deg: [-40, 40]}}, {{name: wrist, range_deg: [-60, 60]}}]
+cables:
+  - name: c
+    axial_stiffness: 5000
+    preload: 20
+    nodes:
+      - {{type: winch, motor: m, winding: 1, radius_mm: 10}}
+      - {{type: pulley, radius_mm: 5, wrap_angle_deg: 90}}
+      - {{type: pulley, radius_mm: 5, wrap_angle_deg: 90}}
+      - {{type: anchor}}
+{"".join(f"    {line}" for line in SPANS.splitlines(keepends=True))}"""
+    model = prepare(parse_robot(text))
+    pose = {"elbow": 0.5, "wrist": np.pi / 3}
+    from cdrj_ros.model.prepared import shape_at
+
+    length = shape_at(model, np.array(list(pose.values()))).length
+    arc = 0.005 * np.pi / 4
+    np.testing.assert_allclose(
+        length, [0.2 + arc, 0.08 - 0.06 * np.sin(0.5) + 2 * arc, 0.055 + arc], atol=1e-6
+    )
+
+
+MISTAKES = re.findall(
+    r"^\| `(.+?)` → `(.+?)` \| `(.+?)` \|$",
+    TEXT[TEXT.index("<!-- mistakes") : TEXT.index("<!-- end of mistakes")],
+    re.MULTILINE,
+)
+
+
+def test_there_are_mistakes_to_learn_from() -> None:
+    assert len(MISTAKES) >= 8
+
+
+@pytest.mark.parametrize(("given", "changed", "answer"), MISTAKES, ids=lambda text: text[:30])
+def test_a_mistake_is_answered_as_the_document_says(given: str, changed: str, answer: str) -> None:
+    assert given in FIRST
+    with pytest.raises(RobotFileError) as error:
+        prepare(parse_robot(FIRST.replace(given, changed, 1), "one_joint.yaml"))
+    message = str(error.value)
+    assert message.startswith(answer), message
+    assert message.endswith("(one_joint.yaml)")
+
+
+def test_every_file_that_the_document_names_is_there() -> None:
+    for name in re.findall(r"`(\w+\.yaml)`", TEXT):
+        assert (ROOT / "config" / "robots" / name).exists(), name

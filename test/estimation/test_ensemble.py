@@ -1,0 +1,254 @@
+"""The spread must say how far the estimate really is from the truth, and cost little."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from cdrj_ros.bag import Topics
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.ensemble import (
+    MEMBERS,
+    Spread,
+    draw_members,
+    friction_shares,
+    reading_errors,
+    spread_columns,
+)
+from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.reader import parse_robot
+
+ROOT = Path(__file__).parents[2]
+ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
+RATE = 100.0
+RUNS = 200
+WATCHED = 1000
+"""Samples of a run that the estimator sees."""
+EVERY = 20
+"""Of these one in so many is judged."""
+SECOND = round(RATE / EVERY)
+"""How many are judged in a second."""
+
+
+def _path(model: Model, bag: str) -> Samples:
+    """A smooth motion of motor and joint, taken for the true one."""
+    recording = read_inputs(str(ROOT / "bags" / bag), Topics(), model)
+    samples = condition_recording(model, recording).segments[0]
+    seconds = (samples.stamp_ns - samples.stamp_ns[0]) * 1e-9
+    time = np.arange(0.0, seconds[-1], 1.0 / RATE)
+    angles = [
+        gaussian_filter1d(np.interp(time, seconds, values[:, 0]), 2.0)[:, None]
+        for values in (samples.motor_angle, samples.joint_angle)
+    ]
+    return Samples(1_000_000_000 + np.round(time * 1e9).astype(np.int64), *angles)
+
+
+def _read(model: Model, path: Samples, part: slice, generator: np.random.Generator) -> Samples:
+    """What encoders of the robot's resolution say of a part of the path."""
+    columns = []
+    for axis, angle in zip(model.robot.axes, (path.motor_angle, path.joint_angle), strict=True):
+        count, begin = axis.sensor.resolution, generator.random()
+        columns.append((np.round(angle[part] / count + begin) - begin) * count)
+    return Samples(path.stamp_ns[part], columns[0], columns[1])
+
+
+def _hits(preload: str, bag: str, runs: int, seed: int) -> np.ndarray:
+    """Whether truth lies within two standard deviations, shape (runs, times, columns)."""
+    generator = np.random.default_rng(seed)
+    model = load_model(ROBOT, preload)
+    path = _path(model, bag)
+    truths = draw_members(model.robot, runs, generator)
+    generator.shuffle(truths)
+    spreads = [Spread(model, seed=k) for k in range(4)]
+    hits = []
+    for k, robot in enumerate(truths):
+        begin = int(generator.integers(int(12 * RATE), path.stamp_ns.size - WATCHED))
+        until = slice(0, begin + WATCHED)
+        truth = prepare(robot, check_range=False)
+        so_far = Samples(path.stamp_ns[until], path.motor_angle[until], path.joint_angle[until])
+        _, true = run(truth, initial_state(truth), so_far)
+        spread = spreads[k % len(spreads)]
+        spread.reset()
+        readings = _read(model, path, slice(begin, begin + WATCHED), generator)
+        _, estimates = spread.run(initial_state(model), readings)
+        columns = spread.columns
+        error = np.abs(estimates.values[:, columns] - true.values[begin:, columns])
+        hits.append((error <= 2.0 * estimates.stddev)[::EVERY])
+    return np.array(hits)
+
+
+def test_two_standard_deviations_cover_what_they_should() -> None:
+    # 200 robots whose parameters are drawn from the robot file's covariance, seen through their
+    # encoders from the middle of a motion on: friction history unknown
+    hits = np.concatenate(
+        [
+            _hits("36.85,26.26", "prototype_preload_36_26", RUNS // 2, 1),
+            _hits("23.52,16.66", "prototype_preload_23_6", RUNS // 2, 2),
+        ]
+    )
+    assert len(hits) == RUNS
+    elements = len(load_model(ROBOT).layout.elements)
+    each = hits[:, :, :elements].mean(axis=(0, 1))
+    print(  # noqa: T201 for docs/uncertainty.md
+        f"\n{hits.mean():.1%} of all, {each.mean():.1%} of all tensions; elements from "
+        f"{each.min():.1%} to {each.max():.1%}, in the first second from "
+        f"{hits[:, :SECOND, :elements].mean(axis=(0, 1)).min():.1%}"
+    )
+    assert 0.92 <= hits.mean() <= 0.98
+    assert each.min() >= 0.85
+    assert each.max() <= 0.995
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return load_model(ROBOT)
+
+
+@pytest.fixture(scope="module")
+def path(model: Model) -> Samples:
+    return _path(model, "prototype_preload_36_26")
+
+
+def _part(path: Samples, part: slice) -> Samples:
+    return Samples(path.stamp_ns[part], path.motor_angle[part], path.joint_angle[part])
+
+
+def _samples(samples: Samples) -> Sequence[Sample]:
+    return [
+        Sample(int(stamp), motor, joint)
+        for stamp, motor, joint in zip(
+            samples.stamp_ns, samples.motor_angle, samples.joint_angle, strict=True
+        )
+    ]
+
+
+def test_the_spread_narrows_as_pulleys_slip(model: Model, path: Samples) -> None:
+    spread = Spread(model)
+    _, estimates = spread.run(initial_state(model), _part(path, slice(1700, 3000)))
+    overall = np.sqrt((estimates.stddev[:, : len(model.layout.elements)] ** 2).mean(axis=1))
+    assert overall[-100:].mean() < 0.4 * overall[0]
+
+
+def test_sample_by_sample_and_in_bulk_the_spread_is_the_same(model: Model, path: Samples) -> None:
+    samples = _part(path, slice(0, 300))
+    _, bulk = Spread(model).run(initial_state(model), samples)
+    spread, state = Spread(model), initial_state(model)
+    for k, sample in enumerate(_samples(samples)):
+        state, estimate = step(model, state, sample)
+        assert np.array_equal(spread.update(sample, estimate), bulk.stddev[k])
+
+
+def test_the_estimate_is_none_the_different_for_its_spread(model: Model, path: Samples) -> None:
+    samples = _part(path, slice(0, 500))
+    _, alone = run(model, initial_state(model), samples)
+    _, beside = Spread(model).run(initial_state(model), samples)
+    assert np.array_equal(alone.values, beside.values)
+
+
+def test_after_a_reset_the_spread_is_that_of_a_new_one(model: Model, path: Samples) -> None:
+    samples = _part(path, slice(0, 200))
+    spread = Spread(model)
+    _, first = spread.run(initial_state(model), samples)
+    spread.reset()
+    _, second = spread.run(initial_state(model), samples)
+    assert np.array_equal(first.stddev, second.stddev)
+
+
+ONE_STRAND = """
+name: strand
+motors: [{{name: m, noise: {noise}}}]
+joints: []
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 50
+    nodes: [{{type: winch, motor: m, radius: 0.01, winding: 1}}, {{type: anchor}}]
+    spans: [2.0]
+uncertainty: {{parameters: [cables.c.preload, cables.c.axial_stiffness], stddev: [{preload}, {ea}],
+  correlation: [[1, {rho}], [{rho}, 1]]}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("preload", "ea", "rho", "expected"),
+    [
+        (2.0, 0.0, 0.0, 2.0),  # t = t0 in the reference pose
+        (0.0, 10.0, 0.0, 0.0),  # and does not depend on the stiffness there
+        (2.0, 10.0, 0.5, 2.0),
+    ],
+)
+def test_what_depends_linearly_has_exactly_its_spread(
+    preload: float, ea: float, rho: float, expected: float
+) -> None:
+    text = ONE_STRAND.format(noise=0.0, preload=preload, ea=ea, rho=rho)
+    model = prepare(parse_robot(text))
+    spread = Spread(model)
+    sample = Sample(1, np.zeros(1), np.zeros(0))
+    _, estimate = step(model, initial_state(model), sample)
+    stddev = spread.update(sample, estimate)
+    assert stddev[0] == pytest.approx(expected, abs=1e-9)
+    assert stddev[1] == pytest.approx(0.01 * expected, abs=1e-9)  # the motor's effort
+
+
+def test_noise_of_an_encoder_becomes_noise_of_the_tension() -> None:
+    model = prepare(parse_robot(ONE_STRAND.format(noise=1e-3, preload=0.0, ea=0.0, rho=0.0)))
+    spread = Spread(model)
+    state = initial_state(model)
+    spreads = []
+    for k in range(1, 2000):
+        sample = Sample(k * 1_000_000, np.zeros(1), np.zeros(0))
+        state, estimate = step(model, state, sample)
+        spreads.append(spread.update(sample, estimate)[0])
+    # dt / dphi = EA / l * r at a strain of 5 %
+    expected = 1e-3 * 1000.0 / (2.0 / 1.05) * 0.01
+    assert np.mean(spreads) == pytest.approx(expected, rel=0.1)
+
+
+def test_members_stay_within_what_a_robot_file_may_say(model: Model) -> None:
+    known = model.robot.uncertainty
+    assert known is not None
+    wide = replace(known, covariance=1e4 * known.covariance)
+    for robot in draw_members(
+        replace(model.robot, uncertainty=wide), MEMBERS, np.random.default_rng(0)
+    ):
+        for cable in robot.cables:
+            assert cable.preload >= 0.0
+            assert cable.axial_stiffness > 0.0
+            for pulley in cable.pulleys:
+                assert 0.0 <= pulley.friction.rho <= 1.0
+                assert pulley.friction.mu_s >= pulley.friction.mu_c >= 0.0
+
+
+def test_friction_histories_are_even_handed_and_within_bounds() -> None:
+    shares = friction_shares(MEMBERS, 7, np.random.default_rng(0))
+    assert shares.shape == (MEMBERS, 7)
+    assert np.all(np.abs(shares) <= 1.0)
+    assert np.allclose(shares.sum(axis=0), 0.0)
+
+
+def test_reading_errors_have_the_sensors_noise_and_resolution(model: Model) -> None:
+    errors = reading_errors(model.robot, np.random.default_rng(0))
+    counts = [axis.sensor.resolution for axis in model.robot.axes]
+    assert np.all(np.abs(errors) <= 0.5 * np.array(counts))
+    assert np.allclose(errors.std(axis=0), np.array(counts) / np.sqrt(12.0), rtol=0.05)
+
+
+def test_columns_are_tensions_forces_and_efforts(model: Model) -> None:
+    layout = model.layout
+    columns = spread_columns(layout)
+    assert columns.size == len(layout.elements + layout.pulleys + layout.motors + layout.joints)
+    assert columns[0] == layout.tension.start
+    assert columns[-1] == layout.joint_effort.stop - 1
+
+
+def test_an_odd_number_of_members_is_refused(model: Model) -> None:
+    with pytest.raises(ValueError, match="even"):
+        Spread(model, members=9)

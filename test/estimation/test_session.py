@@ -1,0 +1,458 @@
+"""The estimator as a node runs it: other sensors, changes while running, ends and starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.fusion import JUDGED
+from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.status import SLACK, UNSURE
+
+ROOT = Path(__file__).parents[2]
+ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
+LOST = "25.8,26.26"
+"""Preloads after the upper cable has lost 30 %."""
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return load_model(ROBOT)
+
+
+@pytest.fixture(scope="module")
+def readings(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples:
+    """Recorded angles of six cycles, at 100 Hz."""
+    return recorded(model, 15)
+
+
+def _sample(readings: Samples, k: int) -> Sample:
+    return Sample(
+        int(readings.stamp_ns[k]), readings.motor_angle[k].copy(), readings.joint_angle[k].copy()
+    )
+
+
+def _again(readings: Samples, times: int) -> Samples:
+    """The recording to and fro, end to end."""
+    step = int(np.median(np.diff(readings.stamp_ns)))
+    count = times * readings.stamp_ns.size
+    there = [readings.motor_angle, readings.joint_angle]
+    stamps = readings.stamp_ns[0] + step * np.arange(count, dtype=np.int64)
+    angles = [
+        np.concatenate([part if k % 2 == 0 else part[::-1] for k in range(times)]) for part in there
+    ]
+    return Samples(stamps, *angles)
+
+
+@dataclass
+class Course:
+    """What a run gave, beside the truth."""
+
+    error: np.ndarray
+    stddev: np.ndarray
+    live: LiveEstimator
+
+
+def _run_beside(
+    model: Model,
+    readings: Samples,
+    truth: np.ndarray,
+    options: Options,
+    before: Callable[[LiveEstimator, int], None],
+) -> Course:
+    live = LiveEstimator(model, options)
+    errors, stddevs = [], []
+    for k in range(readings.stamp_ns.size):
+        before(live, k)
+        estimate, stddev = live.take(_sample(readings, k))
+        assert stddev is not None
+        errors.append(estimate.tension - truth[k])
+        stddevs.append(stddev[: truth.shape[1]])
+    return Course(np.array(errors), np.array(stddevs), live)
+
+
+def _truth(preload: str, readings: Samples) -> tuple[Model, np.ndarray]:
+    true = load_model(ROBOT, preload)
+    _, estimates = run(true, initial_state(true), readings)
+    return true, estimates.values
+
+
+def test_load_cells_at_the_ends_find_a_lost_preload_in_every_element(
+    model: Model, readings: Samples
+) -> None:
+    true, values = _truth(LOST, readings)
+    tension = values[:, true.layout.tension]
+    generator = np.random.default_rng(0)
+    cells = ["upper/8", "lower/8"]
+    columns = [true.layout.elements.index(name) for name in cells]
+
+    def measure(live: LiveEstimator, k: int) -> None:
+        if k % 4:
+            return
+        noisy = tension[k, columns] + generator.normal(0.0, 0.05, 2)
+        live.feed_tensions(int(readings.stamp_ns[k]), cells, noisy.tolist(), [0.05, 0.05])
+
+    course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
+    half = len(course.error) // 2
+    assert np.abs(course.error[0]).max() > 10.0
+    assert np.abs(course.error[half:]).mean(axis=0).max() < 0.15
+    assert (np.abs(course.error[half:]) < 2.0 * course.stddev[half:]).mean() > 0.9
+
+
+@pytest.mark.parametrize("late", [1, 5, 15])
+def test_load_cells_that_come_late_do_not_tell_the_same_news_twice(
+    late: int, model: Model, readings: Samples
+) -> None:
+    true, values = _truth(LOST, readings)
+    tension = values[:, true.layout.tension]
+    column = true.layout.elements.index("upper/8")
+
+    def measure(live: LiveEstimator, k: int) -> None:
+        if k >= late:
+            stamp = int(readings.stamp_ns[k - late])
+            live.feed_tensions(stamp, ["upper/8"], [tension[k - late, column]], [0.05])
+
+    part = Samples(*(values[:1000] for values in vars(readings).values()))
+    course = _run_beside(model, part, tension, Options(tension_sensors=True), measure)
+    assert course.error[0, column] > 10.0
+    assert np.abs(course.error[late + 1 : late + 50, column]).max() < 0.1
+    # where the motion turns, what the far elements still have wrong arrives, for a moment
+    assert np.abs(course.error[late + 1 :, column]).mean() < 0.2
+    assert course.live.fusion is not None
+    assert course.live.fusion.health["upper/8"].dropped == ""
+    assert course.live.fusion.health["upper/8"].refused == 0
+
+
+def test_a_load_cell_on_one_cable_leaves_the_other_alone(model: Model, readings: Samples) -> None:
+    true, values = _truth(LOST, readings)
+    tension = values[:, true.layout.tension]
+    column = true.layout.elements.index("upper/8")
+
+    def measure(live: LiveEstimator, k: int) -> None:
+        if k % 10 == 0:
+            live.feed_tensions(int(readings.stamp_ns[k]), ["upper/8"], [tension[k, column]], [0.05])
+
+    course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
+    _, alone = run(model, initial_state(model), readings)
+    lower = slice(8, 16)
+    same = alone.values[:, model.layout.tension][:, lower] - tension[:, lower]
+    assert np.allclose(course.error[:, lower], same, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (lambda _k, _true, first: first, "frozen"),
+        (lambda k, true, _first: true + 0.004 * k, "standard deviations"),
+        (lambda _k, true, _first: 2.0 * true, "standard deviations"),
+        (lambda _k, true, _first: -true, "standard deviations"),
+    ],
+)
+def test_a_load_cell_that_freezes_drifts_or_lies_is_found_and_dropped(
+    model: Model, readings: Samples, fault: Callable[..., float], words: str
+) -> None:
+    _, values = _truth("36.85,26.26", readings)
+    tension = values[:, model.layout.tension]
+    generator = np.random.default_rng(1)
+    column = model.layout.elements.index("upper/8")
+    broken = 1000
+
+    def measure(live: LiveEstimator, k: int) -> None:
+        if k % 4:
+            return
+        noise = generator.normal(0.0, 0.05)
+        true = tension[k, column]
+        said = true + noise
+        if k >= broken:
+            said = fault(k - broken, true, tension[broken, column]) + (
+                0.0 if words == "frozen" else noise
+            )
+        live.feed_tensions(int(readings.stamp_ns[k]), ["upper/8"], [said], [0.05])
+
+    course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
+    assert course.live.fusion is not None
+    health = course.live.fusion.health["upper/8"]
+    assert words in health.dropped
+    assert health.used >= broken // 4
+    # what it said before it was found has not carried the estimate far
+    assert np.abs(course.error[broken:]).max() < 0.25 * tension.max()
+
+
+def test_a_good_load_cell_is_never_dropped(model: Model, readings: Samples) -> None:
+    _, values = _truth("36.85,26.26", readings)
+    tension = values[:, model.layout.tension]
+    generator = np.random.default_rng(2)
+    column = model.layout.elements.index("lower/8")
+
+    def measure(live: LiveEstimator, k: int) -> None:
+        if k % 4:
+            return
+        said = tension[k, column] + generator.normal(0.0, 0.1)
+        live.feed_tensions(int(readings.stamp_ns[k]), ["lower/8"], [said], [])
+
+    course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
+    assert course.live.fusion is not None
+    health = course.live.fusion.health["lower/8"]
+    assert not health.dropped
+    assert health.refused == 0
+    assert health.used > JUDGED
+
+
+def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_ten_cycles(
+    model: Model, readings: Samples
+) -> None:
+    cycles = _again(readings, 2)  # of six cycles each; ten are looked at
+    true, values = _truth(LOST, cycles)
+    tension = values[:, true.layout.tension]
+    effort = values[:, true.layout.motor_effort][:, 0]
+    generator = np.random.default_rng(3)
+
+    def measure(live: LiveEstimator, k: int) -> None:
+        noisy = effort[k] + generator.normal(0.0, 0.005)
+        live.feed_efforts(int(cycles.stamp_ns[k]), ["winch"], [noisy])
+
+    options = Options(track_preload=True, effort_noise=0.01)
+    course = _run_beside(model, cycles, tension, options, measure)
+    ninth = slice(int(8.5 / 12 * len(course.error)), int(9.5 / 12 * len(course.error)))
+    assert np.abs(course.error[ninth]).mean() < 0.05 * tension.mean()
+    assert np.abs(course.error[ninth]).mean() < 0.1 * np.abs(course.error[0, :8]).mean()
+
+
+def test_efforts_are_not_looked_at_unless_asked_for(model: Model, readings: Samples) -> None:
+    live = LiveEstimator(model)
+    live.feed_efforts(int(readings.stamp_ns[0]), ["winch"], [1e6])
+    output = live.take(_sample(readings, 0))
+    plain = LiveEstimator(model).take(_sample(readings, 0))
+    assert np.array_equal(output.estimate.values, plain.estimate.values)
+
+
+def test_sensors_without_uncertainty_are_a_contradiction(model: Model) -> None:
+    with pytest.raises(UsageError, match="uncertainty"):
+        LiveEstimator(model, Options(uncertainty=False, tension_sensors=True))
+
+
+def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: Samples) -> None:
+    live = LiveEstimator(model, Options(tension_sensors=True))
+    plain = LiveEstimator(model, Options(tension_sensors=True))
+    for k in range(50):
+        stamp = int(readings.stamp_ns[k])
+        live.feed_tensions(stamp, ["upper/8"], [float("nan")], [])
+        live.feed_tensions(stamp, ["upper/9"], [10.0], [])
+        live.feed_tensions(stamp, ["upper/8"], [10.0, 11.0], [])
+        live.feed_tensions(stamp - 10**12, ["upper/8"], [10.0], [])
+        live.feed_tensions(stamp + 10**12, ["upper/8"], [10.0], [])
+        assert np.array_equal(
+            live.take(_sample(readings, k)).estimate.values,
+            plain.take(_sample(readings, k)).estimate.values,
+        )
+    assert live.unknown_elements == 50
+    assert live.conditioner.refused["malformed"] == 50
+    assert live.fusion is not None
+    assert live.fusion.health["upper/8"].used == 0
+
+
+def test_unsure_says_that_the_friction_history_is_not_known_yet(
+    model: Model, readings: Samples
+) -> None:
+    live = LiveEstimator(model)
+    flags = []
+    for k in range(1000, 3000):
+        estimate = live.take(_sample(readings, k)).estimate
+        flags.append(estimate.status.astype(int) & UNSURE != 0)
+    share = np.array(flags).mean(axis=1)
+    assert share[0] > 0.25
+    assert share[-100:].mean() < 0.1
+
+
+def _true_from_the_start(model: Model, readings: Samples) -> np.ndarray:
+    _, estimates = run(model, initial_state(model), readings)
+    return estimates.values[:, model.layout.tension]
+
+
+def test_started_in_mid_motion_the_truth_is_within_two_sigma_and_soon_within_three_percent(
+    model: Model, readings: Samples
+) -> None:
+    truth = _true_from_the_start(model, readings)
+    joint = readings.joint_angle[:, 0]
+    for begin in (900, 1300, 1700, 2100, 2500):
+        live = LiveEstimator(model)
+        errors, stddevs = [], []
+        for k in range(begin, begin + 1500):
+            estimate, stddev = live.take(_sample(readings, k))
+            assert stddev is not None
+            errors.append(estimate.tension - truth[k])
+            stddevs.append(stddev[: truth.shape[1]])
+        error, spread = np.array(errors), np.array(stddevs)
+        assert (np.abs(error) <= 2.0 * spread + 0.02)[:20].mean() > 0.9
+        # one reversal later; what a cable that never slips at its end holds stays unknown
+        part = joint[begin : begin + 1500]
+        reversal = _first_reversal_after_travel(part)
+        relative = np.abs(error[reversal + 200 :]) / truth[begin + reversal + 200 : begin + 1500]
+        assert relative.mean() < 0.03
+
+
+def _first_reversal_after_travel(angle: np.ndarray) -> int:
+    """Where the joint turns first, and has then come half of its stroke back."""
+    turn = int(np.argmax(np.abs(angle[:600] - angle[0])))
+    back = np.abs(angle[turn:] - angle[turn])
+    return turn + int(np.argmax(back > 0.35))
+
+
+def test_a_restart_with_a_state_file_goes_on_as_if_it_had_not_ended(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    path = tmp_path / "state"
+    live = LiveEstimator(model)
+    for k in range(1500):
+        live.take(_sample(readings, k))
+    assert write_state(live, path)
+    again = LiveEstimator(model)
+    assert str(path) in read_state(again, path)
+    for k in range(1500, 1700):
+        one, other = live.take(_sample(readings, k)), again.take(_sample(readings, k))
+        assert np.array_equal(one.estimate.values, other.estimate.values)
+        assert one.stddev is not None
+        assert np.allclose(one.stddev, other.stddev, rtol=1e-9)
+    assert [p.name for p in tmp_path.iterdir()] == ["state"]  # nothing half written is left
+
+
+def test_a_robot_moved_while_nobody_looked_is_known_less_well(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    path = tmp_path / "state"
+    live = LiveEstimator(model)
+    for k in range(1500):
+        known = live.take(_sample(readings, k)).stddev
+    write_state(live, path)
+    again = LiveEstimator(model)
+    read_state(again, path)
+    later = again.take(_sample(readings, 1900)).stddev
+    assert known is not None
+    assert later is not None
+    assert later[:16].mean() > 2.0 * known[:16].mean()
+
+
+def test_a_clock_that_was_set_back_does_not_spoil_a_state_file(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    path = tmp_path / "state"
+    live = LiveEstimator(model)
+    for k in range(500):
+        live.take(_sample(readings, k))
+    write_state(live, path)
+    again = LiveEstimator(model)
+    read_state(again, path)
+    sample = _sample(readings, 500)
+    output = again.take(sample._replace(stamp_ns=sample.stamp_ns - 10**15))
+    expected = live.take(sample)
+    assert np.allclose(output.estimate.tension, expected.estimate.tension, atol=1e-3)
+
+
+@pytest.mark.parametrize("damage", ["cut", "garbage", "empty", "other robot", "nan"])
+def test_a_state_file_that_cannot_be_used_is_refused_in_a_line(
+    model: Model, readings: Samples, tmp_path: Path, damage: str
+) -> None:
+    path = tmp_path / "state"
+    live = LiveEstimator(model)
+    for k in range(10):
+        live.take(_sample(readings, k))
+    if damage == "nan":
+        live.state.values[5] = np.nan
+    write_state(live, path)
+    data = path.read_bytes()
+    if damage == "cut":
+        path.write_bytes(data[: len(data) // 2])
+    elif damage == "garbage":
+        path.write_bytes(b"not a state" * 100)
+    elif damage == "empty":
+        path.write_bytes(b"")
+    other = LiveEstimator(load_model(ROBOT, "30,20") if damage == "other robot" else model)
+    with pytest.raises(StateFileError) as caught:
+        read_state(other, path)
+    assert "\n" not in str(caught.value)
+    fresh = LiveEstimator(other.model).take(_sample(readings, 10)).estimate.values
+    assert np.array_equal(other.take(_sample(readings, 10)).estimate.values, fresh)
+
+
+def test_without_a_state_file_nothing_is_taken_up(model: Model, tmp_path: Path) -> None:
+    assert read_state(LiveEstimator(model), tmp_path / "none") == ""
+    assert not write_state(LiveEstimator(model), tmp_path / "none")
+
+
+def test_tare_makes_the_present_pose_the_reference(model: Model, readings: Samples) -> None:
+    live = LiveEstimator(model)
+    with pytest.raises(UsageError, match="no angles yet"):
+        live.tare()
+    sample = _sample(readings, 1200)
+    live.take(sample)
+    words = live.tare()
+    assert f"{sample.motor_angle[0]:.6g} rad" in words
+    tension = live.take(sample).estimate.tension
+    assert np.allclose(tension[:8], 36.85)
+    assert np.allclose(tension[8:], 26.26)
+
+
+def test_set_preload_starts_anew_from_what_was_measured(model: Model, readings: Samples) -> None:
+    live = LiveEstimator(model)
+    for k in range(500):
+        live.take(_sample(readings, k))
+    assert "36.85 N, now 30 N" in live.set_preload({"upper": 30.0})
+    expected = LiveEstimator(load_model(ROBOT, "30,26.26"))
+    for k in range(500, 520):
+        one, other = live.take(_sample(readings, k)), expected.take(_sample(readings, k))
+        assert np.array_equal(one.estimate.values, other.estimate.values)
+
+
+@pytest.mark.parametrize(
+    ("preloads", "words"),
+    [
+        ({"middle": 3.0}, "no cable 'middle'"),
+        ({"upper": -1.0}, "must be in"),
+        ({"upper": float("nan")}, "must be in"),
+        ({}, "name at least one"),
+    ],
+)
+def test_a_preload_that_cannot_be_changes_nothing(
+    model: Model, readings: Samples, preloads: dict[str, float], words: str
+) -> None:
+    live, untouched = LiveEstimator(model), LiveEstimator(model)
+    for k in range(100):
+        live.take(_sample(readings, k))
+        untouched.take(_sample(readings, k))
+    with pytest.raises(UsageError, match=words):
+        live.set_preload(preloads)
+    one, other = live.take(_sample(readings, 100)), untouched.take(_sample(readings, 100))
+    assert np.array_equal(one.estimate.values, other.estimate.values)
+
+
+def test_friction_may_change_without_forgetting_the_history(
+    model: Model, readings: Samples
+) -> None:
+    live = LiveEstimator(model)
+    for k in range(1500):
+        before = live.take(_sample(readings, k)).estimate.tension.copy()
+    live.set_numbers({"friction.rho": 0.25})
+    after = live.take(_sample(readings, 1500)).estimate
+    fresh = LiveEstimator(model).take(_sample(readings, 1500)).estimate.tension
+    assert np.abs(after.tension - before).max() < 0.5 * np.abs(fresh - before).max()
+    assert live.model.robot.cables[0].pulleys[0].friction.rho == 0.25
+    with pytest.raises(CdrjError):
+        live.set_numbers({"friction.mu_s": 0.01})  # below mu_c
+    assert live.model.robot.cables[0].pulleys[0].friction.mu_s == 0.2
+
+
+def test_no_false_slack_in_ten_minutes_of_normal_motion(model: Model, readings: Samples) -> None:
+    long = _again(readings, 10)
+    assert (long.stamp_ns[-1] - long.stamp_ns[0]) * 1e-9 > 590.0
+    _, estimates = run(model, initial_state(model), long)
+    assert not np.any(estimates.values[:, model.layout.status].astype(int) & SLACK)

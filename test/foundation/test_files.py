@@ -1,0 +1,78 @@
+"""Files are written whole or not at all, and never over what is being read."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.files import check_outputs, replacing, write_text
+
+
+def test_a_file_is_replaced_and_keeps_its_permissions(tmp_path: Path) -> None:
+    target = tmp_path / "a.yaml"
+    target.write_text("old")
+    target.chmod(0o640)
+    write_text(target, "new\n")
+    assert target.read_text() == "new\n"
+    assert stat.S_IMODE(target.stat().st_mode) == 0o640
+    assert [path.name for path in tmp_path.iterdir()] == ["a.yaml"]
+
+
+def test_a_new_file_has_the_permissions_of_any_new_file(tmp_path: Path) -> None:
+    write_text(tmp_path / "a", "")
+    (tmp_path / "b").touch()
+    assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
+
+
+def test_a_link_goes_on_pointing_to_what_is_written(tmp_path: Path) -> None:
+    (tmp_path / "real").write_text("old")
+    (tmp_path / "link").symlink_to("real")
+    write_text(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "new"
+
+
+def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    target = tmp_path / "a"
+    target.write_text("old")
+    with pytest.raises(OSError, match="full"), replacing(target) as stream:
+        stream.write(b"half of the ne")
+        raise OSError("the disk is full")
+    assert target.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("outputs", "words"),
+    [
+        ({"--json": "robot.yaml"}, "--json robot.yaml would overwrite the input robot.yaml"),
+        ({"--json": "./sub/../robot.yaml"}, "would overwrite the input robot.yaml"),
+        ({"--json": "link"}, "would overwrite the input robot.yaml"),
+        ({"--html": "bag/metadata.yaml"}, "would overwrite the input bag"),
+        ({"--json": "a", "--html": "sub/../a"}, "--html and --json both name sub/../a"),
+        ({"--json": "sub"}, "--json sub is a folder"),
+        ({"--out": "missing/a"}, "--out missing/a: there is no folder missing"),
+    ],
+)
+def test_outputs_that_cannot_be_are_refused_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, outputs: dict[str, str], words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("sub", "bag"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "robot.yaml").touch()
+    os.symlink("robot.yaml", "link")
+    with pytest.raises(UsageError, match=words):
+        check_outputs(outputs, ["robot.yaml", "bag"])
+
+
+def test_outputs_beside_the_inputs_are_fine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robot.yaml").touch()
+    check_outputs({"--json": "a.json", "--html": None}, ["robot.yaml"])

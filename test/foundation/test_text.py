@@ -1,0 +1,9 @@
+from cdrj_ros.foundation.text import printable
+
+
+def test_control_characters_surrogates_and_line_breaks_are_escaped() -> None:
+    assert printable("a\x1b[31mb\n\udc80\u202e") == "a\\x1b[31mb\\n\\udc80\\u202e"
+
+
+def test_words_of_any_language_stay_as_they_are() -> None:
+    assert printable("Seil 1 · câble – 索 µ") == "Seil 1 · câble – 索 µ"

@@ -1,0 +1,380 @@
+"""Identification on recordings made up from arrays: what it finds, and what it says it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.whole_recording import Readings
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.identification.fit import Identification, Settings, identify
+from cdrj_ros.identification.residuals import Recorded, channel_columns
+from cdrj_ros.identification.standard_errors import remaining_step
+from cdrj_ros.identification.unknowns import (
+    parse_unknowns,
+    starting_values,
+    with_bounds,
+    with_priors,
+)
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.parameters import number_at, with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+EPOCH_NS = 1_700_000_000_000_000_000
+RATE = 200.0
+QUICK = Settings(coarse=True)
+
+
+@pytest.fixture(scope="module")
+def document() -> Document:
+    return load_document(PROTOTYPE)[0]
+
+
+def recording(
+    document: Document,
+    seconds: float = 20.0,
+    amplitude: float = 0.6,
+    late_s: float = 0.0,
+    noise: float = 0.02,
+    seed: int = 1,
+    name: str = "made_up",
+    frequency: float = 0.1,
+) -> Recorded:
+    """What the estimator itself says of a motion, with noise: a model without error."""
+    model = prepare(build_robot(document, "made up"))
+    time = np.arange(round(seconds * RATE)) / RATE
+    joint = amplitude * np.sin(2.0 * np.pi * frequency * time)
+    motor = 8.0 * np.sin(joint) + 0.08 * np.sin(1.7 * time)
+    stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
+    samples = Samples(stamps, motor[:, None].copy(), joint[:, None].copy())
+    _, estimates = run(model, initial_state(model), samples)
+    generator = np.random.default_rng(seed)
+    references = {}
+    for channel, column in channel_columns(model.layout).items():
+        scale = noise * (0.02 if channel.startswith("effort") else 1.0)
+        values = estimates.values[:, column] + generator.normal(0.0, scale, stamps.size)
+        references[channel] = (stamps, values)
+    reported = stamps - round(late_s * 1e9)
+    return Recorded(
+        name,
+        {"winch": Readings(stamps, stamps, motor)},
+        {"elbow": Readings(reported, stamps, joint)},
+        references,
+    )
+
+
+def found_from(
+    document: Document,
+    fit: str,
+    start: Mapping[str, float],
+    recordings: list[Recorded],
+    settings: Settings = QUICK,
+) -> Identification:
+    begin = with_numbers(document, start)
+    return identify(begin, "test", parse_unknowns(begin, fit), recordings, settings)
+
+
+def test_a_model_without_error_is_found_again_within_its_standard_errors(
+    document: Document,
+) -> None:
+    start = {
+        **starting_values(document, ["rho=0.24", "axial_stiffness=5027"]),
+        "cables.upper.preload": 29.5,
+        "cables.lower.preload": 31.5,
+    }
+    found = found_from(document, "rho,preload,axial_stiffness", start, [recording(document)])
+    truth = [number_at(document, unknown.paths[0]) for unknown in found.unknowns]
+    off = (found.values - truth) / found.stddev
+    assert np.all(np.abs(off) < 3.0), dict(zip([u.name for u in found.unknowns], off, strict=True))
+    assert np.sqrt(np.mean(off**2)) < 2.0
+    np.testing.assert_allclose(found.values, truth, rtol=2e-3)
+    assert not [text for text in found.findings if "told apart" in text]
+
+
+FRICTION_AND_DRUM = {
+    "friction.mu_c": 0.12,
+    "friction.mu_s": 0.24,
+    "friction.stribeck_speed": 0.04,
+    "friction.bearing_friction": 0.012,
+    "drum_radius": 0.0135,
+    "pulley_bearing_torque": 1.6e-3,
+}
+"""What is looked for, and starts 20 % off (the drum's radius: 10 %)."""
+
+
+@pytest.fixture(scope="module")
+def rubbing(document: Document) -> Document:
+    """The prototype with a drag of 2 N mm in the bearing of every pulley."""
+    return with_numbers(document, starting_values(document, ["pulley_bearing_torque=2e-3"]))
+
+
+def far_off(document: Document) -> dict[str, float]:
+    radii = {f"cables.{cable}.nodes.1.radius": 0.0135 for cable in ("upper", "lower")}
+    texts = [f"{name}={value}" for name, value in FRICTION_AND_DRUM.items() if "." in name]
+    drag = starting_values(document, ["pulley_bearing_torque=1.6e-3"])
+    return starting_values(document, texts) | drag | radii
+
+
+def test_stribeck_bearings_and_drum_are_found_from_slow_and_fast_motion(rubbing: Document) -> None:
+    """A fast motion takes the cable past the Stribeck speed, a slow one stays below it."""
+    both = [
+        recording(rubbing, 20.0, name="slow"),
+        recording(rubbing, 10.0, name="fast", seed=2, frequency=0.5),
+    ]
+    found = found_from(rubbing, ",".join(FRICTION_AND_DRUM), far_off(rubbing), both)
+    truth = np.array([number_at(rubbing, unknown.paths[0]) for unknown in found.unknowns])
+    off = (found.values - truth) / found.stddev
+    assert np.all(np.abs(off) < 3.0), dict(zip([u.name for u in found.unknowns], off, strict=True))
+    assert np.sqrt(np.mean(off**2)) < 2.0
+    assert np.all(found.stddev < 0.05 * truth), "known, not just allowed for"
+
+
+def test_slow_motion_alone_does_not_tell_the_stribeck_speed_and_says_so(
+    rubbing: Document,
+) -> None:
+    slow = recording(rubbing, 60.0, amplitude=0.1, noise=1.0, frequency=0.01)
+    fit = "friction.mu_c,friction.mu_s,friction.stribeck_speed"
+    start = {name: FRICTION_AND_DRUM[name] for name in fit.split(",")}
+    found = found_from(rubbing, fit, start, [slow])
+    (sentence,) = found.findings
+    assert "friction.stribeck_speed" in sentence
+    assert found.values[1] == pytest.approx(0.2, rel=0.02), "which is all there is at rest"
+    assert found.stddev[1] < 0.01 * 0.2
+
+
+def test_a_fit_to_mostly_noise_does_not_stop_short_of_its_own_accuracy(
+    rubbing: Document, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cost hardly falls any more where the numbers still move by half a standard error."""
+    left: list[np.ndarray] = []
+
+    def remember(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
+        step, size = remaining_step(*arguments)
+        left.append(size)
+        return step, size
+
+    monkeypatch.setattr("cdrj_ros.identification.fit.remaining_step", remember)
+    fit = "friction.mu_c,friction.mu_s,friction.stribeck_speed"
+    start = {name: FRICTION_AND_DRUM[name] for name in fit.split(",")}
+    noisy = [recording(rubbing, 60.0, noise=1.0)]
+    settled = found_from(rubbing, fit, start, noisy)
+    assert left[0].max() > 0.3
+    assert left[-1].max() < 0.1
+    assert not [text for text in settled.findings if "settled" in text]
+    truth = [number_at(rubbing, unknown.paths[0]) for unknown in settled.unknowns]
+    assert np.all(np.abs(settled.values - truth) < 3.0 * settled.stddev)
+
+    monkeypatch.setattr("cdrj_ros.identification.fit.SETTLING_STEPS", 1)
+    monkeypatch.setattr("cdrj_ros.identification.fit.UNSETTLED", 0.3)
+    hasty = found_from(rubbing, fit, start, noisy)
+    assert [text for text in hasty.findings if text.startswith("The fit has not settled: friction")]
+
+
+def test_the_friction_of_bearings_is_not_seen_where_the_cable_slides_on_fixed_pulleys(
+    rubbing: Document,
+) -> None:
+    fixed = with_numbers(rubbing, {"friction.rho": 1.0})
+    fit = "friction.mu_c,friction.bearing_friction"
+    found = found_from(fixed, fit, {"friction.mu_c": 0.12}, [recording(fixed, 10.0)])
+    assert found.values[0] == pytest.approx(0.15, abs=3.0 * found.stddev[0])
+    assert any("bearing_friction has no influence" in text for text in found.findings)
+    silent = found.unknowns[1]
+    assert found.stddev[1] == pytest.approx((silent.upper - silent.lower) / np.sqrt(12.0))
+
+
+def test_standard_errors_of_white_noise_are_the_spread_over_repetitions(document: Document) -> None:
+    results = [
+        found_from(document, "rho", {}, [recording(document, 10.0, noise=0.2, seed=seed)])
+        for seed in range(8)
+    ]
+    spread = np.std([r.values for r in results], axis=0, ddof=1)
+    claimed = np.mean([r.stddev for r in results], axis=0)
+    assert np.all(claimed > 0.5 * spread)
+    assert np.all(claimed < 4.0 * spread)
+
+
+def test_a_late_clock_is_found(document: Document) -> None:
+    late = recording(document, 10.0, late_s=0.004, noise=0.005)
+    found = found_from(document, "clock_offset", {}, [late])
+    assert found.values[0] == pytest.approx(0.004, abs=2e-4)
+
+
+def test_scale_and_offset_of_a_joint_are_found(document: Document) -> None:
+    whole = recording(document, 10.0)
+    readings = whole.joints["elbow"]
+    turned = replace(readings, value=(readings.value - 0.01) / -0.98)
+    odd = replace(whole, joints={"elbow": turned})
+    start = {"joints.elbow.scale": -1.0}
+    found = found_from(document, "joint_offset,joint_scale", start, [odd])
+    assert found.values == pytest.approx([0.01, -0.98], abs=2e-4)
+
+
+def test_two_numbers_that_act_as_one_are_named(document: Document) -> None:
+    quiet = {**document, "friction": {"mu_c": 0.15, "rho": 0.2}}
+    rec = recording(quiet, 10.0, noise=1.0)
+    found = found_from(quiet, "friction.rho,cables.*.friction.mu_c", {}, [rec])
+    (sentence,) = [text for text in found.findings if "told apart" in text]
+    assert "friction.rho" in sentence
+    assert "mu_c" in sentence
+    assert "product" in sentence
+    assert found.stddev[0] / found.values[0] > 0.01
+
+
+def test_two_numbers_of_which_only_the_difference_matters_stay_unknown(document: Document) -> None:
+    found = found_from(
+        document, "motors.winch.offset,motors.winch.reference_angle", {}, [recording(document, 5.0)]
+    )
+    (sentence,) = [text for text in found.findings if "told apart" in text]
+    assert "difference" in sentence
+    assert np.all(found.stddev > 0.05)
+    assert found.correlation[0, 1] > 0.999
+    assert found.values[0] == pytest.approx(found.values[1], abs=1e-4)
+
+
+def test_a_number_without_influence_is_named_and_stays_unknown(document: Document) -> None:
+    found = found_from(
+        document, "friction.rho,joints.elbow.spring_stiffness", {}, [recording(document, 5.0)],
+        Settings(channels=("tension/*",), coarse=True),
+    )  # fmt: skip
+    assert any("spring_stiffness has no influence" in text for text in found.findings)
+    silent = found.unknowns[1]
+    assert found.stddev[1] == pytest.approx((silent.upper - silent.lower) / np.sqrt(12.0))
+
+
+def test_a_number_at_its_bound_is_named(document: Document) -> None:
+    unknowns = with_bounds(parse_unknowns(document, "friction.rho"), ["friction.rho=0.05:0.15"])
+    begin = with_numbers(document, {"friction.rho": 0.1})
+    found = identify(begin, "test", unknowns, [recording(document, 5.0)], QUICK)
+    assert found.values[0] == pytest.approx(0.15, abs=1e-3)
+    assert any("upper bound" in text for text in found.findings)
+
+
+def test_a_prior_decides_where_the_data_are_silent_and_not_where_they_speak(
+    document: Document,
+) -> None:
+    unknowns = with_priors(
+        parse_unknowns(document, "friction.rho,joints.elbow.spring_stiffness"),
+        ["friction.rho=0.5:0.1", "joints.elbow.spring_stiffness=0.02:0.005"],
+    )
+    found = identify(
+        document, "test", unknowns, [recording(document, 5.0)],
+        Settings(channels=("tension/*",), coarse=True),
+    )  # fmt: skip
+    assert found.values[0] == pytest.approx(0.2, abs=2e-3)
+    assert found.values[1] == pytest.approx(0.02, abs=1e-4)
+    assert found.stddev[1] == pytest.approx(0.005, rel=0.01)
+
+
+@pytest.mark.parametrize("loss", ["soft_l1", "huber"])
+def test_outliers_do_not_pull_a_robust_fit(document: Document, loss: str) -> None:
+    whole = recording(document, 10.0)
+    spoilt = dict(whole.references)
+    for channel in list(spoilt):
+        stamps, values = spoilt[channel]
+        bad = values.copy()
+        bad[300:400] += 5.0 * np.ptp(values)  # a load cell that was touched
+        spoilt[channel] = (stamps, bad)
+    rec = replace(whole, references=spoilt)
+    plain = found_from(document, "rho", {"friction.rho": 0.24}, [rec])
+    robust = found_from(document, "rho", {"friction.rho": 0.24}, [rec], replace(QUICK, loss=loss))
+    truth = np.array([0.2, 0.2])
+    assert np.abs(plain.values - truth).max() > 5.0 * np.abs(robust.values - truth).max()
+    np.testing.assert_allclose(robust.values, truth, atol=4e-3)
+
+
+def test_recordings_are_fitted_together(document: Document) -> None:
+    loose = with_numbers(document, {"cables.upper.preload": 30.0, "cables.lower.preload": 20.0})
+    small = recording(document, 5.0, amplitude=0.3, name="small", seed=2)
+    found = found_from(document, "rho", {"friction.rho": 0.16}, [recording(document, 5.0), small])
+    np.testing.assert_allclose(found.values, 0.2, atol=1e-3)
+    mixed = found_from(document, "preload", {}, [recording(document, 5.0), recording(loose, 5.0)])
+    assert 30.0 < mixed.values[0] < 36.85, "one number cannot be two"
+    assert mixed.stddev[0] > 0.2, "and the residuals tell that it is not well known"
+
+
+def test_random_starts_are_repeatable_and_find_the_same_minimum(document: Document) -> None:
+    rec = recording(document, 5.0)
+    settings = replace(QUICK, starts=3, seed=7)
+    one = found_from(document, "rho,cables.*.axial_stiffness", {}, [rec], settings)
+    two = found_from(document, "rho,cables.*.axial_stiffness", {}, [rec], settings)
+    np.testing.assert_array_equal(one.values, two.values)
+    assert "All 3 starts ended in the same minimum." in one.findings
+
+
+def test_the_last_round_takes_every_sample(
+    document: Document, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cdrj_ros.identification.fit.COARSE_SAMPLES", 500)
+    rec = recording(document, 10.0)
+    rough = found_from(document, "friction.rho", {"friction.rho": 0.22}, [rec])
+    full = found_from(document, "friction.rho", {"friction.rho": 0.22}, [rec], Settings())
+    assert rough.samples < full.samples == 2000
+    np.testing.assert_allclose(full.values, 0.2, atol=1e-3)
+
+
+def test_tied_numbers_are_one_and_a_minus_turns_the_sign(document: Document) -> None:
+    (one,) = parse_unknowns(document, "cables.*.preload")
+    assert one.paths == ("cables.upper.preload", "cables.lower.preload")
+    assert one.start == pytest.approx((36.85 + 26.26) / 2.0)
+    text = "cables.upper.spans.6.sine=-cables.lower.spans.6.sine"
+    (slope,) = parse_unknowns(document, text)
+    assert slope.signs == (1, -1)
+    assert slope.start == pytest.approx(-0.06)
+    drums = parse_unknowns(document, "drum_radius")
+    assert [drum.paths for drum in drums] == [
+        ("cables.upper.nodes.1.radius", "cables.lower.nodes.1.radius")
+    ]
+    assert len(parse_unknowns(document, "rho,EA,v_s,f_d,clock_offset")) == 9
+
+
+@pytest.mark.parametrize(
+    ("fit", "taught"),
+    [
+        ("roh", "did you mean rho?"),
+        ("rho,,preload", "single commas"),
+        ("rho,cables.upper.friction.rho", "fitted twice"),
+        ("cables.{*}.preload=cables.{*}.max_tension", "use one of both"),
+        ("-friction.rho", "only behind ="),
+        ("cables.upper.max_tension2", "did you mean"),
+    ],
+)
+def test_a_wrong_name_teaches(document: Document, fit: str, taught: str) -> None:
+    with pytest.raises(UsageError, match=taught):
+        parse_unknowns(document, fit)
+
+
+@pytest.mark.parametrize(
+    ("text", "taught"),
+    [
+        ("rho=0.5", "PATH=lower:upper"),
+        ("rho=0.5:0.1", "must be less than"),
+        ("rho=a:1", "is not a number"),
+        ("preload=0:1", "not among what is fitted"),
+        ("cables.upper.axial_stiffness=-1:5", "cannot change its sign"),
+    ],
+)
+def test_wrong_bounds_teach(document: Document, text: str, taught: str) -> None:
+    unknowns = parse_unknowns(document, "rho,axial_stiffness")
+    with pytest.raises(UsageError, match=taught):
+        with_bounds(unknowns, [text])
+
+
+def test_what_cannot_be_fitted_is_refused_with_a_reason(document: Document) -> None:
+    rec = recording(document, 5.0)
+    with pytest.raises(UsageError, match="no reference is called effort/knee"):
+        found_from(document, "rho", {}, [rec], Settings(channels=("effort/knee",)))
+    with pytest.raises(UsageError, match="no reference of this robot"):
+        found_from(document, "rho", {}, [replace(rec, references={})])
+    with pytest.raises(RobotFileError, match="mu_s"):
+        found_from(document, "rho", {"friction.mu_c": 0.3}, [rec])
+    with pytest.raises(UsageError, match="loss"):
+        found_from(document, "rho", {}, [rec], Settings(loss="cauchy"))

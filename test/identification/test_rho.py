@@ -1,0 +1,190 @@
+"""Equation (44): rho comes back from recordings of the simulated rig."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from math import pi
+from pathlib import Path as File
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.identification.propagation import KnownTension, Path, path_of, propagate
+from cdrj_ros.identification.rho import RhoEstimate, identify_rho, with_rho
+from cdrj_ros.model.friction import blended_loss
+from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.rig.sensors import (
+    JOINT_ENCODER,
+    LoadCells,
+    read_cells,
+    read_encoder,
+    reading_times,
+)
+from cdrj_ros.rig.truth import simulate
+from cdrj_ros.robot.reader import load_robot
+
+PROTOTYPE = File(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+
+# preloads [N] and the rho that the source found at them, upper and lower
+FIRST = ((23.52, 6.66), (0.1114, 0.3920))
+SECOND = ((36.85, 26.26), (0.1100, 0.1315))
+DURATION, RATE = 26.0, 500.0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What the rig's sensors say; the model's rho is wrong on purpose."""
+
+    model: Model
+    path: Path
+    tension: np.ndarray
+    nodal_force: np.ndarray
+
+
+@cache
+def recording(case: tuple[tuple[float, float], tuple[float, float]]) -> Recording:
+    """The motion of ``simulate`` with the sensors of ``simulate``."""
+    robot = load_robot(PROTOTYPE)
+    joint = robot.joints[0]
+    counts = replace(joint.sensor, resolution=2.0 * pi / JOINT_ENCODER.counts)
+    robot = replace(robot, joints=(replace(joint, sensor=counts),))
+    for cable, preload, rho in zip(robot.cables, *case, strict=True):
+        robot = with_rho(robot, cable.name, rho)
+        cables = [replace(c, preload=preload) if c.name == cable.name else c for c in robot.cables]
+        robot = replace(robot, cables=tuple(cables))
+    time = np.arange(round(DURATION * RATE) + 1) / RATE
+    moving = np.maximum(time - 1.0, 0.0)
+    share = np.minimum(moving * 0.1, 1.0)
+    angle = np.radians(38.0) * share**2 * (3.0 - 2.0 * share) * np.sin(2.0 * pi * 0.1 * moving)
+    speed = np.gradient(angle, time)
+    torque = RollingLoad().torque(angle, speed, np.gradient(speed, time))
+    truth = simulate(robot, time, angle, torque, cells=8)
+
+    generator, cells = np.random.default_rng(7), LoadCells()
+    times = reading_times(0.0, DURATION, cells.rate)
+    joint_angle = read_encoder(
+        JOINT_ENCODER, times, time, np.reshape(truth.joint_angle, (time.size, -1))[:, 0]
+    )
+    for cable in robot.cables:
+        robot = with_rho(robot, cable.name, 0.7)
+    model = prepare(robot)
+    stamps = 1 + np.round(times * 1e9).astype(np.int64)
+
+    def read(values: np.ndarray) -> np.ndarray:
+        return read_cells(values, time, times, cells.force_noise, cells.force_step, generator)
+
+    return Recording(
+        model,
+        path_of(model, stamps, joint_angle[:, None]),
+        read(truth.tension),
+        read(truth.nodal_force),
+    )
+
+
+def identified(rig: Recording, cable: str, node: int = 3, element: int = 8) -> RhoEstimate:
+    layout = rig.model.layout
+    name, pulley = f"{cable}/{element}", f"{cable}/{node}"
+    tension = rig.tension[:, layout.elements.index(name)]
+    force = rig.nodal_force[:, layout.pulleys.index(pulley)]
+    known = KnownTension(name, tension, LoadCells().force_noise)
+    return identify_rho(rig.model, rig.path, known, pulley, force)
+
+
+@pytest.mark.parametrize("case", [FIRST, SECOND], ids=["first", "second"])
+@pytest.mark.parametrize("cable", ["upper", "lower"])
+def test_the_rho_of_the_source_come_back(
+    case: tuple[tuple[float, float], tuple[float, float]], cable: str
+) -> None:
+    true = case[1][("upper", "lower").index(cable)]
+    found = identified(recording(case), cable)
+    assert found.rho == pytest.approx(true, abs=0.01)
+    assert 0.0 < found.stddev < 0.001, "of the load cells' noise alone"
+    assert found.rms < 0.2, "what is left is the load cells' noise, propagated"
+    assert found.residual == pytest.approx(found.samples * found.rms**2)
+
+
+def printed_procedure(rig: Recording, cable: int) -> float:
+    """(44) with (24) at every moving sample: all pulleys slip as the joint moves."""
+    pulleys = rig.model.robot.cables[cable].pulleys
+    elements, nodes = slice(8 * cable, 8 * cable + 8), slice(7 * cable, 7 * cable + 7)
+    seconds = rig.path.stamp_ns * 1e-9
+    length = rig.path.length[:, elements].sum(axis=1)
+    smooth = np.convolve(np.pad(length, 5, mode="edge"), np.ones(11) / 11, "valid")
+    speed = np.gradient(smooth, seconds)
+    moving = seconds > 1.0
+    wrap = rig.path.wrap[moving, nodes]
+    static_share = np.exp(-((speed[moving] / 0.05) ** 2))
+    known, force = rig.tension[moving, 8 * cable + 7], rig.nodal_force[moving, 7 * cable + 1]
+
+    def residual(rho: float) -> float:
+        tension = [known]
+        for k in range(6, 0, -1):  # from element 8 to element 2
+            f, ratio = pulleys[k].friction, 0.01 * pulleys[k].bearing_diameter / pulleys[k].radius
+            pairs = np.array(
+                [blended_loss(rho, f.mu_c, f.mu_s, b, ratio, 0, 1.0) for b in wrap[:, k]]
+            )
+            eta = 1.0 - pairs[:, 0] - pairs[:, 1] * static_share
+            tension.append(tension[-1] * np.where(speed[moving] > 0.0, eta, 1.0 / eta))
+        before, after = tension[-1], tension[-2]
+        found = np.sqrt(before**2 + after**2 - 2.0 * before * after * np.cos(wrap[:, 1]))
+        return float(np.sum((found - force) ** 2))
+
+    return float(minimize_scalar(residual, bounds=(0.0, 1.0), method="bounded").x)
+
+
+@pytest.mark.parametrize("case", [FIRST, SECOND], ids=["first", "second"])
+@pytest.mark.parametrize("cable", [0, 1], ids=["upper", "lower"])
+def test_the_printed_procedure_takes_stuck_pulleys_for_slippery_ones(
+    case: tuple[tuple[float, float], tuple[float, float]], cable: int
+) -> None:
+    found = printed_procedure(recording(case), cable)
+    assert 0.4 < found / case[1][cable] < 0.75
+
+
+def test_without_noise_rho_comes_back_exactly_from_forces_made_with_it() -> None:
+    rig = recording(SECOND)
+    known = KnownTension("lower/8", rig.tension[:, 15], 0.02)
+    made = propagate(prepare(with_rho(rig.model.robot, "lower", 0.234)), rig.path, [known])
+    force = made.nodal_force[:, made.pulleys.index("lower/3")]
+    found = identify_rho(rig.model, rig.path, known, "lower/3", force)
+    assert found.rho == pytest.approx(0.234, abs=1e-4)
+    assert found.rms < 1e-3
+
+
+def test_other_nodes_and_elements_serve_as_well() -> None:
+    found = identified(recording(SECOND), "upper", node=4, element=2)
+    assert found.rho == pytest.approx(0.11, abs=0.01)
+    assert found.samples > 200
+
+
+def test_a_missing_force_is_left_out() -> None:
+    rig = recording(FIRST)
+    force = rig.nodal_force[:, 1].copy()
+    known = KnownTension("upper/8", rig.tension[:, 7], 0.02)
+    whole = identify_rho(rig.model, rig.path, known, "upper/3", force)
+    force[::2] = np.nan
+    half = identify_rho(rig.model, rig.path, known, "upper/3", force)
+    assert 0.4 * whole.samples < half.samples < 0.6 * whole.samples
+    assert half.rho == pytest.approx(whole.rho, abs=0.01)
+    assert half.stddev > whole.stddev
+
+
+def test_what_says_nothing_of_rho_is_refused() -> None:
+    rig = recording(FIRST)
+    known = KnownTension("upper/8", rig.tension[:, 7], 0.02)
+    force = rig.nodal_force[:, 1]
+    with pytest.raises(UsageError, match="upper/8 says nothing of lower/3"):
+        identify_rho(rig.model, rig.path, known, "lower/3", force)
+    with pytest.raises(UsageError, match=r"must rise within \[0, 1\], got \(0.5, 0.2\)"):
+        identify_rho(rig.model, rig.path, known, "upper/3", force, (0.5, 0.2))
+    with pytest.raises(UsageError, match="has 3 readings for"):
+        identify_rho(rig.model, rig.path, known, "upper/3", force[:3])
+    still = rig.path.stamp_ns[:50]
+    path = path_of(rig.model, still, np.zeros((50, 1)))
+    resting = KnownTension("upper/8", rig.tension[:50, 7], 0.02)
+    with pytest.raises(UsageError, match="slide together in 0 samples; at least 20 are needed"):
+        identify_rho(rig.model, path, resting, "upper/3", force[:50])

@@ -1,0 +1,176 @@
+"""The figures of one channel, of many, and of several recordings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cdrj_ros.judgement.comparison import BagComparison, Channel
+from cdrj_ros.judgement.metrics import (
+    MINIMUM_SHARE,
+    NO_SAMPLES,
+    ChannelError,
+    bag_errors,
+    channel_error,
+    mean_over_channels,
+    pooled_errors,
+)
+
+
+def channel(name: str, estimate: np.ndarray, reference: np.ndarray) -> Channel:
+    n = len(reference)
+    return Channel(
+        name, "N", np.arange(n, dtype=np.int64), estimate, reference, np.full(n, np.nan), ""
+    )
+
+
+def test_figures_agree_with_those_computed_by_hand() -> None:
+    # errors 1, -1, 2, 0; squares 6; reference mean 5, deviations -3 -1 0 4 of square sum 26
+    error = channel_error([3.0, 3.0, 7.0, 9.0], [2.0, 4.0, 5.0, 9.0])
+    assert error.n == 4
+    assert error.mean_abs_error == pytest.approx(1.0)
+    assert error.mean_relative_error == pytest.approx((1 / 2 + 1 / 4 + 2 / 5 + 0) / 4)
+    assert error.rmse == pytest.approx(np.sqrt(6 / 4))
+    assert error.max_abs_error == 2.0
+    assert error.r2 == pytest.approx(1 - 6 / 26)
+
+
+def test_a_perfect_estimate_has_no_error_and_explains_everything() -> None:
+    reference = np.array([1.0, -2.0, 3.5])
+    assert channel_error(reference, reference) == ChannelError(3, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def test_the_mean_of_the_reference_explains_nothing() -> None:
+    reference = np.array([1.0, 2.0, 6.0])
+    assert channel_error(np.full(3, 3.0), reference).r2 == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("scale", [1e-6, -3.0, 1e9])
+def test_relative_error_and_r2_do_not_depend_on_the_unit(scale: float) -> None:
+    random = np.random.default_rng(4)
+    reference = random.normal(2.0, 3.0, 200)
+    estimate = reference + random.normal(0.0, 0.3, 200)
+    plain, scaled = (
+        channel_error(estimate, reference),
+        channel_error(scale * estimate, scale * reference),
+    )
+    assert scaled.r2 == pytest.approx(plain.r2)
+    assert scaled.mean_relative_error == pytest.approx(plain.mean_relative_error)
+    assert plain.rmse is not None
+    assert plain.mean_abs_error is not None
+    assert scaled.rmse == pytest.approx(abs(scale) * plain.rmse)
+    assert scaled.mean_abs_error == pytest.approx(abs(scale) * plain.mean_abs_error)
+
+
+def test_figures_are_ordered_as_means_must_be() -> None:
+    random = np.random.default_rng(5)
+    error = channel_error(random.normal(size=100), random.normal(size=100))
+    assert error.mean_abs_error is not None
+    assert error.rmse is not None
+    assert error.max_abs_error is not None
+    assert error.mean_abs_error <= error.rmse <= error.max_abs_error
+
+
+def test_relative_error_leaves_out_what_is_close_to_zero() -> None:
+    reference = np.array([100.0, 100.0 * MINIMUM_SHARE, 0.9 * 100.0 * MINIMUM_SHARE, 0.0])
+    error = channel_error(reference + np.array([1.0, 0.5, 50.0, 50.0]), reference)
+    assert error.mean_relative_error == pytest.approx((0.01 + 0.5) / 2)
+
+
+def test_what_cannot_be_said_is_none() -> None:
+    assert channel_error([], []) == NO_SAMPLES
+    assert channel_error([1.0], [2.0]).r2 is None
+    assert channel_error([1.0, 2.0], [0.0, 0.0]).mean_relative_error is None
+    # The mean of these equal numbers is not one of them in floating point.
+    assert channel_error(np.zeros(10), np.full(10, 0.1)).r2 is None
+
+
+@pytest.mark.parametrize(
+    ("estimate", "reference", "complaint"),
+    [
+        ([1.0], [1.0, 2.0], "one shape"),
+        ([[1.0]], [[1.0]], "one shape"),
+        ([np.nan], [1.0], "finite"),
+        ([1.0], [np.inf], "finite"),
+    ],
+)
+def test_bad_input_is_refused(estimate: object, reference: object, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        channel_error(estimate, reference)  # type: ignore[arg-type]
+
+
+def test_pooled_figures_are_those_of_the_joined_samples() -> None:
+    random = np.random.default_rng(6)
+    parts = [(random.normal(size=n), random.normal(loc=n, size=n)) for n in (10, 300)]
+    bags = [
+        BagComparison(f"bag {i}", 1.0, (channel("tension/upper/8", *part),))
+        for i, part in enumerate(parts)
+    ]
+    joined = channel_error(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    assert pooled_errors(bags) == {"tension/upper/8": joined}
+    single = [bag_errors(bag)["tension/upper/8"] for bag in bags]
+    assert joined.mean_abs_error != pytest.approx(np.mean([e.mean_abs_error or 0 for e in single]))
+
+
+def test_pooling_keeps_channels_that_only_one_recording_has() -> None:
+    one, two = np.ones(3), np.arange(3.0)
+    bags = [
+        BagComparison("a", 1.0, (channel("tension/upper/1", one, two),)),
+        BagComparison("b", 1.0, (channel("effort/spindle", two, two),)),
+    ]
+    assert list(pooled_errors(bags)) == ["tension/upper/1", "effort/spindle"]
+
+
+def test_channels_count_alike_in_their_mean_and_the_worst_stays_the_worst() -> None:
+    overall = mean_over_channels(
+        [
+            ChannelError(1000, 1.0, 0.1, 2.0, 5.0, 0.9),
+            ChannelError(10, 3.0, None, 4.0, 4.0, 0.7),
+            NO_SAMPLES,
+        ]
+    )
+    assert overall == ChannelError(
+        1010, pytest.approx(2.0), pytest.approx(0.1), pytest.approx(3.0), 5.0, pytest.approx(0.8)
+    )
+    assert mean_over_channels([]) == NO_SAMPLES
+
+
+def test_errors_at_reversals_are_told_apart_from_the_rest() -> None:
+    reversal = np.array([True, False, False, True])
+    error = channel_error([2.0, 3.0, 3.0, 5.0], [1.0, 3.0, 4.0, 2.0], reversal=reversal)
+    assert error.reversal_error == pytest.approx(2.0)
+    assert error.smooth_error == pytest.approx(0.5)
+    never = channel_error([2.0], [1.0], reversal=np.array([False]))
+    assert never.reversal_error is None
+    assert never.smooth_error == 1.0
+    assert channel_error([2.0], [1.0]).smooth_error is None
+
+
+def test_coverage_of_an_honest_normal_estimate_is_that_of_two_sigmas() -> None:
+    random = np.random.default_rng(8)
+    stddev = random.uniform(0.1, 3.0, 200_000)
+    reference = random.normal(20.0, 5.0, 200_000)
+    estimate = reference + stddev * random.normal(size=200_000)
+    coverage = channel_error(estimate, reference, stddev=stddev).coverage
+    assert coverage == pytest.approx(0.9545, abs=0.002)
+    boastful = channel_error(estimate, reference, stddev=0.5 * stddev).coverage
+    assert boastful == pytest.approx(0.6827, abs=0.004)
+
+
+def test_coverage_counts_only_samples_whose_deviation_is_known() -> None:
+    stddev = np.array([1.0, np.nan, 0.1, np.nan])
+    assert channel_error([1.0, 9.0, 1.0, 9.0], np.zeros(4), stddev=stddev).coverage == 0.5
+    assert channel_error([1.0], [0.0], stddev=[np.nan]).coverage is None
+    assert channel_error([1.0], [1.0], stddev=[0.0]).coverage == 1.0
+
+
+def test_what_one_recording_cannot_tell_the_pool_does_not_tell() -> None:
+    plain = channel("tension/a/1", np.ones(3), np.ones(3))
+    told = replace(plain, stddev=np.ones(3), reversal=np.ones(3, np.bool_))
+    bags = [BagComparison("a", 1.0, (one,)) for one in (plain, told)]
+    pooled = pooled_errors(bags)["tension/a/1"]
+    assert pooled.coverage is None
+    assert pooled.reversal_error is None
+    assert pooled_errors(bags[1:])["tension/a/1"].coverage == 1.0

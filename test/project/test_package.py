@@ -1,0 +1,45 @@
+"""Facts that have to stand in more than one file agree."""
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+import cdrj_ros
+
+ROOT = Path(__file__).resolve().parents[2]
+MESSAGES = ROOT / "msg_defs" / "cdrj_msgs"
+
+
+def requirement_names(path: Path) -> set[str]:
+    lines = (line for line in path.read_text().splitlines() if line and not line.startswith("#"))
+    return {re.split(r"[\[<>=~! ]", line)[0].lower().replace(".", "-") for line in lines}
+
+
+@pytest.mark.parametrize("folder", [ROOT, MESSAGES])
+def test_both_packages_carry_the_version_of_the_library(folder: Path) -> None:
+    manifest = ElementTree.parse(folder / "package.xml").getroot()
+    assert manifest.findtext("version") == cdrj_ros.__version__
+
+
+@pytest.mark.parametrize("name", ["ros", "runtime", "dev", "bench"])
+def test_every_requirement_is_pinned(name: str) -> None:
+    pinned = requirement_names(ROOT / "requirements" / "constraints.txt")
+    assert requirement_names(ROOT / "requirements" / f"{name}.txt") <= pinned
+
+
+def test_both_messages_have_the_same_status_flags_each_a_bit_of_its_own() -> None:
+    flags = [
+        dict(
+            re.findall(r"^uint8 (\w+)=(\d+)$", (MESSAGES / "msg" / name).read_text(), re.MULTILINE)
+        )
+        for name in ("CableTensions.msg", "NodalForces.msg")
+    ]
+    assert flags[0] == flags[1]
+    assert list(flags[0].values()) == ["0", "1", "2", "4", "8", "16"]
+
+
+def test_every_message_is_built() -> None:
+    listed = re.findall(r"msg/\w+\.msg", (MESSAGES / "CMakeLists.txt").read_text())
+    assert sorted(listed) == sorted(f"msg/{path.name}" for path in MESSAGES.glob("msg/*.msg"))

@@ -1,0 +1,121 @@
+"""The map of rooms in CONTRIBUTING.md is the tree: doors, imports, tests; only nodes need ROS."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "cdrj_ros"
+ROW = re.compile(r"^\| `(\w+)/` \| (.+?) \| (.+?) \|$", re.MULTILINE)
+ROOMS = {name: (door, imports) for name, door, imports in ROW.findall(
+    (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+)}  # fmt: skip
+
+ROS = (
+    "rclpy",
+    "cdrj_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "std_srvs",
+    "diagnostic_msgs",
+    "rosgraph_msgs",
+    "rcl_interfaces",
+    "builtin_interfaces",
+    "visualization_msgs",
+    "launch",
+)
+
+
+def may_import(room: str) -> set[str]:
+    words = ROOMS[room][1]
+    if words.startswith("every room"):
+        return set(ROOMS) - set(re.findall(r"but (\w+)", words))
+    return set(re.findall(r"\w+", words)) | {room}
+
+
+def modules() -> list[Path]:
+    return sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0]
+
+
+def imported(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.module, f"{path.name} imports by a relative name"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def test_every_room_is_on_the_map_and_nothing_stands_in_the_corridor() -> None:
+    found = {
+        path.name.removesuffix(".py")
+        for path in PACKAGE.iterdir()
+        if path.name not in ("__init__.py", "py.typed", "__pycache__")
+    }
+    assert found == set(ROOMS)
+
+
+@pytest.mark.parametrize("room", sorted(ROOMS))
+def test_the_door_of_a_room_says_what_the_map_says(room: str) -> None:
+    door = ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text()))
+    assert door is not None
+    assert " ".join(door.split("\n\n")[0].split()) == ROOMS[room][0]
+
+
+def test_the_map_has_no_circle() -> None:
+    above = {room: may_import(room) - {room} for room in ROOMS}
+    while above:
+        ground = {room for room, below in above.items() if not below & set(above)}
+        assert ground, f"a circle among {sorted(above)}"
+        above = {room: below for room, below in above.items() if room not in ground}
+
+
+def test_the_folders_of_tests_are_rooms() -> None:
+    others = {"documents", "project", "robots"}
+    folders = {path.parent.name for path in (ROOT / "test").glob("*/test_*.py")}
+    assert folders - others <= set(ROOMS)
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_module_imports_only_what_its_room_may(path: Path) -> None:
+    room = room_of(path)
+    for name in imported(path):
+        parts = name.split(".")
+        if parts[0] == "cdrj_ros" and parts[1] != "__version__":
+            assert parts[1] in may_import(room), f"{path.name} imports {name}"
+        if room != "nodes":
+            assert parts[0] not in ROS, f"{path.name} imports {name}"
+
+
+def test_everything_below_the_nodes_imports_without_ros() -> None:
+    names = [
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        for path in modules()
+        if room_of(path) != "nodes"
+    ]
+    program = (
+        "import sys\n"
+        f"sys.modules.update(dict.fromkeys({ROS!r}))\n"
+        f"for name in {names!r}: __import__(name)\n"
+        "assert not any(name.startswith('cdrj_ros.nodes') for name in sys.modules)\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr

@@ -1,0 +1,216 @@
+"""What is expected of an estimator, and how its answers are counted.  No ROS."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.estimator import Estimate, initial_state, step
+from cdrj_ros.messages.cdr import JOINT_STATE, Template
+from cdrj_ros.messages.conversions import EstimateEncoder
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.replay.answers import FOLD, AnotherRobotError, Run, Tally, channels_of
+from cdrj_ros.replay.outcome import Outcome
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+MS = 1_000_000
+FIRST_NS = 1_000 * MS
+
+
+class Bench:
+    """A run, the inputs to it, and an estimator that answers as it is told to."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.run = Run(model)
+        gate, layout = self.run.conditioner, model.layout
+        self._motor = Template(JOINT_STATE, layout.motors, ("position",))
+        self._joint = Template(JOINT_STATE, layout.joints, ("position",))
+        self._ask = self.run.asker(gate.feed_motors), self.run.asker(gate.feed_joints)
+        self._encoder = EstimateEncoder(layout)
+        self._hear = [self.run.listener(k) for k in range(3)]
+        at = Sample(FIRST_NS, np.zeros(len(layout.motors)), np.zeros(len(layout.joints)))
+        self._estimate: Estimate = step(model, initial_state(model), at)[1]
+
+    def send(self, *numbers: int, motors: bool = True, joints: bool = True) -> None:
+        for number in numbers:
+            stamp = FIRST_NS + number * MS
+            if motors:
+                self._ask[0](self._motor.encode(stamp, position=0.0))
+            if joints:
+                self._ask[1](self._joint.encode(stamp, position=0.0))
+
+    def answer(self, *numbers: int, topics: tuple[int, ...] = (0, 1, 2)) -> None:
+        for number in numbers:
+            estimate = self._estimate._replace(stamp_ns=FIRST_NS + number * MS)
+            messages = (
+                self._encoder.tensions(estimate),
+                self._encoder.nodal_forces(estimate),
+                self._encoder.efforts(estimate),
+            )
+            for topic in topics:
+                self._hear[topic](messages[topic])
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return load_model(str(ROBOTS / "prototype.yaml"))
+
+
+@pytest.fixture
+def bench(model: Model) -> Bench:
+    return Bench(model)
+
+
+def test_an_estimate_is_expected_once_motors_and_joints_have_been_sent(bench: Bench) -> None:
+    bench.send(0, 1, 2, joints=False)
+    assert bench.run.tally() == Tally(sent=3)
+    bench.send(0, 1, motors=False)
+    assert bench.run.tally() == Tally(sent=5, expected=2)
+    assert bench.run.under_way == 2
+
+
+def test_inputs_that_can_have_no_answer_yet_do_not_count_as_under_way(bench: Bench) -> None:
+    bench.send(0)
+    bench.send(*range(1, 500), joints=False)
+    assert bench.run.unanswerable == 499
+    assert bench.run.under_way == 1
+
+
+def test_an_answer_counts_when_all_three_topics_have_it(bench: Bench) -> None:
+    bench.send(0, 1)
+    bench.answer(0, topics=(0, 1))
+    assert bench.run.tally().received == 0
+    bench.answer(0, topics=(2,))
+    assert bench.run.tally() == Tally(sent=4, expected=2, received=1)
+    assert bench.run.tally().under_way == 1
+
+
+def test_an_answer_overtaken_by_later_ones_is_lost(bench: Bench) -> None:
+    bench.send(0, 1, 2, 3)
+    bench.answer(0, 2, 3)
+    assert bench.run.tally() == Tally(sent=8, expected=4, received=3, lost=1)
+
+
+def test_an_answer_that_comes_after_later_ones_is_late_and_no_longer_lost(bench: Bench) -> None:
+    bench.send(0, 1, 2)
+    bench.answer(0, 2, 1)
+    assert bench.run.tally() == Tally(sent=6, expected=3, received=3, late=1)
+    heard = bench.run.finish()
+    assert heard.tally.late == 1
+    assert heard.stamp_ns.tolist() == [FIRST_NS + k * MS for k in range(3)]
+
+
+def test_one_topic_missing_makes_the_estimate_lost(bench: Bench) -> None:
+    bench.send(0, 1)
+    bench.answer(0, topics=(0, 2))
+    bench.answer(1)
+    assert bench.run.finish().tally == Tally(sent=4, expected=2, received=1, lost=1)
+
+
+def test_what_is_silent_too_long_is_given_up_and_may_still_come_late(bench: Bench) -> None:
+    bench.send(0, 1)
+    now = bench.run.heard_s + 1e9
+    assert bench.run.give_up_stalled(0.0) == 0
+    assert bench.run.give_up_stalled(now) == 2
+    assert bench.run.tally() == Tally(sent=4, expected=2, lost=2)
+    bench.answer(1)
+    assert bench.run.tally() == Tally(sent=4, expected=2, received=1, lost=1, late=1)
+
+
+def test_an_answer_that_nothing_asked_for_is_strange(bench: Bench) -> None:
+    bench.send(0, 1)
+    bench.answer(77)
+    assert bench.run.tally().strange == 3
+    assert bench.run.tally().received == 0
+
+
+def test_the_last_answer_said_again_while_paused_is_nothing_new(bench: Bench) -> None:
+    bench.send(0, 1)
+    bench.answer(0, 0, 0)
+    assert bench.run.tally() == Tally(sent=4, expected=2, received=1)
+
+
+def test_a_refused_reading_is_not_waited_for(bench: Bench) -> None:
+    bench.send(0, 1, 1, 2)
+    assert bench.run.tally().expected == 3
+    assert bench.run.finish().refused["repeated"] == 2
+
+
+def test_an_estimator_of_another_robot_is_noticed(bench: Bench) -> None:
+    layout = bench.model.layout
+    names = tuple(name.replace("upper", "left") for name in layout.elements)
+    encoder = EstimateEncoder(replace(layout, elements=names))
+    bench.send(0)
+    bench.run.listener(0)(encoder.tensions(bench._estimate._replace(stamp_ns=FIRST_NS)))
+    assert isinstance(bench.run.trouble, AnotherRobotError)
+    assert "tensions are of left/1" in str(bench.run.trouble)
+    assert "expected upper/1" in str(bench.run.trouble)
+
+
+def test_values_come_back_as_they_were_sent(bench: Bench) -> None:
+    count = 2 * FOLD + 10
+    for k in range(count):
+        bench.send(k)
+        bench.answer(k)
+    heard = bench.run.finish()
+    layout, values = bench.model.layout, bench._estimate.values
+    expected = np.concatenate(
+        [
+            values[layout.tension],
+            values[layout.magnitude],
+            values[layout.motor_effort],
+            values[layout.joint_effort],
+        ]
+    )
+    assert heard.value.shape == (count, len(channels_of(layout)))
+    np.testing.assert_array_equal(heard.value, np.broadcast_to(expected, heard.value.shape))
+    assert np.all(heard.latency_s >= 0)
+
+
+def _heard(model: Model, numbers: range) -> Outcome:
+    bench, outcome = Bench(model), Outcome(model)
+    bench.send(*numbers)
+    bench.answer(*numbers)
+    outcome.add(bench.run.finish(), whole=True)
+    return outcome
+
+
+def test_equal_passes_do_not_differ_and_are_counted(model: Model) -> None:
+    outcome = _heard(model, range(5))
+    again = Bench(model)
+    again.send(*range(5))
+    again.answer(*range(5))
+    outcome.add(again.run.finish(), whole=True)
+    assert (outcome.runs, outcome.passes, outcome.difference) == (2, 2, 0.0)
+    assert outcome.stamp_ns.size == 5
+    assert outcome.tally.received == 10
+    assert outcome.notes() == ()
+
+
+def test_a_pass_that_differs_is_said(model: Model) -> None:
+    outcome = _heard(model, range(5))
+    again = Bench(model)
+    again._estimate = again._estimate._replace(values=again._estimate.values + 0.25)
+    again.send(*range(5))
+    again.answer(*range(5))
+    outcome.add(again.run.finish(), whole=True)
+    assert outcome.difference == pytest.approx(0.25)
+    assert any("repeat itself" in note for note in outcome.notes())
+
+
+def test_where_runs_overlap_the_later_counts(model: Model) -> None:
+    outcome = _heard(model, range(5))
+    again = Bench(model)
+    again._estimate = again._estimate._replace(values=again._estimate.values + 1.0)
+    again.send(*range(3, 8))
+    again.answer(*range(3, 8))
+    outcome.add(again.run.finish(), whole=False)
+    assert outcome.stamp_ns.size == 8
+    np.testing.assert_allclose(outcome.value[3:] - outcome.value[0], 1.0)
+    assert any("started anew 2 times" in note for note in outcome.notes())

@@ -1,0 +1,245 @@
+"""Numbers of a robot file by name, and new numbers into its text."""
+
+from __future__ import annotations
+
+from math import pi
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.robot.description import Friction, Joint, Motor
+from cdrj_ros.robot.document import parse_document
+from cdrj_ros.robot.parameters import DEFAULTS, find_number, matching_paths, number_at, with_numbers
+from cdrj_ros.robot.reader import build_robot, parse_robot
+from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+TEXT = (ROBOTS / "prototype.yaml").read_text(encoding="utf-8")
+DOCUMENT = parse_document(TEXT, "prototype.yaml")
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("friction.rho", 0.2),
+        ("cables.upper.preload", 36.85),
+        ("cables.upper.axial_stiffness", 200e9 * pi * 0.2e-3**2 / 4.0),
+        ("cables.lower.nodes.1.radius", 0.015),
+        ("cables.upper.nodes.3.wrap_angle", 105.4 * pi / 180.0),
+        ("cables.upper.nodes.6.wrap_angle.value.2", 78.5 * pi / 180.0),
+        ("cables.upper.spans.2", 0.10),
+        ("cables.upper.spans.6.sine", -0.06),
+        ("joints.elbow.range.2", 40.0 * pi / 180.0),
+    ],
+)
+def test_a_path_leads_to_a_number_in_si(path: str, value: float) -> None:
+    assert number_at(DOCUMENT, path) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("cables.upper.friction.mu_c", 0.15),
+        ("cables.upper.nodes.4.friction.rho", 0.2),
+        ("cables.upper.friction.stribeck_lag", Friction().stribeck_lag),
+        ("joints.elbow.clock_offset", 0.0),
+        ("joints.elbow.scale", 1.0),
+        ("motors.winch.bearing_torque", 0.0),
+        ("cables.upper.nodes.4.bearing_torque", 0.0),
+    ],
+)
+def test_what_the_file_leaves_out_has_the_value_that_leaving_it_out_means(
+    path: str, value: float
+) -> None:
+    number = find_number(DOCUMENT, path)
+    assert not number.given
+    assert number.value == value
+
+
+def test_static_friction_that_is_left_out_is_that_of_sliding() -> None:
+    document = {**DOCUMENT, "friction": {"mu_c": 0.1}}
+    assert number_at(document, "cables.upper.friction.mu_s") == 0.1
+
+
+def test_defaults_are_those_of_a_robot_that_is_built() -> None:
+    text = (
+        "name: x\nmotors: [{name: m}]\njoints: [{name: j, range: [-1, 1]}]\ncables:\n- name: c\n"
+        "  axial_stiffness: 1\n  preload: 0\n  nodes:\n  - {type: winch, motor: m, radius: 1, "
+        "winding: 1}\n  - {type: pulley, radius: 1, wrap_angle: 1}\n  - {type: anchor}\n"
+        "  spans: [1, {joint: j, offset: 1}]\n"
+    )
+    robot = parse_robot(text)
+    pulley = robot.cables[0].pulleys[0]
+    for key, value in DEFAULTS["friction"].items():
+        assert getattr(pulley.friction, key) == value
+    for axis in (robot.motors[0], robot.joints[0]):
+        for key, value in DEFAULTS["joint" if isinstance(axis, Joint) else "motor"].items():
+            assert isinstance(axis, (Joint, Motor))
+            holder = next(
+                part for part in (axis, axis.passive, axis.sensor)
+                if hasattr(part, key) or hasattr(part, f"{key}_ns")
+            )  # fmt: skip
+            assert getattr(holder, key, 0.0) == value
+    assert pulley.bearing_torque == DEFAULTS["pulley"]["bearing_torque"]
+
+
+def test_every_number_that_is_set_is_read_again() -> None:
+    values = {
+        "friction.mu_c": 0.11,
+        "cables.upper.friction.mu_c": 0.12,
+        "cables.upper.nodes.3.friction.mu_c": 0.13,
+        "cables.lower.axial_stiffness": 6000.0,
+        "joints.elbow.clock_offset": 0.002,
+        "cables.lower.spans.1": 0.21,
+    }
+    changed = with_numbers(DOCUMENT, values)
+    for path, value in values.items():
+        assert number_at(changed, path) == pytest.approx(value, rel=1e-12)
+    upper, lower = build_robot(changed, "").cables
+    assert [p.friction.mu_c for p in upper.pulleys[:3]] == [0.12, 0.13, 0.12]
+    assert lower.pulleys[0].friction.mu_c == 0.11
+    assert lower.axial_stiffness == pytest.approx(6000.0)
+    assert number_at(DOCUMENT, "friction.mu_c") == 0.15, "the document itself must not change"
+
+
+def test_a_star_ties_and_braces_keep_apart() -> None:
+    tied = matching_paths(DOCUMENT, "cables.*.preload")
+    assert tied == (("cables.upper.preload", "cables.lower.preload"),)
+    apart = matching_paths(DOCUMENT, "cables.{*}.preload")
+    assert apart == (("cables.upper.preload",), ("cables.lower.preload",))
+    (group,) = matching_paths(DOCUMENT, "cables.[lower,upper].nodes.[3,4].radius")
+    assert group[0] == "cables.lower.nodes.3.radius"
+    assert len(group) == 4
+
+
+def test_a_star_passes_over_what_has_no_such_number() -> None:
+    (group,) = matching_paths(DOCUMENT, "cables.upper.nodes.*.bearing_torque")
+    assert group == tuple(f"cables.upper.nodes.{k}.bearing_torque" for k in range(2, 9))
+
+
+@pytest.mark.parametrize(
+    ("path", "taught"),
+    [
+        ("friction.roh", "did you mean rho?"),
+        ("cables.uper.preload", "did you mean upper?"),
+        ("cables.upper", "go on with one of axial_stiffness"),
+        ("friction.law", "there are mu_c"),
+        ("friction.rho.x", "nothing follows"),
+        ("cables.upper.nodes.1.bearing_torque", "there are radius"),
+        ("cables.upper.nodes.99.radius", "cables.upper.nodes has no '99'"),
+        ("cables.upper.nodes.0.radius", "cables.upper.nodes has no '0'"),
+        ("cables.upper.max_tension2", "did you mean max_tension?"),
+        ("cables.upper.spans.6", "go on with one of"),
+        ("", "'empty name'"),
+        ("motors.winch.bearing_stiffness", "has no default"),
+        ("cables.*.nonsense", "has no 'nonsense'"),
+    ],
+)
+def test_a_wrong_path_says_what_there_is_instead(path: str, taught: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        [find_number(DOCUMENT, one) for group in matching_paths(DOCUMENT, path) for one in group]
+    assert taught in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_new_numbers_leave_every_other_line_of_the_text_as_it_was() -> None:
+    values = {
+        "friction.rho": 0.1114,
+        "cables.upper.preload": 35.5,
+        "cables.upper.axial_stiffness": 6000.0,
+        "cables.lower.nodes.1.radius": 0.0151,
+    }
+    text = with_numbers_in_text(TEXT, values, "prototype.yaml")
+    before, after = TEXT.splitlines(), text.splitlines()
+    changed = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
+    assert len(changed) == len(values)
+    for old, new in changed:
+        assert old.partition("#")[2] == new.partition("#")[2], "comments are kept"
+    assert any("radius_mm: 15.1," in new for _, new in changed), "units are kept"
+    document = parse_document(text, "")
+    for path, value in values.items():
+        assert number_at(document, path) == pytest.approx(value, rel=1e-6)
+
+
+def test_what_was_left_out_is_written_where_it_belongs() -> None:
+    values = {
+        "cables.upper.friction.rho": 0.1,
+        "cables.upper.friction.mu_c": 0.14,
+        "cables.upper.nodes.6.friction.mu_c": 0.13,
+        "cables.lower.nodes.3.bearing_torque": 1e-6,
+        "joints.elbow.clock_offset": -0.0015,
+        "motors.winch.spring_stiffness": 0.1,
+    }
+    text = with_numbers_in_text(TEXT, values, "prototype.yaml")
+    kept = [line for line in TEXT.splitlines() if "#" in line]
+    assert all(line in text for line in kept)
+    document = parse_document(text, "")
+    assert {path: number_at(document, path) for path in values} == pytest.approx(values)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_flow_and_block_mappings_take_new_numbers(end: str) -> None:
+    lines = [
+        "name: x", "motors: [{name: m}]", "joints:", "  - name: j", "    range: [0, 1]  # r",
+        "cables:", "- name: c", "  preload: 3   # p", "  axial_stiffness: 5", "  nodes:",
+        "  - type: anchor", "  - {type: anchor}", "  spans: [{joint: j, offset: 1}]",
+    ]  # fmt: skip
+    values = {
+        "joints.j.offset": 0.1,
+        "motors.m.offset": 2.0,
+        "cables.c.nodes.1.radius": 0.2,
+        "cables.c.nodes.2.radius": 0.3,
+        "cables.c.spans.1.slope": -0.01,
+        "cables.c.preload": 0.004,
+    }
+    text = with_numbers_in_text(end.join(lines), values, "x")
+    assert "preload: 0.004 # p" in text.replace("  #", " #")
+    document = parse_document(text, "x")
+    assert {path: number_at(document, path) for path in values} == pytest.approx(values)
+
+
+def test_a_number_that_stands_for_several_by_an_alias_is_refused() -> None:
+    text = TEXT.replace("preload: 36.85 ", "preload: &p 36.85 ").replace("26.26", "*p")
+    with pytest.raises(RobotFileError, match="alias"):
+        with_numbers_in_text(text, {"cables.lower.preload": 20.0}, "x")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1e-6, "1.0e-06"),
+        (0.1114, "0.1114"),
+        (6283.185307, "6283.185"),
+        (2.0, "2"),
+        (1e9, "1.0e+09"),
+    ],
+)
+def test_numbers_are_written_so_that_every_yaml_reader_takes_them(value: float, text: str) -> None:
+    assert yaml_number(value) == text
+    assert YAML(typ="safe", pure=True).load(text) == pytest.approx(value, rel=1e-6)
+
+
+def test_a_section_is_put_at_the_end_in_place_of_the_old_one() -> None:
+    once = with_section(
+        TEXT, "uncertainty", "uncertainty:\n  parameters: [friction.rho]\n  stddev: [1]"
+    )
+    twice = with_section(
+        once, "uncertainty", "uncertainty:\n  parameters: [friction.rho]\n  stddev: [2]"
+    )
+    assert twice.startswith(TEXT.split("uncertainty:")[0].rstrip())
+    assert parse_document(twice, "x")["uncertainty"]["stddev"] == [2]
+    assert (
+        with_section(twice, "uncertainty", None).rstrip()
+        == with_section(TEXT, "uncertainty", None).rstrip()
+    )
+
+
+def test_all_robot_files_can_be_written_with_their_own_numbers() -> None:
+    for file in ROBOTS.glob("*.yaml"):
+        text = file.read_text(encoding="utf-8")
+        document = parse_document(text, file.name)
+        paths = [f"cables.{cable['name']}.preload" for cable in document["cables"]]
+        again = with_numbers_in_text(text, {p: number_at(document, p) for p in paths}, file.name)
+        assert parse_document(again, file.name) == document

@@ -1,0 +1,463 @@
+# ruff: noqa: E501 (one mistake a line)
+"""A robot file is read, or refused with one line that names the key, the value and what may be."""
+
+from __future__ import annotations
+
+import copy
+import json
+import subprocess
+import sys
+from math import pi, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from ruamel.yaml import YAML
+
+from cdrj_ros.foundation.errors import CdrjError, RobotFileError
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.description import Anchor, Pulley, Robot, Winch
+from cdrj_ros.robot.reader import MAXIMUM_BYTES, load_robot, parse_robot
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+PROTOTYPE = (ROBOTS / "prototype.yaml").read_text(encoding="utf-8")
+
+SMALL = """\
+name: small
+motors:
+  - name: m
+    max_speed: 50
+joints:
+  - name: q
+    range: [-1, 1]
+frames:
+  - name: arm
+    motion: revolute
+    joint: q
+    origin: [1, 0]
+friction:
+  mu_c: 0.1
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 5
+    nodes:
+      - {type: winch, motor: m, winding: 1, radius: 0.01}
+      - {type: pulley, radius: 0.02, wrap_angle: 1.5, bearing_diameter: 0.01}
+      - {type: anchor}
+    spans: [0.5, {joint: q, offset: 0.4, angle: [-1, 0, 1], value: [0, 0.1, 0.3]}]
+  - name: r
+    youngs_modulus: 2.0e+11
+    diameter: 0.0002
+    preload: 5
+    nodes:
+      - {type: winch, motor: m, winding: -1, radius: 0.01, position: [0, 0], turn: ccw}
+      - {type: pulley, radius: 0.02, position: [1, 0], turn: cw}
+      - {type: anchor, frame: arm, position: [0.5, -1]}
+"""
+
+
+def changed(old: str, new: str, count: int = 1) -> str:
+    assert SMALL.count(old) >= 1, f"the file has no {old!r}"
+    return SMALL.replace(old, new, count)
+
+
+def refusal(text: str) -> str:
+    """The message with which a text is refused: one line."""
+    with pytest.raises(RobotFileError) as error:
+        prepare(parse_robot(text, "arm.yaml"))
+    message = str(error.value)
+    assert message.splitlines() == [message]
+    assert "arm.yaml" in message
+    assert len(message) < 500
+    return message
+
+
+def test_a_good_file_becomes_a_robot() -> None:
+    robot = parse_robot(SMALL, "arm.yaml")
+    assert (robot.name, robot.source) == ("small", "arm.yaml")
+    assert [motor.max_speed for motor in robot.motors] == [50.0]
+    assert (robot.joints[0].lower, robot.joints[0].upper) == (-1.0, 1.0)
+    tabled, routed = robot.cables
+    assert (tabled.routed, routed.routed) == (False, True)
+    assert tabled.axial_stiffness == 1000.0
+    assert routed.axial_stiffness == pytest.approx(2e11 * pi * 1e-8)
+    winch, pulley, anchor = tabled.nodes
+    assert isinstance(winch, Winch)
+    assert isinstance(anchor, Anchor)
+    assert isinstance(pulley, Pulley)
+    assert (pulley.friction.mu_c, pulley.friction.mu_s) == (0.1, 0.1)
+    assert tabled.law == "elastoplastic"
+    assert tabled.element_names == ("c/1", "c/2")
+    assert tabled.pulley_names == ("c/2",)
+    assert prepare(robot).layout.elements == ("c/1", "c/2", "r/1", "r/2")
+
+
+def test_the_prototype_holds_tables_one_and_two() -> None:
+    robot = load_robot(ROBOTS / "prototype.yaml")
+    assert [cable.preload for cable in robot.cables] == [36.85, 26.26]
+    for cable in robot.cables:
+        assert len(cable.nodes) == 9
+        assert cable.axial_stiffness == pytest.approx(200e9 * pi * 0.1e-3**2)
+        radii = [pulley.radius for pulley in cable.pulleys]
+        assert radii == pytest.approx([0.011, 0.011, 0.011, 0.0065, 0.0045, 0.0045, 0.0045])
+        bearings = [pulley.bearing_diameter for pulley in cable.pulleys]
+        assert bearings == pytest.approx([0.010, 0.010, 0.010, 0.006, 0.005, 0.005, 0.005])
+        for pulley in cable.pulleys:
+            friction = pulley.friction
+            assert (friction.mu_c, friction.mu_s, friction.stribeck_speed) == (0.15, 0.20, 0.05)
+            assert (friction.bearing_friction, friction.bristle_stiffness) == (0.01, 1e6)
+
+
+@pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_robot_file_of_the_package_can_be_prepared(path: Path) -> None:
+    assert prepare(load_robot(path)).robot.name == path.stem
+
+
+def test_units_in_keys_are_converted() -> None:
+    text = changed("range: [-1, 1]", "range_deg: [-90, 45]")
+    text = text.replace("angle: [-1, 0, 1], value: [0, 0.1, 0.3]", "slope_mm: 20")
+    text = text.replace("radius: 0.02, wrap_angle: 1.5", "radius_mm: 20, wrap_angle_deg: 90")
+    robot = parse_robot(
+        text.replace("2.0e+11", "2e11").replace("diameter: 0.0002", "diameter_mm: 0.2")
+    )
+    assert (robot.joints[0].lower, robot.joints[0].upper) == (radians(-90), radians(45))
+    pulley = robot.cables[0].pulleys[0]
+    assert pulley.radius == pytest.approx(0.02)
+    assert pulley.wrap[0].value[0] == pytest.approx(pi / 2)
+    span = robot.cables[0].spans[1][0]
+    np.testing.assert_allclose(span.slope, 0.02)
+    assert robot.cables[1].axial_stiffness == pytest.approx(2e11 * pi * 1e-8)
+
+
+@pytest.mark.parametrize("number", ["1e6", "1E6", "1.e6", "1000000", "1.0e+6", "1_000_000"])
+def test_every_way_to_write_a_number_is_read_as_one(number: str) -> None:
+    robot = parse_robot(
+        changed("mu_c: 0.1", f"{{mu_c: 0.1, bristle_stiffness: {number}}}").replace(
+            "friction:\n  {", "friction: {"
+        )
+    )
+    assert robot.cables[0].pulleys[0].friction.bristle_stiffness == 1e6
+
+
+def test_friction_is_overridden_key_by_key() -> None:
+    text = changed("preload: 5\n    nodes", "preload: 5\n    friction: {rho: 0.5}\n    nodes")
+    text = text.replace("bearing_diameter: 0.01", "friction: {mu_c: 0.3}")
+    first, second = (cable.pulleys[0].friction for cable in parse_robot(text).cables)
+    assert (first.mu_c, first.mu_s, first.rho) == (0.3, 0.3, 0.5)
+    assert (second.mu_c, second.mu_s, second.rho) == (0.1, 0.1, 1.0)
+
+
+WRAP = "wrap_angle: 1.5"
+TABLE = "angle: [-1, 0, 1], value: [0, 0.1, 0.3]"
+REFUSED = {
+    "unknown key": ("mu_c: 0.1", "mu_cc: 0.1", "friction.mu_cc is not a known key", "'mu_c'"),
+    "unknown key of a node": ("{type: anchor}", "{type: anchor, raduis: 1}", "cables[0].nodes[2].raduis is not", "'radius'"),
+    "unknown key like none": ("mu_c: 0.1", "zzzz: 0.1", "friction.zzzz is not a known key", "known keys: bearing_friction,"),
+    "unknown key of a term": ("offset: 0.4", "ofset: 0.4", "cables[0].spans[1].ofset is not a known key", "'offset'"),
+    "negative radius": ("radius: 0.01}", "radius: -0.01}", "cables[0].nodes[0].radius", "greater than 0, got -0.01"),
+    "zero radius": ("radius: 0.02, w", "radius: 0, w", "cables[0].nodes[1].radius", "greater than 0, got 0"),
+    "zero wrap": (WRAP, "wrap_angle: 0", "cables[0].nodes[1].wrap_angle", "greater than 0 rad, got 0"),
+    "negative span": ("spans: [0.5", "spans: [-0.5", "cables[0].spans[0]", "greater than 0 m, got -0.5"),
+    "negative preload": ("preload: 5", "preload: -5", "cables[0].preload", "at least 0, got -5"),
+    "negative friction": ("mu_c: 0.1", "mu_c: -0.1", "friction.mu_c", "at least 0, got -0.1"),
+    "friction in per cent": ("mu_c: 0.1", "mu_c: 15", "friction.mu_c", "at most 2, got 15"),
+    "missing key": ("    preload: 5\n", "", "cables[0].preload is missing", "[N]"),
+    "missing name": ("  - name: q\n    range: [-1, 1]", "  - range: [-1, 1]", "joints[0].name is missing", "JointState"),
+    "missing joints": ("joints:\n  - name: q\n    range: [-1, 1]\n", "", "joints is missing", "angles are measured"),
+    "missing winding": (" winding: 1,", "", "cables[0].nodes[0].winding is missing", "winds the cable in"),
+    "missing wrap": (f" {WRAP},", "", "cables[0].nodes[1].wrap_angle is missing", "wrap angle of every pulley"),
+    "missing position": (", position: [1, 0], turn: cw", "", "cables[1].nodes[1].position is missing", "positions of its nodes"),
+    "missing turn": ("position: [1, 0], turn: cw", "position: [1, 0]", "cables[1].nodes[1].turn is missing", "ccw or cw"),
+    "text for a number": ("mu_c: 0.1", "mu_c: much", "friction.mu_c must be of type number", "'much'"),
+    "quoted number": ("mu_c: 0.1", "mu_c: '0.1'", "friction.mu_c must be of type number", "'0.1'"),
+    "truth for a number": ("preload: 5", "preload: true", "cables[0].preload must be of type number", "True"),
+    "nothing for a number": ("preload: 5", "preload:", "cables[0].preload must be of type number", "None"),
+    "number for a list": ("range: [-1, 1]", "range: 1", "joints[0].range must be of type array", "got 1"),
+    "list for a mapping": ("friction:\n  mu_c: 0.1", "friction: [0.1]", "friction must be of type object", "[0.1]"),
+    "text with a unit": ("radius: 0.01}", "radius_mm: wide}", "cables[0].nodes[0].radius_mm must be a number", "'wide'"),
+    "not a number": ("preload: 5", "preload: .nan", "cables[0].preload must be a finite number", "nan"),
+    "infinite": ("range: [-1, 1]", "range: [-1, .inf]", "joints[0].range[1] must be a finite number", "inf"),
+    "too large for a number": ("preload: 5", "preload: 1e400", "cables[0].preload must be a finite number", "inf"),
+    "duplicate key": ("name: small", "name: small\nname: big", "is not YAML", "duplicate key"),
+    "duplicate cable": ("- name: r\n", "- name: c\n", "cables[1].name", "'c' is taken already"),
+    "duplicate motor": ("- name: m\n", "- name: m\n  - name: m\n", "motors[1].name", "'m' is taken already"),
+    "duplicate joint": ("joints:\n", "joints:\n  - {name: q, range: [0, 1]}\n", "joints[1].name", "'q' is taken already"),
+    "duplicate frame": ("frames:\n", "frames:\n  - {name: arm, motion: fixed}\n", "frames[1].name", "'arm' is taken already"),
+    "unknown motor": ("motor: m,", "motor: n,", "cables[0].nodes[0].motor must be one of m", "got 'n'"),
+    "unknown joint": ("{joint: q,", "{joint: p,", "cables[0].spans[1].joint must be one of q", "got 'p'"),
+    "unknown joint of a frame": ("    joint: q", "    joint: p", "frames[0].joint must be one of q", "got 'p'"),
+    "unknown frame": ("frame: arm", "frame: leg", "cables[1].nodes[2].frame must be one of arm, base", "got 'leg'"),
+    "unknown parent": ("    joint: q", "    joint: q\n    parent: leg", "frames[0].parent must name an earlier frame", "got 'leg'"),
+    "reserved frame": ("- name: arm", "- name: base", "frames[0].name", "always there"),
+    "unknown law": ("mu_c: 0.1", "mu_c: 0.1\n  law: dahl", "friction.law must be one of none, euler, steady", "'dahl'"),
+    "unknown node": ("{type: anchor}", "{type: hook}", "cables[0].nodes[2].type must be one of", "'hook'"),
+    "unknown motion": ("motion: revolute", "motion: turning", "frames[0].motion must be one of", "'turning'"),
+    "winding of two": ("winding: 1", "winding: 2", "cables[0].nodes[0].winding must be one of -1, 1", "got 2"),
+    "units twice": ("max_speed: 50", "max_speed: 50\n    max_speed_deg: 3000", "motors[0].max_speed_deg is given twice", "different units"),
+    "too few spans": ("spans: [0.5, {", "spans: [{", "cables[0].spans must have one entry per element", "2 for 3 nodes, got 1"),
+    "too many spans": ("spans: [0.5", "spans: [0.5, 0.5", "cables[0].spans must have one entry per element", "2 for 3 nodes, got 3"),
+    "table too short": ("angle: [-1, 0, 1]", "angle: [-0.5, 0, 1]", "cables[0].spans[1].angle must cover the range [-1, 1]", "got [-0.5, 1]"),
+    "table not increasing": ("angle: [-1, 0, 1]", "angle: [-1, 1, 1]", "cables[0].spans[1].angle", "must increase"),
+    "table of unequal rows": ("value: [0, 0.1, 0.3]", "value: [0, 0.1]", "cables[0].spans[1].value must have 3 entries", "got 2"),
+    "table without values": (TABLE, "angle: [-1, 0, 1]", "cables[0].spans[1]", "needs both angle and value"),
+    "table of one point": (TABLE, "angle: [-1], value: [0]", "cables[0].spans[1].", "needs at least 2 entries, got 1"),
+    "range backwards": ("range: [-1, 1]", "range: [1, -1]", "joints[0].range must increase", "[1.0, -1.0]"),
+    "range of three": ("range: [-1, 1]", "range: [-1, 0, 1]", "joints[0].range", "2 entries, got 3"),
+    "reference outside": ("range: [-1, 1]", "range: [-1, 1]\n    reference_angle: 2", "joints[0].reference_angle must lie in the range [-1, 1]", "got 2"),
+    "mu_s below mu_c": ("mu_c: 0.1", "mu_c: 0.1\n  mu_s: 0.05", "friction.mu_s must be at least mu_c = 0.1", "got 0.05"),
+    "no stribeck_speed": ("mu_c: 0.1", "mu_c: 0.1\n  mu_s: 0.2", "friction.stribeck_speed is missing", "must be given"),
+    "law of a pulley": (WRAP, f"{WRAP}, friction: {{law: lugre}}", "cables[0].nodes[1].friction.law", "same for a whole cable"),
+    "stiffness twice": ("axial_stiffness: 1000", "axial_stiffness: 1000\n    diameter: 0.1", "cables[0] needs either axial_stiffness", "diameter"),
+    "no stiffness": ("    axial_stiffness: 1000\n", "", "cables[0] needs either axial_stiffness", "diameter"),
+    "winch inside": ("- {type: pulley, radius: 0.02, w", "- {type: anchor}\n      - {type: pulley, radius: 0.02, w", "cables[0].nodes[1].type must be pulley between the ends", "got anchor"),
+    "pulley at an end": ("- {type: anchor}", f"- {{type: pulley, radius: 1, {WRAP}}}", "cables[0].nodes[2].type must be winch or anchor", "got pulley"),
+    "one node": ("      - {type: pulley, radius: 0.02, wrap_angle: 1.5, bearing_diameter: 0.01}\n      - {type: anchor}\n", "", "cables[0].nodes needs at least 2 entries", "got 1"),
+    "wrap where it follows": ("position: [1, 0]", f"position: [1, 0], {WRAP}", "cables[1].nodes[1].wrap_angle", "must not be given"),
+    "position beside spans": ("{type: anchor}", "{type: anchor, position: [1, 1]}", "cables[0].nodes[2].position", "described by spans"),
+    "turn of a point": ("position: [0.5, -1]", "position: [0.5, -1], turn: cw", "cables[1].nodes[2].turn", "no meaning for a point"),
+    "radius of a revolute frame": ("    joint: q", "    joint: q\n    radius: 1", "frames[0].radius", "belongs to a rolling frame"),
+    "direction of a revolute frame": ("    joint: q", "    joint: q\n    direction: [1, 0]", "frames[0].direction", "prismatic"),
+    "no direction": ("motion: revolute", "motion: prismatic\n    direction: [0, 0]", "frames[0].direction", "must not be zero"),
+    "joint of a fixed frame": ("motion: revolute", "motion: fixed", "frames[0].joint", "no meaning"),
+    "name with a blank": ("name: small", "name: very small", "name must be a name of letters", "'very small'"),
+    "date for a name": ("name: small", "name: 2024-01-31", "name must be of type string", "2024"),
+    "unfinished list": ("range: [-1, 1]", "range: [-1, 1", "is not YAML", "line"),
+    "text alone": (SMALL, "just words", "must hold a mapping", "motors, joints and cables"),
+    "empty file": (SMALL, "", "must hold a mapping", "motors, joints and cables"),
+    "only a comment": (SMALL, "# nothing yet\n", "must hold a mapping", "motors, joints and cables"),
+    "no cables": (SMALL, "name: a\nmotors: []\njoints: []\ncables: []\n", "cables needs at least 1 entries", "got 0"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", REFUSED)
+def test_a_mistake_is_refused_in_one_line_that_says_where_what_and_what_may_be(
+    mistake: str,
+) -> None:
+    old, new, *parts = REFUSED[mistake]
+    message = refusal(changed(old, new))
+    for part in parts:
+        assert part in message
+
+
+def test_a_bearing_that_cannot_turn_is_refused() -> None:
+    text = changed("mu_c: 0.1", "mu_c: 0.1\n  bearing_friction: 0.9")
+    assert "cables[0].nodes[1].bearing_diameter times bearing_friction 0.9" in refusal(
+        text.replace("bearing_diameter: 0.01", "bearing_diameter: 0.03")
+    )
+
+
+def test_a_unit_inside_a_unit_is_refused_and_not_applied_twice() -> None:
+    # degrees of degrees would be a wrap 57 times too small
+    refusal(changed(WRAP, "wrap_angle_deg: {joint: q, offset_deg: 90}"))
+    refusal(
+        changed(
+            "spans: [0.5, {joint: q, offset: 0.4,", "spans_mm: [500, {joint: q, offset_mm: 400,"
+        )
+    )
+
+
+NUMBERS = {
+    "an integer beyond every float": ("preload: 5", "preload: 1" + 400 * "0"),
+    "an integer with a unit": ("radius: 0.01}", "radius_mm: 1" + 400 * "0" + "}"),
+    "an area beyond every float": ("diameter: 0.0002", "diameter: 1e200"),
+    "a unit that makes it infinite": ("youngs_modulus: 2.0e+11", "youngs_modulus_gpa: 1e305"),
+    "a stiffness beyond every float": ("youngs_modulus: 2.0e+11", "youngs_modulus: 1e308\n    diameter: 10\n#"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", NUMBERS)
+def test_numbers_that_overflow_are_refused(case: str) -> None:
+    text = changed(*NUMBERS[case])
+    if case == "a stiffness beyond every float":
+        text = text.replace("    diameter: 0.0002\n", "")
+    refusal(text)
+
+
+def test_a_name_ends_where_it_seems_to() -> None:
+    refusal(changed("name: small", 'name: "small\\n"'))
+
+
+def test_a_key_of_several_lines_is_reported_in_one() -> None:
+    refusal('"a\\nb": 1\n' + SMALL)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "name: &x [*x]\n",
+        "&x\nname: *x\n",
+        "[" * 100_000,
+        "name: " + "{a: " * 400 + "1" + "}" * 400,
+        '? {a: b}\n: "an unhashable key"\n',
+        "name: *nowhere\n",
+        "\tname: x\n",
+        "a: \x00\n",
+        "%YAML 9.9\n---\nname: x\n",
+        SMALL + "---\n" + SMALL,
+        "<<: 5\n",
+    ],
+    ids=[
+        "endless-list",
+        "endless-mapping",
+        "deep-lists",
+        "deep-mappings",
+        "unhashable-key",
+        "unknown-anchor",
+        "tabulator",
+        "control-character",
+        "version",
+        "two-documents",
+        "bad-merge",
+    ],
+)
+def test_text_that_no_robot_file_can_be_is_refused(text: str) -> None:
+    refusal(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "name: !!python/object/apply:os.system ['exit 1']\n",
+        "name: !!python/name:os.system\n",
+        "!!python/object/new:os.system ['exit 1']\n",
+        "name: !robot {}\n",
+    ],
+)
+def test_tags_that_would_make_objects_are_refused(text: str) -> None:
+    assert "is not YAML" in refusal(text)
+
+
+def test_anchors_may_be_used() -> None:
+    text = changed("axial_stiffness: 1000", "axial_stiffness: &stiff 1000")
+    text = text.replace("youngs_modulus: 2.0e+11\n    diameter: 0.0002", "axial_stiffness: *stiff")
+    assert [cable.axial_stiffness for cable in parse_robot(text).cables] == [1000.0, 1000.0]
+
+
+def test_anchors_that_multiply_are_refused_and_not_expanded() -> None:
+    levels = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    levels += [f"a{k}: &a{k} [{', '.join(10 * [f'*a{k - 1}'])}]" for k in range(1, 30)]
+    # expanded, it would take longer than there is memory: 15 s of the processor's time are plenty
+    code = (
+        "import resource, sys, time\n"
+        "from cdrj_ros.foundation.errors import RobotFileError\n"
+        "from cdrj_ros.robot.reader import parse_robot\n"
+        "most = int(time.process_time()) + 16\n"
+        "resource.setrlimit(resource.RLIMIT_CPU, (most, most))\n"
+        "try:\n    parse_robot(sys.stdin.read())\n"
+        "except RobotFileError as error:\n    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input="\n".join(levels),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    assert len(done.stdout.splitlines()) == 1
+
+
+def load_refusal(path: Path) -> str:
+    with pytest.raises(RobotFileError) as error:
+        load_robot(path)
+    message = str(error.value)
+    assert message.splitlines() == [message]
+    assert str(path) in message
+    return message
+
+
+def test_files_that_cannot_be_read_are_refused_by_path(tmp_path: Path) -> None:
+    assert "No such file" in load_refusal(tmp_path / "absent.yaml")
+    assert "Is a directory" in load_refusal(tmp_path)
+    empty = tmp_path / "empty.yaml"
+    empty.touch()
+    assert "must hold a mapping" in load_refusal(empty)
+    latin = tmp_path / "latin.yaml"
+    latin.write_bytes("name: für\n".encode("latin-1"))
+    assert "is not UTF-8 text" in load_refusal(latin)
+    binary = tmp_path / "binary.yaml"
+    binary.write_bytes(bytes(range(256)))
+    load_refusal(binary)
+    huge = tmp_path / "huge.yaml"
+    huge.write_bytes(b"#" * (MAXIMUM_BYTES + 1))
+    assert f"has {MAXIMUM_BYTES + 1} bytes and is no robot file" in load_refusal(huge)
+
+
+def test_errors_of_robot_files_are_errors_of_the_package() -> None:
+    assert issubclass(RobotFileError, CdrjError)
+
+
+TREE: dict[str, Any] = YAML(typ="safe", pure=True).load(PROTOTYPE)
+
+
+def paths(tree: Any, start: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Of every key and entry of a tree."""
+    found = [start] if start else []
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree)
+    for key, value in items:
+        deeper = isinstance(value, (dict, list))
+        found += paths(value, (*start, key)) if deeper else [(*start, key)]
+    return found
+
+
+VALUES = st.one_of(
+    st.sampled_from(
+        [None, True, False, "", "x", "winch", "elbow", "base", [], {}, [[]], [None], {"joint": 1}]
+    ),
+    st.sampled_from([{"joint": "elbow"}, {"joint": "elbow", "slope": 1e9}, [0, 0], ["a", "b"]]),
+    st.sampled_from([0, -0.0, 1, -1, 2, 3, 90, 1e-300, -1e-300, 1e300, -1e300, 10**18, 10**400]),
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.integers(-1000, 1000),
+    st.text(max_size=5),
+    st.lists(st.floats(-10, 10), max_size=4),
+)
+KEYS = st.one_of(
+    st.sampled_from(
+        ["name", "law", "radius", "radius_mm", "friction", "position", "frame", "x_deg"]
+    ),
+    st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=4),
+)
+
+
+@st.composite
+def mutations(draw: st.DrawFn) -> str:
+    """The prototype's file with one to three keys or values lost, changed or added."""
+    tree = copy.deepcopy(TREE)
+    for _ in range(draw(st.integers(1, 3))):
+        path = draw(st.sampled_from(paths(tree)))
+        parent = tree
+        for key in path[:-1]:
+            parent = parent[key]
+        act = draw(st.sampled_from(["delete", "replace", "add", "swap"]))
+        if act == "delete":
+            del parent[path[-1]]
+        elif act == "replace":
+            parent[path[-1]] = draw(VALUES)
+        elif isinstance(parent, list):
+            parent.insert(path[-1], draw(VALUES) if act == "add" else parent[0])
+        elif act == "add":
+            parent[draw(KEYS)] = draw(VALUES)
+        else:
+            parent[draw(KEYS)] = parent.pop(path[-1])
+    # JSON is YAML, but for the numbers that are not finite
+    text = json.dumps(tree)
+    for name, spelt in (("NaN", ".nan"), ("-Infinity", "-.inf"), ("Infinity", ".inf")):
+        text = text.replace(name, spelt)
+    return text
+
+
+@given(mutations())
+def test_a_mutated_file_is_read_or_refused_in_one_line_and_nothing_else(text: str) -> None:
+    try:
+        robot = parse_robot(text, "arm.yaml")
+        model = prepare(robot)
+    except RobotFileError as error:
+        message = str(error)
+        assert message.splitlines() == [message]
+        return
+    assert isinstance(robot, Robot)
+    assert not np.any(np.isnan(model.numbers))

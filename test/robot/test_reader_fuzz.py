@@ -1,0 +1,184 @@
+"""Damaged robot files: a robot that can be stepped, or one clear line, and at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+from time import process_time
+from typing import Any
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.status import INVALID
+from cdrj_ros.robot.reader import parse_robot
+
+FILES = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
+MOST_SECONDS = 20.0
+"""Of the processor's time: other work on the machine does not count."""
+STRANGE: tuple[Any, ...] = (
+    None, True, False, 0, -1, 1, 2, 1e-300, 5e-324, 1e14, -1e14, 1e16, 1e308, 10**400, float("nan"),
+    float("inf"), -float("inf"), "", "a", "1e3", "elbow", "winch", "\n", "x" * 5000, [], {}, [[]],
+    [1, 2], {"joint": "elbow"}, {"joint": "elbow", "angle": [0, 1], "value": [1, 1]},
+    {"joint": "nobody", "slope": 1}, [[[[[[[[1]]]]]]]], {"a": {"b": {"c": {}}}},
+)  # fmt: skip
+
+
+def containers(document: Any) -> list[Any]:
+    """Every mapping and list in a document that may hold itself."""
+    found: dict[int, Any] = {}
+    waiting = [document]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, (dict, list)) and value and id(value) not in found:
+            found[id(value)] = value
+            waiting += value.values() if isinstance(value, dict) else value
+    return list(found.values())
+
+
+def mutate(document: Any, rng: Random) -> None:
+    """One change somewhere: left out, replaced, scaled, twice, swapped, renamed or aliased."""
+    everything = containers(document)
+    place = rng.choice(everything)
+    key = rng.choice(list(place)) if isinstance(place, dict) else rng.randrange(len(place))
+    value = place[key]
+    kind = rng.randrange(8)
+    if kind == 0:
+        del place[key]
+    elif kind == 1:
+        place[key] = rng.choice(STRANGE)
+    elif kind == 2 and isinstance(value, (int, float)):
+        place[key] = value * rng.choice((-1, 0, 1e-12, 1e-3, 0.5, 2, 1e3, 1e12))
+    elif kind == 3 and isinstance(place, list):
+        place.append(value)
+    elif kind == 4:
+        place[key] = rng.choice(everything)  # an alias, of a container around it perhaps
+    elif kind == 5 and isinstance(place, dict):
+        place[rng.choice(("radius", "wrap_angle", "joint", "name", "x", f"{key}_mm"))] = value
+    elif kind == 6 and isinstance(place, list):
+        rng.shuffle(place)
+    else:
+        place[key] = [value] if rng.randrange(2) else str(value)
+
+
+def damaged_text(text: str, rng: Random) -> str:
+    """The text itself: characters lost, doubled or exchanged, lines twice or gone."""
+    for _ in range(rng.randrange(1, 4)):
+        at = rng.randrange(len(text))
+        kind = rng.randrange(5)
+        if kind == 0:
+            text = text[:at] + rng.choice("{}[]:,#&*!|>'\"%@`-?\t\n\0\x07é") + text[at:]
+        elif kind == 1:
+            text = text[:at] + text[at + rng.randrange(1, 40) :]
+        elif kind == 2:
+            lines = text.split("\n")
+            line = rng.randrange(len(lines))
+            lines.insert(line, lines[rng.randrange(len(lines))])
+            text = "\n".join(lines)
+        elif kind == 3:
+            text = text[: max(at, 1)]
+        else:
+            text = text[:at] + rng.choice("0123456789.eE+-") + text[at + 1 :]
+    return text
+
+
+def dumped(document: Any) -> str:
+    from io import StringIO
+
+    stream = StringIO()
+    YAML(typ="safe", pure=True).dump(document, stream)
+    return stream.getvalue()
+
+
+def follow(model: Model) -> None:
+    """Three samples of it; what is not marked as unknown must be a tension."""
+    robot, state = model.robot, initial_state(model)
+    motors = np.array([motor.reference_angle for motor in robot.motors])
+    joints = np.array([joint.reference_angle for joint in robot.joints])
+    for k in range(3):
+        moved = Sample(10**18 + k * 10**6, motors + 0.01 * k, joints + 0.001 * k)
+        state, estimate = step(model, state, moved)
+        known = estimate.status.astype(int) & INVALID == 0
+        assert np.all(np.isfinite(estimate.tension[known]))
+        assert np.all(estimate.tension[known] >= 0.0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _kernels() -> None:
+    """Compile them before any time is taken."""
+    for path in FILES:
+        follow(prepare(parse_robot(path.read_text("utf-8"), str(path))))
+
+
+def judge(text: str) -> bool:
+    """Whether the text is a robot's; anything but a robot or one line of complaint fails."""
+    begin = process_time()
+    try:
+        model = prepare(parse_robot(text, "damaged"))
+    except CdrjError as error:
+        words = str(error)
+        assert words
+        assert len(words.splitlines()) == 1
+        assert len(words) < 1000
+        assert process_time() - begin < MOST_SECONDS
+        return False
+    follow(model)
+    assert process_time() - begin < MOST_SECONDS
+    return True
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_damaged_document_is_a_robot_or_one_line(path: Path) -> None:
+    rng = Random(path.stem)
+    verdicts = []
+    text = path.read_text("utf-8")
+    for _ in range(60):
+        document = YAML(typ="safe", pure=True).load(text)
+        for _ in range(rng.choice((1, 1, 1, 2, 4))):
+            mutate(document, rng)
+        verdicts.append(judge(dumped(document)))
+    assert 0 < sum(verdicts) < len(verdicts)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_damaged_text_is_a_robot_or_one_line(path: Path) -> None:
+    rng = Random(path.stem)
+    text = path.read_text("utf-8")
+    verdicts = [judge(damaged_text(text, rng)) for _ in range(40)]
+    assert not all(verdicts)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: &a [*a, *a]",
+        "a: &a {b: *a}",
+        "a: &a [1, 1]\nb: &b [*a, *a]\n" + "".join(
+            f"{chr(99 + k)}: &{chr(99 + k)} [*{chr(98 + k)}, *{chr(98 + k)}]\n" for k in range(22)
+        ),
+        "[" * 3000,
+        "{a: " * 500 + "1" + "}" * 500,
+        "a: !!python/object/apply:os.system ['true']",
+        "!!python/object:os.stat_result {}",
+        "a: 1\na: 2",
+        "? [1, 2]\n: 3",
+        "a: 2001-12-14t21:59:43.10-05:00",
+        "a: !!binary R0lGODlhDAAMAIQAAP",
+        "%YAML 9.9\n---\na: 1",
+        "a: 1\n---\nb: 2",
+        "\0",
+        "\ufeff",
+        "name: " + "9" * 5000,
+        "a: 0x" + "f" * 5000,
+        "a: 1:2:3:4",
+        "<<: [1]",
+    ],
+    ids=range(19),
+)  # fmt: skip
+def test_a_text_made_to_hurt_is_one_line(text: str) -> None:
+    assert not judge(text)

@@ -1,0 +1,139 @@
+"""The identified robot file of a real instrument, and how far the estimator is from its bags."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.bag import Topics
+from cdrj_ros.commands import identify
+from cdrj_ros.commands.validate import validate_bag
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.judgement.comparison import BagComparison
+from cdrj_ros.judgement.metrics import pooled_errors
+from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.parameters import number_at, with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document, load_robot
+
+ROOT = Path(__file__).resolve().parents[2]
+ROBOT = ROOT / "config" / "robots" / "davinci_jaw.yaml"
+RECORDINGS = ROOT.parent / "shared" / "data" / "davinci"
+
+SPINDLE_RADIUS = 5e-3
+POSE = np.array([0.5])
+"""The spindle in the reference pose [rad]."""
+
+recordings = pytest.mark.skipif(
+    not RECORDINGS.is_dir(),
+    reason=f"the recordings are not there: {RECORDINGS.relative_to(ROOT.parent)} beside the "
+    "repository (see config/robots/davinci_jaw.yaml for their origin)",
+)
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return prepare(load_robot(ROBOT))
+
+
+def efforts_without_friction(spindle: float, jaw: float) -> tuple[float, float, float]:
+    """Torque on the spindle, torque that holds the jaw, tension."""
+    document, source = load_document(ROBOT)
+    document["friction"]["law"] = "none"
+    axis = {"motors.spindle.bearing_torque": 0.0, "motors.spindle.spring_stiffness": 0.0}
+    bare = prepare(build_robot(with_numbers(document, axis), source))
+    sample = Sample(1, np.array([spindle]), np.array([jaw]))
+    _, estimate = step(bare, initial_state(bare), sample)
+    return (
+        float(estimate.motor_effort[0]), float(estimate.joint_effort[0]),
+        float(estimate.tension[0]),
+    )  # fmt: skip
+
+
+def test_the_cable_is_just_tight_in_the_reference_pose(model: Model) -> None:
+    rest = model.robot.joints[0].reference_angle
+    slack = efforts_without_friction(0.5, rest + 0.02)
+    tight = efforts_without_friction(0.5, rest - 0.02)
+    assert slack == (0.0, 0.0, 0.0)
+    assert tight[2] > 0.0
+
+
+def test_torques_are_the_tension_times_the_radii(model: Model) -> None:
+    rest = model.robot.joints[0].reference_angle
+    spindle, jaw, tension = efforts_without_friction(0.5, rest - 0.05)
+    radius = abs(number_at(dict(model.robot.document), "cables.b.spans.4.slope"))
+    assert spindle == pytest.approx(tension * SPINDLE_RADIUS)
+    assert jaw == pytest.approx(-tension * radius)
+
+
+def test_its_numbers_say_how_well_they_are_known(model: Model) -> None:
+    known = model.robot.uncertainty
+    assert known is not None
+    document = dict(model.robot.document)
+    stddev = dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)), strict=True))
+    stiffness = "cables.b.axial_stiffness"
+    assert 0.0 < stddev[stiffness] < 0.1 * number_at(document, stiffness)
+    assert all(number_at(document, path) is not None for path in known.parameters)
+
+
+def compared(model: Model, folder: str) -> list[BagComparison]:
+    bags = sorted(entry for entry in (RECORDINGS / folder).iterdir() if entry.is_dir())
+    return [validate_bag(model, str(bag), Topics()) for bag in bags]
+
+
+def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
+    errors = pooled_errors(comparisons)
+    spindle, jaw = errors["effort/spindle"].r2, errors["effort/jaw"].r2
+    assert spindle is not None
+    assert jaw is not None
+    return spindle, jaw
+
+
+@recordings
+def test_runs_that_were_not_fitted_are_explained(model: Model) -> None:
+    spindle, jaw = r2_of(compared(model, "validate"))
+    assert spindle >= 0.980
+    assert jaw >= 0.970
+
+
+@recordings
+@pytest.mark.parametrize("folder", ["train", "validate", "other_wrist_pose"])
+def test_its_sensors_are_those_of_the_recordings(model: Model, folder: str) -> None:
+    """Every reading lies on the grid of the file's counts, and none is refused."""
+    for bag in sorted(entry for entry in (RECORDINGS / folder).iterdir() if entry.is_dir()):
+        recording = read_inputs(str(bag), Topics(), model)
+        readings = {**recording.motors, **recording.joints}
+        for axis in model.robot.axes:
+            counts = readings[axis.name].value / axis.sensor.resolution
+            assert np.abs(counts - np.round(counts)).max() < 0.01, (bag.name, axis.name)
+        conditioned = condition_recording(model, recording)
+        assert not any(conditioned.refused.values()), (bag.name, conditioned.refused)
+
+
+@recordings
+def test_the_file_is_what_its_own_provenance_says(model: Model) -> None:
+    story = model.robot.document["identified"]
+    bags = sorted(entry.name for entry in (RECORDINGS / "train").iterdir() if entry.is_dir())
+    assert story["bags"] == bags, "nothing of `validate` has been fitted"
+    errors = pooled_errors(compared(model, "train"))
+    for name, figures in story["fit"].items():
+        assert errors[name].rmse == pytest.approx(figures["rmse"], rel=2e-3)
+
+
+@recordings
+def test_identify_stays_where_the_file_is(tmp_path: Path) -> None:
+    """Fitted again from a tenth off, on two runs, the strongest numbers come back."""
+    bags = [str(RECORDINGS / "train" / f"Tool_4_Maryland_L_4_{run}") for run in ("02", "28")]
+    out = tmp_path / "again.yaml"
+    document, _ = load_document(ROBOT)
+    stiffness = number_at(document, "cables.b.axial_stiffness")
+    assert identify.main(
+        [*bags, "--robot", str(ROBOT), "--quick", "--out", str(out), "--fit",
+         "cables.b.axial_stiffness,joints.jaw.reference_angle",
+         "--start", f"cables.b.axial_stiffness={1.1 * stiffness}"]
+    ) == 0  # fmt: skip
+    again, _ = load_document(out)
+    assert number_at(again, "cables.b.axial_stiffness") == pytest.approx(stiffness, rel=0.05)
