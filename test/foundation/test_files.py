@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import stat
 from pathlib import Path
 
@@ -39,9 +38,14 @@ def test_a_link_goes_on_pointing_to_what_is_written(tmp_path: Path) -> None:
 def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     target = tmp_path / "a"
     target.write_text("old")
-    with pytest.raises(OSError, match="full"), replacing(target) as stream:
-        stream.write(b"half of the ne")
-        raise OSError("the disk is full")
+
+    def write_half() -> None:
+        with replacing(target) as stream:
+            stream.write(b"half of the ne")
+            raise OSError("the disk is full")
+
+    with pytest.raises(OSError, match="full"):
+        write_half()
     assert target.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
@@ -65,7 +69,7 @@ def test_outputs_that_cannot_be_are_refused_before_any_work(
     for folder in ("sub", "bag"):
         (tmp_path / folder).mkdir()
     (tmp_path / "robot.yaml").touch()
-    os.symlink("robot.yaml", "link")
+    (tmp_path / "link").symlink_to("robot.yaml")
     with pytest.raises(UsageError, match=words):
         check_outputs(outputs, ["robot.yaml", "bag"])
 
