@@ -1,4 +1,4 @@
-"""Measure the speed of the estimator beside what else there is, and print one table."""
+"""Measure the estimator's speed against its peers and print one table of ratios."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.figures import Row
-from bench.processes import keep_to_ourselves
+from bench.processes import isolate
 
 SECTIONS = {
     "step": ("update", "one update beside MuJoCo's evaluation"),
@@ -24,7 +24,7 @@ SECTIONS = {
     "pulleys": ("scaling", "cost per pulley from 7 to 10 000"),
     "start": ("start", "the estimator's start beside a bare node's"),
 }
-"""By name: the module that measures, and what it says on its progress line."""
+"""Per section: the module that measures it and the text of its progress line."""
 
 
 def _arguments() -> argparse.Namespace:
@@ -42,7 +42,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def machine() -> str:
-    """What the figures were measured on."""
+    """Processor, cores, kernel and Python version of this machine."""
     model = platform.machine()
     for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
         if line.startswith("model name"):
@@ -53,7 +53,7 @@ def machine() -> str:
 
 
 def table_of(rows: list[Row]) -> Table:
-    """Medians and quartiles, ours beside theirs."""
+    """Table of medians and quartiles, ours and the peer's."""
     table = Table(title=machine(), caption="median (quartiles); ratio: ours over theirs")
     for heading in ("what", "ours", "unit", "beside", "theirs", "ratio", "aim"):
         table.add_column(heading, justify="right" if heading in ("ours", "theirs") else "left")
@@ -75,9 +75,9 @@ def table_of(rows: list[Row]) -> Table:
 
 
 def main() -> int:
-    """Run the sections; the exit code says nothing about speed."""
+    """Run the sections; the exit code does not depend on speed."""
     arguments = _arguments()
-    keep_to_ourselves()
+    isolate()
     console = Console(width=None if sys.stdout.isatty() else 180)
     rows: list[Row] = []
     for name in arguments.only:

@@ -1,4 +1,4 @@
-"""What a section of the benchmark says: medians with their spread, and ratios of them."""
+"""Rows of the benchmark's table: medians with quartiles, and ratios."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Spread:
 
     @staticmethod
     def of(values: ArrayLike) -> Spread:
-        """The quartiles of some values."""
+        """Compute median and quartiles of a sample."""
         low, median, high = np.percentile(np.asarray(values, dtype=float), (25, 50, 75))
         return Spread(float(median), float(low), float(high))
 
     def text(self, digits: int = 3) -> str:
-        """Median and quartiles, as ``4.51 (4.48–4.60)``."""
+        """Format median and quartiles as ``4.51 (4.48–4.60)``."""
         shown = (f"{value:#.{digits}g}".rstrip(".") for value in (self.median, self.low, self.high))
         return "{} ({}–{})".format(*shown)
 
@@ -45,14 +45,14 @@ class Row:
     unit: str
     ours: Spread
     beside: str = ""
-    """What it is compared with; empty for a figure that stands alone."""
+    """The peer; empty for a figure without one."""
     theirs: Spread | None = None
     ratio: Spread | None = None
-    """Ours over theirs, of neighbouring rounds."""
+    """Ours over theirs, taken between neighbouring rounds."""
     aim: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Plain values for ``--json``."""
         return asdict(self)
 
 
@@ -65,7 +65,7 @@ def compared(
     theirs: ArrayLike,
     aim: str = "",
 ) -> Row:
-    """A row from rounds that were measured in turn: the ratio is taken round by round."""
+    """Build a row from alternating rounds; the ratio is taken round by round."""
     ratio = np.asarray(ours, dtype=float) / np.asarray(theirs, dtype=float)
     return Row(
         section, what, unit, Spread.of(ours), beside, Spread.of(theirs), Spread.of(ratio), aim
@@ -73,16 +73,20 @@ def compared(
 
 
 def seconds(function: Callable[[], object]) -> float:
-    """How long one call takes [s]."""
+    """Duration of one call [s]."""
     begin = perf_counter()
     function()
     return perf_counter() - begin
 
 
 def in_turn(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:
-    """Seconds of every function in every round, A B A B; one round before goes uncounted.
+    """Time several functions in alternation, A B A B, after one warm-up round.
 
-    What disturbs the machine for a while disturbs neighbours alike.
+    A temporary disturbance of the machine then affects neighbouring rounds alike and cancels in
+    their ratio.
+
+    Returns:
+        Durations [s], one list of ``rounds`` values per function.
     """
     for function in functions:
         function()

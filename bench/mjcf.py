@@ -1,9 +1,9 @@
 """The prototype's mechanism for MuJoCo: two frictionless tendons over the same fourteen pulleys.
 
-The cables are laid in a plane from the robot file's spans, radii and wrap angles, the lower one as
-the mirror image of the upper.  The rolling joint is two hinges of the same angle, 2R apart; the
-winch is a slide that pulls the two cables in opposite directions.  Radii, wraps and spans
-are the prototype's in the middle pose; over the joint's range the cable stays on every pulley.
+The cables lie in a plane and follow the robot file's spans, radii and wrap angles; the lower cable
+mirrors the upper one.  The rolling joint is modelled as two hinges of the same angle, 2R apart, the
+winch as a slide that pulls the two cables in opposite directions.  Radii, wraps and spans are those
+of the prototype in its middle pose; over the joint's range the cable stays on every pulley.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class _Turtle:
-    """A point and a direction in the plane."""
+    """A point with a heading in the plane, from which the path is drawn."""
 
     x: float
     y: float
     heading: float
 
     def ahead(self, distance: float) -> _Turtle:
-        """Straight on."""
+        """Move straight ahead by a distance [m]."""
         return _Turtle(
             self.x + distance * cos(self.heading),
             self.y + distance * sin(self.heading),
@@ -42,11 +42,11 @@ class _Turtle:
         )
 
     def aside(self, distance: float) -> Point:
-        """The point at that distance to the left."""
+        """Point at a distance to the left [m]."""
         return self.x - distance * sin(self.heading), self.y + distance * cos(self.heading)
 
     def round(self, signed_radius: float, wrap: float) -> tuple[Point, Point, _Turtle]:
-        """Along an arc: its centre, a point outside its middle, and where it ends."""
+        """Follow an arc; returns its centre, a point outside its middle and its end."""
         side = 1.0 if signed_radius > 0.0 else -1.0
         cx, cy = self.aside(signed_radius)
         turned = self.heading + side * wrap
@@ -60,13 +60,13 @@ class _Turtle:
 
 
 def _middle(profiles: tuple[Profile, ...]) -> float:
-    """A span or a wrap in the middle of the joint's range."""
+    """Span [m] or wrap [rad] in the middle of the joint's range."""
     return sum(float(profile.value[profile.value.size // 2]) for profile in profiles)
 
 
 @dataclass(frozen=True)
 class _Routed:
-    """One cable as MJCF: what lies on the winch, the base and the link, and the path."""
+    """One cable as MJCF fragments: sites on the winch, bodies on base and link, tendon path."""
 
     winch: str
     base: str
@@ -77,11 +77,13 @@ class _Routed:
 def _along(
     start: _Turtle, pulleys: tuple[Pulley, ...], spans: list[float]
 ) -> list[tuple[Point, Point, _Turtle]]:
-    """Centre, a point outside the arc and the middle of the next span, for every pulley."""
+    """Per pulley: centre, a point outside the arc, and the middle of the next span."""
     places = []
     turtle = start.ahead(0.5 * spans[0])
     for k, pulley in enumerate(pulleys):
-        turn = -1.0 if k % 2 == 0 else 1.0  # alternating, or the path would close on itself
+        turn = (
+            -1.0 if k % 2 == 0 else 1.0
+        )  # alternate the turns so that the path does not close on itself
         turtle = turtle.ahead(0.5 * spans[k])
         centre, outside, turtle = turtle.round(turn * pulley.radius, _middle(pulley.wrap))
         turtle = turtle.ahead(0.5 * spans[k + 1])
@@ -90,7 +92,7 @@ def _along(
 
 
 def _start(pulleys: tuple[Pulley, ...], spans: list[float]) -> _Turtle:
-    """Where a path begins that passes the contact of the joint at ``STRAND``, straight ahead."""
+    """Start of the path that crosses the rolling contact straight ahead at ``STRAND``."""
     crossing = _along(_Turtle(0.0, 0.0, 0.0), pulleys, spans)[ON_BASE - 1][2]
     turned = _along(_Turtle(0.0, 0.0, -crossing.heading), pulleys, spans)[ON_BASE - 1][2]
     return _Turtle(ROLLING_RADIUS - turned.x, STRAND - turned.y, -crossing.heading)

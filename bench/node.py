@@ -1,7 +1,7 @@
-"""The bare nodes beside the estimator, as processes of their own.
+"""Bare nodes that the estimator is compared with, each in its own process.
 
-``node.py relay FOLDER`` answers every motor message with three prepared messages, as the estimator
-would, and does nothing else.  ``node.py bare`` has one publisher and one subscription.
+``node.py relay FOLDER`` answers every motor message with three prepared messages of the sizes that
+the estimator sends.  ``node.py bare`` has one publisher and one subscription.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def relay(folder: Path) -> Node:
-    """The estimator's topics, without an estimator behind them."""
+    """Create a node with the estimator's topics that publishes prepared messages."""
     from cdrj_msgs.msg import CableTensions, NodalForces
 
     node = Node("relay", namespace="relay")
@@ -42,7 +42,7 @@ def relay(folder: Path) -> Node:
         efforts.publish(prepared[2])
 
     def on_joint(_payload: bytes) -> None:
-        """The estimator waits for the motor's message, which comes after the joint's."""
+        """Do nothing: the estimator, too, answers only the motor message that follows."""
 
     node.create_subscription(JointState, "motor_states", on_motor, QOS, raw=True)
     node.create_subscription(JointState, "joint_states", on_joint, QOS, raw=True)
@@ -50,7 +50,7 @@ def relay(folder: Path) -> Node:
 
 
 def bare() -> Node:
-    """As little as a node can be."""
+    """Create a minimal node: one publisher, one subscription."""
     node = Node("bare", namespace="bare")
     publisher = node.create_publisher(JointState, "out", QOS)
     node.create_subscription(JointState, "in", publisher.publish, QOS, raw=True)
@@ -58,7 +58,7 @@ def bare() -> Node:
 
 
 def main() -> None:
-    """Spin as the estimator does, until asked to end."""
+    """Spin as the estimator does until SIGINT or SIGTERM."""
     stop: list[int] = []
 
     def ask(number: int, _frame: Any) -> None:

@@ -1,4 +1,4 @@
-"""Nodes as processes of their own, ended by their process number and by nothing else."""
+"""Start nodes as separate processes and end them by process id."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ PATIENCE_S = 60.0
 Process = subprocess.Popen[bytes]
 
 
-def keep_to_ourselves() -> None:
-    """A ROS domain of its own on this machine, for this process and all that it starts."""
+def isolate() -> None:
+    """Give this process and its children a ROS domain of their own on this machine."""
     os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
 def estimator_command(log_level: str = "warn") -> list[str]:
-    """The installed estimator with the prototype; never stale, so that it only ever answers."""
+    """Command line of the installed estimator; its timeout is long, so it never turns stale."""
     from ament_index_python.packages import get_package_prefix
 
     executable = Path(get_package_prefix("cdrj_ros"), "lib", "cdrj_ros", "estimator")
@@ -36,12 +36,12 @@ def estimator_command(log_level: str = "warn") -> list[str]:
 
 
 def node_command(*arguments: str) -> list[str]:
-    """One of the bare nodes."""
+    """Command line of one of the bare nodes."""
     return [sys.executable, str(Path(__file__).with_name("node.py")), *arguments]
 
 
 def end(process: Process) -> None:
-    """End a node as Ctrl-C would, and insist only if it does not listen."""
+    """Interrupt a node with SIGINT; kill it only if it does not end."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
     try:
@@ -53,7 +53,7 @@ def end(process: Process) -> None:
 
 @contextmanager
 def running(*command: str) -> Iterator[Process]:
-    """A process for as long as the body runs."""
+    """Run a process while the body runs."""
     process = subprocess.Popen(command)
     try:
         yield process
@@ -63,7 +63,7 @@ def running(*command: str) -> Iterator[Process]:
 
 @contextmanager
 def listening(name: str) -> Iterator[tuple[Any, Any]]:
-    """A node of this process and the executor that spins it."""
+    """Create a node in this process and the executor that spins it."""
     import rclpy
     from rclpy.experimental import EventsExecutor
     from rclpy.node import Node
@@ -83,10 +83,10 @@ def listening(name: str) -> Iterator[tuple[Any, Any]]:
 def spin_until(
     executor: Any, condition: Callable[[], bool], process: Process, poll_s: float = 0.002
 ) -> None:
-    """Spin until something is so.
+    """Spin until a condition holds.
 
     Raises:
-        RuntimeError: it is not so within ``PATIENCE_S``, or the process has ended.
+        RuntimeError: it does not hold within ``PATIENCE_S``, or the process has ended.
     """
     deadline = monotonic() + PATIENCE_S
     while not condition():

@@ -1,4 +1,4 @@
-"""Round trip through the estimator node, beside a relay that merely answers."""
+"""Round trip through the estimator node compared with a relay that does no work."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 
 BLOCKS = 8
-"""Turns of each node; one more, before, goes uncounted."""
+"""Measured blocks per node, after one warm-up block."""
 TRIPS = 400
-"""Round trips of a turn."""
+"""Round trips per block."""
 PERIOD_S = 1e-3
 
 Messages = Iterator[tuple[bytes, bytes]]
@@ -42,7 +42,7 @@ Messages = Iterator[tuple[bytes, bytes]]
 
 @dataclass
 class Caller:
-    """Publishes one sample at a time and takes the time of each answer."""
+    """Publishes one sample at a time and times the answers."""
 
     node: Any
     executor: Any
@@ -83,7 +83,7 @@ class Caller:
         return on_tensions if topic == "tensions" else on_answer
 
     def is_connected(self) -> bool:
-        """Whether both ways are open."""
+        """Whether publishers and subscriptions are matched in both directions."""
         return all(
             publisher.get_subscription_count() > 0 for publisher in (self.joints, self.motors)
         ) and all(
@@ -104,7 +104,7 @@ class Caller:
         return self.tensions_at - begin, perf_counter() - begin
 
     def turn(self, messages: Messages, process: Process, period_s: float) -> np.ndarray:
-        """Many trips [s], shape (TRIPS, 2), one every ``period_s`` or as soon as possible."""
+        """Time ``TRIPS`` trips [s], shape (TRIPS, 2), one per ``period_s`` or back to back."""
         times = np.empty((TRIPS, 2))
         due = perf_counter()
         for k in range(TRIPS):
@@ -117,7 +117,7 @@ class Caller:
 
 
 def _messages(model: Model) -> Messages:
-    """The sample recording's readings, at 1 kHz without end, played to and fro."""
+    """Readings of the sample recording at 1 kHz, played forwards and backwards endlessly."""
     motion = recorded_motion(model)
     layout = model.layout
     joint = Template(JOINT_STATE, layout.joints, ("position",))
@@ -133,7 +133,7 @@ def _messages(model: Model) -> Messages:
 
 
 def _write_answers(model: Model, folder: Path) -> None:
-    """One estimate as the three messages that the relay sends."""
+    """Write one estimate as the three messages that the relay sends."""
     robot = model.robot
     reference = Sample(
         1,
@@ -148,7 +148,7 @@ def _write_answers(model: Model, folder: Path) -> None:
 
 
 def _rows(name: str, ours: np.ndarray, theirs: np.ndarray, aim: str) -> list[Row]:
-    """Rows of one pace from the trips [s], shape (BLOCKS, TRIPS, 2)."""
+    """Rows of one pace; trips [s] have the shape (BLOCKS, TRIPS, 2)."""
     rows = []
     for column, answer in enumerate(("tensions", "all three answers")):
         for percent in (50, 99):
@@ -163,7 +163,7 @@ def _rows(name: str, ours: np.ndarray, theirs: np.ndarray, aim: str) -> list[Row
 
 
 def measure() -> list[Row]:
-    """Microseconds of a round trip: paced at 1 kHz, and as fast as answers come."""
+    """Round trip [µs]: paced at 1 kHz, then back to back."""
     model = load_model(str(ROBOT))
     with (
         TemporaryDirectory() as folder,

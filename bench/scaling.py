@@ -1,7 +1,7 @@
 """Cost per pulley of one cable, from seven pulleys to ten thousand.
 
-Length, wrap and stiffness of the contact are those of the whole cable and shared by its pulleys, so
-that all sizes see the same tensions: what changes is into how many parts they are cut.
+Cable length, total wrap and total contact stiffness stay the same and are divided among the
+pulleys, so that all sizes see the same tensions and differ only in the number of pulleys.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ PULLEYS = (7, 30, 100, 1000, 10_000)
 ROUNDS = 5
 SAMPLES = 250
 LENGTH = 1.0
-"""Of the whole cable, whatever the number of its pulleys [m]."""
+"""Length of the cable, for any number of pulleys [m]."""
 WRAP = 2.0
-"""Wrap angles of all pulleys together [rad]: sliding, the far end keeps 74 % of the tension."""
+"""Total wrap of all pulleys [rad]; while sliding, the far end keeps 74 % of the tension."""
 BRISTLES = 7e6
-"""Bristle stiffness of all pulleys together [N/m]."""
+"""Total bristle stiffness of all pulleys [N/m]."""
 DRUM = 0.015
 """Radius of the winch [m]."""
 STRAIN = 2e-3
@@ -56,7 +56,7 @@ def chain(pulleys: int) -> Model:
 
 
 def motion() -> Samples:
-    """A winch that strains the cable to and fro once, as its encoder sees it, at 1 kHz."""
+    """Encoder readings of one cycle of the winch straining the cable, at 1 kHz."""
     stamp = np.arange(1, SAMPLES + 1, dtype=np.int64) * 1_000_000
     angle = STRAIN * LENGTH / DRUM * np.sin(2.0 * pi * np.arange(SAMPLES) / SAMPLES)
     count = 2.0 * pi / COUNTS
@@ -72,7 +72,7 @@ def _running(model: Model, samples: Samples, times: int) -> Callable[[], None]:
 
 
 def measure() -> list[Row]:
-    """Nanoseconds per pulley and sample, and how many iterations a sample takes."""
+    """Time per pulley and sample [ns] and Newton iterations per sample."""
     functions, repeats, iterations, unsolved = [], [], [], []
     for pulleys in PULLEYS:
         model, samples = chain(pulleys), motion()

@@ -1,7 +1,7 @@
-"""From the start of a process until its node works.
+"""Time from the start of a process until its node works.
 
-A node counts as started when it says so in its log, which it does when everything is in place; how
-long others then take to discover it is the middleware's affair and the same for every node.
+A node counts as started when its log says so, after all its topics and services exist.  Discovery
+by other nodes depends on the middleware, is the same for every node and is not included.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ ROUNDS = 5
 
 
 def started(command: list[str], said: bytes) -> float:
-    """Seconds from the start of the process until its log says that it works.
+    """Time from the start of the process until its log reports that it works [s].
 
     Raises:
-        RuntimeError: the process ended before.
+        RuntimeError: the process ended earlier.
     """
     begin = perf_counter()
     process = subprocess.Popen(command, stderr=subprocess.PIPE)
@@ -36,7 +36,7 @@ def started(command: list[str], said: bytes) -> float:
 
 
 def measure() -> list[Row]:
-    """Seconds; the kernels have been compiled before."""
+    """Start times [s] with kernels compiled earlier."""
     ours, theirs = [], []
     estimator, bare = estimator_command("info"), node_command("bare")
     for k in range(ROUNDS + 1):

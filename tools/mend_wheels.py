@@ -1,8 +1,9 @@
 """Mend the include folders that the ROS wheels export.
 
-The CMake files of the message packages name the Python and NumPy headers of the machine that built
-the wheels. CMake refuses to use an include folder that does not exist, so no message package can be
-built against these wheels before they name the headers of this environment. Safe to run again.
+The exported CMake files of the message packages contain the Python and NumPy include folders of the
+machine that built the wheels. CMake rejects an include folder that does not exist, so a message
+package cannot be built against these wheels until the paths name this environment's headers.
+Running the script again changes nothing.
 """
 
 import re
