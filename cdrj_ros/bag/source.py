@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from cdrj_ros.bag.db3_file import Db3File
 from cdrj_ros.bag.mcap_file import Channel, McapFile
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.yaml import YamlError, load_yaml
 
 METADATA: Final = "metadata.yaml"
 _SUFFIXES: Final = (".mcap", ".mcap.zstd", ".db3")
@@ -122,10 +120,10 @@ def _listed(folder: Path, notes: list[str]) -> list[Path]:
 def _file_names(text: str) -> list[str]:
     """File names of a metadata.yaml; none where it is not one."""
     try:
-        content: Any = YAML(typ="safe").load(text)
+        content: Any = load_yaml(text, METADATA)
         information = content["rosbag2_bagfile_information"]
         return [str(name) for name in information["relative_file_paths"]]
-    except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError):
+    except (YamlError, KeyError, TypeError):
         return []
 
 
