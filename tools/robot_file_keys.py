@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ def updated(text: str) -> str:
     return f"{text[:begin]}\n\n{reference()}\n{text[end:]}"
 
 
-def _table(title: str, part: dict[str, Any]) -> str:
+def _table(title: str, part: Mapping[str, Any]) -> str:
     required = set(part.get("required", ()))
     lines = [
         f"### {title[0].upper()}{title[1:]}",
@@ -81,7 +82,7 @@ def _table(title: str, part: dict[str, Any]) -> str:
     return "\n".join([*lines, ""])
 
 
-def _resolved(rule: dict[str, Any]) -> dict[str, Any]:
+def _resolved(rule: Mapping[str, Any]) -> Mapping[str, Any]:
     """A rule with what it refers to; a description beside the reference counts more."""
     if "$ref" not in rule:
         return rule
@@ -101,7 +102,7 @@ def _described(text: str) -> tuple[str, str, str]:
     return text.strip(), ", ".join(units).replace("-", "\N{EN DASH}"), default
 
 
-def _type(rule: dict[str, Any]) -> str:
+def _type(rule: Mapping[str, Any]) -> str:
     part = rule.get("part", "")
     if part == "name":
         return "name"
@@ -122,7 +123,7 @@ def _type(rule: dict[str, Any]) -> str:
     )
 
 
-def _allowed(rule: dict[str, Any]) -> str:
+def _allowed(rule: Mapping[str, Any]) -> str:
     if "const" in rule:
         return f"`{rule['const']}`"
     if "enum" in rule:

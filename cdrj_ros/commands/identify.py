@@ -37,7 +37,7 @@ from cdrj_ros.judgement.metrics import ChannelError, pooled_errors
 from cdrj_ros.judgement.validation import read_inputs
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.document import Document, complaints, parse_document, schema
+from cdrj_ros.robot.document import Document, document_complaints, parse_document
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, parse_robot
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
@@ -116,7 +116,7 @@ def _body(argv: Sequence[str]) -> int:
     document, source = load_document(path)
     start = starting_values(document, arguments.start)
     document = with_numbers(document, start)
-    for complaint in complaints(document, schema()):
+    for complaint in document_complaints(document):
         raise UsageError(f"--start: {complaint}")
     unknowns = parse_unknowns(document, arguments.fit)
     unknowns = with_priors(with_bounds(unknowns, arguments.bounds), arguments.prior)

@@ -20,7 +20,7 @@ from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusio
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID, UNSURE
-from cdrj_ros.robot.document import LARGEST, complaints, schema
+from cdrj_ros.robot.document import LARGEST, document_complaints
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 
@@ -377,6 +377,6 @@ def with_other_numbers(model: Model, values: Mapping[str, float]) -> Model:
     for path, value in values.items():
         if not abs(value) <= LARGEST:
             raise UsageError(f"{path} must be a finite number, got {value:g}")
-    for complaint in complaints(document, schema()):
+    for complaint in document_complaints(document):
         raise UsageError(complaint)
     return prepare(build_robot(document, model.robot.source))

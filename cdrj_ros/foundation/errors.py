@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from cdrj_ros.foundation.text import printable
+
 
 class CdrjError(Exception):
     """Base of every error that this package raises on purpose; its text is one clear line."""
@@ -11,7 +13,7 @@ class RobotFileError(CdrjError):
     """A robot file that does not describe a possible robot."""
 
     def __init__(self, text: str) -> None:
-        line = " ".join(text.split())  # a key may hold a line break, or a book
+        line = printable(" ".join(text.split()))  # a key may hold line breaks and escapes
         super().__init__(line if len(line) <= 600 else f"{line[:400]} ... {line[-180:]}")
 
 

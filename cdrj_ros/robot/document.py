@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import lru_cache
 from importlib import resources
 from math import pi
+from types import MappingProxyType
 from typing import Any, Final
 
 import jsonschema
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.yaml import YamlError, load_yaml
 
-UNIT_SUFFIXES: Final[Mapping[str, float]] = {"_deg": pi / 180.0, "_mm": 1e-3, "_gpa": 1e9}
-"""Keys may end in one of these; the value is multiplied on reading."""
+UNIT_SUFFIXES: Final[Mapping[str, float]] = MappingProxyType(
+    {"_deg": pi / 180.0, "_mm": 1e-3, "_gpa": 1e9}
+)
+"""Keys may end in one of these; their values are multiplied by the factor on reading."""
 
 IN_THE_UNIT: Final = ("value", "offset", "slope", "sine")
-"""Keys of a function of a joint that carry the unit of the key around it."""
+"""Keys of a function of a joint whose values have the unit of the enclosing key."""
 
 LARGEST: Final = 1e15
-"""Numbers beyond this, in SI, describe no robot."""
+"""Largest magnitude of a number in SI, for keys to which the schema sets no narrower limit."""
 
-MAXIMUM_ENTRIES: Final = 100_000
 MAXIMUM_DEPTH: Final = 12
+"""Levels of nesting; the schema needs fewer."""
 
 Document = dict[str, Any]
 
@@ -38,34 +40,55 @@ def parse_document(text: str, source: str) -> Document:
         RobotFileError: with one line that names the key, what was given and what is allowed.
     """
     try:
-        raw = YAML(typ="safe", pure=True).load(text)
-    except YAMLError as error:
-        reason = " ".join(str(error).split("To suppress")[0].split())
-        raise RobotFileError(f"{source} is not YAML: {reason[:300]}") from error
-    except (RecursionError, ValueError) as error:
-        raise RobotFileError(f"{source} is not YAML: {error}") from error
+        raw = load_yaml(text, source)
+    except YamlError as error:
+        raise RobotFileError(str(error)) from error
     if not isinstance(raw, dict):
         raise RobotFileError(f"{source} must hold a mapping with motors, joints and cables")
-    try:
-        document: Document = _Reading(source).to_si(raw)
-    except ValueError as error:  # an integer that Python does not write out
-        raise RobotFileError(f"{source} holds an integer of thousands of digits") from error
-    for complaint in complaints(document, schema()):
+    document: Document = _Reading(source).to_si(raw)
+    for complaint in complaints(document, _schema()):
         raise RobotFileError(f"{complaint} ({source})")
+    for path, value in _impossible(document, ""):
+        raise RobotFileError(
+            f"{path} must be a finite number of at most {LARGEST:g} in SI, got {_shown(value)} "
+            f"({source})"
+        )
     return document
 
 
 @lru_cache(maxsize=1)
-def schema() -> Document:
-    """The JSON schema of the robot file."""
+def _schema() -> Document:
+    """The JSON schema of the robot file, shared: for this module, which does not change it."""
     text = resources.files("cdrj_ros.robot").joinpath("robot.schema.json").read_text("utf-8")
     document: Document = json.loads(text)
     return document
 
 
-def term_schema() -> Document:
-    """The part of the schema that describes a function of one joint."""
-    return {"$ref": "#/$defs/term", "$defs": schema()["$defs"]}
+def schema() -> Mapping[str, Any]:
+    """The JSON schema of the robot file, read-only at every level."""
+    return _frozen_schema()
+
+
+@lru_cache(maxsize=1)
+def _frozen_schema() -> Mapping[str, Any]:
+    frozen: Mapping[str, Any] = _frozen(_schema())
+    return frozen
+
+
+def _frozen(value: Any) -> Any:
+    if isinstance(value, dict):
+        return MappingProxyType({key: _frozen(entry) for key, entry in value.items()})
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+
+
+def document_complaints(document: Document) -> Iterable[str]:
+    """One line for each way in which a document breaks the schema."""
+    return complaints(document, _schema())
+
+
+def term_complaints(term: Any, path: str) -> Iterable[str]:
+    """One line for each way in which ``term``, found at ``path``, is no function of one joint."""
+    return complaints(term, {"$ref": "#/$defs/term", "$defs": _schema()["$defs"]}, path)
 
 
 def complaints(value: Any, rules: Document, path: str = "") -> Iterable[str]:
@@ -75,26 +98,36 @@ def complaints(value: Any, rules: Document, path: str = "") -> Iterable[str]:
         yield _complaint(error, path)
 
 
+def _impossible(value: Any, path: str) -> Iterator[tuple[str, float]]:
+    """Path and value of every number that is not finite or larger than ``LARGEST``."""
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _impossible(entry, f"{path}.{key}" if path else key)
+    elif isinstance(value, list):
+        for k, entry in enumerate(value):
+            yield from _impossible(entry, f"{path}[{k}]")
+    elif isinstance(value, (int, float)) and not -LARGEST <= value <= LARGEST:
+        yield path, value
+
+
 class _Reading:
-    """Plain containers with SI keys, within bounds that no honest file comes near."""
+    """Turns what the YAML loader gives into plain containers with SI keys."""
 
     def __init__(self, source: str) -> None:
         self.source = source
-        self.entries = 0
 
     def error(self, path: str, text: str) -> RobotFileError:
         return RobotFileError(f"{path or 'the file'} {text} ({self.source})")
 
     def to_si(self, value: Any, path: str = "", depth: int = 0) -> Any:
-        """The same value with its units applied; an alias counts each time it is used."""
-        self.entries += 1
-        if self.entries > MAXIMUM_ENTRIES or depth > MAXIMUM_DEPTH:
-            raise self.error(path, "is nested or repeated beyond any robot")
+        """A copy of the value with its units applied; nothing in it is shared by an alias."""
+        if depth > MAXIMUM_DEPTH:
+            raise self.error(path, f"is nested more than {MAXIMUM_DEPTH} deep")
         if isinstance(value, dict):
             return self._mapping(value, path, depth)
         if isinstance(value, list):
             return [self.to_si(one, f"{path}[{k}]", depth + 1) for k, one in enumerate(value)]
-        return self._checked(value, path)
+        return value
 
     def _mapping(self, value: dict[Any, Any], path: str, depth: int) -> Document:
         result: Document = {}
@@ -112,18 +145,11 @@ class _Reading:
             result[name] = converted
         return result
 
-    def _checked(self, value: Any, path: str) -> Any:
-        if isinstance(value, (int, float)) and not -LARGEST <= value <= LARGEST:
-            raise self.error(
-                path, f"must be a finite number of at most {LARGEST:g}, got {_shown(value)}"
-            )
-        return value
-
     def _refuse_second_unit(self, entry: dict[Any, Any], path: str) -> None:
         for key in entry:
             name, factor = _split_unit(str(key))
             if factor != 1.0 and name in IN_THE_UNIT:
-                raise self.error(f"{path}.{key}", "has a unit already, that of the key around it")
+                raise self.error(f"{path}.{key}", "has a unit already: that of the enclosing key")
 
     def _scaled(self, value: Any, factor: float, path: str) -> Any:
         if isinstance(value, list):
@@ -135,7 +161,10 @@ class _Reading:
             }
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise self.error(path, f"must be a number, got {_shown(value)}")
-        return self._checked(value * factor, path)
+        try:
+            return value * factor
+        except OverflowError:  # an integer that no float can hold
+            raise self.error(path, f"must be at most {LARGEST:g} in SI") from None
 
 
 def _split_unit(key: str) -> tuple[str, float]:

@@ -34,7 +34,7 @@ from cdrj_ros.robot.description import (
     Uncertainty,
     Winch,
 )
-from cdrj_ros.robot.document import Document, complaints, parse_document, term_schema
+from cdrj_ros.robot.document import Document, parse_document, term_complaints
 
 MAXIMUM_BYTES: Final = 1_000_000
 """A robot file is small; more is not one."""
@@ -64,11 +64,19 @@ def load_document(path: str | Path) -> tuple[Document, str]:
     """
     path = Path(path)
     try:
+        # reading a pipe or a device might not end
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise RobotFileError(f"cannot read the robot file {path}: it is no regular file")
+        size = path.stat().st_size
+        if size > MAXIMUM_BYTES:
+            raise RobotFileError(
+                f"{path} has {size} bytes; a robot file has at most {MAXIMUM_BYTES}"
+            )
         data = path.read_bytes()
     except OSError as error:
         raise RobotFileError(f"cannot read the robot file {path}: {error.strerror}") from error
-    if len(data) > MAXIMUM_BYTES:
-        raise RobotFileError(f"{path} has {len(data)} bytes and is no robot file")
+    except ValueError as error:  # a null character
+        raise RobotFileError(f"cannot read the robot file {path}: {error}") from error
     try:
         return parse_document(data.decode(), str(path)), str(path)
     except UnicodeDecodeError as error:
@@ -457,7 +465,7 @@ class _Builder:
 
     def _function(self, path: str, entry: Document) -> Profile:
         if not _is_plain_term(entry):
-            for complaint in complaints(entry, term_schema(), path):
+            for complaint in term_complaints(entry, path):
                 raise RobotFileError(f"{complaint} ({self.source})")
         joint = self._known_joint(f"{path}.joint", entry["joint"])
         grid = np.linspace(joint.lower, joint.upper, TABLE_INTERVALS + 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import copy
 import json
+import os
 import subprocess
 import sys
 from math import pi, radians
@@ -20,6 +21,7 @@ from ruamel.yaml import YAML
 from cdrj_ros.foundation.errors import CdrjError, RobotFileError
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Anchor, Pulley, Robot, Winch
+from cdrj_ros.robot.document import schema
 from cdrj_ros.robot.reader import MAXIMUM_BYTES, load_robot, parse_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
@@ -384,7 +386,7 @@ def test_files_that_cannot_be_read_are_refused_by_path(tmp_path: Path) -> None:
     load_refusal(binary)
     huge = tmp_path / "huge.yaml"
     huge.write_bytes(b"#" * (MAXIMUM_BYTES + 1))
-    assert f"has {MAXIMUM_BYTES + 1} bytes and is no robot file" in load_refusal(huge)
+    assert f"has {MAXIMUM_BYTES + 1} bytes; a robot file has at most" in load_refusal(huge)
 
 
 def test_errors_of_robot_files_are_errors_of_the_package() -> None:
@@ -461,3 +463,52 @@ def test_a_mutated_file_is_read_or_refused_in_one_line_and_nothing_else(text: st
         return
     assert isinstance(robot, Robot)
     assert not np.any(np.isnan(model.numbers))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("mu_c: 0.1", "mu_c: 1.0e+16", "friction.mu_c must be at most 2, got 1.000e+16"),
+        ("mu_c: 0.1", "mu_c: .inf", "friction.mu_c must be at most 2, got inf"),
+        ("mu_c: 0.1", "mu_c: -1.0e+200", "friction.mu_c must be at least 0, got -1.000e+200"),
+        ("preload: 5", "preload: 1.0e+16", "cables[0].preload must be a finite number of at most"),
+        ("preload: 5", "preload: .nan", "cables[0].preload must be a finite number of at most"),
+        ("range: [-1, 1]", "range_deg: [-1, 1e200]", "joints[0].range[1] must be a finite number"),
+    ],
+)
+def test_a_number_out_of_range_is_told_the_range_that_holds_for_its_key(
+    old: str, new: str, words: str
+) -> None:
+    assert words in refusal(changed(old, new))
+
+
+def test_escapes_in_keys_and_values_are_shown_and_not_sent_to_the_terminal() -> None:
+    for text in (
+        changed("mu_c: 0.1", '"mu\\e[31m": 0.1'),
+        changed("name: small", 'name: "s\\e[2J"'),
+        changed("name: small", '"\\ud800": 1'),
+        changed("motor: m", 'motor: "\\ud800m"'),
+    ):
+        assert refusal(text).isprintable()
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_only_a_regular_file_is_read(tmp_path: Path, kind: str) -> None:
+    path = {"pipe": tmp_path / "pipe", "device": Path("/dev/zero")}[kind]
+    if kind == "pipe":
+        os.mkfifo(path)
+    with pytest.raises(RobotFileError, match="it is no regular file"):
+        load_robot(path)
+
+
+def test_a_path_that_no_terminal_can_show_is_named_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError) as error:
+        load_robot(tmp_path / "\udc80\x1b[2J.yaml")
+    assert str(error.value).isprintable()
+    with pytest.raises(RobotFileError, match="null"):
+        load_robot("a\0b.yaml")
+
+
+def test_the_schema_cannot_be_changed_by_who_reads_it() -> None:
+    with pytest.raises(TypeError):
+        schema()["$defs"]["cable"]["properties"]["mass"] = {}  # type: ignore[index]

@@ -177,8 +177,41 @@ def test_a_damaged_text_is_a_robot_or_one_line(path: Path) -> None:
         "a: 0x" + "f" * 5000,
         "a: 1:2:3:4",
         "<<: [1]",
+        "name: !!int ''",
+        "name: !!float ''",
+        "name: !!bool foo",
+        "[[a]]: 1",
+        "name: \"\\ud800\"",
+        "\"\\ud800\": 1",
+        "a: &a {k: 1}\n" + "".join(
+            f"x{k}: &x{k} {{<<: [*{p}, *{p}, *{p}, *{p}, *{p}]}}\n"
+            for k, p in enumerate(["a", *(f"x{k}" for k in range(24))])
+        ),
+        "a: &a0 [x, x]\n" + "".join(
+            f"b{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 30)
+        ),
     ],
-    ids=range(19),
+    ids=range(27),
 )  # fmt: skip
 def test_a_text_made_to_hurt_is_one_line(text: str) -> None:
     assert not judge(text)
+
+
+HUGE = (1e200, -1e200, 10**290, float("inf"), float("nan"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_an_absurd_number_anywhere_is_one_line(path: Path) -> None:
+    rng = Random(path.stem)
+    text = path.read_text("utf-8")
+    for _ in range(30):
+        document = YAML(typ="safe", pure=True).load(text)
+        places = [
+            (place, key)
+            for place in containers(document)
+            for key in (place if isinstance(place, dict) else range(len(place)))
+            if type(place[key]) in (int, float)
+        ]
+        place, key = rng.choice(places)
+        place[key] = rng.choice(HUGE)
+        assert not judge(dumped(document))
