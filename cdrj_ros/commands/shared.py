@@ -12,6 +12,7 @@ from typing import Final
 from cdrj_ros import __version__
 from cdrj_ros.bag import Topics
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.judgement.comparison import BagComparison
 from cdrj_ros.judgement.limits import Judgement
 from cdrj_ros.model.prepared import Model
@@ -19,7 +20,6 @@ from cdrj_ros.model.prepared import Model
 DONE: Final = 0
 OUTSIDE_LIMITS: Final = 1
 BAD_INPUT: Final = 2
-INTERRUPTED: Final = 130
 
 
 def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:
@@ -35,7 +35,7 @@ def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[
         print(f"{name}: {error.filename or ''}: {error.strerror}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
-        print(f"{name}: interrupted", file=sys.stderr)
+        announce_interruption(name)
         return INTERRUPTED
 
 

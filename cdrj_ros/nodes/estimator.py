@@ -384,13 +384,14 @@ def _body(argv: Sequence[str]) -> int:
             node.get_logger().info(f"heard on this machine only; {RANGE}=SUBNET opens the network")
         executor = EventsExecutor()
         executor.add_node(node)
-        try:
-            while not stop:
-                executor.spin_once(timeout_sec=STOP_POLL_S)
-        finally:
-            node.write_state()
-            executor.shutdown()
-            node.destroy_node()
+        with stop.listening():
+            try:
+                while not stop:
+                    executor.spin_once(timeout_sec=STOP_POLL_S)
+            finally:
+                node.write_state()
+                executor.shutdown()
+                node.destroy_node()
     return DONE
 
 

@@ -19,7 +19,6 @@ from rclpy.experimental import EventsExecutor
 from cdrj_ros.bag import RawMessage, Recording, Topics, read_recording
 from cdrj_ros.commands.shared import (
     DONE,
-    INTERRUPTED,
     add_result_options,
     add_robot_option,
     add_topic_options,
@@ -28,6 +27,7 @@ from cdrj_ros.commands.shared import (
     write_results,
 )
 from cdrj_ros.foundation.errors import BagError, UsageError
+from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.messages.cdr import BYTE_ORDER, Field, MessageError, read_layout
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -373,6 +373,7 @@ def _play_and_report(
             print(f"keys: {KEYS}")
         print(f"waiting for {arguments.estimator} ...", flush=True)
         if not player.wait_for_estimator(arguments.patience):
+            announce_interruption("replay")
             return INTERRUPTED
         with display.bar():
             outcomes, ending = _play_all(arguments, player, bags)
@@ -475,7 +476,7 @@ def _body(argv: Sequence[str]) -> int:
     )  # fmt: skip
     groups = [arguments.bags] if arguments.merge else [[path] for path in arguments.bags]
     bags = [_open(arguments, model, wiring, paths) for paths in groups]
-    with ros_context(["replay", *ros]) as stop, _second_signal_aborts(stop):
+    with ros_context(["replay", *ros]) as stop, stop.listening(), _second_signal_aborts(stop):
         return _replay(arguments, model, wiring, bags, stop)
 
 

@@ -14,9 +14,13 @@ from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.signals import SignalHandlerOptions
 
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.interruption import deferring
 
-STOP_POLL_S = 0.1
+STOP_POLL_S: Final = 0.1
 """A request to stop is seen within this time [s]."""
+
+SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+"""Signals that ask a node to stop."""
 
 RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
@@ -47,8 +51,25 @@ class StopRequest:
         return self._asked
 
     def ask(self, _number: int, _frame: FrameType | None) -> None:
-        """A signal handler."""
+        """Handle a signal."""
         self._asked = True
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """While inside, SIGINT and SIGTERM only ask; the caller looks and ends cleanly.
+
+        rclpy's own handlers would shut the context down below a running callback, whose
+        publishing would then fail.  On leaving, both signals are ignored until the context is
+        shut down, so that a second Ctrl-C does not disturb the ending.
+        """
+        with deferring():
+            for number in SIGNALS:
+                signal.signal(number, self.ask)
+            try:
+                yield
+            finally:
+                for number in SIGNALS:
+                    signal.signal(number, signal.SIG_IGN)
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> bool:
@@ -79,27 +100,21 @@ def starting() -> Iterator[None]:
 
 @contextmanager
 def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
-    """Initialise rclpy; yields what says when to stop; shuts down in the end.
+    """Initialise rclpy and shut it down in the end; yields the request to stop.
 
-    Who says nothing of the network in the environment speaks to this machine only.
-
-    rclpy's own handlers would end the context under a running callback, whose publishing then
-    fails; here a signal only asks, and a second one does not disturb the ending.
+    If the environment does not say which computers to talk to, it is this one only.  Until
+    ``StopRequest.listening`` a signal ends the process as it would end any command.
 
     Raises:
-        RosError: what ROS says where it cannot start.
+        RosError: what ROS says if it cannot start.
     """
     stay_on_this_machine(os.environ)
-    stop = StopRequest()
-    signals = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, stop.ask) for number in signals]
     try:
         with starting():
             rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-        yield stop
+        yield StopRequest()
     finally:
-        for number in signals:
-            signal.signal(number, signal.SIG_IGN)
+        before = [signal.signal(number, signal.SIG_IGN) for number in SIGNALS]
         rclpy.try_shutdown()
-        for number, handler in zip(signals, before, strict=True):
+        for number, handler in zip(SIGNALS, before, strict=True):
             signal.signal(number, handler)

@@ -1,0 +1,63 @@
+"""Entry points of the commands: they answer Ctrl-C before anything heavy is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NoReturn
+
+from cdrj_ros.foundation.interruption import run_interruptibly
+
+
+def check_robot() -> NoReturn:
+    """Run ``check_robot``."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.commands.check_robot import main
+
+        return main
+
+    run_interruptibly("check_robot", load)
+
+
+def identify() -> NoReturn:
+    """Run ``identify``."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.commands.identify import main
+
+        return main
+
+    run_interruptibly("identify", load)
+
+
+def reproduce() -> NoReturn:
+    """Run ``reproduce``."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.commands.reproduce import main
+
+        return main
+
+    run_interruptibly("reproduce", load)
+
+
+def simulate() -> NoReturn:
+    """Run ``simulate``."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.commands.simulate import main
+
+        return main
+
+    run_interruptibly("simulate", load)
+
+
+def validate() -> NoReturn:
+    """Run ``validate``."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.commands.validate import main
+
+        return main
+
+    run_interruptibly("validate", load)

@@ -1,0 +1,30 @@
+"""Entry points of the nodes: they answer Ctrl-C before ROS and the kernels are imported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NoReturn
+
+from cdrj_ros.foundation.interruption import run_interruptibly
+
+
+def estimator() -> NoReturn:
+    """Run the estimator node."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.nodes.estimator import main
+
+        return main
+
+    run_interruptibly("estimator", load)
+
+
+def replay() -> NoReturn:
+    """Run the replay node."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.nodes.replay import main
+
+        return main
+
+    run_interruptibly("replay", load)
