@@ -91,3 +91,21 @@ def check_outputs(outputs: Mapping[str, StrPath | None], inputs: Iterable[StrPat
             raise UsageError(f"{option} {path}: there is no folder {Path(path).parent}")
         if not os.access(target.parent, os.W_OK):
             raise UsageError(f"{option} {path}: the folder {Path(path).parent} is not writable")
+
+
+def check_new(outputs: Mapping[str, StrPath | None], *, force: bool) -> None:
+    """Check before long work that no output replaces an existing file, unless that is asked for.
+
+    This is for results that cost work: robot files and figures.  Reports are replaced, since the
+    same command makes them again.
+
+    Args:
+        outputs: files by the option that names them; None where the option is not used.
+        force: whether existing files may be replaced.
+
+    Raises:
+        UsageError: a file exists and ``force`` is not set.
+    """
+    for option, path in outputs.items():
+        if path is not None and not force and Path(path).exists():
+            raise UsageError(f"{option} {path} exists already; --force replaces it")

@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.residuals import (
     CONDITIONING_KEYS,
+    WEIGHTS,
     Observations,
     Problem,
     Recorded,
+    Weights,
     chosen_channels,
     observe,
     samples_of,
@@ -31,6 +33,7 @@ from cdrj_ros.identification.residuals import (
 from cdrj_ros.identification.solution import (
     LAST_TOLERANCE,
     LOSSES,
+    Loss,
     Progress,
     jacobian,
     limits,
@@ -68,8 +71,6 @@ SETTLED: Final = 0.3
 UNSETTLED: Final = 1.0
 """One that is larger, and could not be taken, is told [standard errors]."""
 
-WEIGHTS: Final = ("spread", "noise")
-
 
 @dataclass(frozen=True)
 class Settings:
@@ -77,11 +78,11 @@ class Settings:
 
     channels: tuple[str, ...] = ()
     """Patterns of the references to fit; empty: all."""
-    weights: str = "spread"
+    weights: Weights = "spread"
     """What a channel's residuals are divided by, one of ``WEIGHTS``."""
     sigmas: Mapping[str, float] | None = None
     """Or by this, by pattern of the channel [N] or [N m]."""
-    loss: str = "linear"
+    loss: Loss = "linear"
     """One of ``LOSSES``."""
     starts: int = 1
     seed: int = 0
@@ -212,7 +213,7 @@ def identify(
 
 
 def _settle(
-    last: Problem, rough: Problem, coordinates: Vector, loss: str, say: Progress
+    last: Problem, rough: Problem, coordinates: Vector, loss: Loss, say: Progress
 ) -> tuple[Vector, Table, tuple[str, ...]]:
     """Go on while a further step would be worth a good part of a standard error.
 

@@ -11,7 +11,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from math import sqrt
-from typing import Final
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,9 @@ CHUNK: Final = 20_000
 
 CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period", "correction")
 """Keys of motors and joints that change the samples themselves."""
+
+Weights = Literal["spread", "noise"]
+WEIGHTS: Final[tuple[Weights, ...]] = get_args(Weights)
 
 TENSION, NODAL_FORCE, EFFORT = "tension", "nodal_force", "effort"
 
@@ -130,7 +133,9 @@ def samples_of(model: Model, recorded: Recorded) -> Samples:
     return segments[-1]
 
 
-def spreads(recordings: Sequence[Recorded], channels: Sequence[str], rule: str) -> dict[str, float]:
+def spreads(
+    recordings: Sequence[Recorded], channels: Sequence[str], rule: Weights
+) -> dict[str, float]:
     """Unit of every channel's residual.
 
     Args:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ from cdrj_ros.identification.residuals import Problem
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
-LOSSES: Final = ("linear", "soft_l1", "huber")
+Loss = Literal["linear", "soft_l1", "huber"]
+LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
 
 STEP: Final = 2e-3
 """Step of the differences that make the Jacobian, in coordinates."""
@@ -49,7 +50,7 @@ class Solved(NamedTuple):
 def solve(
     problem: Problem,
     begin: Vector,
-    loss: str,
+    loss: Loss,
     most_steps: int,
     say: Progress,
     tolerance: float = TOLERANCE,
@@ -191,7 +192,7 @@ def thresholds(problem: Problem, residuals: Vector) -> Vector:
     return np.concatenate([*ends, np.full(residuals.size - at, np.inf)])
 
 
-def robust_weights(loss: str, residuals: Vector, bend: Vector) -> Vector:
+def robust_weights(loss: Loss, residuals: Vector, bend: Vector) -> Vector:
     """Derivative of the loss by the squared residual: 1 for small ones, less for outliers."""
     if loss == "linear":
         return np.ones(residuals.size)
@@ -203,7 +204,7 @@ def robust_weights(loss: str, residuals: Vector, bend: Vector) -> Vector:
     return weights
 
 
-def _robust(loss: str, problem: Problem, residuals: Vector) -> Callable[[Vector], Any]:
+def _robust(loss: Loss, problem: Problem, residuals: Vector) -> Callable[[Vector], Any]:
     """The loss for ``least_squares``, bending for each channel where its own noise ends."""
     bend2 = thresholds(problem, residuals) ** 2
 
@@ -254,7 +255,7 @@ def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
 
 
 def many_starts(
-    problem: Problem, count: int, seed: int, loss: str, most_steps: int, say: Progress
+    problem: Problem, count: int, seed: int, loss: Loss, most_steps: int, say: Progress
 ) -> tuple[list[Solved], int]:
     """Rounds from the robot file's numbers and from random ones; the best one first.
 

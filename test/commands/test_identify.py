@@ -229,3 +229,86 @@ def test_a_mistake_is_answered_in_one_line_that_teaches(
     (error,) = [line for line in lines if not line.startswith("reading: ")]
     assert error.startswith("identify: ")
     assert taught in error
+
+
+@pytest.fixture
+def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A refusal must come before the long work."""
+
+    def fail(*_: object) -> None:
+        raise AssertionError("a bag is read before the refusal")
+
+    monkeypatch.setattr("cdrj_ros.commands.identify._read", fail)
+
+
+@pytest.mark.usefixtures("nothing_is_read")
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--out", "{robot}"], "exists already; --force replaces it"),
+        (["--out", "{there}"], "exists already; --force replaces it"),
+        (["--out", "{missing}/new.yaml"], "there is no folder"),
+        (["--out", "{folder}", "--force"], "is a folder"),
+        (["--json", "{robot}"], "would overwrite the input robot.yaml"),
+        (["--json", "{robot}", "--force"], "would overwrite the input robot.yaml"),
+        (["--json", "{bag}/metadata.yaml"], "would overwrite the input bag"),
+        (["--out", "{bag}/metadata.yaml", "--force"], "would overwrite the input bag"),
+        (["--json", "{new}", "--out", "{new}"], "both name"),
+        (["--hold-out", "{held}", "--json", "{held}/x.json"], "would overwrite the input held"),
+        (["--cross-validate", "other"], "must match some of the bags and not all"),
+    ],
+)
+def test_an_output_that_would_destroy_something_is_refused_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
+) -> None:
+    places = {
+        name: tmp_path / name for name in ("bag", "held", "folder", "there", "new", "missing")
+    } | {"robot": tmp_path / "robot.yaml"}
+    for name in ("bag", "held", "folder"):
+        places[name].mkdir()
+    (places["bag"] / "metadata.yaml").write_text("kept")
+    places["there"].write_text("kept")
+    places["robot"].write_bytes(ROBOT.read_bytes())
+    given = [option.format(**{name: str(path) for name, path in places.items()})
+             for option in options]  # fmt: skip
+    begin = [str(places["bag"]), "--robot", str(places["robot"]), "--fit", "friction.rho"]
+    assert identify.main([*begin, *given]) == 2
+    (error,) = capsys.readouterr().err.strip().splitlines()
+    assert words in error
+    assert places["robot"].read_bytes() == ROBOT.read_bytes()
+    assert places["there"].read_text() == "kept"
+    assert (places["bag"] / "metadata.yaml").read_text() == "kept"
+
+
+def test_force_replaces_the_robot_file_itself_whole_or_not_at_all(
+    fitted_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = tmp_path / "robot.yaml"
+    robot.write_bytes(ROBOT.read_bytes())
+    command = [str(fitted_bag), "--robot", str(robot), "--fit", "friction.rho", "--quick",
+               "--out", str(robot), "--force"]  # fmt: skip
+    with monkeypatch.context() as patched:
+        patched.setattr("os.fsync", _full_disc)
+        assert identify.main(command) == 2
+    assert robot.read_bytes() == ROBOT.read_bytes()
+    assert list(tmp_path.iterdir()) == [robot], "no draft is left"
+    assert identify.main(command) == 0
+    assert load_robot(robot).uncertainty is not None
+
+
+def _full_disc(_: int) -> None:
+    raise OSError(28, "No space left on device")
+
+
+def test_the_files_are_written_although_nobody_reads_the_output(
+    fitted_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def closed(*_: object, **__: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("cdrj_ros.commands.identify.print_outcome", closed)
+    out, figures = tmp_path / "new.yaml", tmp_path / "new.json"
+    identify.main([str(fitted_bag), "--robot", str(ROBOT), "--fit", "friction.rho", "--quick",
+                   "--out", str(out), "--json", str(figures)])  # fmt: skip
+    assert load_robot(out).uncertainty is not None
+    assert json.loads(figures.read_text())["parameters"]
