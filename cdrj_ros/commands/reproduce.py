@@ -12,71 +12,100 @@ from typing import Final
 
 from cdrj_ros.commands.shared import DONE, run_command
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.reproduction.runs import Motion
-from cdrj_ros.reproduction.study import numbers, work
+from cdrj_ros.reproduction.study import Study, numbers, work
 from cdrj_ros.reproduction.tables import Table, markdown, rich_table, tables
 
-WHOLE: Final = (Motion(), 8)
-"""Motion, and contact cells a pulley of the rig."""
+DESCRIPTION: Final = (
+    "Redraw the source's figures 8, 9, 12, 13 and 14; print its tables beside ours."
+)
 
-QUICK: Final = (Motion(cycles=1), 2)
+WHOLE: Final = (Motion(), 8)
+"""Motion, and contact cells per pulley of the rig."""
+
+QUICK: Final = (Motion(cycles=1, rate=250.0), 2)
 """The same with ``--quick``."""
 
+OUTPUTS: Final = ("tables.md", "figures.json", "fig*.png", "fig*.pdf")
+"""Files that a run writes."""
+
 MINIMUM_WIDTH: Final = 150
-"""Columns to which tables are printed where there is no terminal."""
+"""Columns of a printed table where there is no terminal."""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="reproduce", description=DESCRIPTION)
+    parser.add_argument(
+        "--out", required=True, metavar="DIR",
+        help="folder for the figures (PNG and PDF), tables.md and figures.json; it is created if "
+        "missing",
+    )  # fmt: skip
+    parser.add_argument(
+        "--force", action="store_true", help="replace the results of an earlier run in --out"
+    )
+    parser.add_argument(
+        "--quick", action="store_true",
+        help=f"a first look, not the numbers of the docs: {QUICK[0].cycles} cycle instead of "
+        f"{WHOLE[0].cycles}, {QUICK[0].rate:g} steps per second instead of {WHOLE[0].rate:g}, "
+        f"{QUICK[1]} contact cells per pulley instead of {WHOLE[1]}, PNG only",
+    )  # fmt: skip
+    return parser
 
 
 def _body(argv: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog="reproduce", description=__doc__.split(": ", 1)[1])
-    parser.add_argument(
-        "--out", required=True, metavar="DIR",
-        help="folder for figures (PNG and PDF), tables.md and figures.json; made where it is not",
-    )  # fmt: skip
-    parser.add_argument(
-        "--quick", action="store_true",
-        help=f"one cycle instead of {WHOLE[0].cycles}, {QUICK[1]} contact cells a pulley instead "
-        f"of {WHOLE[1]}: a first look, not the numbers of the docs",
-    )  # fmt: skip
-    arguments = parser.parse_args(argv)
-    folder = _made(Path(arguments.out))
+    arguments = _parser().parse_args(argv)
+    folder = _output_folder(Path(arguments.out), arguments.force)
     begin = monotonic()
     robot = load_model("prototype").robot
     motion, cells = QUICK if arguments.quick else WHOLE
     print("the first run compiles the kernels, up to a minute", file=sys.stderr, flush=True)
     with progress_bar("running the rig", 1.0) as report:
         study = work(robot, motion, cells=cells, progress=report)
-
-    from cdrj_ros.reproduction.figures import FIGURES, figure_files
-
-    with progress_bar("drawing", float(FIGURES)) as report:
-        drawn = []
-        for path in figure_files(study, folder):
-            drawn.append(path)
-            report(float(len(drawn)))
+    drawn = _draw(study, folder, quick=arguments.quick)
     all_tables = tables(study)
-    (folder / "tables.md").write_text(markdown(all_tables), encoding="utf-8")
-    (folder / "figures.json").write_text(
-        json.dumps(numbers(study), indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
+    write_text(folder / "tables.md", markdown(all_tables))
+    text = json.dumps(numbers(study), indent=1, allow_nan=False)
+    write_text(folder / "figures.json", text + "\n")
     _print(all_tables)
-    for path in drawn:
-        print(f"figure: {path} (and .pdf)")
+    for paths in drawn:
+        others = "".join(f" (and {path.suffix})" for path in paths[1:])
+        print(f"figure: {paths[0]}{others}")
     print(f"tables: {folder / 'tables.md'}")
     print(f"numbers: {folder / 'figures.json'}")
     print(f"done in {monotonic() - begin:.0f} s")
     return DONE
 
 
-def _made(folder: Path) -> Path:
-    """The folder, made now, so that nobody waits a minute for a refusal."""
+def _draw(study: Study, folder: Path, *, quick: bool) -> list[tuple[Path, ...]]:
+    from cdrj_ros.reproduction.figures import FIGURES, FORMATS, figure_files
+
+    drawn = []
+    with progress_bar("drawing", float(FIGURES)) as report:
+        for paths in figure_files(study, folder, ("png",) if quick else FORMATS):
+            drawn.append(paths)
+            report(float(len(drawn)))
+    return drawn
+
+
+def _output_folder(folder: Path, force: bool) -> Path:
+    """The folder, created before the long work.
+
+    Raises:
+        UsageError: it cannot be created or written to, or holds results and ``force`` is not set.
+    """
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"--out must be a folder, {folder} is a file")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"--out {folder} cannot be made: {error.strerror}") from error
+        raise UsageError(f"--out {folder} cannot be created: {error.strerror}") from error
+    check_outputs({"--out": folder / "tables.md"})
+    for pattern in OUTPUTS:
+        for path in sorted(folder.glob(pattern)):
+            check_new({"--out": path}, force=force)
     return folder
 
 
@@ -93,3 +122,7 @@ def _print(all_tables: Sequence[Table]) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     return run_command("reproduce", _body, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

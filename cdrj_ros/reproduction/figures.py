@@ -9,10 +9,10 @@ Importing this module imports matplotlib, which is slow; import it where picture
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from matplotlib import rc_context
@@ -23,6 +23,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.files import replacing
 from cdrj_ros.reproduction.runs import CABLES, Free
 from cdrj_ros.reproduction.sensitivity import SENSITIVITIES, WRAPS_DEG
 from cdrj_ros.reproduction.study import (
@@ -110,18 +111,30 @@ TICKS: Final = {
 }
 
 
-def figure_files(study: Study, folder: Path) -> Iterator[Path]:
-    """Draw every figure into a folder, as PNG and as PDF; yields the PNG files as they are done."""
+Format = Literal["png", "pdf"]
+FORMATS: Final[tuple[Format, ...]] = get_args(Format)
+
+
+def figure_files(
+    study: Study, folder: Path, formats: Sequence[Format] = FORMATS
+) -> Iterator[tuple[Path, ...]]:
+    """Draw every figure into a folder; yields the files of each as they are done."""
     for name, draw in DRAWINGS.items():
         with rc_context(_style()):
             figure = draw(study)
             FigureCanvasAgg(figure)
-            figure.draw_without_rendering()  # lays it out, once for both files
+            figure.draw_without_rendering()  # computes the layout, once for all formats
             figure.set_layout_engine("none")
-            path = folder / f"{name}.png"
-            figure.savefig(path)
-            figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
-        yield path
+            paths = []
+            for kind in formats:
+                paths.append(folder / f"{name}.{kind}")
+                with replacing(paths[-1]) as stream:
+                    figure.savefig(
+                        stream,
+                        format=kind,
+                        metadata={"CreationDate": None} if kind == "pdf" else None,
+                    )
+        yield tuple(paths)
 
 
 def _style() -> Any:

@@ -54,9 +54,6 @@ EPOCH_NS: Final = 1_000_000_000
 MAX_GAP_NS: Final = 100_000_000
 """References are compared only between estimates at most this far apart [ns]."""
 
-RATE: Final = 1000.0
-"""Steps of the rig per second [Hz]."""
-
 
 @dataclass(frozen=True)
 class Experiment:
@@ -87,6 +84,8 @@ class Motion:
     """Cycles that are looked at, from upper limit to upper limit."""
     dwell: float = 1.0
     """Rest in the reference pose before [s]."""
+    rate: float = 1000.0
+    """Steps of the rig per second [Hz]; encoders are read no faster."""
 
     @property
     def period(self) -> float:
@@ -105,7 +104,7 @@ class Motion:
         because the joint waits at each reversal.
         """
         end = self.begin + self.cycles * self.period + 0.5
-        time = np.arange(round(end * RATE) + 1) / RATE
+        time = np.arange(round(end * self.rate) + 1) / self.rate
         moving = np.maximum(time - self.dwell, 0.0)
         share = np.minimum(moving * self.frequency, 1.0)
         grown = share * share * (3.0 - 2.0 * share)
@@ -221,7 +220,7 @@ def record(
     end = float(truth.time[-1])
 
     def angles(encoder: Encoder, values: NDArray[np.float64]) -> Readings:
-        times = reading_times(0.0, end, encoder.rate, encoder.phase_s)
+        times = reading_times(0.0, end, min(encoder.rate, motion.rate), encoder.phase_s)
         stamps = _stamps(times)
         return Readings(stamps, stamps, read_encoder(encoder, times, truth.time, _column(values)))
 

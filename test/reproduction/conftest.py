@@ -16,7 +16,9 @@ PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 @pytest.fixture(scope="session")
 def study() -> Study:
     shares: list[float] = []
-    made = work(load_robot(PROTOTYPE), Motion(cycles=1), cells=2, progress=shares.append)
+    made = work(
+        load_robot(PROTOTYPE), Motion(cycles=1, rate=250.0), cells=2, progress=shares.append
+    )
     assert shares[-1] == 1.0
     assert min(shares) >= 0.0
     return made

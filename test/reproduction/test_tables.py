@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cdrj_ros.reproduction import figures
 from cdrj_ros.reproduction.study import Study
 from cdrj_ros.reproduction.tables import (
     REASONS,
@@ -86,3 +87,15 @@ def test_markdown_tables_have_as_many_cells_in_every_line(study: Study) -> None:
         lines = [line for line in text.splitlines() if line.startswith("|")]
         assert len(lines) == len(table.rows) + 2
         assert len({line.count("|") for line in lines}) == 1
+
+
+def test_figures_are_drawn_as_png_and_pdf(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "fig09_rho"
+    monkeypatch.setattr(figures, "DRAWINGS", {name: figures.DRAWINGS[name]})
+    drawn = list(figures.figure_files(study, tmp_path))
+    assert drawn == [(tmp_path / f"{name}.png", tmp_path / f"{name}.pdf")]
+    assert drawn[0][0].read_bytes().startswith(b"\x89PNG")
+    assert drawn[0][1].read_bytes().startswith(b"%PDF")
+    assert sorted(tmp_path.iterdir()) == sorted(drawn[0])
