@@ -1,5 +1,6 @@
-"""Build and install the ament_python package `cdrj_ros`."""
+"""Build and install the ament_python package `cdrj_ros`, with colcon or as a wheel."""
 
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,6 +18,23 @@ def installed(folder: str, pattern: str = "**/*") -> list[tuple[str, list[str]]]
     return list(places.items())
 
 
+def requirements() -> list[str]:
+    """Read what the package imports, ROS left out; as in package.xml, but with versions."""
+    # With --symlink-install, colcon runs a link to this file in a folder of its own.
+    path = Path(__file__).resolve().parent / "requirements" / "runtime.txt"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def scripts(folder: str, *names: str) -> list[str]:
+    """Name the entry points of a room."""
+    return [f"{name} = {PACKAGE}.{folder}.entry:{name}" for name in names]
+
+
+# pip installs a wheel, colcon does not make one.  A wheel's scripts are on the path, where `watch`
+# would hide the system's, and pip cannot install the ROS packages that the nodes import.
+AS_WHEEL = bool({"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv))
+
 about = ElementTree.parse("package.xml").getroot()
 maintainer = about.find("maintainer")
 
@@ -27,6 +45,8 @@ setup(
     maintainer=maintainer.text,
     maintainer_email=maintainer.get("email"),
     license=about.findtext("license"),
+    python_requires=">=3.10",
+    install_requires=requirements(),
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     # bag/msg is a link to the message definitions; a build copies the files themselves.
     package_data={PACKAGE: ["**/*.json", "**/*.html", "**/*.css", "bag/msg/*.msg", "py.typed"]},
@@ -36,16 +56,12 @@ setup(
         *installed("launch", "*.launch.py"),
         *installed("config"),
         *installed("bags"),
+        *installed("examples", "*.py"),
     ],
     entry_points={
         "console_scripts": [
-            f"check_robot = {PACKAGE}.commands.entry:check_robot",
-            f"estimator = {PACKAGE}.nodes.entry:estimator",
-            f"identify = {PACKAGE}.commands.entry:identify",
-            f"replay = {PACKAGE}.nodes.entry:replay",
-            f"reproduce = {PACKAGE}.commands.entry:reproduce",
-            f"simulate = {PACKAGE}.commands.entry:simulate",
-            f"validate = {PACKAGE}.commands.entry:validate",
+            *scripts("commands", "check_robot", "identify", "reproduce", "simulate", "validate"),
+            *([] if AS_WHEEL else scripts("nodes", "estimator", "replay")),
         ],
     },
     zip_safe=False,

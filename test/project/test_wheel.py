@@ -1,0 +1,178 @@
+"""The wheel: made from the source archive, installed where there is no ROS, and used."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+import cdrj_ros
+
+ROOT = Path(__file__).parents[2]
+COMMANDS = ("check_robot", "identify", "reproduce", "simulate", "validate")
+NOT_SOURCES = (
+    ".git", ".venv", "build", "install", "log", "test", "bench", "docs", "__pycache__", ".*_cache",
+)  # fmt: skip
+ROS = (
+    "rclpy", "rcl_interfaces", "builtin_interfaces", "cdrj_msgs", "diagnostic_msgs",
+    "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "visualization_msgs",
+    "ament_index_python", "launch",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Installation:
+    """A virtual environment that holds the wheel, and the packages of this one but ROS."""
+
+    wheel: Path
+    folder: Path
+    elsewhere: Path
+    """An empty folder to work in."""
+
+    def start(self, name: str, *arguments: str) -> subprocess.Popen[str]:
+        """Start a program of the environment with next to nothing in its environment."""
+        return subprocess.Popen(
+            [self.folder / "bin" / name, *arguments],
+            cwd=self.elsewhere,
+            env={"PATH": "/usr/bin:/bin", "HOME": str(self.elsewhere), "NUMBA_DISABLE_JIT": "1"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def run(self, name: str, *arguments: str) -> str:
+        """Run a program and return what it prints."""
+        process = self.start(name, *arguments)
+        output, _ = process.communicate()
+        assert process.returncode == 0, output
+        return output
+
+
+def build(hook: str, sources: Path, target: Path) -> Path:
+    """Call one of the two functions that `python -m build` calls; returns what it made."""
+    program = f"import setuptools.build_meta as b; b.{hook}({str(target)!r})"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=sources,
+        env={key: value for key, value in os.environ.items() if key != "PYTHONPATH"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    (made,) = target.iterdir()
+    return made
+
+
+@pytest.fixture(scope="module")
+def installation(tmp_path_factory: pytest.TempPathFactory) -> Installation:
+    work = tmp_path_factory.mktemp("wheel")
+    for name in ("sdist", "unpacked", "wheels", "elsewhere"):
+        (work / name).mkdir()
+    sources = work / "sources"
+    shutil.copytree(ROOT, sources, symlinks=True, ignore=shutil.ignore_patterns(*NOT_SOURCES))
+    with tarfile.open(build("build_sdist", sources, work / "sdist")) as archive:
+        archive.extractall(work / "unpacked", filter="data")
+    (unpacked,) = (work / "unpacked").iterdir()
+    wheel = build("build_wheel", unpacked, work / "wheels")
+
+    folder = work / "venv"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
+    paths = sysconfig.get_paths(vars={"base": str(folder), "platbase": str(folder)})
+    site = Path(paths["purelib"])
+    shared = (path for path in sys.path if Path(path).name in ("site-packages", "dist-packages"))
+    others = [path for path in shared if not (Path(path) / "cdrj_ros").exists()]
+    (site / "packages.pth").write_text("\n".join(others) + "\n")
+    (site / "without_ros.pth").write_text(f"import sys; sys.modules.update(dict.fromkeys({ROS}))\n")
+    subprocess.run(
+        [
+            sys.executable, "-m", "pip", "--disable-pip-version-check",
+            "--python", folder / "bin" / "python", "install", "-q", "--no-deps", "--no-index",
+            "--no-compile", wheel,
+        ],
+        env={key: value for key, value in os.environ.items() if key != "PYTHONPATH"},
+        check=True,
+    )  # fmt: skip
+    return Installation(wheel, folder, work / "elsewhere")
+
+
+def test_the_wheel_brings_the_commands_and_asks_for_what_they_import(
+    installation: Installation,
+) -> None:
+    with zipfile.ZipFile(installation.wheel) as archive:
+        names = set(archive.namelist())
+        (about,) = (name for name in names if name.endswith(".dist-info/METADATA"))
+        metadata = archive.read(about).decode().splitlines()
+    wanted = [
+        line
+        for line in (ROOT / "requirements" / "runtime.txt").read_text().splitlines()
+        if line and not line.startswith("#")
+    ]
+    required = [line.partition(": ")[2] for line in metadata if line.startswith("Requires-Dist")]
+    assert sorted(required) == sorted(wanted)
+    assert len(wanted) >= 10
+    assert "cdrj_ros/py.typed" in names
+    scripts = {path.name for path in (installation.folder / "bin").iterdir()}
+    assert set(COMMANDS) <= scripts
+    assert not {"estimator", "replay", "watch"} & scripts
+
+
+def test_every_command_explains_itself_without_ros(installation: Installation) -> None:
+    started = {name: installation.start(name, "--help") for name in COMMANDS}
+    for name, process in started.items():
+        output, _ = process.communicate()
+        assert process.returncode == 0, output
+        assert f"usage: {name}" in output
+
+
+def test_ros_is_really_out_of_reach(installation: Installation) -> None:
+    process = installation.start("python", "-c", "import cdrj_ros.nodes.estimator")
+    output, _ = process.communicate()
+    assert process.returncode != 0
+    assert "ModuleNotFoundError" in output
+
+
+def test_the_installed_robots_are_found_by_name(installation: Installation) -> None:
+    assert "hoist: 1 motor" in installation.run("check_robot", "hoist")
+
+
+def test_the_installed_library_reads_the_sample_bag_and_knows_its_messages(
+    installation: Installation,
+) -> None:
+    program = (
+        "import cdrj_ros, sys\n"
+        "from importlib.metadata import version\n"
+        "from cdrj_ros.bag import read_recording\n"
+        "from cdrj_ros.bag.definitions import own_definition\n"
+        "assert cdrj_ros.__file__.startswith(sys.prefix), cdrj_ros.__file__\n"
+        "assert cdrj_ros.__version__ == version('cdrj_ros')\n"
+        "bag = sys.prefix + '/share/cdrj_ros/bags/prototype_preload_36_26'\n"
+        "print(cdrj_ros.__version__, len(read_recording(bag).references))\n"
+        "print(own_definition('cdrj_msgs/msg/CableTensions').text)\n"
+        "print(own_definition('cdrj_msgs/msg/NodalForces').text)\n"
+    )
+    output = installation.run("python", "-c", program)
+    assert output.startswith(f"{cdrj_ros.__version__} 32\n")
+    assert "float64[] tension" in output
+    assert "float64[] slip_speed" in output
+
+
+def test_the_citation_names_this_version_and_the_source_of_the_model() -> None:
+    """The file was checked with the JSON schema of version 1.2.0; here, what changes with ours."""
+    citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text())
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)  # the required ones
+    assert citation["version"] == cdrj_ros.__version__
+    assert citation["license"] == "Apache-2.0"
+    (source,) = citation["references"]
+    assert {"type", "title", "authors"} <= set(source)
+    assert source["authors"][0]["family-names"] == "Zeng"
+    assert source["title"] in " ".join((ROOT / "README.md").read_text().split())
