@@ -24,11 +24,9 @@ sys.path.insert(0, str(ROOT))
 from cdrj_ros.bag import Topics  # noqa: E402
 from cdrj_ros.judgement.metrics import pooled_errors  # noqa: E402
 from cdrj_ros.judgement.validation import (  # noqa: E402
-    compare_with_references,
     condition_recording,
-    estimate,
-    estimate_channels,
     read_inputs,
+    validate_recording,
 )
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
@@ -53,12 +51,8 @@ class Run:
     def __init__(self, path: Path, model: Model) -> None:
         recording = read_inputs(str(path), Topics(), model)
         conditioned = condition_recording(model, recording)
-        estimates = estimate(model, conditioned)
-        channels = estimate_channels(model.layout, estimates.values)
         self.name = path.name.removeprefix("Tool_4_Maryland_L_")
-        self.comparison = compare_with_references(
-            model, str(path), recording, conditioned, estimates.stamp_ns, channels
-        )
+        self.comparison = validate_recording(model, str(path), recording, conditioned)
         self.channel = {channel.name: channel for channel in self.comparison.channels}
         self.samples = conditioned.segments[-1]
 

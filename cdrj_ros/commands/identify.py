@@ -40,7 +40,7 @@ from cdrj_ros.identification.unknowns import (
     with_bounds,
     with_priors,
 )
-from cdrj_ros.judgement.comparison import BagComparison
+from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.metrics import pooled_errors
 from cdrj_ros.judgement.validation import read_inputs
 from cdrj_ros.model.loading import robot_path

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cdrj_ros import __version__
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.solution import Loss
-from cdrj_ros.judgement.comparison import BagComparison
+from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.metrics import ChannelError, pooled_errors
 from cdrj_ros.robot.writer import yaml_number
 

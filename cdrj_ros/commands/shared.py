@@ -7,15 +7,20 @@ import platform
 import sys
 from collections.abc import Callable, Sequence
 from importlib import metadata
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from cdrj_ros import __version__
 from cdrj_ros.bag import Topics
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
-from cdrj_ros.judgement.comparison import BagComparison
+from cdrj_ros.foundation.output import lasting_output, say
 from cdrj_ros.judgement.limits import Judgement
+from cdrj_ros.judgement.metrics import Errors
+from cdrj_ros.judgement.placement import DROP_CAUSES
 from cdrj_ros.model.prepared import Model
+
+if TYPE_CHECKING:
+    from cdrj_ros.report.table import Beside
 
 DONE: Final = 0
 OUTSIDE_LIMITS: Final = 1
@@ -23,28 +28,33 @@ BAD_INPUT: Final = 2
 
 
 def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:
-    """Run a command's body; errors of this package become one line and exit code 2."""
-    try:
-        return body(sys.argv[1:] if argv is None else argv)
-    except CdrjError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except BrokenPipeError:
-        return DONE
-    except OSError as error:
-        print(f"{name}: {error.filename or ''}: {error.strerror}", file=sys.stderr)
-        return BAD_INPUT
-    except KeyboardInterrupt:
-        announce_interruption(name)
-        return INTERRUPTED
+    """Run a command's body; errors of this package become one line and exit code 2.
+
+    The exit code and the files that the body writes do not depend on whether anybody can read its
+    standard output.
+    """
+    with lasting_output(name):
+        try:
+            return body(sys.argv[1:] if argv is None else argv)
+        except CdrjError as error:
+            say(f"{name}: {error}", file=sys.stderr)
+            return BAD_INPUT
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            say(f"{name}: {where}{error.strerror or error}", file=sys.stderr)
+            return BAD_INPUT
+        except KeyboardInterrupt:
+            announce_interruption(name)
+            return INTERRUPTED
 
 
-def add_robot_option(parser: argparse.ArgumentParser) -> None:
-    """``--robot FILE``, ``--preload N,N,...``."""
+def add_robot_option(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+    """``--robot FILE``, ``--preload N,N,...``; ``several``: the latter once for every bag."""
     parser.add_argument("--robot", required=True, metavar="FILE", help="robot file (YAML)")
+    each = "; once, or once for each bag in their order" if several else ""
     parser.add_argument(
-        "--preload", metavar="N,N,...",
-        help="preload of every cable [N], in the robot file's order (default: the file's)",
+        "--preload", metavar="N,N,...", action="append" if several else "store",
+        help="preload of every cable [N], in the robot file's order (default: the file's)" + each,
     )  # fmt: skip
 
 
@@ -102,49 +112,79 @@ def versions() -> dict[str, str]:
     return named
 
 
-def write_results(
+def write_files(
     arguments: argparse.Namespace,
     model: Model,
-    comparisons: Sequence[BagComparison],
+    errors: Errors,
     title: str,
     judgement: Judgement | None = None,
+    *,
+    preload_stated: bool = True,
 ) -> None:
-    """Print the table, then write what the options ask for."""
-    from cdrj_ros.judgement.metrics import pooled_errors
-    from cdrj_ros.judgement.validation import PUBLISHED, PUBLISHED_HEADING, robot_summary
-    from cdrj_ros.report.table import print_judgement, print_table
+    """Write what ``--json`` and ``--html`` ask for.
 
-    beside = PUBLISHED if model.robot.name == "prototype" else None
-    heading = PUBLISHED_HEADING if beside else ""
-    for comparison in comparisons:
-        for note in comparison.notes:
-            print(f"note: {comparison.path}: {note}")
-        for cause, count in comparison.counters.items():
-            if count:
-                print(f"left out: {comparison.path}: {count} {cause}")
-    print_table(pooled_errors(comparisons), title=title, beside=beside, beside_heading=heading)
-    if judgement:
-        print_judgement(judgement)
+    Args:
+        arguments: with ``json`` and ``html``.
+        model: the prepared robot.
+        errors: the recordings and their figures.
+        title: of the report.
+        judgement: result of comparing with limits, where there were any.
+        preload_stated: whether the model's preload is that of every recording.
+    """
     if arguments.json:
-        from cdrj_ros.report.results_json import write_results as write_json
+        from cdrj_ros.report.results_json import write_results
 
-        write_json(arguments.json, comparisons, judgement)
-        print(f"figures: {arguments.json}")
+        write_results(arguments.json, errors, judgement)
     if arguments.html:
         from cdrj_ros.inspection.ranges import inspect_robot
         from cdrj_ros.report.drawing import draw_robot
         from cdrj_ros.report.html import write_report
+        from cdrj_ros.report.parameters import robot_summary
 
         write_report(
             arguments.html,
-            comparisons,
+            errors,
             title=title,
-            robot_summary=robot_summary(model),
+            robot_summary=robot_summary(model.robot, with_preload=preload_stated),
             versions=versions(),
-            beside=beside,
-            beside_heading=heading,
+            beside=_published(model),
             judgement=judgement,
             robot=model.robot,
             drawing=draw_robot(inspect_robot(model)),
         )
-        print(f"report: {arguments.html}")
+
+
+def print_results(
+    arguments: argparse.Namespace,
+    model: Model,
+    errors: Errors,
+    title: str,
+    judgement: Judgement | None = None,
+) -> None:
+    """Print notes, counters and the table, then the names of the files; arguments as above."""
+    from cdrj_ros.report.table import print_errors, print_judgement
+
+    for bag in errors.bags:
+        for note in bag.notes:
+            say(f"note: {bag.path}: {note}")
+        for cause, count in bag.counters.items():
+            if count and cause in DROP_CAUSES:
+                say(f"left out: {bag.path}: {count} {DROP_CAUSES[cause]}")
+            elif count:
+                words = cause.replace("_", " ")
+                say(f"readings: {bag.path}: {count} {words} (docs/conditioning.md)")
+    print_errors(errors.pooled, title=title, beside=_published(model))
+    if judgement:
+        print_judgement(judgement)
+    if arguments.json:
+        say(f"figures: {arguments.json}")
+    if arguments.html:
+        say(f"report: {arguments.html}")
+
+
+def _published(model: Model) -> Beside | None:
+    """The errors that the robot file says were published for this robot."""
+    from cdrj_ros.report.table import Beside
+
+    given = model.robot.document.get("published")
+    return Beside(given["heading"], given["errors"]) if given else None

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from functools import partial
-from io import StringIO
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from math import isfinite
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
+
+import numpy as np
 
 from cdrj_ros.bag import Topics, size_of
 from cdrj_ros.commands.shared import (
@@ -23,31 +23,34 @@ from cdrj_ros.commands.shared import (
     add_result_options,
     add_robot_option,
     add_topic_options,
+    print_results,
     run_command,
     topic_prefix,
     topics_of,
-    write_results,
+    write_files,
 )
+from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.foundation.errors import BagError, UsageError
+from cdrj_ros.foundation.files import check_outputs
+from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
-from cdrj_ros.judgement.comparison import BagComparison
+from cdrj_ros.judgement.channels import BagComparison
+from cdrj_ros.judgement.estimates_bag import OUTPUTS, write_estimates
 from cdrj_ros.judgement.limits import judge, load_limits
+from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.judgement.validation import (
-    OUTPUTS,
-    compare_with_references,
+    WHOLE,
+    Window,
     condition_recording,
-    estimate,
-    estimate_channels,
-    friction_at_pulleys,
     read_inputs,
-    stddev_channels,
-    write_estimates,
+    require_reference_topics,
+    validate_recording,
 )
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot
 
-READING_SHARE = 0.5
+READING_SHARE = 0.3
 """Of the time that a bag takes, for the progress shown."""
 
 MOST_JOBS = 64
@@ -61,14 +64,20 @@ class Task:
 
     path: str
     topics: Topics
-    window: tuple[float, float] = (0.0, float("inf"))
-    """Seconds after the bag's begin from and to which references are compared."""
+    robot: str = ""
+    """The robot file."""
+    preload: str | None = None
+    """Preloads to use instead of the robot file's."""
+    window: Window = WHOLE
     outputs: tuple[str, str, str] = OUTPUTS
     """Topics of the estimates in the bag that is written."""
     spread: bool = False
     """Standard deviations too."""
     written: str = ""
     """Bag to be made with the estimates beside the original messages; empty for none."""
+
+
+_prepared = cache(load_model)
 
 
 def validate_bag(
@@ -86,7 +95,7 @@ def _validate(model: Model, task: Task, progress: Progress | None = None) -> Bag
     begin = perf_counter()
     recording = read_inputs(task.path, task.topics, model)
     conditioned = condition_recording(model, recording)
-    read = perf_counter()
+    reading_s = perf_counter() - begin
     if progress:
         progress(READING_SHARE)
 
@@ -94,44 +103,49 @@ def _validate(model: Model, task: Task, progress: Progress | None = None) -> Bag
         if progress:
             progress(READING_SHARE + (1.0 - READING_SHARE) * share)
 
-    estimates = estimate(model, conditioned, on, spread=task.spread)
-    done = perf_counter()
-    facts = {
-        "samples": f"{estimates.stamp_ns.size}",
-        "time": f"{read - begin:.2f} s reading, {done - read:.2f} s estimating",
-        "path": "offline, in lock-step",
-    }
-    comparison = compare_with_references(
+    pieces: list[Estimates] = []
+    begin = perf_counter()
+    comparison = validate_recording(
         model,
         task.path,
         recording,
         conditioned,
-        estimates.stamp_ns,
-        estimate_channels(model.layout, estimates.values),
-        facts,
-        stddev=stddev_channels(model.layout, estimates.stddev),
-        friction=friction_at_pulleys(estimates),
+        spread=task.spread,
         window=task.window,
+        progress=on,
+        keep=pieces.append if task.written else None,
     )
+    facts = {
+        "samples": f"{sum(segment.stamp_ns.size for segment in conditioned.segments)}",
+        "time": f"{reading_s:.2f} s reading, {perf_counter() - begin:.2f} s estimating",
+        "path": "offline, in lock-step",
+    }
+    if task.preload is not None:
+        facts["preload"] = f"{task.preload} N"
     if task.written:
-        write_estimates(task.written, task.path, recording, estimates, task.outputs)
-    return comparison
+        write_estimates(task.written, task.path, recording, _joined(pieces), task.outputs)
+    return replace(comparison, facts=facts)
 
 
-_model: list[Model] = []
-"""The robot of a worker process."""
+def _joined(pieces: Sequence[Estimates]) -> Estimates:
+    stddev = [piece.stddev for piece in pieces if piece.stddev is not None]
+    return Estimates(
+        np.concatenate([piece.stamp_ns for piece in pieces]),
+        np.concatenate([piece.values for piece in pieces]),
+        pieces[0].layout,
+        np.concatenate(stddev) if stddev else None,
+    )
 
 
-def _start_worker(robot: str, preload: str | None) -> None:
+def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent says when to stop
-    _model.append(load_model(robot, preload))
 
 
 def _work(task: Task) -> BagComparison:
-    return _validate(_model[0], task)
+    return _validate(_prepared(task.robot, task.preload), task)
 
 
-def _one_by_one(model: Model, tasks: Sequence[Task], report: Progress) -> Iterator[BagComparison]:
+def _one_by_one(tasks: Sequence[Task], report: Progress) -> Iterator[BagComparison]:
     sizes = [size_of(task.path) for task in tasks]
     done = 0.0
     for task, size in zip(tasks, sizes, strict=True):
@@ -139,26 +153,19 @@ def _one_by_one(model: Model, tasks: Sequence[Task], report: Progress) -> Iterat
         def within_bag(share: float, before: float = done, size: int = size) -> None:
             report(before + share * size)
 
-        yield _validate(model, task, within_bag)
+        yield _validate(_prepared(task.robot, task.preload), task, within_bag)
         done += size
         report(done)
 
 
-def _in_processes(
-    arguments: argparse.Namespace, tasks: Sequence[Task], jobs: int, report: Progress
-) -> Iterator[BagComparison]:
+def _in_processes(tasks: Sequence[Task], jobs: int, report: Progress) -> Iterator[BagComparison]:
     """Results in the order of the tasks; progress in the order in which they are done."""
     from threading import Lock
 
     lock, done = Lock(), 0.0
     context = get_context("forkserver")
     context.set_forkserver_preload([__name__])  # one import for all workers
-    pool = ProcessPoolExecutor(
-        jobs,
-        mp_context=context,
-        initializer=_start_worker,
-        initargs=(arguments.robot, arguments.preload),
-    )
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_start_worker)
 
     def count(task: Task, _: object) -> None:
         nonlocal done
@@ -183,7 +190,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit code: 0 done, 1 outside the limits, 2 bad usage or input.",
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
-    add_robot_option(parser)
+    add_robot_option(parser, several=True)
     add_topic_options(parser)
     parser.add_argument(
         "--start", type=float, default=0.0, metavar="S",
@@ -219,66 +226,97 @@ def _parser() -> argparse.ArgumentParser:
 
 def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[Task]:
     """One for each bag; refuses what could not be written before anything is read."""
-    start, duration = arguments.start, arguments.duration
-    if not (isfinite(start) and start >= 0.0):
-        raise UsageError(f"--start must be at least 0 s, got {start}")
-    if duration is not None and not 0.0 < duration < float("inf"):
-        raise UsageError(f"--duration must be more than 0 s, got {duration}")
-    window = (start, float("inf") if duration is None else start + duration)
-    topics = topics_of(arguments)
+    bags, topics = arguments.bags, topics_of(arguments)
+    window = _window(arguments.start, arguments.duration)
     spread = arguments.uncertainty == "on"
     if arguments.uncertainty == "auto":
         spread = robot.uncertainty is not None
     prefix = topic_prefix(arguments)
     outputs = (prefix + OUTPUTS[0], prefix + OUTPUTS[1], prefix + OUTPUTS[2])
-    out = arguments.write_bag
-    written = [""] * len(arguments.bags)
-    if out:
-        names = [Path(path).resolve().name.partition(".mcap")[0] for path in arguments.bags]
-        if len(set(names)) < len(names):
-            raise UsageError("--write-bag needs bags of different names, to name those it writes")
-        written = [out] if len(names) == 1 else [str(Path(out) / name) for name in names]
-        for path in written:
-            if Path(path).exists():
-                raise BagError(f"{path} exists already; a bag is written to a new folder")
     return [
-        Task(path, topics, window, outputs, spread, new)
-        for path, new in zip(arguments.bags, written, strict=True)
+        Task(path, topics, arguments.robot, preload, window, outputs, spread, written)
+        for path, preload, written in zip(
+            bags, _preloads(arguments), _written(arguments.write_bag, bags), strict=True
+        )
     ]
+
+
+def _window(start: float, duration: float | None) -> Window:
+    if not (isfinite(start) and start >= 0.0):
+        raise UsageError(f"--start must be at least 0 s, got {start}")
+    if duration is None:
+        return (start, float("inf"))
+    if not 0.0 < duration < float("inf"):
+        raise UsageError(f"--duration must be more than 0 s, got {duration}")
+    return (start, start + duration)
+
+
+def _preloads(arguments: argparse.Namespace) -> list[str | None]:
+    """The preloads of every bag: one for all of them, or one each."""
+    given: list[str | None] = arguments.preload or [None]
+    if len(given) not in (1, len(arguments.bags)):
+        raise UsageError(
+            f"--preload must be given once, or once for each of the {len(arguments.bags)} bags; "
+            f"got {len(given)}"
+        )
+    return given if len(given) > 1 else given * len(arguments.bags)
+
+
+def _written(out: str | None, bags: Sequence[str]) -> list[str]:
+    """The bag to write for every bag that is read; empty for none."""
+    if not out:
+        return [""] * len(bags)
+    names = [Path(path).resolve().name.partition(".mcap")[0] for path in bags]
+    if len(set(names)) < len(names):
+        raise UsageError("--write-bag needs bags of different names, to name those it writes")
+    written = [out] if len(names) == 1 else [str(Path(out) / name) for name in names]
+    for path in written:
+        if Path(path).exists():
+            raise BagError(f"{path} exists already; a bag is written to a new folder")
+    return written
+
+
+def _check_files(arguments: argparse.Namespace) -> None:
+    """Refuse outputs that cannot be written or name an input, before any work."""
+    inputs = [*arguments.bags, arguments.robot, *([arguments.limits] if arguments.limits else [])]
+    outputs = {"--json": arguments.json, "--html": arguments.html}
+    new = Path(arguments.write_bag or "")
+    if arguments.write_bag and not new.exists() and new.absolute().parent.is_dir():
+        outputs["--write-bag"] = arguments.write_bag
+    check_outputs(outputs, inputs)
 
 
 def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     if not 0 <= arguments.jobs <= MOST_JOBS:
         raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
-    for path in (arguments.json, arguments.html):
-        if path and not Path(path).absolute().parent.is_dir():
-            raise UsageError(f"{path} cannot be written: there is no folder {Path(path).parent}")
+    _check_files(arguments)
     limits = load_limits(arguments.limits) if arguments.limits else None
-    model = load_model(arguments.robot, arguments.preload)
+    preloads = _preloads(arguments)
+    model = _prepared(arguments.robot, preloads[0])
     tasks = _tasks(arguments, model.robot)
+    for task in tasks:
+        _prepared(task.robot, task.preload)
+        require_reference_topics(task.path, task.topics)
     jobs = min(arguments.jobs or os.cpu_count() or 1, len(tasks))
-    total = sum(size_of(task.path) for task in tasks)
-    with progress_bar("validating", total) as report:
-        if jobs > 1:
-            comparisons = list(_in_processes(arguments, tasks, jobs, report))
-        else:
-            comparisons = list(_one_by_one(model, tasks, report))
-    judgement = judge(limits, comparisons) if limits else None
+    with progress_bar("validating", sum(size_of(task.path) for task in tasks)) as report:
+        bags = list(_in_processes(tasks, jobs, report) if jobs > 1 else _one_by_one(tasks, report))
+    errors = errors_of(bags)
+    judgement = judge(limits, errors) if limits else None
     title = f"{model.robot.name}: estimate against reference"
-    silent = contextlib.redirect_stdout(StringIO()) if arguments.quiet else contextlib.nullcontext()
-    with silent:
-        write_results(arguments, model, comparisons, title, judgement)
+    stated = len(set(preloads)) == 1
+    write_files(arguments, model, errors, title, judgement, preload_stated=stated)
+    if not arguments.quiet:
+        print_results(arguments, model, errors, title, judgement)
         for task in tasks:
             if task.written:
-                print(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
-    if judgement and judgement.outside:
-        if arguments.quiet:
-            from cdrj_ros.report.table import print_judgement
+                say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
+    outside = judgement is not None and bool(judgement.outside)
+    if judgement is not None and outside and arguments.quiet:
+        from cdrj_ros.report.table import print_judgement
 
-            print_judgement(judgement)
-        return OUTSIDE_LIMITS
-    return DONE
+        print_judgement(judgement)
+    return OUTSIDE_LIMITS if outside else DONE
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -6,7 +6,13 @@ from cdrj_ros.foundation.text import printable
 
 
 class CdrjError(Exception):
-    """Base of every error that this package raises on purpose; its text is one clear line."""
+    """Base of every error that this package raises on purpose; its text is one clear line.
+
+    Control characters in the text, which may come from a file, are escaped.
+    """
+
+    def __init__(self, text: object = "") -> None:
+        super().__init__(printable(text))
 
 
 class RobotFileError(CdrjError):

@@ -21,12 +21,16 @@ def replacing(path: StrPath) -> Iterator[BinaryIO]:
     The content goes to a temporary file in the same folder, is synchronised to the disk and then
     renamed.  A reader sees the old file or the new one; if the block raises or the disk is full,
     ``path`` stays as it was.  A symbolic link is followed; the permissions of a replaced file are
-    kept.
+    kept.  What is no file, such as /dev/null or a named pipe, is written to as it is.
 
     Raises:
         OSError: the folder is missing, full or not writable.
     """
     target = Path(os.path.realpath(path))
+    if _is_device(target):
+        with target.open("wb") as stream:
+            yield stream
+        return
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.")
     draft = Path(name)
     try:
@@ -38,6 +42,11 @@ def replacing(path: StrPath) -> Iterator[BinaryIO]:
         draft.replace(target)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _is_device(target: Path) -> bool:
+    """Whether the path is something else than a file or a folder."""
+    return target.exists() and not target.is_file() and not target.is_dir()
 
 
 def _permissions(target: Path) -> int:
@@ -57,8 +66,8 @@ def write_bytes(path: StrPath, content: bytes) -> None:
 
 
 def write_text(path: StrPath, text: str) -> None:
-    """Write a UTF-8 file atomically, see ``replacing``."""
-    write_bytes(path, text.encode("utf-8"))
+    """Write a UTF-8 file atomically, see ``replacing``; unpaired surrogates are escaped."""
+    write_bytes(path, text.encode("utf-8", "backslashreplace"))
 
 
 def check_outputs(outputs: Mapping[str, StrPath | None], inputs: Iterable[StrPath] = ()) -> None:
@@ -85,6 +94,8 @@ def check_outputs(outputs: Mapping[str, StrPath | None], inputs: Iterable[StrPat
         if target in taken:
             raise UsageError(f"{option} and {taken[target]} both name {path}")
         taken[target] = option
+        if _is_device(target):
+            continue
         if target.is_dir():
             raise UsageError(f"{option} {path} is a folder")
         if not target.parent.is_dir():

@@ -10,18 +10,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.judgement.comparison import QUANTITIES, BagComparison, quantity_of
-from cdrj_ros.judgement.metrics import (
-    FIGURES,
-    ChannelError,
-    bag_errors,
-    mean_over_channels,
-    pooled_errors,
-)
+from cdrj_ros.foundation.yaml import YamlError, load_yaml
+from cdrj_ros.judgement.channels import QUANTITIES, quantity_of
+from cdrj_ros.judgement.metrics import FIGURES, ChannelError, Errors, mean_over_channels
 
 LIMITED: Final = ("n", *FIGURES)
 """Figures that may have limits."""
@@ -117,10 +109,9 @@ def parse_limits(text: str, source: str) -> Limits:
         LimitsError: as ``load_limits``.
     """
     try:
-        raw: Any = YAML(typ="safe", pure=True).load(text)
-    except (YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split("To suppress")[0].split())
-        raise LimitsError(f"{source} is not YAML: {reason[:300]}") from None
+        raw = load_yaml(text, source)
+    except YamlError as error:
+        raise LimitsError(str(error)) from None
     entries = _mapping(raw, "", ("judge", "channels"), source)
     judged = entries.get("judge", JUDGED[0])
     if judged not in JUDGED:
@@ -137,29 +128,39 @@ def parse_limits(text: str, source: str) -> Limits:
     return Limits(source, tuple(limits), judged == "each")
 
 
-def judge(limits: Limits, comparisons: Sequence[BagComparison]) -> Judgement:
-    """Hold the figures against their limits; what is not known is outside."""
-    pooled = [("all recordings", pooled_errors(comparisons))]
-    if len(comparisons) == 1:
-        pooled = [(comparisons[0].path, pooled[0][1])]
+def judge(limits: Limits, errors: Errors) -> Judgement:
+    """Compare the figures with their limits; a figure that is not known is outside."""
+    judged = [("all recordings", errors.pooled)]
+    if len(errors.bags) == 1:
+        judged = [(errors.bags[0].path, errors.pooled)]
     elif limits.each:
-        pooled += [(comparison.path, bag_errors(comparison)) for comparison in comparisons]
+        judged += [(bag.path, own) for bag, own in zip(errors.bags, errors.of_bags, strict=True)]
     checked = 0
     outside: list[Outside] = []
-    for where, errors in pooled:
+    for where, figures in judged:
         for limit in limits.limits:
-            matching = _matching(limit.pattern, errors)
-            for bound, least in ((limit.least, True), (limit.most, False)):
-                if bound is None:
-                    continue
-                checked += max(len(matching), 1)
-                if not matching:
-                    outside.append(Outside(where, limit.pattern, limit.figure, None, bound, least))
-                for name, error in matching.items():
-                    value = getattr(error, limit.figure)
-                    if value is None or (value < bound if least else value > bound):
-                        outside.append(Outside(where, name, limit.figure, value, bound, least))
+            count, found = _check(limit, where, _matching(limit.pattern, figures))
+            checked += count
+            outside += found
     return Judgement(limits.source, checked, tuple(outside))
+
+
+def _check(
+    limit: Limit, where: str, matching: Mapping[str, ChannelError]
+) -> tuple[int, list[Outside]]:
+    """The number of figures checked, and those outside; a pattern without a channel is outside."""
+    checked, outside = 0, []
+    for bound, least in ((limit.least, True), (limit.most, False)):
+        if bound is None:
+            continue
+        checked += max(len(matching), 1)
+        if not matching:
+            outside.append(Outside(where, limit.pattern, limit.figure, None, bound, least))
+        for name, error in matching.items():
+            value = getattr(error, limit.figure)
+            if value is None or (value < bound if least else value > bound):
+                outside.append(Outside(where, name, limit.figure, value, bound, least))
+    return checked, outside
 
 
 def _matching(pattern: str, errors: Mapping[str, ChannelError]) -> dict[str, ChannelError]:
@@ -188,13 +189,13 @@ def _mapping(value: Any, where: str, known: Sequence[str] | None, source: str) -
         wanted = f"a mapping of {', '.join(known)}" if known else "a mapping"
         raise LimitsError(f"{where or 'the file'} must be {wanted}, got {_shown(value)} ({source})")
     for key in value:
-        path = f"{where}.{key}" if where else str(key)
+        path = " ".join((f"{where}.{key}" if where else str(key)).split())
         if not isinstance(key, str):
             raise LimitsError(f"{path} must be text, got {_shown(key)} ({source})")
         if known is not None and key not in known:
             close = get_close_matches(key, known, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
-            raise LimitsError(f"{' '.join(path.split())} is not a known key; {hint} ({source})")
+            raise LimitsError(f"{path} is not a known key; {hint} ({source})")
     return value
 
 

@@ -8,14 +8,14 @@ samples, never by averaging their figures: a short recording does not weigh as m
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cdrj_ros.judgement.comparison import BagComparison, Channel
+from cdrj_ros.judgement.channels import BagComparison, Channel
 
 MINIMUM_SHARE: Final = 0.01
 """Share of a channel's largest |reference| below which a sample has no relative error.
@@ -143,15 +143,27 @@ def _coverage(size: NDArray[np.float64], stddev: NDArray[np.float64]) -> float |
     return float(np.mean(size[known] <= COVERAGE_SIGMAS * stddev[known]))
 
 
-def bag_errors(comparison: BagComparison) -> dict[str, ChannelError]:
-    """Every channel's error in one recording, by channel name."""
-    return pooled_errors([comparison])
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Recordings and their figures, computed once for table, JSON, report and limits."""
+
+    bags: tuple[BagComparison, ...]
+    of_bags: tuple[Mapping[str, ChannelError], ...]
+    """Every channel's error in each recording, by channel name."""
+    pooled: Mapping[str, ChannelError]
+    """Every channel's error over the joined samples of all recordings, by channel name."""
+
+
+def errors_of(bags: Sequence[BagComparison]) -> Errors:
+    """Compute the figures of recordings, each by itself and pooled."""
+    of_bags = tuple(pooled_errors([bag]) for bag in bags)
+    return Errors(tuple(bags), of_bags, of_bags[0] if len(bags) == 1 else pooled_errors(bags))
 
 
 def pooled_errors(comparisons: Sequence[BagComparison]) -> dict[str, ChannelError]:
     """Every channel's error over the joined samples of several recordings, by channel name.
 
-    What one of the recordings cannot tell (reversals, standard deviations) is then not told.
+    Figures of reversals and standard deviations are None unless every recording has them.
     """
     parts: dict[str, list[Channel]] = {}
     for comparison in comparisons:

@@ -1,4 +1,4 @@
-"""What friction holds at every pulley over a recording: how much, and its loop."""
+"""Friction at every pulley over a recording: its size, and its loop over the cable passed."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.judgement.reversals import envelope
 from cdrj_ros.model.prepared import Layout
 
 Floats = NDArray[np.float64]
 
-_AT_ONCE: Final = 4096
+BLOCK: Final = 4096
 """Samples that fit into a processor's cache."""
+
+LOOP_BUCKETS: Final = 16
+"""Of every BLOCK the loop keeps the smallest and largest sample in so many buckets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,58 +35,85 @@ class PulleyFriction:
     largest_share: float
     """[-]."""
     passed: Floats | None = None
-    """Material that has passed the pulley since the begin [m], shape (n,); for one pulley only."""
+    """Length of cable that has passed the pulley since the begin [m], shape (n,), thinned so that
+    no extreme is lost; for one pulley only."""
     friction: Floats | None = None
     """t_i - t_(i-1) at the same time [N], shape (n,)."""
 
 
-def pulley_friction(
-    layout: Layout,
-    stamp_ns: NDArray[np.int64],
-    tension: Floats,
-    friction: Floats,
-    slip_speed: Floats,
-) -> tuple[PulleyFriction, ...]:
-    """Friction of all pulleys; with its loop that of the largest mean share.
+class FrictionSums:
+    """Sums over the estimates of one pass, taken in pieces."""
 
-    Args:
-        layout: names.
-        stamp_ns: increasing [ns], shape (n,).
-        tension: of elements [N], shape (n, elements).
-        friction: t_i - t_(i-1) [N], shape (n, pulleys).
-        slip_speed: of the material past the pulley [m/s], shape (n, pulleys).
-    """
-    if not layout.pulleys or not len(friction):
-        return ()
-    place = {name: k for k, name in enumerate(layout.elements)}
-    after = [place[name] for name in layout.pulleys]
-    before = [k - 1 for k in after]
-    n, pulleys = friction.shape
-    held_sum, held_most, share_sum, share_most, taut = (np.zeros(pulleys) for _ in range(5))
-    for begin in range(0, n, _AT_ONCE):
-        rows = slice(begin, begin + _AT_ONCE)
-        held = np.abs(friction[rows])
-        larger = np.maximum(tension[rows][:, before], tension[rows][:, after])
+    def __init__(self, layout: Layout) -> None:
+        """For the pulleys of a robot."""
+        place = {name: k for k, name in enumerate(layout.elements)}
+        pulleys = len(layout.pulleys)
+        self._layout = layout
+        self._after = [place[name] for name in layout.pulleys]
+        self._before = [k - 1 for k in self._after]
+        self._sum, self._most, self._share_sum, self._share_most, self._taut = (
+            np.zeros(pulleys) for _ in range(5)
+        )
+        self._count = 0
+        self._last_ns: int | None = None
+        self._passed = np.zeros(pulleys)
+        self._loops: list[list[tuple[Floats, Floats]]] = [[] for _ in range(pulleys)]
+
+    def add(self, stamp_ns: NDArray[np.int64], values: Floats) -> None:
+        """Take the next estimates.
+
+        Sums do not depend on the pieces if each but the last has a multiple of BLOCK samples.
+
+        Args:
+            stamp_ns: increasing [ns], shape (n,).
+            values: shape (n, layout.size).
+        """
+        if not self._layout.pulleys:
+            return
+        for begin in range(0, len(stamp_ns), BLOCK):
+            self._add_block(stamp_ns[begin : begin + BLOCK], values[begin : begin + BLOCK])
+
+    def _add_block(self, stamp_ns: NDArray[np.int64], values: Floats) -> None:
+        layout = self._layout
+        tension, friction = values[:, layout.tension], values[:, layout.friction]
+        held = np.abs(friction)
+        larger = np.maximum(tension[:, self._before], tension[:, self._after])
         pulled = larger > 0.0
         share = np.divide(held, larger, out=np.zeros_like(held), where=pulled)
-        held_sum += held.sum(axis=0)
-        share_sum += share.sum(axis=0)
-        taut += np.count_nonzero(pulled, axis=0)
-        np.maximum(held_most, held.max(axis=0), out=held_most)
-        np.maximum(share_most, share.max(axis=0), out=share_most)
-    mean_share = share_sum / np.maximum(taut, 1)
-    telling = int(mean_share.argmax())
-    step = np.diff(stamp_ns, prepend=stamp_ns[:1]) * 1e-9
-    passed = np.cumsum(slip_speed[:, telling] * step)
-    return tuple(
-        PulleyFriction(
-            name,
-            float(held_sum[k]) / n,
-            float(held_most[k]),
-            float(mean_share[k]),
-            float(share_most[k]),
-            passed if k == telling else None,
-            np.ascontiguousarray(friction[:, k]) if k == telling else None,
+        self._sum += held.sum(axis=0)
+        self._share_sum += share.sum(axis=0)
+        self._taut += np.count_nonzero(pulled, axis=0)
+        np.maximum(self._most, held.max(axis=0), out=self._most)
+        np.maximum(self._share_most, share.max(axis=0), out=self._share_most)
+        self._count += len(stamp_ns)
+        first = int(stamp_ns[0]) if self._last_ns is None else self._last_ns
+        step = np.diff(stamp_ns, prepend=np.int64(first)) * 1e-9
+        moved = values[:, layout.slip_speed] * step[:, np.newaxis]
+        passed = self._passed + np.cumsum(moved, axis=0)
+        self._passed, self._last_ns = passed[-1], int(stamp_ns[-1])
+        for k, loop in enumerate(self._loops):
+            kept = envelope(LOOP_BUCKETS, passed[:, k], friction[:, k])
+            loop.append((passed[kept, k], friction[kept, k]))
+
+    def result(self) -> tuple[PulleyFriction, ...]:
+        """Friction of all pulleys; that of the largest mean share has its loop."""
+        n = self._count
+        if not n:
+            return ()
+        mean_share = self._share_sum / np.maximum(self._taut, 1)
+        telling = int(mean_share.argmax())
+        passed, friction = (
+            np.concatenate(column) for column in zip(*self._loops[telling], strict=True)
         )
-        for k, name in enumerate(layout.pulleys)
-    )
+        return tuple(
+            PulleyFriction(
+                name,
+                float(self._sum[k]) / n,
+                float(self._most[k]),
+                float(mean_share[k]),
+                float(self._share_most[k]),
+                passed if k == telling else None,
+                friction if k == telling else None,
+            )
+            for k, name in enumerate(self._layout.pulleys)
+        )

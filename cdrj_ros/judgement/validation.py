@@ -1,59 +1,66 @@
-"""A recording against the estimator: what the commands and the replay node share."""
+"""A recording through the estimator, and its estimates against its references."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from itertools import pairwise
-from typing import Final
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.bag import BagWriter, Recording, Series, Topics, list_topics, read_recording
+from cdrj_ros.bag import Recording, Series, Topics, read_recording
+from cdrj_ros.bag.source import open_source
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned, Readings, condition
-from cdrj_ros.estimation.ensemble import Spread, spread_columns
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.judgement.comparison import (
-    Angle,
+from cdrj_ros.judgement.angles import telling_angles
+from cdrj_ros.judgement.channels import (
     BagComparison,
     Channel,
-    compare,
-    one_after_another,
-    summed_up,
-    unknown_references,
+    Floats,
+    estimate_channels,
+    quantity_of,
+    stddev_channels,
 )
-from cdrj_ros.judgement.pulley_friction import PulleyFriction, pulley_friction
-from cdrj_ros.judgement.reversals import clock_resets, reversal_zones
-from cdrj_ros.model.prepared import Layout, Model, shape_at
+from cdrj_ros.judgement.comparison import Comparing, summed_up, unknown_references
+from cdrj_ros.judgement.estimating import pieces_of
+from cdrj_ros.judgement.passes import one_after_another, references_of_passes
+from cdrj_ros.judgement.pulley_friction import FrictionSums
+from cdrj_ros.judgement.reversals import reversal_zones
+from cdrj_ros.model.prepared import Model
 
 MAX_GAP_NS: Final = 100_000_000
 """References are compared only between estimates at most this far apart [ns]."""
 
-AT_ONCE: Final = 250_000
-"""Samples between two reports of progress; the numbers do not depend on it."""
+WHOLE: Final = (0.0, float("inf"))
+"""The window that is all of a recording [s]."""
 
-OUTPUTS: Final = ("/cdrj/tensions", "/cdrj/nodal_forces", "/cdrj/efforts")
-"""Topics of the estimates, as the node publishes them by default."""
+PRELOAD_DIFFERS: Final = 0.1
+"""Share by which all tensions of a cable differ on average where its preload must be another."""
 
-PUBLISHED: Final[Mapping[str, str]] = {
-    "tension/upper/8": "1.10 N, 4.44 %",
-    "tension/lower/8": "1.10 N, 4.44 %",
-    "nodal_force/upper/3": "2.68 N, 6.74 %",
-    "nodal_force/lower/3": "2.68 N, 6.74 %",
-}
-"""Errors that the source reports for its own rig at preloads of 36.85 and 26.26 N."""
+Window = tuple[float, float]
+"""Seconds after the recording's begin from and to which references are compared."""
 
-PUBLISHED_HEADING: Final = "source, own rig"
+
+def require_reference_topics(path: str, topics: Topics) -> None:
+    """Refuse a bag without reference topics before it is read, if its index tells its topics.
+
+    Raises:
+        BagError: there is none, or the bag cannot be opened.
+    """
+    source = open_source(path)
+    there = source.channels()
+    known = source.channels_known() and {topics.motors, topics.joints} <= set(there)
+    if known and not set(topics.references).intersection(there):
+        raise _no_references(path)
 
 
 def read_inputs(path: str, topics: Topics, model: Model) -> Recording:
     """Read a bag for a robot.
 
     Raises:
-        BagError: as ``read_recording``.
+        BagError: as ``read_recording``; or a motor or joint of the robot is missing.
     """
     layout = model.layout
     recording = read_recording(path, topics)
@@ -71,9 +78,9 @@ def read_inputs(path: str, topics: Topics, model: Model) -> Recording:
 
 
 def condition_recording(model: Model, recording: Recording) -> Conditioned:
-    """The recording's readings through the same gates as the node's.
+    """Pass the recording's readings through the gates that the node uses.
 
-    Where motors and joints share a topic, a stranger's name counts once.
+    Where motors and joints share a topic, an unknown name is counted once.
     """
     joints = recording.joints
     if set(joints) == set(recording.motors):
@@ -88,111 +95,8 @@ def _readings(channels: Mapping[str, Series]) -> dict[str, Readings]:
     }
 
 
-def estimate_channels(
-    layout: Layout, values: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
-    """Estimates by channel name, as the comparison and the bags call them.
-
-    Args:
-        layout: places in the estimate.
-        values: shape (n, layout.size).
-    """
-    named = {}
-    for prefix, names, where in (
-        ("tension", layout.elements, layout.tension),
-        ("nodal_force", layout.pulleys, layout.magnitude),
-        ("effort", layout.motors, layout.motor_effort),
-        ("effort", layout.joints, layout.joint_effort),
-    ):
-        for k, name in enumerate(names):
-            named[f"{prefix}/{name}"] = values[:, where.start + k]
-    return named
-
-
-def stddev_channels(
-    layout: Layout, stddev: NDArray[np.float64] | None
-) -> dict[str, NDArray[np.float64]]:
-    """Standard deviations by channel name; nothing where they are not known.
-
-    Args:
-        layout: names of the channels.
-        stddev: of tensions, nodal forces, motor efforts and joint efforts, shape (n, channels).
-    """
-    if stddev is None:
-        return {}
-    names = [f"tension/{name}" for name in layout.elements]
-    names += [f"nodal_force/{name}" for name in layout.pulleys]
-    names += [f"effort/{name}" for name in (*layout.motors, *layout.joints)]
-    return {name: stddev[:, k] for k, name in enumerate(names)}
-
-
-def estimate(
-    model: Model,
-    conditioned: Conditioned,
-    progress: Callable[[float], None] | None = None,
-    *,
-    spread: bool = False,
-) -> Estimates:
-    """The estimator over a conditioned recording; started anew where the clock went back.
-
-    Args:
-        model: the prepared robot.
-        conditioned: the recording; its segments follow one another in the result, whose stamps go
-            back between them.
-        progress: told now and then which share is done, from 0 to 1.
-        spread: standard deviations too, for about as much time again.
-    """
-    total = sum(segment.stamp_ns.size for segment in conditioned.segments)
-    stamps = np.concatenate(
-        [np.empty(0, np.int64), *(segment.stamp_ns for segment in conditioned.segments)]
-    )
-    values = np.empty((total, model.layout.size))
-    stddevs = np.empty((total, spread_columns(model.layout).size)) if spread else None
-    done = 0
-    for segment in conditioned.segments:
-        state = initial_state(model)
-        ensemble = Spread(model) if spread else None
-        for begin in range(0, segment.stamp_ns.size, AT_ONCE):
-            piece = slice(begin, begin + AT_ONCE)
-            samples = Samples(
-                segment.stamp_ns[piece], segment.motor_angle[piece], segment.joint_angle[piece]
-            )
-            place = slice(done, done + samples.stamp_ns.size)
-            if ensemble is not None and stddevs is not None:
-                state, _ = ensemble.run(state, samples, values[place], stddevs[place])
-            else:
-                state, _ = run(model, state, samples, values[place])
-            done = place.stop
-            if progress:
-                progress(done / total)
-    return Estimates(stamps, values, model.layout, stddevs)
-
-
-def log_times(recording: Recording, estimates: Estimates) -> NDArray[np.int64]:
-    """When each estimate counts as recorded [ns], shape (n,): as long after its stamp as inputs.
-
-    The delay from header stamp to log time is that of the first motor's (or joint's) messages.
-    """
-    series = next(iter({**recording.joints, **recording.motors}.values()))
-    logs = np.empty_like(estimates.stamp_ns)
-    jumps = len(_slices(estimates.stamp_ns)) - 1
-    for part, own in zip(
-        _slices(estimates.stamp_ns), _passes_of(series, jumps, series), strict=True
-    ):
-        stamps = estimates.stamp_ns[part]
-        in_order = np.argsort(own.stamp_ns, kind="stable")
-        begin = int(stamps[0])
-        delay = np.interp(
-            (stamps - begin).astype(np.float64),
-            (own.stamp_ns[in_order] - begin).astype(np.float64),
-            (own.log_ns - own.stamp_ns)[in_order].astype(np.float64),
-        )
-        logs[part] = stamps + np.rint(delay).astype(np.int64)
-    return logs
-
-
 def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int]:
-    """What was refused, by cause; zero counts left out."""
+    """Number of readings refused, by cause, and of jumps, gaps and steps; zeros are left out."""
     counts = {cause: n for cause, n in conditioned.refused.items() if n}
     malformed = sum(recording.malformed.values())
     if malformed:
@@ -206,147 +110,148 @@ def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int
     return counts
 
 
+class _Piece(NamedTuple):
+    """Some estimates of a pass, by channel name, shape (n,) each."""
+
+    estimates: Mapping[str, Floats]
+    stddev: Mapping[str, Floats]
+    n: int
+
+
+def validate_recording(
+    model: Model,
+    path: str,
+    recording: Recording,
+    conditioned: Conditioned,
+    *,
+    spread: bool = False,
+    window: Window = WHOLE,
+    progress: Callable[[float], None] | None = None,
+    keep: Callable[[Estimates], None] | None = None,
+) -> BagComparison:
+    """Estimate a recording and compare the estimates with its references, piece by piece.
+
+    Takes many arguments because each is one choice of the user of ``validate``.
+
+    Args:
+        model: the prepared robot.
+        path: the recording, as the user named it.
+        recording: as read.
+        conditioned: its samples; each segment is compared with the references of its own pass.
+        spread: standard deviations too.
+        window: of the references that are compared.
+        progress: called with the share that is done, from 0 to 1.
+        keep: called with every piece of the estimates; they are not kept here.
+
+    Raises:
+        BagError: there is nothing to compare.
+    """
+    references = _references(path, recording, conditioned, window)
+    segments = conditioned.segments
+    total = sum(segment.stamp_ns.size for segment in segments)
+    longest = max(range(len(segments)), key=lambda k: segments[k].stamp_ns.size)
+    friction = FrictionSums(model.layout)
+    done = 0
+
+    def estimated(k: int) -> Iterator[_Piece]:
+        nonlocal done
+        for piece in pieces_of(model, segments[k], spread=spread):
+            if k == longest:
+                friction.add(piece.stamp_ns, piece.values)
+            if keep:
+                keep(piece)
+            yield _Piece(
+                estimate_channels(model.layout, piece.values),
+                stddev_channels(model.layout, piece.stddev),
+                piece.stamp_ns.size,
+            )
+            done += piece.stamp_ns.size
+            if progress:
+                progress(done / total)
+
+    of_passes = references_of_passes(references, recording, len(segments))
+    names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
+    channels = one_after_another(
+        [
+            _compare_pass(model, segment, segment.stamp_ns, names, estimated(k), of_passes[k])
+            for k, segment in enumerate(segments)
+        ]
+    )
+    notes = list(recording.notes)
+    if len(segments) > 1:
+        notes.append(
+            f"The clock went back {len(segments) - 1} times; each of the {len(segments)} passes is "
+            "compared on its own, one drawn after the other."
+        )
+    return summed_up(
+        path,
+        _duration_s(recording, window),
+        channels,
+        unknown_references(names, references),
+        counters_of(recording, conditioned),
+        (*notes, *_preload_notes(model, channels)),
+        friction=friction.result(),
+    )
+
+
 def compare_with_references(
     model: Model,
     path: str,
     recording: Recording,
     conditioned: Conditioned,
     stamps: NDArray[np.int64],
-    channels: Mapping[str, NDArray[np.float64]],
+    channels: Mapping[str, Floats],
     facts: Mapping[str, str] | None = None,
     notes: tuple[str, ...] = (),
     *,
-    stddev: Mapping[str, NDArray[np.float64]] | None = None,
-    friction: Sequence[PulleyFriction] = (),
-    window: tuple[float, float] = (0.0, float("inf")),
+    stddev: Mapping[str, Floats] | None = None,
 ) -> BagComparison:
-    """Estimates, wherever they came from, against the references recorded in the bag.
+    """Compare estimates of one pass, wherever they came from, with the recorded references.
 
     Args:
-        stamps: of the estimates [ns], shape (n,); where the clock went back in the recording, they
-            go back likewise, and every pass is compared with the references of its own.
+        model: the prepared robot.
+        path: the recording, as the user named it.
+        recording: as read.
+        conditioned: counters and the samples; exactly one segment.
+        stamps: of the estimates [ns], strictly increasing, shape (n,).
         channels, stddev: by channel name, shape (n,) each.
-        friction: what the pulleys' friction was, for the report.
-        window: seconds after the recording's begin from and to which references are compared.
+        facts: rows of free text for the reader.
+        notes: sentences for the reader.
 
     Raises:
         BagError: there is nothing to compare.
     """
-    references = _windowed(recording, window)
-    if not references:
-        raise BagError(
-            f"{path} holds no references"
-            + (" in that time" if recording.references else "")
-            + "; name their topics with --reference (CableTensions, NodalForces, or JointState "
-            "with efforts)"
-        )
-    if stamps.size == 0:
-        raise BagError(f"{path}: not one sample of all motors and joints was acceptable")
-    parts, segments = _slices(stamps), conditioned.segments
-    jumped: tuple[str, ...] = ()
-    if len(segments) > 1:
-        again = len(segments) - 1
-        if len(parts) == len(segments):
-            text = (
-                f"The clock went back {again} times; each of the {len(parts)} passes is compared "
-                "on its own, one drawn after the other."
-            )
-            jumped = (text,)
-        else:
-            jumped = (f"The clock went back {again} times; only what came after is compared.",)
-            parts, segments = parts[-1:], segments[-1:]
-    of_passes = _references_of_passes(references, recording, conditioned, len(parts))
-    compared = [
-        _compare_pass(model, segment, stamps[part], _cut(channels, part), given, _cut(stddev, part))
-        for part, segment, given in zip(parts, segments[-len(parts) :], of_passes, strict=True)
-    ]
-    begin, end = window
-    length = (recording.end_ns - recording.start_ns) * 1e-9
-    comparison = summed_up(
+    references = _references(path, recording, conditioned, WHOLE)
+    (segment,) = conditioned.segments
+    piece = _Piece(channels, stddev or {}, stamps.size)
+    compared = _compare_pass(model, segment, stamps, list(channels), [piece], references)
+    return summed_up(
         path,
-        max(min(length, end) - begin, 0.0),
-        one_after_another(compared),
+        _duration_s(recording, WHOLE),
+        compared,
         unknown_references(channels, references),
         counters_of(recording, conditioned),
-        (*recording.notes, *notes, *jumped),
+        (*recording.notes, *notes, *_preload_notes(model, compared)),
         facts,
     )
-    return replace(comparison, friction=tuple(friction))
 
 
-def write_estimates(
-    out: str,
-    path: str,
-    recording: Recording,
-    estimates: Estimates,
-    outputs: tuple[str, str, str] = OUTPUTS,
-) -> None:
-    """Write a bag of everything in the bag at ``path``, with the estimates beside it.
-
-    Header stamps are those of the estimates, log times as late after them as the inputs' were.
-    What the original has on the topics of ``outputs`` is left out: estimates of two sources on one
-    topic could not be told apart.
-
-    Raises:
-        BagError: ``out`` exists, or one of them cannot be read or written.
-    """
-    layout, values, stamps = estimates.layout, estimates.values, estimates.stamp_ns
-    stddev = estimates.stddev
-    deviations = np.empty((stamps.size, 0)) if stddev is None else stddev
-    elements, pulleys = len(layout.elements), len(layout.pulleys)
-    log_ns = log_times(recording, estimates)
-    status = values[:, layout.status].astype(np.uint8)
-    place = {name: k for k, name in enumerate(layout.elements)}
-    after = [place[name] for name in layout.pulleys]
-    before = [k - 1 for k in after]
-    tensions, forces, efforts = outputs
-    with BagWriter(out) as bag:
-        kept = [topic.name for topic in list_topics(path) if topic.name not in outputs]
-        bag.copy(path, kept)
-        bag.write_tensions(
-            tensions,
-            stamps,
-            layout.elements,
-            values[:, layout.tension],
-            None if stddev is None else deviations[:, :elements],
-            status,
-            log_ns=log_ns,
-        )
-        bag.write_nodal_forces(
-            forces,
-            stamps,
-            layout.pulleys,
-            values[:, layout.magnitude],
-            force_x=values[:, layout.force_x],
-            force_y=values[:, layout.force_y],
-            force_z=np.zeros((stamps.size, pulleys)),
-            stddev=None if stddev is None else deviations[:, elements : elements + pulleys],
-            friction=values[:, layout.friction],
-            slip_speed=values[:, layout.slip_speed],
-            status=status[:, before] | status[:, after],
-            log_ns=log_ns,
-        )
-        bag.write_joint_states(
-            efforts,
-            stamps,
-            layout.motors + layout.joints,
-            effort=values[:, layout.motor_effort.start : layout.joint_effort.stop],
-            log_ns=log_ns,
-        )
+def _references(
+    path: str, recording: Recording, conditioned: Conditioned, window: Window
+) -> Mapping[str, Series]:
+    """The references to compare with; BagError where there is nothing to compare."""
+    references = _windowed(recording, window)
+    if not references:
+        raise _no_references(path, " in that time" if recording.references else "")
+    if not any(segment.stamp_ns.size for segment in conditioned.segments):
+        raise BagError(f"{path}: not one sample of all motors and joints was acceptable")
+    return references
 
 
-def friction_at_pulleys(estimates: Estimates) -> tuple[PulleyFriction, ...]:
-    """What friction holds at every pulley, over the longest pass of a recording."""
-    if not estimates.stamp_ns.size:
-        return ()
-    part = max(_slices(estimates.stamp_ns), key=lambda part: part.stop - part.start)
-    layout, values = estimates.layout, estimates.values[part]
-    return pulley_friction(
-        layout,
-        estimates.stamp_ns[part],
-        values[:, layout.tension],
-        values[:, layout.friction],
-        values[:, layout.slip_speed],
+def _no_references(path: str, when: str = "") -> BagError:
+    return BagError(
+        f"{path} holds no references{when}; name their topics with --reference (CableTensions, "
+        "NodalForces, or JointState with efforts)"
     )
 
 
@@ -354,66 +259,34 @@ def _compare_pass(
     model: Model,
     segment: Samples,
     stamps: NDArray[np.int64],
-    channels: Mapping[str, NDArray[np.float64]],
+    names: list[str],
+    pieces: Iterable[_Piece],
     references: Mapping[str, Series],
-    stddev: Mapping[str, NDArray[np.float64]],
 ) -> tuple[Channel, ...]:
-    both = np.concatenate([segment.motor_angle, segment.joint_angle], axis=1)
-    return compare(
+    """One pass; ``segment`` has the angles, ``stamps`` are those of the estimates."""
+    comparing = Comparing(
+        names,
         stamps,
-        channels,
         {name: (series.stamp_ns, series.value) for name, series in references.items()},
-        max_gap_ns=MAX_GAP_NS,
-        angle=_telling_angles(model, segment),
-        stddev=stddev,
-        zones=reversal_zones(segment.stamp_ns, both),
+        MAX_GAP_NS,
     )
+    for piece in pieces:
+        comparing.add(piece.estimates, piece.stddev, piece.n)
+    angles = np.concatenate([segment.motor_angle, segment.joint_angle], axis=1)
+    zones = reversal_zones(segment.stamp_ns, angles)
+    return comparing.channels(telling_angles(model, segment), zones)
 
 
-def _telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
-    """By channel, the joint that it is drawn over: the one that moves its cable most.
-
-    An effort is drawn over its own motor or joint; a cable that no joint moves, over its motor.
-    """
-    layout, robot = model.layout, model.robot
-    angles = {
-        name: Angle(name, segment.stamp_ns, values[:, k])
-        for names, values in (
-            (layout.motors, segment.motor_angle),
-            (layout.joints, segment.joint_angle),
-        )
-        for k, name in enumerate(names)
-    }
-    lowest = np.min(segment.joint_angle, axis=0)
-    middle = 0.5 * (lowest + np.max(segment.joint_angle, axis=0))
-    moves = np.abs(shape_at(model, middle).length_by_joint)
-    reach = moves * (np.max(segment.joint_angle, axis=0) - lowest)
-    by_cable = {}
-    for cable in robot.cables:
-        rows = [k for k, name in enumerate(layout.elements) if name.startswith(f"{cable.name}/")]
-        along = reach[rows].sum(axis=0)
-        winches = [node.motor for node in cable.nodes if hasattr(node, "motor")]
-        if along.size and along.max() > 0.0:
-            by_cable[cable.name] = angles[layout.joints[int(along.argmax())]]
-        elif winches:
-            by_cable[cable.name] = angles[winches[0]]
-        elif layout.joints:
-            by_cable[cable.name] = angles[layout.joints[0]]
-    told = {f"effort/{name}": angle for name, angle in angles.items()}
-    for prefix, names in (("tension", layout.elements), ("nodal_force", layout.pulleys)):
-        for name in names:
-            cable_name = name.rpartition("/")[0]
-            if cable_name in by_cable:
-                told[f"{prefix}/{name}"] = by_cable[cable_name]
-    if len(layout.joints) == 1:  # a motor's angle lags by its friction: the joint tells more
-        told |= {f"effort/{name}": angles[layout.joints[0]] for name in layout.motors}
-    return told
-
-
-def _windowed(recording: Recording, window: tuple[float, float]) -> Mapping[str, Series]:
-    """The references of a stretch of time; nothing of those that have none there."""
+def _duration_s(recording: Recording, window: Window) -> float:
     begin, end = window
-    if begin <= 0.0 and end == float("inf"):
+    length = (recording.end_ns - recording.start_ns) * 1e-9
+    return max(min(length, end) - begin, 0.0)
+
+
+def _windowed(recording: Recording, window: Window) -> Mapping[str, Series]:
+    """The references within the window; without the channels that have none there."""
+    begin, end = window
+    if window == WHOLE:
         return recording.references
     kept = {}
     for name, series in recording.references.items():
@@ -426,65 +299,21 @@ def _windowed(recording: Recording, window: tuple[float, float]) -> Mapping[str,
     return kept
 
 
-def _cut(
-    channels: Mapping[str, NDArray[np.float64]] | None, part: slice
-) -> dict[str, NDArray[np.float64]]:
-    return {name: values[part] for name, values in (channels or {}).items()}
-
-
-def _starts(stamps: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Where stamps go back, shape (k,)."""
-    return np.flatnonzero(np.diff(stamps) <= 0) + 1
-
-
-def _slices(stamps: NDArray[np.int64]) -> list[slice]:
-    """The passes of stamps that go back between them."""
-    edges = [0, *_starts(stamps).tolist(), stamps.size]
-    return [slice(a, b) for a, b in pairwise(edges)]
-
-
-def _references_of_passes(
-    references: Mapping[str, Series], recording: Recording, conditioned: Conditioned, passes: int
-) -> list[dict[str, Series]]:
-    """The references of every pass: those of the same turn of the clock."""
-    if len(conditioned.segments) == 1:
-        return [dict(references)]
-    clock = next(iter({**recording.joints, **recording.motors}.values()))
-    jumps = len(conditioned.segments) - 1
-    given = [
-        dict(zip(references, column, strict=True))
-        for column in zip(
-            *(_passes_of(series, jumps, clock) for series in references.values()), strict=True
-        )
-    ]
-    return given[-passes:]
-
-
-def _passes_of(series: Series, jumps: int, clock: Series) -> list[Series]:
-    """A series cut where its clock went back, into one more part than there are jumps.
-
-    Where its own stamps do not show as many jumps, the log times of those of ``clock`` count; where
-    these do not either, all of it is in every part, and stamps alone decide.
-    """
-    at = clock_resets(series.stamp_ns)
-    if len(at) != jumps:
-        others = clock_resets(clock.stamp_ns)
-        if len(others) != jumps:
-            return [series] * (jumps + 1)
-        at = np.searchsorted(series.log_ns, clock.log_ns[others])
-    edges = [0, *at.tolist(), series.stamp_ns.size]
-    return [
-        Series(series.stamp_ns[a:b], series.log_ns[a:b], series.value[a:b])
-        for a, b in pairwise(edges)
-    ]
-
-
-def robot_summary(model: Model) -> str:
-    """The robot and its parameters in a sentence or two."""
-    robot = model.robot
-    cables = "; ".join(
-        f"{cable.name}: {len(cable.nodes) - 1} elements, preload {cable.preload:g} N, "
-        f"EA {cable.axial_stiffness:.4g} N, {cable.law}"
-        for cable in robot.cables
-    )
-    return f"{robot.name} ({robot.source}). {cables}."
+def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
+    """A hint where all recorded tensions of a cable are larger or smaller than estimated."""
+    notes = []
+    for cable in model.robot.cables:
+        ratios = [
+            float(np.sum(channel.reference) / np.sum(channel.estimate))
+            for channel in channels
+            if quantity_of(channel.name) == "tension"
+            and channel.name.startswith(f"tension/{cable.name}/")
+            and np.sum(channel.estimate) > 0.0
+        ]
+        if ratios and (min(ratios) > 1.0 + PRELOAD_DIFFERS or max(ratios) < 1.0 - PRELOAD_DIFFERS):
+            notes.append(
+                f"Recorded tensions of cable {cable.name} are {100.0 * np.mean(ratios):.0f} % of "
+                f"the estimates on average; these assume a preload of {cable.preload:.4g} N. If "
+                "the recording had another one, give it with --preload."
+            )
+    return notes

@@ -22,12 +22,14 @@ from cdrj_ros.commands.shared import (
     add_result_options,
     add_robot_option,
     add_topic_options,
+    print_results,
     run_command,
     topics_of,
-    write_results,
+    write_files,
 )
 from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
+from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.messages.cdr import BYTE_ORDER, Field, MessageError, read_layout
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -411,9 +413,10 @@ def _report(
         print("replay: nothing was played", file=sys.stderr)
         return INTERRUPTED
     if any(comparison.channels for comparison in comparisons):
-        write_results(
-            arguments, model, comparisons, f"{model.robot.name}: estimator node against reference"
-        )
+        errors = errors_of(comparisons)
+        title = f"{model.robot.name}: estimator node against reference"
+        write_files(arguments, model, errors, title)
+        print_results(arguments, model, errors, title)
     else:
         print("no references in the bag: nothing to compare with; name topics with --reference")
     if ending is Ending.GONE:

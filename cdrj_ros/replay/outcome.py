@@ -11,7 +11,7 @@ import numpy as np
 from cdrj_ros.bag import Recording
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned
-from cdrj_ros.judgement.comparison import BagComparison
+from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.validation import compare_with_references, counters_of
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.replay.answers import STALLED_S, Floats, Heard, Stamps, Tally, channels_of

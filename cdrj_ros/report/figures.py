@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from cdrj_ros.judgement.comparison import QUANTITIES, Channel, quantity_of
+from cdrj_ros.judgement.channels import QUANTITIES, Channel, quantity_of
 from cdrj_ros.judgement.metrics import COVERAGE_SIGMAS
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.judgement.reversals import envelope

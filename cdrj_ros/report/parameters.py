@@ -30,6 +30,17 @@ def parameter_tables(robot: Robot) -> tuple[ParameterTable, ...]:
     return tuple(table for table in tables if table.rows)
 
 
+def robot_summary(robot: Robot, *, with_preload: bool = True) -> str:
+    """The robot and its parameters in a sentence or two."""
+    cables = "; ".join(
+        f"{cable.name}: {len(cable.nodes) - 1} elements, "
+        + (f"preload {cable.preload:g} N, " if with_preload else "")
+        + f"EA {cable.axial_stiffness:.4g} N, {cable.law}"
+        for cable in robot.cables
+    )
+    return f"{robot.name} ({robot.source}). {cables}."
+
+
 def _cables(robot: Robot) -> ParameterTable:
     rows = tuple(
         (

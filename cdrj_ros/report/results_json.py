@@ -15,13 +15,13 @@ import dataclasses
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Final, TypeAlias
 
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.judgement.comparison import BagComparison, unit_of
+from cdrj_ros.judgement.channels import unit_of
 from cdrj_ros.judgement.limits import Judgement
-from cdrj_ros.judgement.metrics import ChannelError, bag_errors, pooled_errors
+from cdrj_ros.judgement.metrics import ChannelError, Errors
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
 
 FORMAT: Final = "cdrj_ros/validation"
@@ -31,9 +31,7 @@ VERSION: Final = 2
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
 
-def results(
-    comparisons: Sequence[BagComparison], judgement: Judgement | None = None
-) -> dict[str, Json]:
+def results(errors: Errors, judgement: Judgement | None = None) -> dict[str, Json]:
     """What ``write_results`` writes, as plain lists and dictionaries.
 
     ``all`` holds the figures of the joined samples of every recording.
@@ -45,32 +43,28 @@ def results(
             {
                 "path": comparison.path,
                 "duration_s": _finite(comparison.duration_s),
-                "channels": _channels(bag_errors(comparison)),
+                "channels": _channels(own),
                 "friction": {one.name: _friction(one) for one in comparison.friction},
                 "counters": {cause: int(n) for cause, n in comparison.counters.items()},
                 "notes": list(comparison.notes),
                 "facts": dict(comparison.facts),
             }
-            for comparison in comparisons
+            for comparison, own in zip(errors.bags, errors.of_bags, strict=True)
         ],
-        "all": {"channels": _channels(pooled_errors(comparisons))},
+        "all": {"channels": _channels(errors.pooled)},
         "limits": None if judgement is None else _limits(judgement),
     }
 
 
 def write_results(
-    path: str | os.PathLike[str],
-    comparisons: Sequence[BagComparison],
-    judgement: Judgement | None = None,
+    path: str | os.PathLike[str], errors: Errors, judgement: Judgement | None = None
 ) -> None:
-    """Write the comparisons as JSON, whole or not at all.
+    """Write the figures as JSON, whole or not at all.
 
     Raises:
         OSError: the file cannot be written; an older one is then untouched.
     """
-    text = json.dumps(
-        results(comparisons, judgement), indent=2, ensure_ascii=False, allow_nan=False
-    )
+    text = json.dumps(results(errors, judgement), indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
 
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.judgement.comparison import Channel
+from cdrj_ros.judgement.channels import Channel
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

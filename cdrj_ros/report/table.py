@@ -1,15 +1,19 @@
-"""The comparison as a table: drawn in a terminal, plain columns elsewhere."""
+"""The figures of a comparison as a table, and what is outside its limits."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from typing import TYPE_CHECKING, Final, TextIO
 
-from cdrj_ros.judgement.comparison import QUANTITIES, quantity_of
+from cdrj_ros.foundation.output import say
+from cdrj_ros.foundation.text import printable
+from cdrj_ros.judgement.channels import QUANTITIES, quantity_of
 from cdrj_ros.judgement.limits import Judgement
 from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
+from cdrj_ros.judgement.placement import DROP_CAUSES
 from cdrj_ros.report.numbers import (
     decimals_for,
     format_number,
@@ -20,6 +24,7 @@ from cdrj_ros.report.numbers import (
 
 if TYPE_CHECKING:
     from rich.table import Table
+    from rich.text import Text
 
 HEADINGS: Final = ("mean |error|", "mean rel.", "RMSE", "max |error|", "R²")
 """Headings of the figures that every table has, in the order of metrics.FIGURES."""
@@ -41,6 +46,19 @@ SUMMARY_LABELS: Final[Mapping[str, str]] = {
     "effort": "all efforts",
 }
 """Label of each quantity's last line, the mean over its channels."""
+
+
+UNLIMITED: Final = 100_000
+"""Width of a table that is never folded [characters]."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """One more column of a table."""
+
+    heading: str
+    texts: Mapping[str, str]
+    """By channel name; a quantity alone ("tension") names the line of its mean over channels."""
 
 
 @dataclass(frozen=True)
@@ -85,19 +103,18 @@ def _more(errors: Mapping[str, ChannelError]) -> tuple[str, ...]:
 
 
 def table_groups(
-    errors: Mapping[str, ChannelError], *, beside: Mapping[str, str] | None = None
+    errors: Mapping[str, ChannelError], *, beside: Beside | None = None
 ) -> tuple[Group, ...]:
     """The table's text, grouped by quantity in the order of QUANTITIES.
 
     Args:
         errors: figures by channel name.
-        beside: text for the last column by channel name; a quantity's prefix alone ("tension")
-            names its last line.
+        beside: texts of the last column.
 
     Raises:
         ValueError: a channel name without a known prefix.
     """
-    asides = beside or {}
+    asides = beside.texts if beside else {}
     more = _more(errors)
     groups = []
     for quantity, (title, unit) in QUANTITIES.items():
@@ -124,92 +141,78 @@ def table_groups(
     return tuple(groups)
 
 
-def rich_table(
-    errors: Mapping[str, ChannelError],
-    *,
-    title: str = "",
-    beside: Mapping[str, str] | None = None,
-    beside_heading: str = "",
+def errors_table(
+    errors: Mapping[str, ChannelError], *, title: str = "", beside: Beside | None = None
 ) -> Table:
-    """The table for a terminal; arguments as for ``print_table``."""
-    from rich import box
-    from rich.table import Table
+    """The figures as a table, one line per channel, grouped by quantity."""
     from rich.text import Text
 
-    table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table = _table(title)
     table.add_column("")
     for heading in headings_of(errors):
         table.add_column(heading, justify="right", no_wrap=True)
     if beside:
-        table.add_column(beside_heading)
+        table.add_column(Text(beside.heading))
     for group in table_groups(errors, beside=beside):
         table.add_row(Text(group.title, style="bold"))
         for row in group.rows:
-            table.add_row(*map(Text, _columns(row, "  ", bool(beside))))
+            table.add_row(*_columns(row, beside))
         if group.summary is not None:
-            table.add_row(*map(Text, _columns(group.summary, "  ", bool(beside))), style="bold")
+            table.add_row(*_columns(group.summary, beside), style="bold")
         table.add_section()
     return table
 
 
-def plain_table(
+def print_errors(
     errors: Mapping[str, ChannelError],
     *,
     title: str = "",
-    beside: Mapping[str, str] | None = None,
-    beside_heading: str = "",
-) -> str:
-    """The table for a log file: aligned columns of text; arguments as for ``print_table``."""
-    headings = headings_of(errors)
-    lines: list[Sequence[str]] = [["", *headings, *([beside_heading] if beside else [])]]
-    for group in table_groups(errors, beside=beside):
-        lines.append([group.title])
-        lines.extend(_columns(row, "  ", bool(beside)) for row in group.rows)
-        if group.summary is not None:
-            lines.append(_columns(group.summary, "  ", bool(beside)))
-    widths = [
-        max((len(line[column]) for line in lines if column < len(line)), default=0)
-        for column in range(len(lines[0]))
-    ]
-    text = [title] if title else []
-    for line in lines:
-        cells = [line[0].ljust(widths[0])]
-        for column, cell in enumerate(line[1:], start=1):
-            right = column <= len(headings)
-            cells.append(cell.rjust(widths[column]) if right else cell.ljust(widths[column]))
-        text.append("  ".join(cells).rstrip())
-    return "\n".join(text) + "\n"
-
-
-def print_table(
-    errors: Mapping[str, ChannelError],
-    *,
-    title: str = "",
-    beside: Mapping[str, str] | None = None,
-    beside_heading: str = "",
+    beside: Beside | None = None,
     file: TextIO | None = None,
 ) -> None:
-    """Print the table, drawn where ``file`` is a terminal wide enough for it, plain elsewhere.
+    """Print the figures.
 
     Args:
-        errors: figures by channel name.
+        errors: by channel name.
         title: line above the table.
-        beside: text for one more column by channel name, for example published figures; a
-            quantity's prefix alone ("tension") names the line of its mean over channels.
-        beside_heading: heading of that column.
+        beside: one more column, for example published figures.
         file: where to print; standard output by default.
     """
+    _print(errors_table(errors, title=title, beside=beside), file)
+
+
+def _table(title: str = "") -> Table:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    heading = Text(printable(title)) if title else None
+    return Table(title=heading, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+
+
+def _print(table: Table, file: TextIO | None) -> None:
+    """Print a table: with lines on a terminal wide enough for it, plain columns elsewhere."""
+    from rich.console import Console
+
     stream = sys.stdout if file is None else file
     if stream.isatty():
-        from rich.console import Console
-
         console = Console(file=stream)
-        table = rich_table(errors, title=title, beside=beside, beside_heading=beside_heading)
-        room = console.options.update(max_width=10_000)
+        room = console.options.update(max_width=UNLIMITED)
         if console.measure(table, options=room).maximum <= console.width:
             console.print(table)
             return
-    stream.write(plain_table(errors, title=title, beside=beside, beside_heading=beside_heading))
+    stream.write(plain(table))
+
+
+def plain(table: Table) -> str:
+    """A table as aligned columns of text without lines, however wide."""
+    from rich.console import Console
+
+    table.box, table.show_edge = None, False
+    console = Console(file=StringIO(), width=UNLIMITED, color_system=None, force_terminal=False)
+    with console.capture() as captured:
+        console.print(table)
+    return "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
 
 
 FIGURE_NAMES: Final[Mapping[str, str]] = {
@@ -252,16 +255,21 @@ def judgement_sentence(judgement: Judgement) -> str:
 
 def print_judgement(judgement: Judgement, file: TextIO | None = None) -> None:
     """Print what is outside the limits, and by how much."""
-    stream = sys.stdout if file is None else file
-    stream.write(judgement_sentence(judgement) + "\n")
-    rows = judgement_rows(judgement)
-    if not rows:
-        return
-    lines = [OUTSIDE_HEADINGS, *rows]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(OUTSIDE_HEADINGS))]
-    for line in lines:
-        text = "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True))
-        stream.write(f"  {text}".rstrip() + "\n")
+    from rich.text import Text
+
+    say(judgement_sentence(judgement), file=file)
+    if rows := judgement_rows(judgement):
+        table = _table()
+        for heading in OUTSIDE_HEADINGS:
+            table.add_column(heading, no_wrap=True)
+        for row in rows:
+            table.add_row(*(Text(printable(cell)) for cell in row))
+        _print(table, file)
+
+
+def cause_in_words(cause: str) -> str:
+    """Why samples were left out, from the name of their counter."""
+    return DROP_CAUSES.get(cause, cause.replace("_", " "))
 
 
 def _figure_text(figure: str, channel: str, value: float | None) -> str:
@@ -307,5 +315,8 @@ def _decimals(errors: Iterable[ChannelError], factor: float) -> int:
     return decimals_for(factor * usual[(len(usual) - 1) // 2]) if usual else 3
 
 
-def _columns(row: Row, indent: str, with_aside: bool) -> list[str]:
-    return [indent + row.label, *row.cells, *([row.aside] if with_aside else [])]
+def _columns(row: Row, beside: Beside | None) -> list[Text]:
+    from rich.text import Text
+
+    cells = [f"  {row.label}", *row.cells, *([row.aside] if beside else [])]
+    return [Text(printable(cell)) for cell in cells]

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.judgement.comparison import QUANTITIES, BagComparison, quantity_of
-from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
+from cdrj_ros.judgement.channels import QUANTITIES, BagComparison, quantity_of
+from cdrj_ros.judgement.metrics import ChannelError, Errors, mean_over_channels
 from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
 from cdrj_ros.report.table import table_groups
 
@@ -52,14 +52,9 @@ class Verdict:
     """The few figures that carry the sentence."""
 
 
-def verdict(comparisons: Sequence[BagComparison], errors: Mapping[str, ChannelError]) -> Verdict:
-    """Sum up.
-
-    Args:
-        comparisons: the recordings.
-        errors: the pooled figures of all of them, by channel name.
-    """
-    compared = {name: error for name, error in errors.items() if error.n > 0}
+def verdict(errors: Errors) -> Verdict:
+    """Sum up the pooled figures of all recordings."""
+    compared = {name: error for name, error in errors.pooled.items() if error.n > 0}
     if not compared:
         return Verdict(
             "Nothing could be compared: no reference in the recording has an estimate beside it.",
@@ -67,7 +62,7 @@ def verdict(comparisons: Sequence[BagComparison], errors: Mapping[str, ChannelEr
             (),
         )
     main = min((quantity_of(name) for name in compared), key=list(QUANTITIES).index)
-    return Verdict(_sentence(main, compared), _detail(main, comparisons, compared), _keys(compared))
+    return Verdict(_sentence(main, compared), _detail(main, errors.bags, compared), _keys(compared))
 
 
 def last_elements(names: Sequence[str]) -> tuple[str, ...]:

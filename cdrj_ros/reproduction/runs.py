@@ -18,7 +18,8 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Readings, condition
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.judgement.comparison import Angle, Channel, compare
+from cdrj_ros.judgement.channels import Angle, Channel
+from cdrj_ros.judgement.comparison import compare
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.sensors import (

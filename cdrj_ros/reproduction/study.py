@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.judgement.comparison import Channel
+from cdrj_ros.judgement.channels import Channel
 from cdrj_ros.judgement.metrics import ChannelError, channel_error, mean_over_channels
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.reproduction import curves

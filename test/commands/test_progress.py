@@ -14,15 +14,16 @@ from typing import Any
 
 import pytest
 
-from cdrj_ros.commands import shared
+from cdrj_ros.foundation import progress
 from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.model.loading import load_model
 
 
 def test_without_a_terminal_it_is_a_line_now_and_then_with_the_time_left(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = SimpleNamespace(now=100.0)
-    monkeypatch.setattr(shared, "monotonic", lambda: clock.now)
+    monkeypatch.setattr(progress, "monotonic", lambda: clock.now)
     with progress_bar("validating", 200.0) as report:
         for now, done in ((101.0, 10.0), (106.0, 50.0), (108.0, 80.0), (120.0, 150.0)):
             clock.now = now
@@ -69,7 +70,7 @@ def test_a_replay_tells_the_time_left_at_its_pace(capsys: pytest.CaptureFixture[
     from cdrj_ros.replay.display import Display
 
     robot = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
-    run = Run(shared.load_model(str(robot)))
+    run = Run(load_model(str(robot)))
     playback: Any = SimpleNamespace(paused=False, rate=None)
     place = SimpleNamespace(offset=0.0)
     controls: Any = SimpleNamespace(duration_s=lambda: 60.0, offset_s=lambda: place.offset)

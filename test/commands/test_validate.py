@@ -158,7 +158,9 @@ def test_wrong_arguments_are_one_line_and_exit_code_2(
 
 @pytest.mark.skipif(not ODD.exists(), reason=f"{ODD} is absent")
 def test_names_on_one_topic_are_found(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--motor-topic", "/joint_states", "--joint-topic", "/joint_states"]
+    arguments = [
+        f"{option}=/joint_states" for option in ("--motor-topic", "--joint-topic", "--reference")
+    ]
     assert validate.main([str(ODD / "plain"), *arguments, "--robot", str(ROBOT)]) == 2
     _one_line(capsys, "no motor named winch", "motor")
 

@@ -15,13 +15,10 @@ from rosbags.highlevel import AnyReader
 
 from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
 from cdrj_ros.commands import validate
-from cdrj_ros.judgement.validation import (
-    OUTPUTS,
-    condition_recording,
-    estimate,
-    estimate_channels,
-    read_inputs,
-)
+from cdrj_ros.judgement.channels import estimate_channels
+from cdrj_ros.judgement.estimates_bag import OUTPUTS
+from cdrj_ros.judgement.estimating import estimate
+from cdrj_ros.judgement.validation import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 
 ROOT = Path(__file__).parents[2]

@@ -18,7 +18,7 @@ from cdrj_ros.conditioning.whole_recording import Readings, condition
 from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.judgement.validation import estimate
+from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID, UNSURE

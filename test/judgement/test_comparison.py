@@ -5,16 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.comparison import (
-    DROP_CAUSES,
-    QUANTITIES,
-    Angle,
-    Channel,
-    compare,
-    compare_bag,
-    unit_of,
-    unknown_references,
-)
+from cdrj_ros.judgement.channels import QUANTITIES, Angle, Channel, unit_of
+from cdrj_ros.judgement.comparison import Comparing, compare, summed_up, unknown_references
+from cdrj_ros.judgement.placement import DROP_CAUSES
 
 EPOCH_NS = 1_722_000_000_123_456_789
 NAME = "tension/upper/8"
@@ -124,21 +117,20 @@ def test_channels_come_in_the_order_of_the_estimates() -> None:
 def test_a_reference_without_estimate_is_reported_by_name() -> None:
     references = {NAME: ([0], [1.0]), "tension/third/1": ([0], [1.0])}
     assert unknown_references({NAME: [0.0]}, references) == ("tension/third/1",)
-    bag = compare_bag("a.mcap", 1.0, [0], {NAME: [0.0]}, references, max_gap_ns=1)
+    channels = compare([0], {NAME: [0.0]}, references, max_gap_ns=1)
+    bag = summed_up("a.mcap", 1.0, channels, ("tension/third/1",))
     assert [channel.name for channel in bag.channels] == [NAME]
     assert any("tension/third/1" in note for note in bag.notes)
 
 
 def test_a_bag_counts_what_was_refused_and_what_was_left_out() -> None:
-    bag = compare_bag(
-        "a.mcap",
-        1.0,
+    channels = compare(
         [0, 10],
         {NAME: [0.0, 0.0], "effort/spindle": [0.0, 0.0]},
         {NAME: ([0, 50], [1.0, 1.0]), "effort/spindle": ([60], [1.0])},
         max_gap_ns=10,
-        counters={"late": 4},
     )
+    bag = summed_up("a.mcap", 1.0, channels, counters={"late": 4})
     assert bag.counters["late"] == 4
     assert bag.counters["outside_estimates"] == 2
     assert any("effort/spindle" in note for note in bag.notes)
@@ -157,6 +149,38 @@ def test_the_angle_comes_along_where_it_is_known() -> None:
     assert tension.angle_name == "rolling"
     assert effort.angle_name == ""
     assert np.isnan(effort.angle).all()
+
+
+@pytest.mark.parametrize("sizes", [[1] * 100, [37, 0, 1, 50, 12], [99, 1]])
+def test_the_pieces_in_which_estimates_come_change_no_bit(sizes: list[int]) -> None:
+    random = np.random.default_rng(7)
+    stamps = EPOCH_NS + np.cumsum(random.integers(1, 300, 100))
+    reference = np.sort(random.integers(int(stamps[0]) - 500, int(stamps[-1]) + 500, 400))
+    references = {
+        NAME: (reference, random.normal(size=400)),
+        "effort/winch": (stamps[::3], random.normal(size=34)),
+    }
+    values = {name: random.normal(size=100) for name in references}
+    values[NAME][[5, 36, 37, 70]] = np.nan
+    deviations = {NAME: random.uniform(0.1, 1.0, 100)}
+    deviations[NAME][[4, 36, 80]] = -1.0
+    whole = compare(stamps, values, references, max_gap_ns=250, stddev=deviations)
+    comparing = Comparing(list(values), stamps, references, 250)
+    begin = 0
+    for size in sizes:
+        part = slice(begin, begin + size)
+        comparing.add(
+            {name: column[part] for name, column in values.items()},
+            {name: column[part] for name, column in deviations.items()},
+            size,
+        )
+        begin += size
+    for one, other in zip(whole, comparing.channels(None, None), strict=True):
+        assert len(one.stamp_ns) > 20
+        for column in ("stamp_ns", "estimate", "reference"):
+            assert getattr(one, column).tobytes() == getattr(other, column).tobytes()
+        assert one.dropped == other.dropped
+        np.testing.assert_array_equal(one.stddev, other.stddev)
 
 
 def test_no_estimates_at_all_compare_to_empty_channels() -> None:

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.comparison import BagComparison, Channel
+from cdrj_ros.judgement.channels import BagComparison, Channel
 from cdrj_ros.judgement.limits import LimitsError, judge, load_limits, parse_limits
+from cdrj_ros.judgement.metrics import errors_of
 
 
 def bag(path: str = "a", error: float = 0.1, stddev: float | None = None) -> BagComparison:
@@ -26,14 +27,14 @@ def bag(path: str = "a", error: float = 0.1, stddev: float | None = None) -> Bag
 
 
 def judged(text: str, *bags: BagComparison) -> list[tuple[str, str, str, float | None, float]]:
-    judgement = judge(parse_limits(text, "limits.yaml"), bags or [bag()])
+    judgement = judge(parse_limits(text, "limits.yaml"), errors_of(bags or [bag()]))
     return [(o.where, o.channel, o.figure, o.value, o.bound) for o in judgement.outside]
 
 
 def test_what_is_within_its_limits_is_counted_and_nothing_else_is_said() -> None:
     judgement = judge(
         parse_limits("channels: {tension/*: {rmse: {max: 0.5}, r2: {min: 0.5, max: 1}}}", "f"),
-        [bag()],
+        errors_of([bag()]),
     )
     assert judgement.checked == 6
     assert judgement.outside == ()
@@ -41,7 +42,7 @@ def test_what_is_within_its_limits_is_counted_and_nothing_else_is_said() -> None
 
 def test_what_is_outside_is_named_with_its_bound_and_by_how_much() -> None:
     limits = parse_limits("channels: {tension/upper/?: {rmse: {max: 0.15}}}", "f")
-    (outside,) = judge(limits, [bag()]).outside
+    (outside,) = judge(limits, errors_of([bag()])).outside
     assert (outside.channel, outside.figure, outside.least) == ("tension/upper/2", "rmse", False)
     assert outside.by == pytest.approx(0.05)
 

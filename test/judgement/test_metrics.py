@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.comparison import BagComparison, Channel
+from cdrj_ros.judgement.channels import BagComparison, Channel
 from cdrj_ros.judgement.metrics import (
     MINIMUM_SHARE,
     NO_SAMPLES,
     ChannelError,
-    bag_errors,
     channel_error,
+    errors_of,
     mean_over_channels,
     pooled_errors,
 )
@@ -110,7 +110,7 @@ def test_pooled_figures_are_those_of_the_joined_samples() -> None:
     ]
     joined = channel_error(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     assert pooled_errors(bags) == {"tension/upper/8": joined}
-    single = [bag_errors(bag)["tension/upper/8"] for bag in bags]
+    single = [own["tension/upper/8"] for own in errors_of(bags).of_bags]
     assert joined.mean_abs_error != pytest.approx(np.mean([e.mean_abs_error or 0 for e in single]))
 
 

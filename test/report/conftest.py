@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.comparison import Angle, BagComparison, compare_bag
+from cdrj_ros.judgement.channels import Angle, BagComparison
+from cdrj_ros.judgement.comparison import compare, summed_up
 
 EPOCH_NS = 1_722_000_000_123_456_789
 
@@ -47,14 +48,17 @@ def make_comparison(
             add(f"nodal_force/{cable}/{i}", 1.7 * swing, sign * 0.5 * i, -0.03, 0.1)
     add("effort/spindle", 0.12 * np.sin(angle), 0.03, 0.01, 4e-4)
     add("effort/rolling", 1.4 * np.sin(angle), 0.12, 0.05, 4e-3)
-    return compare_bag(
-        path,
-        duration_s,
+    channels = compare(
         stamps,
         estimates,
         references,
         max_gap_ns=20_000_000,
         angle=Angle("rolling joint", stamps, angle),
+    )
+    return summed_up(
+        path,
+        duration_s,
+        channels,
         counters={"motor sample not finite": 3, "joint sample late": 0},
         notes=("Simulated rig; truth uses contact divided into cells.",),
         facts={"rate achieved": "1000 Hz", "latency p50 / p99": "0.21 ms / 0.64 ms"},

@@ -12,12 +12,15 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from cdrj_ros.judgement.comparison import Angle, BagComparison, Channel, compare_bag
+from cdrj_ros.judgement.channels import Angle, BagComparison, Channel
+from cdrj_ros.judgement.comparison import compare, summed_up
 from cdrj_ros.judgement.limits import Judgement, Outside
+from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.report import html
 from cdrj_ros.report.figures import PALETTE
 from cdrj_ros.report.html import write_report
+from cdrj_ros.report.table import Beside
 from cdrj_ros.robot.reader import load_robot
 
 ROBOT = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
@@ -59,12 +62,11 @@ class Strict(HTMLParser):
 def written(path: Path, *comparisons: BagComparison, **more: object) -> str:
     write_report(
         path / "report.html",
-        comparisons,
+        errors_of(comparisons),
         title=str(more.get("title", "A title")),
         robot_summary=str(more.get("robot_summary", "A robot")),
         versions={"cdrj_ros": "1.2.3"},
-        beside={"tension/upper/8": "4.44 %"},
-        beside_heading="published",
+        beside=Beside("published", {"tension/upper/8": "4.44 %"}),
     )
     return (path / "report.html").read_text(encoding="utf-8")
 
@@ -133,21 +135,18 @@ def test_names_from_outside_are_text_and_nothing_else(tmp_path: Path) -> None:
     stamps = np.arange(500, dtype=np.int64) * 1_000_000
     values = np.sin(stamps * 1e-8)
     name = f"tension/{nasty}/1"
-    bag = compare_bag(
-        nasty,
-        0.5,
+    channels = compare(
         stamps,
         {name: values},
-        {name: (stamps, values), f"effort/{nasty}": (stamps, values)},
+        {name: (stamps, values)},
         max_gap_ns=10_000_000,
         angle=Angle(nasty, stamps, values),
-        counters={nasty: 1},
-        notes=(nasty,),
-        facts={nasty: nasty},
     )
+    more = {"counters": {nasty: 1}, "notes": (nasty,), "facts": {nasty: nasty}}
+    bag = summed_up(nasty, 0.5, channels, (f"effort/{nasty}",), **more)  # type: ignore[arg-type]
     text = written(tmp_path, bag, bag, title=nasty, robot_summary=nasty)
     assert "<script" not in text
-    assert "&lt;script&gt;alert(&quot;x&quot;)&lt;/script&gt;&amp;$title$" in text
+    assert "&lt;script&gt;alert(&#34;x&#34;)&lt;/script&gt;&amp;$title$" in text
     parser = Strict()
     parser.feed(text)
     assert "script" not in parser.tags
@@ -229,7 +228,7 @@ def test_the_band_the_friction_the_parameters_and_the_limits_are_there(
     robot = load_robot(ROBOT)
     drawing = Figure(figsize=(6.0, 3.0))
     write_report(
-        tmp_path / "r.html", [bag], title="t", robot_summary="r", versions={},
+        tmp_path / "r.html", errors_of([bag]), title="t", robot_summary="r", versions={},
         judgement=Judgement("limits.yaml", 3, (outside,)), robot=robot, drawing=drawing,
     )  # fmt: skip
     text = (tmp_path / "r.html").read_text(encoding="utf-8")

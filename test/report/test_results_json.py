@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.comparison import BagComparison, Channel
-from cdrj_ros.judgement.metrics import FIGURES, bag_errors, pooled_errors
+from cdrj_ros.judgement.channels import BagComparison, Channel
+from cdrj_ros.judgement.metrics import FIGURES, errors_of, pooled_errors
 from cdrj_ros.report.results_json import FORMAT, VERSION, results, write_results
 
 
@@ -25,7 +25,7 @@ def constant_channel(n: int) -> Channel:
 
 def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagComparison) -> None:
     path = tmp_path / "figures.json"
-    bags = [comparison, comparison]
+    bags = errors_of([comparison, comparison])
     write_results(path, bags)
     read = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
     assert read == results(bags)
@@ -43,8 +43,8 @@ def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagCom
             "facts",
         }
     for channels, errors in (
-        (read["bags"][0]["channels"], bag_errors(comparison)),
-        (read["all"]["channels"], pooled_errors(bags)),
+        (read["bags"][0]["channels"], pooled_errors([comparison])),
+        (read["all"]["channels"], pooled_errors([comparison, comparison])),
     ):
         assert list(channels) == list(errors)
         for name, figures in channels.items():
@@ -59,7 +59,7 @@ def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagCom
 @pytest.mark.parametrize("n", [0, 1, 5])
 def test_what_cannot_be_said_is_null(tmp_path: Path, n: int) -> None:
     path = tmp_path / "figures.json"
-    write_results(path, [BagComparison("a", float("nan"), (constant_channel(n),))])
+    write_results(path, errors_of([BagComparison("a", float("nan"), (constant_channel(n),))]))
     read = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
     figures = read["all"]["channels"]["effort/spindle"]
     assert figures["n"] == n
@@ -79,11 +79,11 @@ def test_a_write_that_fails_leaves_the_older_file(
 
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(OSError, match="no space"):
-        write_results(path, [comparison])
+        write_results(path, errors_of([comparison]))
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_missing_folder_is_an_error_and_not_a_traceback_of_another_kind(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        write_results(tmp_path / "missing" / "figures.json", [])
+        write_results(tmp_path / "missing" / "figures.json", errors_of([]))

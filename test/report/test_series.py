@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.comparison import BagComparison, Channel
+from cdrj_ros.judgement.channels import BagComparison, Channel
 from cdrj_ros.judgement.reversals import envelope, turning_points
 from cdrj_ros.report.series import closer_look, gaps, loop_window
 

@@ -14,7 +14,14 @@ from cdrj_ros.report.numbers import (
     format_percent,
     format_r2,
 )
-from cdrj_ros.report.table import HEADINGS, plain_table, print_table, rich_table, table_groups
+from cdrj_ros.report.table import (
+    HEADINGS,
+    Beside,
+    errors_table,
+    plain,
+    print_errors,
+    table_groups,
+)
 
 ERRORS = {
     "effort/spindle": ChannelError(5, 0.00025, 0.021, 0.00041, 0.0012, 0.981),
@@ -46,9 +53,8 @@ def test_channels_are_grouped_by_quantity_with_their_mean_last() -> None:
 
 
 def test_plain_text_has_aligned_columns_and_no_drawing() -> None:
-    text = plain_table(
-        ERRORS, title="Result", beside={"tension/upper/8": "4.44 %"}, beside_heading="published"
-    )
+    beside = Beside("published", {"tension/upper/8": "4.44 %"})
+    text = plain(errors_table(ERRORS, title="Result", beside=beside))
     lines = text.splitlines()
     assert lines[0] == "Result"
     assert all(heading in lines[1] for heading in (*HEADINGS, "published"))
@@ -64,10 +70,10 @@ def test_a_terminal_gets_a_drawn_table_and_a_file_plain_text(
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.setenv("TERM", "xterm")
     terminal, file = Terminal(), io.StringIO()
-    print_table(ERRORS, file=terminal)
-    print_table(ERRORS, file=file)
+    print_errors(ERRORS, file=terminal)
+    print_errors(ERRORS, file=file)
     assert "─" in terminal.getvalue()
-    assert file.getvalue() == plain_table(ERRORS)
+    assert file.getvalue() == plain(errors_table(ERRORS))
     assert "upper/8" in terminal.getvalue()
 
 
@@ -75,15 +81,15 @@ def test_a_narrow_terminal_gets_whole_numbers_anyway(monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setenv("TERM", "xterm")
     terminal = Terminal()
-    print_table(ERRORS, file=terminal)
-    assert terminal.getvalue() == plain_table(ERRORS)
+    print_errors(ERRORS, file=terminal)
+    assert terminal.getvalue() == plain(errors_table(ERRORS))
 
 
 def test_names_are_not_markup() -> None:
     from rich.console import Console
 
     stream = io.StringIO()
-    table = rich_table({"tension/[bold]a/1": ERRORS["tension/upper/8"]})
+    table = errors_table({"tension/[bold]a/1": ERRORS["tension/upper/8"]})
     Console(file=stream, width=100).print(table)
     assert "[bold]a/1" in stream.getvalue()
 

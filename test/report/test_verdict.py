@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.comparison import BagComparison, Channel
-from cdrj_ros.judgement.metrics import bag_errors, pooled_errors
+from cdrj_ros.judgement.channels import BagComparison, Channel
+from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.report.verdict import last_elements, telling_channels, verdict
 
 
@@ -20,7 +20,7 @@ def scaled(name: str, factor: float) -> Channel:
 
 def summed(*channels: Channel) -> str:
     bag = BagComparison("bags/one", 10.0, channels)
-    return verdict([bag], bag_errors(bag)).sentence
+    return verdict(errors_of([bag])).sentence
 
 
 @pytest.mark.parametrize(
@@ -47,21 +47,21 @@ def test_the_largest_error_is_named_with_its_moment() -> None:
     spoilt = scaled("tension/upper/2", 1.0)
     spoilt.estimate[700] += 5.0
     bag = BagComparison("bags/one", 10.0, (scaled("tension/upper/1", 1.0), spoilt))
-    detail = verdict([bag], bag_errors(bag)).detail
+    detail = verdict(errors_of([bag])).detail
     assert "5.0 N, in tension/upper/2 at 7.0 s" in detail
     clean = BagComparison("bags/two", 10.0, (scaled("tension/upper/2", 1.0),))
-    both = verdict([clean, bag], pooled_errors([clean, bag])).detail
+    both = verdict(errors_of([clean, bag])).detail
     assert "at 7.0 s of bags/one" in both
     assert "20 s in 2 recordings" in both
 
 
 def test_nothing_compared_is_said_plainly() -> None:
-    assert verdict([], {}).sentence.startswith("Nothing could be compared")
-    assert verdict([], {}).numbers == ()
+    assert verdict(errors_of([])).sentence.startswith("Nothing could be compared")
+    assert verdict(errors_of([])).numbers == ()
 
 
 def test_key_numbers_cover_last_elements_and_every_quantity(comparison: BagComparison) -> None:
-    numbers = verdict([comparison], bag_errors(comparison)).numbers
+    numbers = verdict(errors_of([comparison])).numbers
     assert [number.label for number in numbers] == [
         "Last element of each cable",
         "All 16 element tensions",

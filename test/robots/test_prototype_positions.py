@@ -10,8 +10,9 @@ import pytest
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.commands.validate import validate_bag
+from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.judgement.metrics import pooled_errors
-from cdrj_ros.judgement.validation import condition_recording, estimate, read_inputs
+from cdrj_ros.judgement.validation import condition_recording, read_inputs
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot

@@ -1,0 +1,97 @@
+"""Printing that neither changes what a command does nor controls the reader's terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import sys
+from collections.abc import Iterator
+from typing import Any, TextIO, cast
+
+from cdrj_ros.foundation.text import printable
+
+
+def say(text: object = "", *, file: TextIO | None = None, flush: bool = False) -> None:
+    """Print text that may hold names from outside: control characters are escaped, line by line."""
+    lines = "\n".join(printable(line) for line in str(text).split("\n"))
+    print(lines, file=file, flush=flush)
+
+
+class LastingStream:
+    """A text stream whose failures are remembered instead of raised.
+
+    A pipe whose reader has gone, a full disk, a closed descriptor: what is written afterwards is
+    discarded.  Characters that the encoding lacks are escaped.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        """``stream`` is None where the process has none."""
+        self._stream = stream
+        self.failure: OSError | ValueError | None = None
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+    def write(self, text: str) -> int:
+        """Write, or discard after a failure."""
+        if self._stream is not None and self.failure is None:
+            try:
+                self._stream.write(self._encodable(text))
+            except (OSError, ValueError) as error:
+                self._fail(error)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush, or do nothing after a failure."""
+        if self._stream is not None and self.failure is None:
+            try:
+                self._stream.flush()
+            except (OSError, ValueError) as error:
+                self._fail(error)
+
+    def isatty(self) -> bool:
+        """Whether this is a terminal that still listens."""
+        try:
+            return self.failure is None and bool(self._stream is not None and self._stream.isatty())
+        except ValueError:
+            return False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def _encodable(self, text: str) -> str:
+        encoding = getattr(self._stream, "encoding", None) or "utf-8"
+        return text.encode(encoding, "backslashreplace").decode(encoding)
+
+    def _fail(self, error: OSError | ValueError) -> None:
+        """Let the rest, also what is still buffered, go nowhere."""
+        self.failure = error
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)
+
+
+@contextlib.contextmanager
+def lasting_output(name: str) -> Iterator[None]:
+    """Keep failures of standard output and standard error from ending the block.
+
+    Args:
+        name: of the command; if output failed for another reason than a reader that has gone, a
+            line on standard error says so.
+    """
+    before = sys.stdout, sys.stderr
+    out, err = LastingStream(sys.stdout), LastingStream(sys.stderr)
+    sys.stdout, sys.stderr = cast("TextIO", out), cast("TextIO", err)
+    try:
+        yield
+    finally:
+        out.flush()
+        failure = out.failure
+        if isinstance(failure, OSError) and failure.errno != errno.EPIPE:
+            say(
+                f"{name}: standard output: {failure.strerror}; the rest is not shown",
+                file=sys.stderr,
+            )
+        err.flush()
+        sys.stdout, sys.stderr = before

@@ -1,0 +1,49 @@
+"""Which angle a channel is drawn over."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.judgement.channels import Angle
+from cdrj_ros.model.prepared import Model, shape_at
+
+
+def telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
+    """By channel, the joint that it is drawn over: the one that moves its cable most.
+
+    An effort is drawn over its own motor or joint; a cable that no joint moves, over its motor.
+    """
+    layout, robot = model.layout, model.robot
+    angles = {
+        name: Angle(name, segment.stamp_ns, values[:, k])
+        for names, values in (
+            (layout.motors, segment.motor_angle),
+            (layout.joints, segment.joint_angle),
+        )
+        for k, name in enumerate(names)
+    }
+    lowest = np.min(segment.joint_angle, axis=0)
+    middle = 0.5 * (lowest + np.max(segment.joint_angle, axis=0))
+    moves = np.abs(shape_at(model, middle).length_by_joint)
+    reach = moves * (np.max(segment.joint_angle, axis=0) - lowest)
+    by_cable = {}
+    for cable in robot.cables:
+        rows = [k for k, name in enumerate(layout.elements) if name.startswith(f"{cable.name}/")]
+        along = reach[rows].sum(axis=0)
+        winches = [node.motor for node in cable.nodes if hasattr(node, "motor")]
+        if along.size and along.max() > 0.0:
+            by_cable[cable.name] = angles[layout.joints[int(along.argmax())]]
+        elif winches:
+            by_cable[cable.name] = angles[winches[0]]
+        elif layout.joints:
+            by_cable[cable.name] = angles[layout.joints[0]]
+    told = {f"effort/{name}": angle for name, angle in angles.items()}
+    for prefix, names in (("tension", layout.elements), ("nodal_force", layout.pulleys)):
+        for name in names:
+            cable_name = name.rpartition("/")[0]
+            if cable_name in by_cable:
+                told[f"{prefix}/{name}"] = by_cable[cable_name]
+    if len(layout.joints) == 1:  # a motor's angle lags by its friction: the joint tells more
+        told |= {f"effort/{name}": angles[layout.joints[0]] for name in layout.motors}
+    return told

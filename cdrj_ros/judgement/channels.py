@@ -1,0 +1,183 @@
+"""Channels: one quantity each, estimated and recorded, on the stamps of the record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cdrj_ros.judgement.pulley_friction import PulleyFriction
+from cdrj_ros.model.prepared import Layout
+
+Floats = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+
+class Quantity(NamedTuple):
+    """What the part of a channel's name before the first slash stands for."""
+
+    title: str
+    """In words, for headings: "Tension"."""
+    unit: str
+    """Unit of the channel's values: "N" or "N·m"."""
+
+
+QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
+    {
+        "tension": Quantity("Tension", "N"),
+        "nodal_force": Quantity("Nodal force", "N"),
+        "friction": Quantity("Friction", "N"),
+        "effort": Quantity("Effort", "N·m"),
+    }
+)
+"""Every quantity that can be compared, by prefix, in the order in which it is shown."""
+
+
+def quantity_of(name: str) -> str:
+    """The prefix of a channel's name, a key of QUANTITIES; ValueError where it is none."""
+    prefix, slash, rest = name.partition("/")
+    if prefix not in QUANTITIES or not slash or not rest:
+        known = ", ".join(f"{key}/…" for key in QUANTITIES)
+        raise ValueError(f"channel name must be one of {known}; got {name!r}")
+    return prefix
+
+
+def unit_of(name: str) -> str:
+    """Unit of a channel's values, from the prefix of its name; ValueError where it is unknown."""
+    return QUANTITIES[quantity_of(name)].unit
+
+
+def estimate_channels(layout: Layout, values: Floats) -> dict[str, Floats]:
+    """Views of estimates by channel name.
+
+    Args:
+        layout: places in the estimate.
+        values: shape (n, layout.size).
+    """
+    named = {}
+    for prefix, names, where in (
+        ("tension", layout.elements, layout.tension),
+        ("nodal_force", layout.pulleys, layout.magnitude),
+        ("effort", layout.motors, layout.motor_effort),
+        ("effort", layout.joints, layout.joint_effort),
+    ):
+        for k, name in enumerate(names):
+            named[f"{prefix}/{name}"] = values[:, where.start + k]
+    return named
+
+
+def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
+    """Views of standard deviations by channel name; empty where they are not known.
+
+    Args:
+        layout: names of the channels.
+        stddev: of tensions, nodal forces, motor efforts and joint efforts, shape (n, channels).
+    """
+    if stddev is None:
+        return {}
+    names = [f"tension/{name}" for name in layout.elements]
+    names += [f"nodal_force/{name}" for name in layout.pulleys]
+    names += [f"effort/{name}" for name in (*layout.motors, *layout.joints)]
+    return {name: stddev[:, k] for k, name in enumerate(names)}
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One quantity, estimated and recorded, on the reference's stamps."""
+
+    name: str
+    """What it is: "tension/upper/8", "nodal_force/upper/3" or "effort/spindle"."""
+    unit: str
+    """Unit of ``estimate`` and ``reference``: "N" or "N·m"."""
+    stamp_ns: Stamps
+    """When the reference was taken [ns], strictly increasing, shape (n,).  Where the clock of the
+    recording went back, the later passes are shifted behind the earlier ones."""
+    estimate: Floats
+    """What was estimated [unit], finite, shape (n,)."""
+    reference: Floats
+    """What was recorded [unit], finite, shape (n,)."""
+    angle: Floats
+    """Angle to draw the channel over [rad], NaN where there is none, shape (n,)."""
+    angle_name: str
+    """Name of the joint or motor whose angle it is; empty where there is none."""
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    """Number of reference samples left out, by cause: the keys of DROP_CAUSES."""
+    stddev: Floats | None = None
+    """Standard deviation of ``estimate`` [unit], NaN where unknown, shape (n,); or None."""
+    reversal: NDArray[np.bool_] | None = None
+    """Whether a motor or joint reverses at that time, shape (n,); None where that is unknown."""
+
+    def __post_init__(self) -> None:
+        series = (self.stamp_ns, self.estimate, self.reference, self.angle)
+        more = (self.stddev, self.reversal)
+        shapes = {len(one) if one.ndim == 1 else -1 for one in (*series, *more) if one is not None}
+        if len(shapes) != 1 or -1 in shapes:
+            raise ValueError(f"{self.name}: stamps and series must all have one shape (n,)")
+
+
+@dataclass(frozen=True, eq=False)
+class BagComparison:
+    """Everything one recording says about the estimator."""
+
+    path: str
+    """The recording, as the user named it."""
+    duration_s: float
+    """Length of the recording [s]."""
+    channels: tuple[Channel, ...]
+    """The compared quantities, in the order in which the robot lists them."""
+    counters: Mapping[str, int] = field(default_factory=dict)
+    """Number of samples refused or left out, by cause."""
+    notes: tuple[str, ...] = ()
+    """Sentences for the reader."""
+    facts: Mapping[str, str] = field(default_factory=dict)
+    """Rows of free text: rate achieved, latency, versions."""
+    friction: tuple[PulleyFriction, ...] = ()
+    """Estimated friction at the pulleys; empty where it was not kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Angle:
+    """The recorded angle of a motor or joint, for drawing a channel over it."""
+
+    name: str
+    """Name of the motor or joint."""
+    stamp_ns: Stamps
+    """Stamps [ns], strictly increasing, shape (k,)."""
+    value: Floats
+    """Angle [rad], shape (k,)."""
+
+    def __post_init__(self) -> None:
+        stamps = np.asarray(self.stamp_ns)
+        if len(stamps) == 0:
+            raise ValueError(f"angle of {self.name!r} must have at least one sample")
+        checked_stamps(stamps, f"angle of {self.name!r}")
+        if np.shape(self.value) != stamps.shape:
+            raise ValueError(f"angle of {self.name!r} must have one value per stamp")
+
+
+def integer_stamps(stamps: ArrayLike, owner: str) -> Stamps:
+    """Stamps as an array of int64; ValueError where they are not integers of shape (n,)."""
+    array = np.asarray(stamps)
+    if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
+        raise ValueError(
+            f"{owner}: stamps must be integer nanoseconds of shape (n,); "
+            f"got {array.dtype} of shape {array.shape}"
+        )
+    return array.astype(np.int64, copy=False)
+
+
+def checked_stamps(stamps: ArrayLike, owner: str) -> Stamps:
+    """As ``integer_stamps``; ValueError also where they do not increase strictly."""
+    array = integer_stamps(stamps, owner)
+    late = np.flatnonzero(array[1:] <= array[:-1])
+    if len(late):
+        at = int(late[0])
+        raise ValueError(
+            f"{owner}: stamps must increase strictly; [{at + 1}] = {array[at + 1]} ns follows "
+            f"[{at}] = {array[at]} ns"
+        )
+    return array

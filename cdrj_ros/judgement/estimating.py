@@ -1,0 +1,75 @@
+"""The estimator over a conditioned recording, in pieces that fit into memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+import numpy as np
+
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.whole_recording import Conditioned
+from cdrj_ros.estimation.ensemble import Spread, spread_columns
+from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.judgement.pulley_friction import BLOCK
+from cdrj_ros.model.prepared import Model
+
+AT_ONCE: Final = 16 * BLOCK
+"""Samples of a piece; the numbers do not depend on it."""
+
+
+def pieces_of(model: Model, samples: Samples, *, spread: bool = False) -> Iterator[Estimates]:
+    """Estimate a pass from an unknown friction history; yields AT_ONCE samples at a time.
+
+    Args:
+        model: the prepared robot.
+        samples: of one pass.
+        spread: standard deviations too, for about as much time again.
+    """
+    state = initial_state(model)
+    ensemble = Spread(model) if spread else None
+    for begin in range(0, samples.stamp_ns.size, AT_ONCE):
+        part = slice(begin, begin + AT_ONCE)
+        piece = Samples(
+            samples.stamp_ns[part], samples.motor_angle[part], samples.joint_angle[part]
+        )
+        if ensemble is None:
+            state, estimates = run(model, state, piece)
+        else:
+            state, estimates = ensemble.run(state, piece)
+        yield estimates
+
+
+def estimate(
+    model: Model,
+    conditioned: Conditioned,
+    progress: Callable[[float], None] | None = None,
+    *,
+    spread: bool = False,
+) -> Estimates:
+    """All estimates of a conditioned recording at once.
+
+    Args:
+        model: the prepared robot.
+        conditioned: the recording; the estimator starts anew for each of its segments.  They
+            follow one another in the result, whose stamps go back between them.
+        progress: called with the share that is done, from 0 to 1.
+        spread: standard deviations too, for about as much time again.
+    """
+    total = sum(segment.stamp_ns.size for segment in conditioned.segments)
+    stamps = np.concatenate(
+        [np.empty(0, np.int64), *(segment.stamp_ns for segment in conditioned.segments)]
+    )
+    values = np.empty((total, model.layout.size))
+    stddev = np.empty((total, spread_columns(model.layout).size)) if spread else None
+    done = 0
+    for segment in conditioned.segments:
+        for piece in pieces_of(model, segment, spread=spread):
+            place = slice(done, done + piece.stamp_ns.size)
+            values[place] = piece.values
+            if stddev is not None:
+                stddev[place] = piece.stddev
+            done = place.stop
+            if progress:
+                progress(done / total)
+    return Estimates(stamps, values, model.layout, stddev)

@@ -1,0 +1,107 @@
+"""Where the stamps of a reference lie among the stamps of the estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.judgement.channels import Angle, Floats, Stamps
+
+DROP_CAUSES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "reference_not_finite": "reference values that are NaN or infinite",
+        "reference_repeated": "reference values with the stamp of an earlier one",
+        "outside_estimates": "reference values before the first or after the last estimate",
+        "between_distant_estimates": "reference values in a gap between estimates",
+        "estimate_not_finite": "reference values beside an estimate that is NaN or infinite",
+    }
+)
+"""Why a reference is left out: name of the counter, and what is counted in words."""
+
+
+class Placement(NamedTuple):
+    """Where reference stamps lie among the estimates' stamps; shapes (k,) unless said."""
+
+    stamp_ns: Stamps
+    """Stamps that have an estimate on or around them."""
+    source: NDArray[np.intp]
+    """Index of each in the reference as given."""
+    left: NDArray[np.intp]
+    """Index of the last estimate not after the stamp."""
+    right: NDArray[np.intp]
+    """Index of the first estimate not before the stamp; equal to ``left`` where they coincide."""
+    share: Floats
+    """How far the stamp lies from ``left`` to ``right``, in [0, 1)."""
+    dropped: Mapping[str, int]
+    """Number of stamps left out, by cause."""
+
+
+def place(stamps: Stamps, own_stamps: Stamps, max_gap_ns: int) -> Placement:
+    """Find the neighbours of every stamp.
+
+    Args:
+        stamps: of the reference [ns], in any order, shape (m,); of equal ones the first counts.
+        own_stamps: of the estimates [ns], strictly increasing, shape (n,).
+        max_gap_ns: greatest distance of two neighbours.
+    """
+    dropped = {}
+    if np.all(stamps[1:] > stamps[:-1]):
+        source = np.arange(len(stamps))
+    else:
+        source = np.argsort(stamps, kind="stable")
+        in_order = stamps[source]
+        first = np.ones(len(source), dtype=np.bool_)
+        first[1:] = in_order[1:] != in_order[:-1]
+        source = source[first]
+    dropped["reference_repeated"] = len(stamps) - len(source)
+    wanted = stamps[source]
+    if len(own_stamps) == 0:
+        inside = np.zeros(len(wanted), dtype=np.bool_)
+    else:
+        inside = (wanted >= own_stamps[0]) & (wanted <= own_stamps[-1])
+    dropped["outside_estimates"] = int(np.count_nonzero(~inside))
+    source, wanted = source[inside], wanted[inside]
+    right = np.searchsorted(own_stamps, wanted, side="left")
+    left = right - (own_stamps[right] != wanted)
+    width = own_stamps[right] - own_stamps[left]
+    near = width <= max_gap_ns
+    dropped["between_distant_estimates"] = int(np.count_nonzero(~near))
+    source, wanted, left, right, width = (
+        column[near] for column in (source, wanted, left, right, width)
+    )
+    # Integers are subtracted before they become floats: epoch stamps exceed a float's 53 bits.
+    share = (wanted - own_stamps[left]).astype(np.float64) / np.maximum(width, 1)
+    return Placement(wanted, source, left, right, share, dropped)
+
+
+def interpolated(before: Floats, after: Floats, placement: Placement, part: slice) -> Floats:
+    """The straight line between neighbours; ``before`` itself where the stamps coincide.
+
+    Args:
+        before, after: values at ``placement.left[part]`` and ``placement.right[part]``.
+        placement: of all stamps.
+        part: which of them.
+    """
+    same = placement.left[part] == placement.right[part]
+    if same.all():
+        return before
+    with np.errstate(invalid="ignore", over="ignore"):
+        between = before + placement.share[part] * (after - before)
+    return np.where(same, before, between)
+
+
+def angle_at(stamp_ns: Stamps, angle: Angle | None, max_gap_ns: int) -> Floats:
+    """Angle [rad] at the stamps, NaN where no reading is near enough, shape of ``stamp_ns``."""
+    result = np.full(len(stamp_ns), np.nan)
+    if angle is not None:
+        values = np.asarray(angle.value, dtype=np.float64)
+        there = place(stamp_ns, np.asarray(angle.stamp_ns, dtype=np.int64), max_gap_ns)
+        everything = slice(None)
+        result[there.source] = interpolated(
+            values[there.left], values[there.right], there, everything
+        )
+    return result

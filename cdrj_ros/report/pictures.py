@@ -1,0 +1,114 @@
+"""The pictures of a report with their captions, as SVG for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from cdrj_ros.judgement.channels import Channel
+from cdrj_ros.judgement.pulley_friction import PulleyFriction
+from cdrj_ros.judgement.reversals import turning_points
+from cdrj_ros.report.series import Window, closer_look, loop_window, seconds_since
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+    from matplotlib.figure import Figure
+
+# matplotlib takes half a second to import: the functions below import it where they draw.
+
+SHARE_IN_WORDS: Final = "difference of the two tensions over the larger one"
+
+LOOP_IN_WORDS: Final = (
+    "Friction over the cable that has passed the pulley where friction holds most: upright where "
+    "the cable sticks, level where it slips."
+)
+
+
+class Picture(NamedTuple):
+    """One figure of the page."""
+
+    svg: Markup
+    caption: str
+
+
+def channel_pictures(
+    channel: Channel, key: str, origin_ns: int, label_start: str
+) -> tuple[Picture, ...]:
+    """One channel over time, around its largest error, and over its angle.
+
+    Args:
+        channel: at least one sample.
+        key: unique on the page.
+        origin_ns: stamp that is second 0 of the time axes [ns].
+        label_start: begin of the text for readers who cannot see the pictures.
+    """
+    from cdrj_ros.report.figures import hysteresis, over_time
+
+    turns = turning_points(channel.angle)
+    look = closer_look(channel, turns)
+    loop = loop_window(channel, turns)
+    seconds = _span(channel, look, origin_ns)
+    shown = [
+        (
+            over_time(channel, origin_ns, shade=look),
+            "over time, error below",
+            "Whole recording; the tinted part is enlarged.",
+        ),
+        (
+            over_time(channel, origin_ns, window=look),
+            f"over time, {seconds}, error below",
+            "Around the largest error."
+            if look.reversal is None
+            else "The reversal (dashed) nearest to the largest error.",
+        ),
+    ]
+    if np.isfinite(channel.angle[loop.begin : loop.end]).any():
+        shown.append(
+            (
+                hysteresis(channel, loop),
+                f"over the angle of {channel.angle_name}",
+                f"Over the angle of {channel.angle_name}, {_span(channel, loop, origin_ns)}.",
+            )
+        )
+    label = f"{label_start}{channel.name}: recorded and estimated"
+    return tuple(
+        _picture(figure, f"{label} {view}", f"{key}-{index}", caption)
+        for index, (figure, view, caption) in enumerate(shown)
+    )
+
+
+def friction_pictures(
+    pulleys: Sequence[PulleyFriction], most: PulleyFriction, key: str
+) -> tuple[Picture, ...]:
+    """Bars of the pulleys' friction, and the loop of the pulley that holds most."""
+    from cdrj_ros.report.figures import MOST_BARS, friction_bars, friction_loop
+
+    least = sorted((one.mean_share for one in pulleys), reverse=True)[:MOST_BARS][-1]
+    shown = [one for one in pulleys if one.mean_share >= least][:MOST_BARS]
+    which = "every pulley" if len(shown) == len(pulleys) else f"the {len(shown)} that hold most"
+    caption = f"What friction holds at {which}, by node: {SHARE_IN_WORDS}, as estimated."
+    pictures = [_picture(friction_bars(shown), "Friction of the pulleys", f"{key}-bars", caption)]
+    if most.friction is not None and len(most.friction):
+        label = f"Friction loop of {most.name}"
+        pictures.append(_picture(friction_loop(most), label, f"{key}-loop", LOOP_IN_WORDS))
+    return tuple(pictures)
+
+
+def drawing_svg(drawing: Figure, label: str) -> Markup:
+    """The drawing of the robot."""
+    return _picture(drawing, label, "drawing", "").svg
+
+
+def _picture(figure: Figure, label: str, key: str, caption: str) -> Picture:
+    from markupsafe import Markup
+
+    from cdrj_ros.report.svg import inline_svg
+
+    return Picture(Markup(inline_svg(figure, label, key)), caption)
+
+
+def _span(channel: Channel, window: Window, origin_ns: int) -> str:
+    begin, end = seconds_since(channel.stamp_ns[[window.begin, window.end - 1]], origin_ns)
+    return f"{begin:.1f} to {end:.1f} s"
