@@ -14,6 +14,7 @@ from cdrj_ros.bag import Topics
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import lasting_output, say
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.judgement.limits import Judgement
 from cdrj_ros.judgement.metrics import Errors
 from cdrj_ros.judgement.placement import DROP_CAUSES
@@ -37,11 +38,11 @@ def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[
         try:
             return body(sys.argv[1:] if argv is None else argv)
         except CdrjError as error:
-            say(f"{name}: {error}", file=sys.stderr)
+            print(printable(f"{name}: {error}"), file=sys.stderr)
             return BAD_INPUT
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
-            say(f"{name}: {where}{error.strerror or error}", file=sys.stderr)
+            print(printable(f"{name}: {where}{error.strerror or error}"), file=sys.stderr)
             return BAD_INPUT
         except KeyboardInterrupt:
             announce_interruption(name)

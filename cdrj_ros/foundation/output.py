@@ -29,7 +29,7 @@ class LastingStream:
         """``stream`` is None where the process has none."""
         self._stream = stream
         self.failure: OSError | ValueError | None = None
-        if hasattr(stream, "reconfigure"):
+        with contextlib.suppress(AttributeError, ValueError):
             stream.reconfigure(errors="backslashreplace")
 
     def write(self, text: str) -> int:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -154,6 +157,112 @@ def test_limits_decide_the_exit_code_and_tell_what_is_outside(
     assert "1 of 1 figures is outside" in printed
     assert "tension/upper/8" in printed
     assert "1 of 1 figures is outside" in (tmp_path / "r.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def second(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("bags") / "second", recording, until_s=1.0)
+
+
+@pytest.mark.parametrize("output", ["/dev/full", "without a reader"])
+def test_files_and_verdict_do_not_depend_on_who_reads_standard_output(
+    second: Path, tmp_path: Path, output: str
+) -> None:
+    limits, html, figures = (tmp_path / name for name in ("limits.yaml", "r.html", "f.json"))
+    limits.write_text("channels: {effort/winch: {rmse: {max: 1.0e-9}}}")
+    code = "import sys; from cdrj_ros.commands import validate; sys.exit(validate.main())"
+    options = ["--reference", "/reference/efforts", "--limits", limits, "--html", html]
+    command = [sys.executable, "-c", code, second, "--robot", ROBOT, "--json", figures, *options]
+    reading, writing = os.pipe()
+    os.close(reading)
+    if output == "/dev/full":
+        os.close(writing)
+        writing = os.open(output, os.O_WRONLY)
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    ended = subprocess.run(
+        command, stdout=writing, stderr=subprocess.PIPE, env=environment, check=False
+    )
+    os.close(writing)
+    assert ended.returncode == 1, ended.stderr
+    assert b"Traceback" not in ended.stderr
+    assert b"Exception ignored" not in ended.stderr
+    assert len(json.loads(figures.read_text())["limits"]["outside"]) == 1
+    assert "</html>" in html.read_text()
+
+
+def test_no_output_may_name_an_input(
+    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits, robot = tmp_path / "limits.yaml", tmp_path / "robot.yaml"
+    limits.write_text("channels: {tension/upper/8: {rmse: {max: 1}}}")
+    robot.write_bytes(ROBOT.read_bytes())
+    (file,) = second.glob("*.mcap")
+    inputs = {path: path.read_bytes() for path in (limits, robot, file)}
+    for path in inputs:
+        for option in ("--json", "--html"):
+            arguments = [second, "--robot", robot, "--limits", limits, option, path]
+            assert validate.main([str(argument) for argument in arguments]) == 2
+            one_line(capsys, [f"{option} {path} would overwrite the input"])
+    arguments = [second, "--robot", robot, "--write-bag", second / "new"]
+    assert validate.main([str(argument) for argument in arguments]) == 2
+    one_line(capsys, ["--write-bag", "would overwrite the input second"])
+    assert {path: path.read_bytes() for path in inputs} == inputs
+
+
+def test_a_bag_without_references_is_refused_before_any_bag_is_read(
+    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    bare = tmp_path / "bare"
+    with BagWriter(bare) as bag:
+        bag.copy(second, ["/cdrj/motor_states", "/cdrj/joint_states"])
+
+    def never(*_: object) -> Recording:
+        raise AssertionError("read")
+
+    monkeypatch.setattr(validate, "read_inputs", never)
+    assert run(tmp_path, second, bare)[0] == 2
+    one_line(capsys, [f"{bare} holds no references", "--reference"])
+
+
+def test_names_in_a_bag_do_not_control_the_terminal(
+    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "\x1b[2Jbag"
+    with BagWriter(out) as bag:
+        bag.copy(second)
+        bag.write_tensions("/truth", [1, 2], ["\x1b[31mupper/9"], np.ones((2, 1)), log_ns=[1, 2])
+    topics = ["--reference", "/truth", "--reference", "/reference/tensions"]
+    assert run(tmp_path, out, *topics)[0] == 0
+    printed = capsys.readouterr()
+    assert "\\x1b[31mupper/9" in printed.out
+    assert "\x1b" not in printed.out + printed.err
+    limits = tmp_path / "limits.yaml"
+    limits.write_text('channels: {"tension/\\e[31m*": {rmse: {max: 1.0e-6}}}')
+    assert run(tmp_path, second, "--limits", limits)[0] == 1
+    printed = capsys.readouterr()
+    assert "tension/\\x1b[31m*" in printed.out
+    assert "\x1b" not in printed.out + printed.err
+
+
+def test_every_bag_may_have_preloads_of_its_own(
+    second: Path, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    low = write(tmp_path / "low", read_recording(ROOT / "bags" / "prototype_preload_23_6"))
+    code, one = run(tmp_path, short, low)
+    assert code == 0
+    assert one["all"]["channels"]["tension/lower/8"]["mean_relative_error"] > 0.3
+    (note,) = (note for note in one["bags"][1]["notes"] if "cable lower" in note)
+    assert "assume a preload of 26.26 N" in note
+    assert not any("preload" in note for note in one["bags"][0]["notes"])
+    preloads = ["--preload", "36.85,26.26", "--preload", "23.52,6.66"]
+    code, both = run(tmp_path, short, low, *preloads)
+    assert code == 0
+    assert both["all"]["channels"]["tension/lower/8"]["mean_relative_error"] < 0.02
+    assert [bag["facts"]["preload"] for bag in both["bags"]] == ["36.85,26.26 N", "23.52,6.66 N"]
+    capsys.readouterr()
+    assert run(tmp_path, short, low, second, *preloads)[0] == 2
+    one_line(capsys, ["--preload must be given once, or once for each of the 3 bags; got 2"])
 
 
 def test_a_wrong_file_of_limits_is_one_line_before_any_bag_is_read(

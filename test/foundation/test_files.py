@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import stat
 from pathlib import Path
 
@@ -80,3 +81,19 @@ def test_outputs_beside_the_inputs_are_fine(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "robot.yaml").touch()
     check_outputs({"--json": "a.json", "--html": None}, ["robot.yaml"])
+
+
+def test_what_is_no_file_is_written_to_and_not_replaced(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    check_outputs({"--json": pipe})
+    write_text(pipe, "figures")
+    assert os.read(reading, 100) == b"figures"
+    os.close(reading)
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_an_unpaired_surrogate_does_not_end_a_write(tmp_path: Path) -> None:
+    write_text(tmp_path / "a", '"bag\udcff"')
+    assert (tmp_path / "a").read_bytes() == b'"bag\\udcff"'

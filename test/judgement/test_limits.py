@@ -11,6 +11,11 @@ from cdrj_ros.judgement.channels import BagComparison, Channel
 from cdrj_ros.judgement.limits import LimitsError, judge, load_limits, parse_limits
 from cdrj_ros.judgement.metrics import errors_of
 
+NESTED = "d: &d0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"d{k}: &d{k} [{', '.join([f'*d{k - 1}'] * 10)}]\n" for k in range(1, 10)
+)
+"""A kilobyte that stands for billions of entries."""
+
 
 def bag(path: str = "a", error: float = 0.1, stddev: float | None = None) -> BagComparison:
     n = 100
@@ -92,6 +97,11 @@ def test_recordings_are_judged_together_and_on_request_each_by_itself() -> None:
         ("judge: some\nchannels: {}", ["judge must be one of all, each"]),
         ("channels: {3: {rmse: {max: 1}}}", ["channels.3 must be text"]),
         ("[1", ["not YAML"]),
+        ("channels: {tension/*: {rmse: {max: !!int ''}}}", ["not YAML"]),
+        ("channels: {tension/*: {rmse: {max: !!bool foo}}}", ["not YAML"]),
+        ("[[a]]: 1", ["not YAML"]),
+        (NESTED, ["more than"]),
+        ('channels: {"tension/\\e[31m": 1}', ["tension/\\x1b[31m must be a mapping"]),
         ("3", ["the file must be a mapping"]),
         ("", ["the file must be a mapping"]),
     ],

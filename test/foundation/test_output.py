@@ -1,0 +1,93 @@
+"""What becomes of standard output changes nothing else, and no name controls the terminal."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from pathlib import Path
+from typing import TextIO
+
+import pytest
+
+from cdrj_ros.commands.shared import run_command
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.output import say
+
+
+def full() -> TextIO:
+    return Path("/dev/full").open("w", encoding="utf-8")
+
+
+def without_reader() -> TextIO:
+    reading, writing = os.pipe()
+    os.close(reading)
+    return os.fdopen(writing, "w", encoding="utf-8")
+
+
+def closed() -> TextIO:
+    stream = io.TextIOWrapper(io.BytesIO())
+    stream.close()
+    return stream
+
+
+@pytest.mark.parametrize("make", [full, without_reader, closed, lambda: None])
+def test_a_command_ends_as_it_would_with_a_reader(
+    make: object, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = []
+
+    def body(_: object) -> int:
+        for k in range(10_000):
+            say(f"line {k}")
+            sys.stdout.flush()
+        done.append(True)
+        return 1
+
+    stream = make()  # type: ignore[operator]
+    monkeypatch.setattr(sys, "stdout", stream)
+    assert run_command("validate", body, []) == 1
+    assert done == [True]
+    if stream is not None and not stream.closed:
+        stream.close()  # nothing is left to fail when the interpreter ends
+    told = ["validate: standard output: No space left on device; the rest is not shown"]
+    assert capsys.readouterr().err.splitlines() == (told if make is full else [])
+
+
+def test_characters_that_an_encoding_lacks_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", stream)
+
+    def body(_: object) -> int:
+        say("R² ±2σ \udcff")
+        return 0
+
+    assert run_command("validate", body, []) == 0
+    assert raw.getvalue() == b"R\\xb2 \\xb12\\u03c3 \\udcff\n"
+
+
+def test_streams_are_restored(capsys: pytest.CaptureFixture[str]) -> None:
+    before = sys.stdout, sys.stderr
+    run_command("validate", lambda _: 0, [])
+    assert (sys.stdout, sys.stderr) == before
+
+
+def test_an_escape_in_a_name_is_shown_and_not_obeyed(capsys: pytest.CaptureFixture[str]) -> None:
+    say("bag \x1b[2J\r\x9b31m of\nyesterday")
+    assert capsys.readouterr().out == "bag \\x1b[2J\\r\\x9b31m of\nyesterday\n"
+
+
+NASTY = "\x1b[31mbag\nof two lines"
+
+
+@pytest.mark.parametrize("error", [BagError(NASTY), OSError(2, "gone", NASTY)])
+def test_an_error_is_one_line_whatever_the_names_in_it(
+    error: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def body(_: object) -> int:
+        raise error
+
+    assert run_command("validate", body, []) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("validate: \\x1b[31mbag\\nof two lines")
