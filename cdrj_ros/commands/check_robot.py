@@ -17,7 +17,6 @@ from cdrj_ros.inspection.ranges import (
     Inspection,
     inspect_robot,
     pose_text,
-    prismatic_joints,
 )
 from cdrj_ros.inspection.suspicions import Suspicion, find_suspicions
 from cdrj_ros.model.loading import load_model
@@ -142,7 +141,7 @@ def _headline(inspection: Inspection) -> str:
         count(len(layout.pulleys), "pulley"),
     ]
     loads = "".join(
-        f", load {value:g} {'N' if name in prismatic_joints(robot) else 'N m'} on {name}"
+        f", load {value:g} {'N' if name in robot.prismatic_joints else 'N m'} on {name}"
         for name, value in inspection.loads.items()
     )
     return f"{robot.name}: {', '.join(parts)}; {len(inspection.poses)} poses{loads}"
@@ -162,7 +161,7 @@ def _table(inspection: Inspection, cable: CableCheck) -> Table:
     table.add_column("")
     table.add_column(Text("length [mm]"), justify="right", no_wrap=True)
     for joint in robot.joints:
-        unit = "-" if joint.name in prismatic_joints(robot) else "mm"
+        unit = "-" if joint.name in robot.prismatic_joints else "mm"
         table.add_column(Text(f"arm {joint.name} [{unit}]"), justify="right", no_wrap=True)
     for heading in ("wrap [°]", "η at rest", "η sliding", "passes [mm]"):
         table.add_column(Text(heading), justify="right", no_wrap=True)
@@ -196,7 +195,7 @@ def _table(inspection: Inspection, cable: CableCheck) -> Table:
 
 
 def _arms(robot: Robot, arms: Sequence[Extent]) -> list[str]:
-    positions = prismatic_joints(robot)
+    positions = robot.prismatic_joints
     return [
         _shown(arm, 1.0, 3) if joint.name in positions else _shown(arm, 1e3, 2)
         for joint, arm in zip(robot.joints, arms, strict=True)
@@ -227,7 +226,7 @@ def _facts(inspection: Inspection, check: CableCheck) -> Iterator[str]:
     )
     still = [
         f"{joint.name} moved by {1e3 * way:.2f} mm"
-        if joint.name in prismatic_joints(robot)
+        if joint.name in robot.prismatic_joints
         else f"{joint.name} turned by {degrees(way):.2f}°"
         for joint, way in zip(robot.joints, check.slack_after, strict=True)
         if isfinite(way)

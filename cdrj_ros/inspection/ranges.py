@@ -134,13 +134,6 @@ class Inspection:
     """Poses in which some motion of the joints changes no cable's length."""
 
 
-def prismatic_joints(robot: Robot) -> frozenset[str]:
-    """Names of the joints that are positions [m] and not angles."""
-    return frozenset(
-        frame.joint for frame in robot.frames if frame.motion == "prismatic" and frame.joint
-    )
-
-
 def visited_poses(robot: Robot) -> Matrix:
     """Reference pose, then a grid or, for many joints, corners and a random cloud.
 
@@ -418,7 +411,7 @@ def _scaled(arms: Matrix) -> Matrix:
 
 def pose_text(robot: Robot, pose: Iterable[float]) -> str:
     """``elbow = 40.0°, slide = 0.120 m``."""
-    positions = prismatic_joints(robot)
+    positions = robot.prismatic_joints
     return ", ".join(
         f"{joint.name} = {value:.3f} m"
         if joint.name in positions

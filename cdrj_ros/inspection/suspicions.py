@@ -13,7 +13,6 @@ from cdrj_ros.inspection.ranges import (
     Inspection,
     PulleyCheck,
     pose_text,
-    prismatic_joints,
 )
 from cdrj_ros.robot.description import Anchor, Cable, Pulley, Robot, Winch
 
@@ -126,7 +125,7 @@ def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspici
 
 
 def _arm(robot: Robot, joint: str, arm: Extent) -> str:
-    if joint in prismatic_joints(robot):
+    if joint in robot.prismatic_joints:
         return f"{arm.low:.3g} to {arm.high:.3g}"
     return f"{1e3 * arm.low:.3g} to {1e3 * arm.high:.3g} mm"
 

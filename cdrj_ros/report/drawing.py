@@ -23,7 +23,7 @@ from matplotlib.patches import Arc, Circle, Polygon
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from cdrj_ros.inspection.ranges import CableCheck, Inspection, prismatic_joints
+from cdrj_ros.inspection.ranges import CableCheck, Inspection
 from cdrj_ros.model.prepared import Shape, shape_at
 from cdrj_ros.robot.description import Anchor, Cable, Place, Pulley, Robot, Winch
 
@@ -442,7 +442,7 @@ def _dress(axes: Axes, handles: list[Line2D], columns: int) -> None:
 
 def _poses_text(robot: Robot, width: float) -> str:
     """What is drawn faded, as far as there is room [px] to say it."""
-    positions = prismatic_joints(robot)
+    positions = robot.prismatic_joints
     ranges = [
         f"{joint.name} {joint.lower:g} to {joint.upper:g} m"
         if joint.name in positions

@@ -7,7 +7,7 @@ which turns as the fault says: a drum that slips on its shaft, an anchor that gi
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,8 @@ from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Pulley, Robot
 
 Vector = NDArray[np.float64]
 
-KINDS: Final = ("slack", "snap", "slip")
+FaultKind = Literal["slack", "snap", "slip"]
+KINDS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)
 """``slack``: the anchor creeps until hardly any preload is left, in the cable and in those on the
 same motor; ``snap``: it gives way at once, by half of the cable's own elongation under preload;
 ``slip``: for a while the drum turns less than its encoder, by as much cable."""
@@ -37,8 +38,7 @@ ANCHOR_RADIUS: Final = 0.01
 class Fault:
     """Something breaks."""
 
-    kind: str
-    """One of ``KINDS``."""
+    kind: FaultKind
     begin: float
     """[s] on the truth's clock."""
     amount: float | None = None

@@ -29,7 +29,16 @@ from cdrj_ros.rig.load import (
     Load,
     weight,
 )
-from cdrj_ros.rig.truth import BATCH, Progress, Rig, Truth, make_rig, read_out, require_taut
+from cdrj_ros.rig.truth import (
+    BATCH,
+    MotionError,
+    Progress,
+    Rig,
+    Truth,
+    make_rig,
+    read_out,
+    require_taut,
+)
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
@@ -112,7 +121,7 @@ def swing(
         upto = begin + done
         require_taut(rig, time[begin:], joints[begin:upto], estimates[begin:upto], allow_slack)
         if upto < end:
-            raise UsageError(
+            raise MotionError(
                 f"{axis.name} leaves its range [{axis.lower:.4g}, {axis.upper:.4g}] at "
                 f"t = {time[upto]:.4g} s: the cables cannot hold the load there"
             )
@@ -147,7 +156,7 @@ def _balanced(rig: Rig, drums: Vector, joints: Vector, joint: int, coefficients:
         excess[k] = beyond(float(angle))
     stable = np.flatnonzero((excess[:-1] >= 0.0) & (excess[1:] < 0.0))
     if stable.size == 0:
-        raise UsageError(
+        raise MotionError(
             f"the cables hold the load in no pose of {axis.name} at the start: the preload is too "
             "small for it, or it pulls the wrong way"
         )

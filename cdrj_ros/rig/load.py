@@ -9,11 +9,12 @@ that of the cables.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.robot.description import Robot
 
@@ -21,7 +22,8 @@ Vector = NDArray[np.float64]
 
 INERTIA, INERTIA_COS, WEIGHT, WEIGHT_COS, WEIGHT_COS_2, DAMPING, COEFFICIENTS = range(7)
 
-KINDS: Final = ("rolling", "pendulum", "lift")
+LoadKind = Literal["rolling", "pendulum", "lift"]
+KINDS: Final[tuple[LoadKind, ...]] = get_args(LoadKind)
 """Loads by name: the source's rolling joint, a mass on an arm that turns, a mass that is lifted."""
 
 
@@ -110,16 +112,22 @@ def energy(coefficients: Vector, angle: Vector, speed: Vector) -> Vector:
     return total
 
 
-def make_load(kind: str, mass: float, damping: float = 0.0, gravity: float = 9.81) -> Load:
-    """A load of ``KINDS`` with the assumed dimensions."""
+def make_load(kind: LoadKind, mass: float, damping: float = 0.0, gravity: float = 9.81) -> Load:
+    """A load of ``KINDS`` with the assumed dimensions.
+
+    Raises:
+        UsageError: there is no such load.
+    """
     if kind == "rolling":
         return Load(RollingLoad(load_mass=mass, gravity=gravity), damping)
     if kind == "pendulum":
         return Load(Pendulum(load_mass=mass, gravity=gravity), damping)
-    return Load(Lift(load_mass=mass, gravity=gravity), damping)
+    if kind == "lift":
+        return Load(Lift(load_mass=mass, gravity=gravity), damping)
+    raise UsageError(f"the load must be one of {', '.join(KINDS)}, got {kind!r}")
 
 
-def usual_load(robot: Robot, joint: int) -> str:
+def usual_load(robot: Robot, joint: int) -> LoadKind:
     """The kind of load that suits how the joint moves its frame; rolling where no frame says."""
     name = robot.joints[joint].name
     motions = {frame.motion for frame in robot.frames if frame.joint == name}

@@ -31,6 +31,7 @@ __all__ = [
     "BALANCE_TOLERANCE",
     "BATCH",
     "Fault",
+    "MotionError",
     "Rig",
     "SlackError",
     "Truth",
@@ -93,7 +94,11 @@ class Truth:
         return np.asarray(self.tension <= 0.0)
 
 
-class SlackError(UsageError):
+class MotionError(UsageError):
+    """A motion that the rig cannot make."""
+
+
+class SlackError(MotionError):
     """A motion that asks for a slack cable."""
 
     def __init__(self, element: str, time: float, pose: str) -> None:
@@ -195,16 +200,16 @@ def simulate(
         require_taut(rig, time[begin:], joints[phases[begin : begin + done]],
                      estimates[begin : begin + done], allow_slack)  # fmt: skip
         if done < end - begin and asked > motor_speed:
-            raise UsageError(
+            raise MotionError(
                 f"the motion asks the motor for {asked:.3g} rad/s at "
-                f"{robot.joints[joint].name} = {joints[phase, joint]:.4g} rad, "
+                f"{joint_text(robot, joint, joints[phase, joint])}, "
                 f"t = {time[begin + done]:.4g} s, and it may turn at {motor_speed:.3g} rad/s: move "
                 "more slowly or allow it more"
             )
         if done < end - begin:
-            raise UsageError(
+            raise MotionError(
                 f"no winch angle balances {joint_torque[phase]:.4g} N m at "
-                f"{robot.joints[joint].name} = {joints[phase, joint]:.4g} rad, "
+                f"{joint_text(robot, joint, joints[phase, joint])}, "
                 f"t = {time[begin + done]:.4g} s: a cable would have to push"
             )
         if progress is not None:
@@ -213,6 +218,12 @@ def simulate(
     motor_angle = base[phases, :motors] + np.multiply.outer(drive, direction[:motors])
     notes = _waiting_notes(time, phases, lacking, torque[phases])
     return read_out(rig, time, motor_angle, joints[phases], estimates, offset, lacking, notes)
+
+
+def joint_text(robot: Robot, joint: int, value: float) -> str:
+    """``elbow = 0.35 rad`` or ``slide = 0.12 m``."""
+    name = robot.joints[joint].name
+    return f"{name} = {value:.4g} {'m' if name in robot.prismatic_joints else 'rad'}"
 
 
 def _waiting_notes(
@@ -347,7 +358,7 @@ def _start(
     efforts -= torque
     crossings = np.flatnonzero(efforts[:-1] * efforts[1:] <= 0.0)
     if crossings.size == 0:
-        raise UsageError(
+        raise MotionError(
             f"no winch angle balances {torque:.4g} N m at the start: a cable would have to push"
         )
     near = crossings[np.argmin(np.abs(angles[crossings] - centre))]

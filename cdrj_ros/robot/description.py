@@ -273,6 +273,13 @@ class Robot:
     """What the file says, in SI; empty for robots made otherwise."""
 
     @property
+    def prismatic_joints(self) -> frozenset[str]:
+        """Names of the joints that are positions [m] and not angles."""
+        return frozenset(
+            frame.joint for frame in self.frames if frame.motion == "prismatic" and frame.joint
+        )
+
+    @property
     def axes(self) -> tuple[Motor | Joint, ...]:
         """All motors, then all joints."""
         return (*self.motors, *self.joints)

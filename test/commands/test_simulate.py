@@ -9,6 +9,7 @@ import pytest
 
 from cdrj_ros.bag import Recording, Topics, read_recording
 from cdrj_ros.commands.simulate import main
+from cdrj_ros.model.loading import load_model
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 QUICK = ("--duration", "4", "--cells", "1", "--frequency", "0.25", "--amplitude-deg", "20")
@@ -159,6 +160,9 @@ def test_a_slack_cable_is_refused_with_its_place_and_a_preload_that_helps(
         (("--dropout", "1.5"), "--dropout must be in [0, 0.99], got 1.5"),
         (("--rate", "fast"), "--rate must be numbers and commas, got 'fast'"),
         (("--rate", "1,2,3"), "--rate takes 1 or 2 numbers, got 3"),
+        (("--centre", "0,0.1"), "--centre takes 1 number, got 2"),
+        (("--amplitude-deg", "50", "--centre", "-0"), "to either side of 0, which --centre moves"),
+        (("--gravity", "nan"), "--gravity must be in [-1000, 1000], got nan"),
         (("--fault", "rust@3"), "NAME one of slack, snap, slip"),
         (("--fault", "snap@3:-1"), "the amount must be in (0, 1000], got -1"),
         (("--fault", "snap/middle@3"), "there are upper, lower"),
@@ -220,3 +224,65 @@ def test_several_joints_follow_with_motions_of_their_own(tmp_path: Path) -> None
     assert a.stamp_ns[0] - b.stamp_ns[0] == 250_000_000
     effort = recording.references["effort/a"].value
     assert np.ptp(effort) > 0.01
+
+
+NAMES = sorted(path.stem for path in Path(ROBOT).parent.glob("*.yaml"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_robot_of_the_package_makes_the_default_motion(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Past the first full stroke to either side, without a slack cable."""
+    path = tmp_path / "bag"
+    assert main([str(path), "--robot", name, "--duration", "20", "--cells", "1"]) == 0
+    robot = load_model(name).robot
+    joint = robot.joints[0]
+    recording = read_recording(path)
+    angle = recording.joints[joint.name].value
+    assert np.ptp(angle) > 0.04 * (joint.upper - joint.lower)
+    assert joint.lower < angle.min()
+    assert angle.max() < joint.upper
+    assert _tensions(recording).min() > -0.1, "taut but for the noise of the cells"
+    told = capsys.readouterr().out
+    assert "slack for" not in told
+    usual = name.startswith("prototype")
+    assert ("default motion" in told) != (usual or name == "parallel")
+    if usual:
+        assert np.degrees(np.abs(angle).max()) == pytest.approx(38.0, abs=0.2)
+
+
+def test_an_amplitude_that_is_asked_for_is_never_made_smaller(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [str(tmp_path / "bag"), "--robot", "davinci_jaw", "--duration", "8", "--cells", "1"]
+    assert main([*command, "--amplitude-deg", "38"]) == 2
+    assert "element b/4 has no tension" in capsys.readouterr().err
+    assert not (tmp_path / "bag").exists()
+
+
+def test_an_output_that_exists_is_refused_before_the_simulation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "cdrj_ros.commands.simulate._simulated", lambda *_: pytest.fail("simulated before")
+    )
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "file").touch()
+    for out, words in (
+        (tmp_path / "bag", "exists already"),
+        (tmp_path / "file" / "x", "no folder"),
+    ):
+        assert main([str(out), "--robot", ROBOT]) == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert words in line
+
+
+def test_a_prismatic_joint_is_named_in_metres(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [str(tmp_path / "bag"), "--robot", "hoist", "--duration", "12", "--cells", "1"]
+    assert main([*command, "--amplitude", "0.4", "--centre", "0.5"]) == 2
+    error = capsys.readouterr().err
+    assert " m, t = " in error
+    assert "= 0.5 rad" not in error

@@ -1,0 +1,279 @@
+"""The motion that ``simulate`` makes: what the options ask for, checked against the robot."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.bag import Topics, read_recording
+from cdrj_ros.commands.simulate_options import (
+    USUAL_AMPLITUDE_DEG,
+    Mode,
+    MotionKind,
+    faults,
+    numbers,
+)
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.rig import motion
+from cdrj_ros.rig.faults import Fault
+from cdrj_ros.rig.load import Load, make_load, usual_load
+from cdrj_ros.robot.description import Joint, Robot
+
+DWELL_S: Final = 1.0
+"""Rest before the motion begins [s]."""
+
+TRUTH_RATE: Final = 1000.0
+"""Steps of the simulation per second [Hz]."""
+
+USUAL_SHARE: Final = 0.25
+"""Default amplitude of a prismatic joint, as a share of its range."""
+
+LARGEST_SHARE: Final = 0.4
+"""Largest default amplitude, as a share of the joint's range."""
+
+CLEARANCE: Final = 1.1
+"""The joint's range reaches at least this many default amplitudes to either side of the centre."""
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Swing:
+    """Amplitude and centre of one joint's motion."""
+
+    joint: int
+    """Index of the joint."""
+    amplitude: float
+    """[rad], or [m] for a prismatic joint."""
+    centre: float
+    """[rad], or [m] for a prismatic joint."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be simulated."""
+
+    time: Vector
+    """[s], with the warm-up, shape (n,)."""
+    joints: NDArray[np.float64]
+    """Prescribed angles [rad], shape (n, joints)."""
+    moved: int
+    """Index of the joint that is balanced or free."""
+    load: Load
+    mode: Mode
+    faults: tuple[Fault, ...]
+    allow_slack: bool
+    motor_speed: float
+    """Fastest that a motor turns to balance the joint [rad/s]."""
+    swings: tuple[Swing, ...]
+    """Amplitudes and centres; empty for a recorded motion."""
+
+
+def adaptable(arguments: argparse.Namespace) -> bool:
+    """Whether the amplitude is the command's own choice."""
+    return (
+        arguments.motion != "recorded"
+        and arguments.amplitude is None
+        and arguments.amplitude_deg is None
+    )
+
+
+def make_plan(robot: Robot, arguments: argparse.Namespace, share: float = 1.0) -> Plan:
+    """Check every choice against the robot.
+
+    Args:
+        robot: whose joints move.
+        arguments: of the command line.
+        share: of the default amplitude; amplitudes that are given stay.
+
+    Raises:
+        UsageError: what does not suit the robot.
+    """
+    names = [joint.name for joint in robot.joints]
+    if not names:
+        raise UsageError(f"simulate moves joints, and {robot.name} has none")
+    chosen = arguments.joint or names[:1]
+    for name in chosen:
+        if name not in names:
+            raise UsageError(f"--joint must be one of {', '.join(names)}, got {name!r}")
+    if len(set(chosen)) != len(chosen):
+        raise UsageError("--joint names a joint twice")
+    mode: Mode = arguments.mode or ("balance" if len(names) == 1 else "follow")
+    if mode != "follow" and len(chosen) > 1:
+        raise UsageError(f"--mode {mode} moves one joint; several can --mode follow")
+    moved = names.index(chosen[0])
+    indices = [names.index(name) for name in chosen]
+    swings: tuple[Swing, ...] = ()
+    if arguments.motion == "recorded":
+        motions, duration = _recorded(robot, indices, arguments)
+    else:
+        swings = _swings(robot, indices, arguments, share)
+        motions, duration = _motions(swings, arguments)
+    time = np.arange(round((arguments.warm_up + duration) * TRUTH_RATE) + 1) / TRUTH_RATE
+    joints = _prescribed(robot, time, motions)
+    kind = arguments.load or usual_load(robot, moved)
+    load = make_load(kind, arguments.load_mass, arguments.damping, arguments.gravity)
+    return Plan(
+        time, joints, moved, load, mode, faults(arguments), arguments.allow_slack,
+        arguments.motor_speed, swings,
+    )  # fmt: skip
+
+
+def _prescribed(
+    robot: Robot, time: Vector, motions: dict[int, motion.Motion]
+) -> NDArray[np.float64]:
+    """Angles of all joints, those without a motion in the reference pose; shape (n, joints)."""
+    joints = np.tile([joint.reference_angle for joint in robot.joints], (time.size, 1))
+    for index, course in motions.items():
+        angle = course(time).angle
+        joint = robot.joints[index]
+        if angle.min() < joint.lower or angle.max() > joint.upper:
+            raise UsageError(
+                f"the motion of {joint.name} goes from {angle.min():.4g} to {angle.max():.4g}, "
+                f"out of its range [{joint.lower:.4g}, {joint.upper:.4g}]"
+            )
+        joints[:, index] = angle
+    return joints
+
+
+def _motions(
+    swings: Sequence[Swing], arguments: argparse.Namespace
+) -> tuple[dict[int, motion.Motion], float]:
+    """The motion of every moving joint, and how long to simulate beside the warm-up [s]."""
+    frequencies = numbers("frequency", arguments.frequency, len(swings), 1e-4, 50.0)
+    motions = {
+        swing.joint: _motion(arguments.motion, swing, frequency, arguments.seed + 1000 * k)
+        for k, (swing, frequency) in enumerate(zip(swings, frequencies, strict=True))
+    }
+    return motions, 60.0 if arguments.duration is None else arguments.duration
+
+
+def _motion(kind: MotionKind, swing: Swing, frequency: float, seed: int) -> motion.Motion:
+    shape = (swing.amplitude, frequency)
+    if kind == "sine":
+        return motion.sine(*shape, DWELL_S, swing.centre)
+    if kind == "ramps":
+        return motion.ramps(*shape, DWELL_S, swing.centre)
+    if kind == "dwell":
+        return motion.dwell(*shape, DWELL_S, swing.centre)
+    if kind == "random":
+        return motion.random(*shape, seed, DWELL_S, swing.centre)
+    raise UsageError(f"the motion {kind!r} has no amplitude")
+
+
+def _swings(
+    robot: Robot, chosen: Sequence[int], arguments: argparse.Namespace, share: float
+) -> tuple[Swing, ...]:
+    """Amplitude and centre of every moving joint, within its range."""
+    count = len(chosen)
+    centres: list[float | None] = [None] * count
+    if arguments.centre is not None:
+        centres = [*numbers("centre", arguments.centre, count, -1e6, 1e6)]
+    if adaptable(arguments):
+        return tuple(
+            _usual_swing(robot, index, centre, share)
+            for index, centre in zip(chosen, centres, strict=True)
+        )
+    option = "amplitude-deg" if arguments.amplitude is None else "amplitude"
+    text = arguments.amplitude_deg if arguments.amplitude is None else arguments.amplitude
+    given = numbers(option, text, count, -1e6, 1e6)
+    return tuple(
+        _given_swing(robot, index, option, value, centre)
+        for index, value, centre in zip(chosen, given, centres, strict=True)
+    )
+
+
+def _usual_swing(robot: Robot, index: int, centre: float | None, share: float) -> Swing:
+    """The default: about the reference pose, or the nearest pose whose sides have room for it."""
+    joint = robot.joints[index]
+    width = joint.upper - joint.lower
+    amplitude = float(np.radians(USUAL_AMPLITUDE_DEG))
+    if joint.name in robot.prismatic_joints:
+        amplitude = USUAL_SHARE * width
+    if centre is None:
+        centre = joint.reference_angle
+        if _room(joint, centre) < amplitude:
+            amplitude = min(amplitude, LARGEST_SHARE * width)
+            clear = CLEARANCE * amplitude
+            centre = float(np.clip(centre, joint.lower + clear, joint.upper - clear))
+    elif _room(joint, centre) <= 0.0:
+        raise UsageError(
+            f"--centre {centre:g} leaves no room to move {joint.name} within its range "
+            f"[{joint.lower:g}, {joint.upper:g}]"
+        )
+    else:
+        amplitude = min(amplitude, _room(joint, centre))
+    return Swing(index, share * amplitude, centre)
+
+
+def _given_swing(
+    robot: Robot, index: int, option: str, value: float, centre: float | None
+) -> Swing:
+    """What ``--amplitude`` or ``--amplitude-deg`` asks for."""
+    joint = robot.joints[index]
+    if option == "amplitude-deg" and joint.name in robot.prismatic_joints:
+        raise UsageError(
+            f"{joint.name} is prismatic: --amplitude in m, not --amplitude-deg; its range is "
+            f"[{joint.lower:g}, {joint.upper:g}] m"
+        )
+    centre = joint.reference_angle if centre is None else centre
+    amplitude = value if option == "amplitude" else float(np.radians(value))
+    most = _room(joint, centre)
+    if abs(amplitude) > most:
+        allowed = most if option == "amplitude" else np.degrees(most)
+        raise UsageError(
+            f"--{option} {value:g} leaves the range of {joint.name}: at most "
+            f"{max(allowed, 0.0):g} to either side of {centre + 0.0:g}, which --centre moves "
+            f"within [{joint.lower:g}, {joint.upper:g}]"
+        )
+    return Swing(index, amplitude, centre)
+
+
+def _room(joint: Joint, centre: float) -> float:
+    """Largest amplitude about a centre; negative outside the range."""
+    return min(centre - joint.lower, joint.upper - centre)
+
+
+def swing_text(robot: Robot, swing: Swing) -> str:
+    """``elbow by 38 deg about 0 deg``."""
+    name = robot.joints[swing.joint].name
+    if name in robot.prismatic_joints:
+        return f"{name} by {swing.amplitude:.4g} m about {swing.centre + 0.0:.4g} m"
+    amplitude, centre = np.degrees(swing.amplitude), np.degrees(swing.centre) + 0.0
+    return f"{name} by {amplitude:.4g} deg about {centre:.4g} deg"
+
+
+def _recorded(
+    robot: Robot, chosen: list[int], arguments: argparse.Namespace
+) -> tuple[dict[int, motion.Motion], float]:
+    """The recorded motion of every moving joint, and how long to simulate [s]."""
+    names = [robot.joints[index].name for index in chosen]
+    topics = Topics(arguments.joint_topic, arguments.joint_topic, ())
+    series = read_recording(arguments.recorded, topics, joint_names=names).joints
+    motions = {}
+    lengths = []
+    start = min(int(one.stamp_ns[0]) for one in series.values() if one.stamp_ns.size)
+    for index, name in zip(chosen, names, strict=True):
+        sensor = robot.joints[index].sensor
+        stamps, first = np.unique(series[name].stamp_ns, return_index=True)
+        readings = series[name].value[first]
+        stamps, readings = stamps[np.isfinite(readings)], readings[np.isfinite(readings)]
+        if np.isfinite(sensor.period):
+            readings = np.unwrap(readings, period=sensor.period)
+        time = np.asarray((stamps - start) * 1e-9, dtype=np.float64)
+        motions[index] = motion.recorded(time, sensor.scale * readings + sensor.offset, DWELL_S)
+        lengths.append(DWELL_S + motion.recorded_duration(time))
+    longest = min(lengths) - arguments.warm_up
+    if arguments.duration is not None and arguments.duration > longest:
+        raise UsageError(
+            f"--duration {arguments.duration:g} is longer than the recorded motion allows: "
+            f"{max(longest, 0.0):.4g} s"
+        )
+    if not longest >= 0.01:
+        raise UsageError(f"--warm-up leaves nothing of the recorded motion in {arguments.recorded}")
+    return motions, longest if arguments.duration is None else arguments.duration
