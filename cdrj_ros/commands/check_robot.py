@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from cdrj_ros.commands.shared import DONE, run_command
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.files import check_outputs, write_text
+from cdrj_ros.foundation.text import counted, fixed, printable
 from cdrj_ros.inspection.ranges import (
     CableCheck,
     Extent,
@@ -19,19 +21,20 @@ from cdrj_ros.inspection.ranges import (
     pose_text,
 )
 from cdrj_ros.inspection.suspicions import Suspicion, find_suspicions
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.reader import load_document
+from cdrj_ros.model.loading import load_model, robot_path
+from cdrj_ros.robot.description import Cable, Robot
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+DESCRIPTION: Final = "Check a robot file: what its cables do, and what looks suspicious."
+
 LEAST_WIDTH: Final = 132
-"""Columns of a table, even where the terminal has fewer: nothing is cut off."""
+"""Smallest width of a table; narrower terminals wrap its lines, and nothing is cut off."""
 
 
-def _body(argv: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog="check_robot", description=__doc__.split(": ", 1)[1])
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="check_robot", description=DESCRIPTION)
     parser.add_argument("robot", metavar="ROBOT", help="robot file (YAML), or an installed one")
     parser.add_argument(
         "--preload", metavar="N,N,...", help="preload of every cable [N] (default: the file's)"
@@ -43,24 +46,34 @@ def _body(argv: Sequence[str]) -> int:
     )  # fmt: skip
     parser.add_argument("--png", metavar="FILE", help="draw the cables")
     parser.add_argument("--json", metavar="FILE", help="write the same as JSON; - for the terminal")
-    arguments = parser.parse_args(argv)
+    return parser
+
+
+def _body(argv: Sequence[str]) -> int:
+    arguments = _parser().parse_args(argv)
+    to_terminal = arguments.json == "-"
+    check_outputs(
+        {"--json": None if to_terminal else arguments.json, "--png": arguments.png},
+        [robot_path(arguments.robot)],
+    )
     model = load_model(arguments.robot, arguments.preload)
     inspection = inspect_robot(model, _loads(arguments.load))
-    suspicions = find_suspicions(inspection, _moduli(model.robot))
-    if arguments.json == "-":
-        print(_json_text(inspection, suspicions), end="")
-    else:
-        _print(inspection, suspicions)
-    if arguments.json and arguments.json != "-":
-        from cdrj_ros.foundation.files import write_text
-
+    suspicions = find_suspicions(inspection)
+    told = []
+    if arguments.json and not to_terminal:
         write_text(arguments.json, _json_text(inspection, suspicions))
-        print(f"figures: {arguments.json}")
+        told.append(f"figures: {arguments.json}")
     if arguments.png:
         from cdrj_ros.report.drawing import draw_robot, write_png
 
         write_png(draw_robot(inspection), arguments.png)
-        print(f"drawing: {arguments.png}", file=sys.stderr if arguments.json == "-" else None)
+        told.append(f"drawing: {arguments.png}")
+    if to_terminal:
+        print(_json_text(inspection, suspicions), end="")
+    else:
+        _print(inspection, suspicions)
+    for line in told:
+        print(printable(line), file=sys.stderr if to_terminal else None)
     return DONE
 
 
@@ -78,16 +91,6 @@ def _loads(entries: Sequence[str]) -> dict[str, float]:
             raise UsageError(f"--load gives {name} twice")
         loads[name] = effort
     return loads
-
-
-def _moduli(robot: Robot) -> dict[str, float]:
-    """Young's modulus of the cables for which the file gives one [Pa]."""
-    document, _ = load_document(robot.source)
-    return {
-        cable["name"]: float(cable["youngs_modulus"])
-        for cable in document["cables"]
-        if "youngs_modulus" in cable
-    }
 
 
 # --- for people -----------------------------------------------------------------------------------
@@ -130,15 +133,12 @@ def _headline(inspection: Inspection) -> str:
     robot = inspection.model.robot
     layout = inspection.model.layout
 
-    def count(number: int, word: str) -> str:
-        return f"{number} {word}" + ("" if number == 1 else "s")
-
     parts = [
-        count(len(robot.motors), "motor"),
-        count(len(robot.joints), "joint"),
-        count(len(robot.cables), "cable"),
-        count(len(layout.elements), "element"),
-        count(len(layout.pulleys), "pulley"),
+        counted(len(robot.motors), "motor"),
+        counted(len(robot.joints), "joint"),
+        counted(len(robot.cables), "cable"),
+        counted(len(layout.elements), "element"),
+        counted(len(layout.pulleys), "pulley"),
     ]
     loads = "".join(
         f", load {value:g} {'N' if name in robot.prismatic_joints else 'N m'} on {name}"
@@ -204,9 +204,7 @@ def _arms(robot: Robot, arms: Sequence[Extent]) -> list[str]:
 
 def _shown(extent: Extent, factor: float, decimals: int) -> str:
     """``40.9`` or ``0.6 … 78.5``."""
-    low, high = (f"{factor * value + 0.0:.{decimals}f}" for value in (extent.low, extent.high))
-    zero = f"{0.0:.{decimals}f}"
-    low, high = (zero if text == f"-{zero}" else text for text in (low, high))
+    low, high = (fixed(factor * value, decimals) for value in (extent.low, extent.high))
     return low if low == high else f"{low} … {high}"
 
 
@@ -247,74 +245,80 @@ def _document(inspection: Inspection, suspicions: Sequence[Suspicion]) -> dict[s
     """Everything that is printed, in SI units; ``null`` for what has no value."""
     robot = inspection.model.robot
     names = inspection.model.layout.joints
-
-    def extent(values: Extent) -> dict[str, Any]:
-        return {
-            "low": values.low,
-            "high": values.high,
-            "low_at": dict(zip(names, values.low_at, strict=True)),
-            "high_at": dict(zip(names, values.high_at, strict=True)),
-        }
-
-    def by_joint(values: Sequence[Any]) -> dict[str, Any]:
-        return dict(zip(names, values, strict=True))
-
-    cables = []
-    for cable, check in zip(robot.cables, inspection.cables, strict=True):
-        cables.append(
-            {
-                "name": check.name,
-                "axial_stiffness": cable.axial_stiffness,
-                "preload": cable.preload,
-                "max_tension": cable.maximum_tension if isfinite(cable.maximum_tension) else None,
-                "law": cable.law,
-                "length": extent(check.length),
-                "stiffness": check.stiffness,
-                "moment_arm": by_joint([extent(arm) for arm in check.moment_arm]),
-                "transmission_at_rest": extent(check.transmission_at_rest),
-                "transmission_sliding": extent(check.transmission_sliding),
-                "tension": extent(check.followed),
-                "worst_tension": extent(check.worst),
-                "slack_after": by_joint(
-                    [way if isfinite(way) else None for way in check.slack_after]
-                ),
-                "elements": [
-                    {
-                        "name": element.name,
-                        "length": extent(element.length),
-                        "span": extent(element.span),
-                        "moment_arm": by_joint([extent(arm) for arm in element.moment_arm]),
-                    }
-                    for element in check.elements
-                ],
-                "pulleys": [
-                    {
-                        "name": pulley.name,
-                        "wrap_angle": extent(pulley.wrap),
-                        "transmission_at_rest": extent(pulley.transmission_at_rest),
-                        "transmission_sliding": extent(pulley.transmission_sliding),
-                        "passing": pulley.passing,
-                        "needed_to_slip": pulley.needed,
-                    }
-                    for pulley in check.pulleys
-                ],
-            }
-        )
     return {
         "robot": robot.name,
         "source": robot.source,
         "poses": len(inspection.poses),
         "loads": dict(inspection.loads),
         "motors": [
-            {"name": motor.name, "angle": extent(motor.angle)} for motor in inspection.motors
+            {"name": motor.name, "angle": _extent(names, motor.angle)}
+            for motor in inspection.motors
         ],
-        "cables": cables,
+        "cables": [
+            _cable_document(names, cable, check)
+            for cable, check in zip(robot.cables, inspection.cables, strict=True)
+        ],
         "suspicions": [
             {"where": entry.where, "text": entry.text, "grave": entry.grave} for entry in suspicions
         ],
     }
 
 
+def _cable_document(names: Sequence[str], cable: Cable, check: CableCheck) -> dict[str, Any]:
+    def arms(extents: Sequence[Extent]) -> dict[str, Any]:
+        return dict(zip(names, (_extent(names, arm) for arm in extents), strict=True))
+
+    slack_after = (way if isfinite(way) else None for way in check.slack_after)
+    return {
+        "name": check.name,
+        "axial_stiffness": cable.axial_stiffness,
+        "preload": cable.preload,
+        "max_tension": cable.maximum_tension if isfinite(cable.maximum_tension) else None,
+        "law": cable.law,
+        "length": _extent(names, check.length),
+        "stiffness": check.stiffness,
+        "moment_arm": arms(check.moment_arm),
+        "transmission_at_rest": _extent(names, check.transmission_at_rest),
+        "transmission_sliding": _extent(names, check.transmission_sliding),
+        "tension": _extent(names, check.followed),
+        "worst_tension": _extent(names, check.worst),
+        "slack_after": dict(zip(names, slack_after, strict=True)),
+        "elements": [
+            {
+                "name": element.name,
+                "length": _extent(names, element.length),
+                "span": _extent(names, element.span),
+                "moment_arm": arms(element.moment_arm),
+            }
+            for element in check.elements
+        ],
+        "pulleys": [
+            {
+                "name": pulley.name,
+                "wrap_angle": _extent(names, pulley.wrap),
+                "transmission_at_rest": _extent(names, pulley.transmission_at_rest),
+                "transmission_sliding": _extent(names, pulley.transmission_sliding),
+                "passing": pulley.passing,
+                "needed_to_slip": pulley.needed,
+            }
+            for pulley in check.pulleys
+        ],
+    }
+
+
+def _extent(names: Sequence[str], values: Extent) -> dict[str, Any]:
+    return {
+        "low": values.low,
+        "high": values.high,
+        "low_at": dict(zip(names, values.low_at, strict=True)),
+        "high_at": dict(zip(names, values.high_at, strict=True)),
+    }
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     return run_command("check_robot", _body, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

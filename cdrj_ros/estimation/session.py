@@ -308,7 +308,7 @@ class LiveEstimator:
         ):
             for name, angle in zip(names, angles, strict=True):
                 values[f"{kind}s.{name}.reference_angle"] = float(angle)
-                words.append(f"{kind} {name} {angle:.6g} rad")
+                words.append(f"{kind} {name} {angle + 0.0:.6g} rad")
         self.change(values)
         preloads = ", ".join(f"{c.name} {c.preload:g} N" for c in self.model.robot.cables)
         return f"reference is now {', '.join(words)}; there the preloads are {preloads}"

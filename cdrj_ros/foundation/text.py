@@ -1,4 +1,4 @@
-"""Text that was read from somewhere, made safe to print."""
+"""Words for people: outside text made safe to print, and counts with their nouns."""
 
 from __future__ import annotations
 
@@ -13,3 +13,14 @@ def printable(text: object) -> str:
         character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
         for character in str(text)
     )
+
+
+def counted(number: int, noun: str) -> str:
+    """``1 motor``, ``2 motors``."""
+    return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+def fixed(value: float, decimals: int) -> str:
+    """The number with so many decimals; what rounds to zero has no sign."""
+    text = f"{value:.{decimals}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text

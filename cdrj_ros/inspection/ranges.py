@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
-from math import exp, pi
+from math import degrees, exp
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.text import fixed
 from cdrj_ros.model.friction import RIGID_BRISTLE, STRIBECK_FORMS, blended_loss
 from cdrj_ros.model.prepared import Model, Shape, shape_at
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch
@@ -413,8 +414,8 @@ def pose_text(robot: Robot, pose: Iterable[float]) -> str:
     """``elbow = 40.0°, slide = 0.120 m``."""
     positions = robot.prismatic_joints
     return ", ".join(
-        f"{joint.name} = {value:.3f} m"
+        f"{joint.name} = {fixed(value, 3)} m"
         if joint.name in positions
-        else f"{joint.name} = {value * 180.0 / pi:.1f}°"
+        else f"{joint.name} = {fixed(degrees(value), 1)}°"
         for joint, value in zip(robot.joints, pose, strict=True)
     )

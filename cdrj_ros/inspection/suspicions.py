@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import degrees, isinf, pi
 from typing import Final
@@ -34,6 +34,12 @@ LARGEST_LOSS: Final = 0.5
 LARGEST_STRAIN: Final = 0.03
 """Strain at which cables break or yield, usually [-]."""
 
+LEAST_BENDING: Final = 5.0
+"""Diameter of a pulley or drum over that of the cable; wire ropes need 16 or more."""
+
+LARGEST_DIAMETER: Final = 0.05
+"""Of a cable [m]."""
+
 PLAUSIBLE_MODULUS: Final = (1e9, 250e9)
 """Young's modulus as laid, from nylon to more than steel [Pa]."""
 
@@ -56,23 +62,19 @@ class Suspicion:
     """False for a remark: usual in some mechanisms, good to know."""
 
 
-def find_suspicions(
-    inspection: Inspection, moduli: Mapping[str, float] | None = None
-) -> tuple[Suspicion, ...]:
-    """Everything odd about a robot, the grave first.
-
-    Args:
-        inspection: of ``cdrj_ros.inspection.ranges``.
-        moduli: Young's modulus of cables by name [Pa], where the file gives it.
-    """
+def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
+    """Everything odd about a robot, the grave first."""
     robot = inspection.model.robot
+    entries = {entry["name"]: entry for entry in robot.document.get("cables", ())}
     found: list[Suspicion] = []
     for cable, check in zip(robot.cables, inspection.cables, strict=True):
         found += _geometry(robot, cable, check)
         found += _slip(cable, check)
         found += _friction(cable)
         found += _tension(robot, cable, check, bool(inspection.loads))
-        found += _material(cable, (moduli or {}).get(cable.name))
+        entry = entries.get(cable.name, {})
+        found += _material(cable, entry.get("youngs_modulus"))
+        found += _thickness(cable, entry.get("diameter"))
     found += _motors(inspection)
     found += _joints(inspection)
     return tuple(sorted(found, key=lambda suspicion: not suspicion.grave))
@@ -264,6 +266,22 @@ def _material(cable: Cable, modulus: float | None) -> Iterator[Suspicion]:
             f"the preload alone stretches it by {100.0 * strain:.2g} %: is EA = "
             f"{cable.axial_stiffness:.4g} N right?",
         )
+
+
+def _thickness(cable: Cable, diameter: float | None) -> Iterator[Suspicion]:
+    """A cable too thick for what it bends around, as one whose unit is forgotten."""
+    if diameter is None:
+        return
+    radii = [node.radius for node in cable.nodes if node.radius > 0.0]
+    size = f"{1e3 * diameter:g} mm (a key diameter_mm takes millimetres)"
+    if radii and 2.0 * min(radii) < LEAST_BENDING * diameter:
+        yield Suspicion(
+            cable.name,
+            f"diameter is {size}, and it bends around a radius of {1e3 * min(radii):g} mm: "
+            f"cables need {LEAST_BENDING:g} times their diameter, usually more; is the unit right?",
+        )
+    elif diameter > LARGEST_DIAMETER:
+        yield Suspicion(cable.name, f"diameter is {size}: is the unit right?")
 
 
 def _motors(inspection: Inspection) -> Iterator[Suspicion]:

@@ -31,6 +31,7 @@ from cdrj_ros.conditioning.tracking import new_track, track
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.text import counted
 from cdrj_ros.messages.cdr import (
     JointStateDecoder,
     MessageError,
@@ -98,8 +99,9 @@ class EstimatorNode(Node):
         gc.freeze()  # what lives as long as the node is not looked at again and again
         layout = model.layout
         self.get_logger().info(
-            f"{model.robot.name}: {len(layout.motors)} motors, {len(layout.joints)} joints, "
-            f"{len(layout.elements)} elements, {len(layout.pulleys)} pulleys"
+            f"{model.robot.name}: {counted(len(layout.motors), 'motor')}, "
+            f"{counted(len(layout.joints), 'joint')}, {counted(len(layout.elements), 'element')}, "
+            f"{counted(len(layout.pulleys), 'pulley')}"
         )
 
     def _open(self) -> None:

@@ -23,6 +23,7 @@ from matplotlib.patches import Arc, Circle, Polygon
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.files import replacing
 from cdrj_ros.inspection.ranges import CableCheck, Inspection
 from cdrj_ros.model.prepared import Shape, shape_at
 from cdrj_ros.robot.description import Anchor, Cable, Place, Pulley, Robot, Winch
@@ -139,7 +140,8 @@ def write_png(figure: Figure, path: str) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    figure.savefig(path, format="png", dpi=144.0)
+    with replacing(path) as stream:
+        figure.savefig(stream, format="png", dpi=144.0)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from math import exp, radians
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.commands import check_robot
-from cdrj_ros.inspection.ranges import inspect_robot, transmissions
+from cdrj_ros.inspection.ranges import inspect_robot, pose_text, transmissions
 from cdrj_ros.inspection.suspicions import Suspicion, find_suspicions
 from cdrj_ros.model.friction import bearing_transmission, sliding_transmission
 from cdrj_ros.model.prepared import prepare
@@ -50,10 +52,8 @@ cables:
 """
 
 
-def found(
-    text: str, loads: dict[str, float] | None = None, **moduli: float
-) -> tuple[Suspicion, ...]:
-    return find_suspicions(inspect_robot(prepare(parse_robot(text)), loads), moduli)
+def found(text: str, loads: dict[str, float] | None = None) -> tuple[Suspicion, ...]:
+    return find_suspicions(inspect_robot(prepare(parse_robot(text)), loads))
 
 
 def written(path: Path) -> dict[str, Any]:
@@ -214,6 +214,8 @@ ODD = [
     ("max_tension: 300", "max_tension: 20", "a", "above max_tension"),
     ("    max_tension: 300\n", "", "a", "no max_tension"),
     ("diameter_mm: 1", "diameter_mm: 0.05", "a", "stretches it by"),
+    ("diameter_mm: 1", "diameter: 1", "a", "diameter is 1000 mm"),
+    ("diameter_mm: 1", "diameter_mm: 4.1", "a", "bends around a radius of 10 mm"),
     ("{name: m}", "{name: m}, {name: idle}", "idle", "moves no cable"),
     (JOINT, f"{JOINT}, {{name: idle, range: [0, 1]}}", "idle", "not moved by any cable"),
     ("[{name: m}]", "[{name: m, effort_sign: -1}]", "m", "effort_sign is -1"),
@@ -275,3 +277,59 @@ def test_the_grave_comes_first() -> None:
     assert order == sorted(order, reverse=True)
     assert True in order
     assert False in order
+
+
+def test_a_thick_cable_that_bends_nowhere_is_suspicious_too() -> None:
+    text = PLAIN.replace("diameter_mm: 1", "diameter: 0.06")
+    for radius in ("0.01", "0.02"):
+        text = text.replace(f"radius: {radius}", "radius: 0.5")
+    text = text.replace("offset: 0.4", "offset: 9").replace("[0.5, ", "[9, ")
+    assert any("diameter is 60 mm" in one.text for one in found(text))
+
+
+def test_a_pose_has_no_negative_zero() -> None:
+    robot = parse_robot(PLAIN)
+    assert pose_text(robot, (-0.0,)) == "q = 0.0°"
+    assert pose_text(robot, (-1e-4,)) == "q = 0.0°"
+    assert pose_text(robot, (-1e-2,)) == "q = -0.6°"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--json", "{robot}"], "would overwrite the input robot.yaml"),
+        (["--png", "{robot}"], "would overwrite the input robot.yaml"),
+        (["--png", "{same}", "--json", "{same}"], "both name"),
+        (["--json", "{same}/no/file.json"], "there is no folder"),
+    ],
+)
+def test_an_output_that_cannot_be_is_refused_before_anything_is_inspected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    options: list[str], words: str,
+) -> None:  # fmt: skip
+    monkeypatch.setattr(check_robot, "inspect_robot", lambda *_: pytest.fail("inspected before"))
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(PLAIN)
+    given = [option.format(robot=robot, same=tmp_path / "same") for option in options]
+    assert check_robot.main([str(robot), *given]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert words in line
+    assert robot.read_text() == PLAIN
+
+
+@pytest.mark.parametrize("command", ["check_robot", "identify", "reproduce", "simulate"])
+def test_the_commands_run_without_docstrings_and_as_modules(command: str) -> None:
+    module = f"cdrj_ros.commands.{command}"
+    done = subprocess.run(
+        [sys.executable, "-OO", "-m", module, "--help"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"usage: {command} ")
+    assert done.stderr == ""
+
+
+def test_a_robot_is_checked_without_docstrings() -> None:
+    command = [sys.executable, "-OO", "-m", "cdrj_ros.commands.check_robot", "hoist"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("hoist: 1 motor, 1 joint, 1 cable, ")
