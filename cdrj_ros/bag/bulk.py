@@ -7,42 +7,33 @@ layout are then read by slicing columns.  A row that disagrees is parsed on its 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import zstandard
 
-from cdrj_ros.bag.mcap_file import ZSTD_MAGIC, Batch, Int64s, Octets, column, pick
+from cdrj_ros.bag.batch import Batch, Int64s, Octets, column, pick
+from cdrj_ros.bag.bounds import MESSAGE_BYTES, Unpacked
+from cdrj_ros.bag.mcap_file import ZSTD_MAGIC
+from cdrj_ros.bag.series import Decoded
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.cdr import TEXT, Field, Layout, MessageError, MessageType, read_layout
 
-Float64s = npt.NDArray[np.float64]
-
 LEAD: Final = 8
 """Bytes that lie before every payload, so that rows can be padded to words."""
-LARGEST_MESSAGE: Final = 2**26
-"""Bytes; no message of numbers and names comes near."""
 
 _LAYOUTS_AT_ONCE: Final = 16
 """New layouts tried on all rows of a batch; beyond, every message is likely to be different."""
 _LAYOUTS_KEPT: Final = 32
+"""Layouts remembered for each length of payload."""
+_LAYOUT_BYTES_KEPT: Final = 1 << 24
+"""Of the payloads whose layouts are remembered; beyond, all are forgotten."""
+_UNPACKED_AT_ONCE: Final = 1 << 24
+"""Bytes of messages compressed on their own that are unpacked before they are decoded."""
 _SEC, _NANOSEC, _NAME = "header.stamp.sec", "header.stamp.nanosec", "name"
-
-
-@dataclass(frozen=True)
-class Block:
-    """Messages of one layout."""
-
-    names: tuple[str, ...]
-    arrival: Int64s
-    """Place in the order of the file(s), shape (m,)."""
-    log_ns: Int64s
-    stamp_ns: Int64s
-    value: Float64s
-    """Shape (m, len(names))."""
 
 
 @dataclass(frozen=True)
@@ -61,81 +52,86 @@ class _Pattern:
 class BulkDecoder:
     """Takes the messages of one topic and keeps, per name, one array of each message.
 
-    Where `silent`, a message whose array is empty says nothing and is not malformed.
+    With `may_be_empty`, a message whose array is empty is passed over and not malformed.
     """
 
-    def __init__(self, message: MessageType, array: str, *, silent: bool = False) -> None:
+    def __init__(self, message: MessageType, array: str, *, may_be_empty: bool = False) -> None:
         """Decode `array` of `message`, which must have it and an array of names."""
-        self.blocks: list[Block] = []
+        self.decoded = Decoded()
         self.refused: list[Int64s] = []
-        """Places (as `Block.arrival`) of the messages refused whole."""
+        """Places (as in `Decoded.arrival`) of the messages refused whole."""
+        self.first_refusal = ""
+        """What is wrong with the first of them."""
         self._message = message
         self._array = array
-        self._silent = silent
+        self._may_be_empty = may_be_empty
         self._patterns: dict[int, list[_Pattern]] = {}
+        self._pattern_bytes = 0
         _require(message, array)
 
     def add(self, batch: Batch, chosen: Int64s, first: int) -> None:
         """Decode the messages of `batch` at the indices `chosen`; `first` lie before the batch."""
         for octets, start, length, index in plain_payloads(batch, chosen):
-            self._add(octets, start, length, batch.log_ns[index], first + index)
+            log_ns, arrival = batch.log_ns[index], first + index
+            for size in np.unique(length).tolist():
+                same = np.flatnonzero(length == size)
+                if not size:
+                    self._refuse(arrival[same], "an empty payload, or one that does not unpack")
+                    continue
+                pad = -size % 8
+                rows = pick(octets, start[same] - pad, size + pad)
+                self._add_rows(rows, pad, log_ns[same], arrival[same])
 
-    def _add(
-        self, octets: Octets, start: Int64s, length: Int64s, log_ns: Int64s, arrival: Int64s
-    ) -> None:
-        for size in np.unique(length).tolist():
-            same = np.flatnonzero(length == size)
-            if not size:
-                self.refused.append(arrival[same])
-                continue
-            pad = -size % 8
-            rows = pick(octets, start[same] - pad, size + pad)
-            self._add_rows(rows, pad, log_ns[same], arrival[same])
+    def _refuse(self, arrival: Int64s, reason: str) -> None:
+        self.refused.append(arrival)
+        self.first_refusal = self.first_refusal or reason
 
     def _add_rows(self, rows: Octets, pad: int, log_ns: Int64s, arrival: Int64s) -> None:
         """Payloads of one length, each in the last bytes of its row."""
-        size = rows.shape[1] - pad
-        words = rows.view(np.uint64)
-        known = self._patterns.setdefault(size, [])
+        if self._pattern_bytes > _LAYOUT_BYTES_KEPT:
+            self._patterns.clear()
+            self._pattern_bytes = 0
+        known = self._patterns.setdefault(rows.shape[1] - pad, [])
         todo = np.arange(len(rows))
-
-        def take(pattern: _Pattern) -> None:
-            nonlocal todo
-            whole = len(todo) == len(rows)
-            fits = _fits(words if whole else words[todo], pattern)
-            if fits.all():
-                found, todo = todo, todo[:0]
-            else:
-                found, todo = todo[fits], todo[~fits]
-            if len(found):
-                at = rows if len(found) == len(rows) else rows[found]
-                self._keep(pattern, at, pad, log_ns[found], arrival[found])
-
         for pattern in known:
-            if not len(todo):
-                return
-            take(pattern)
+            todo = self._take(pattern, rows, pad, log_ns, arrival, todo)
         tried = 0
         while len(todo):
-            if tried < _LAYOUTS_AT_ONCE:
-                head = todo[:1]
-            else:
-                head, todo = todo[:1], todo[1:]
-            payload = rows[head[0], pad:].tobytes()
+            head = todo[:1]
             try:
-                layout = read_layout(payload, self._message.fields)
-            except MessageError:
-                self.refused.append(arrival[head])
-                todo = todo[1:] if tried < _LAYOUTS_AT_ONCE else todo
+                layout = read_layout(rows[head[0], pad:].tobytes(), self._message.fields)
+            except MessageError as error:
+                self._refuse(arrival[head], str(error))
+                todo = todo[1:]
                 continue
             pattern = self._pattern(layout, rows[head[0]], pad)
-            if tried < _LAYOUTS_AT_ONCE:
-                tried += 1
-                known.insert(0, pattern)
-                del known[_LAYOUTS_KEPT:]
-                take(pattern)
-            else:
+            if tried >= _LAYOUTS_AT_ONCE:
                 self._keep(pattern, rows[head], pad, log_ns[head], arrival[head])
+                todo = todo[1:]
+                continue
+            tried += 1
+            known.insert(0, pattern)
+            del known[_LAYOUTS_KEPT:]
+            self._pattern_bytes += rows.shape[1]
+            todo = self._take(pattern, rows, pad, log_ns, arrival, todo)
+
+    def _take(
+        self,
+        pattern: _Pattern,
+        rows: Octets,
+        pad: int,
+        log_ns: Int64s,
+        arrival: Int64s,
+        todo: Int64s,
+    ) -> Int64s:
+        """Keep those of the rows `todo` that have the pattern's layout; return the others."""
+        words = rows.view(np.uint64)
+        fits = _fits(words if len(todo) == len(rows) else words[todo], pattern)
+        found, others = (todo, todo[:0]) if fits.all() else (todo[fits], todo[~fits])
+        if len(found):
+            at = rows if len(found) == len(rows) else rows[found]
+            self._keep(pattern, at, pad, log_ns[found], arrival[found])
+        return others
 
     def _pattern(self, layout: Layout, row: Octets, pad: int) -> _Pattern:
         mask = np.zeros(len(row), np.uint8)
@@ -150,10 +146,11 @@ class BulkDecoder:
     ) -> None:
         layout = pattern.layout
         span = layout.numbers[self._array]
-        if self._silent and not span.count:
+        if self._may_be_empty and not span.count:
             return
         if not pattern.usable:
-            self.refused.append(arrival)
+            names = len(layout.texts[_NAME])
+            self._refuse(arrival, f"{names} names but {span.count} values of {self._array}")
             return
         value = column(rows, pad + span.offset, span.dtype, span.count).astype(np.float64)
         sec, nanosec = layout.numbers.get(_SEC), layout.numbers.get(_NANOSEC)
@@ -162,7 +159,7 @@ class BulkDecoder:
             stamp_ns = column(rows, pad + sec.offset, sec.dtype)[:, 0].astype(np.int64)
             stamp_ns *= 1_000_000_000
             stamp_ns += column(rows, pad + nanosec.offset, nanosec.dtype)[:, 0]
-        self.blocks.append(Block(layout.texts[_NAME], arrival, log_ns, stamp_ns, value))
+        self.decoded.add(layout.texts[_NAME], arrival, log_ns, stamp_ns, value)
 
 
 def _fits(words: npt.NDArray[np.uint64], pattern: _Pattern) -> npt.NDArray[np.bool_]:
@@ -187,92 +184,39 @@ def plain_payloads(batch: Batch, chosen: Int64s) -> Iterator[tuple[Octets, Int64
     """(octets, start, length, index) of the messages at the indices `chosen`, none compressed.
 
     Messages that were compressed on their own (rosbag2's message mode) are known by zstd's first
-    bytes, since plain CDR begins with a zero; they are decompressed into octets of their own.
-    At least eight bytes lie before every payload.
+    bytes, since plain CDR begins with a zero; they are decompressed into octets of their own, some
+    of them at a time.  At least eight bytes lie before every payload.
     """
     octets, start, length = batch.octets, batch.start[chosen], batch.length[chosen]
     magic = np.frombuffer(ZSTD_MAGIC, np.uint8)
     packed = length >= len(magic)
     packed[packed] = (pick(octets, start[packed], len(magic)) == magic).all(axis=1)
-    if not packed.any():
-        yield octets, start, length, chosen
-        return
     if not packed.all():
         yield octets, start[~packed], length[~packed], chosen[~packed]
-    view = memoryview(octets)  # type: ignore[arg-type]
-    parts = [
-        unpack_message(view[a : a + n])
-        for a, n in zip(start[packed].tolist(), length[packed].tolist(), strict=True)
-    ]
-    sizes = np.array([len(part) for part in parts], np.int64)
-    joined = np.frombuffer(bytes(LEAD) + b"".join(parts), np.uint8)
-    yield joined, np.cumsum(sizes) - sizes + LEAD, sizes, chosen[packed]
+    parts: list[bytes] = []
+    waiting = 0
+    index = chosen[packed]
+    for k, (a, n) in enumerate(zip(start[packed].tolist(), length[packed].tolist(), strict=True)):
+        parts.append(unpack_message(batch.raw[a : a + n], batch.unpacked))
+        waiting += len(parts[-1])
+        if waiting >= _UNPACKED_AT_ONCE or k + 1 == len(index):
+            sizes = np.array([len(part) for part in parts], np.int64)
+            joined = np.frombuffer(bytes(LEAD) + b"".join(parts), np.uint8)
+            of_these = index[k + 1 - len(parts) : k + 1]
+            parts, waiting = [], 0
+            yield joined, np.cumsum(sizes) - sizes + LEAD, sizes, of_these
 
 
-def unpack_message(data: bytes | memoryview) -> bytes:
-    """A payload that was compressed on its own; empty where that cannot be undone."""
+def unpack_message(data: bytes, unpacked: Unpacked) -> bytes:
+    """A payload that was compressed on its own; empty where that cannot be undone or is too large.
+
+    Raises:
+        BagError: the file unpacks to more than `unpacked` allows.
+    """
     try:
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-            plain: bytes = reader.read(LARGEST_MESSAGE + 1)
+            plain: bytes = reader.read(MESSAGE_BYTES + 1)
     except zstandard.ZstdError:
         return b""
-    return plain if len(plain) <= LARGEST_MESSAGE else b""
-
-
-def merged(blocks: Sequence[Block]) -> dict[str, tuple[Int64s, Int64s, Float64s]]:
-    """(stamp_ns, log_ns, value) by name, in order of log time, equal times in order of the file."""
-    if not blocks:
-        return {}
-    log_ns = _joined([block.log_ns for block in blocks])
-    stamp_ns = _joined([block.stamp_ns for block in blocks])
-    arrival = _joined([block.arrival for block in blocks])
-    if not stamp_ns.any():
-        stamp_ns = log_ns
-    order = _order(log_ns, arrival)
-    names = blocks[0].names
-    if len(set(names)) == len(names) and all(block.names == names for block in blocks):
-        value = np.concatenate([block.value.T for block in blocks], axis=1)
-        stamp_ns, log_ns = _frozen(stamp_ns, order), _frozen(log_ns, order)
-        return {name: (stamp_ns, log_ns, _frozen(value[i], order)) for i, name in enumerate(names)}
-    return _merged_by_name(blocks, stamp_ns, log_ns, arrival)
-
-
-def _merged_by_name(
-    blocks: Sequence[Block], stamp_ns: Int64s, log_ns: Int64s, arrival: Int64s
-) -> dict[str, tuple[Int64s, Int64s, Float64s]]:
-    """As `merged`, where messages differ in their names or the order of their names."""
-    parts: dict[str, list[tuple[Int64s, Float64s]]] = {}
-    first = 0
-    for block in blocks:
-        rows = np.arange(first, first + len(block.arrival))
-        first += len(rows)
-        for i, name in enumerate(block.names):
-            parts.setdefault(name, []).append((rows, block.value[:, i]))
-    found: dict[str, tuple[Int64s, Int64s, Float64s]] = {}
-    for name, pieces in parts.items():
-        rows = _joined([piece[0] for piece in pieces])
-        value = np.concatenate([piece[1] for piece in pieces])
-        order = _order(log_ns[rows], arrival[rows])
-        found[name] = (
-            _frozen(stamp_ns[rows], order),
-            _frozen(log_ns[rows], order),
-            _frozen(value, order),
-        )
-    return found
-
-
-def _joined(parts: Sequence[Int64s]) -> Int64s:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-
-def _order(log_ns: Int64s, arrival: Int64s) -> Int64s | None:
-    """The order of log time, equal times in order of arrival; None where it is so already."""
-    if (np.diff(log_ns) >= 0).all() and (np.diff(arrival) > 0).all():
-        return None
-    return np.lexsort((arrival, log_ns))
-
-
-def _frozen(values: npt.NDArray[Any], order: Int64s | None) -> npt.NDArray[Any]:
-    values = np.ascontiguousarray(values if order is None else values[order])
-    values.flags.writeable = False
-    return values
+    unpacked.add(len(plain))
+    return plain if len(plain) <= MESSAGE_BYTES else b""

@@ -1,4 +1,9 @@
-"""One file of an older rosbag2 storage, sqlite3, read as batches like those of an MCAP file."""
+"""One file of an older rosbag2 storage, sqlite3, read as batches like those of an MCAP file.
+
+The project has a reader of its own beside the one of `rosbags` because that one stops at the first
+damaged page, where this one gives what comes before it, and because it trusts the database: a view
+in place of a table, or a message of a gigabyte, is read without bound.  Both take as long.
+"""
 
 from __future__ import annotations
 
@@ -8,24 +13,36 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from cdrj_ros.bag.batch import Batch, Channel, Int64s, Stretch
+from cdrj_ros.bag.bounds import (
+    DATABASE_STEPS,
+    DATABASE_STEPS_FREE,
+    DEFINITION_BYTES,
+    MESSAGE_BYTES,
+    Unpacked,
+)
 from cdrj_ros.bag.bulk import LEAD
 from cdrj_ros.bag.definitions import long_name
-from cdrj_ros.bag.mcap_file import Batch, Channel, Int64s, Stretch
+from cdrj_ros.bag.file_bytes import open_regular
 from cdrj_ros.foundation.errors import BagError
 
 MAGIC: Final = b"SQLite format 3\0"
 _AT_ONCE: Final = 20_000
 """Messages of one stretch."""
+_BYTES_AT_ONCE: Final = 1 << 24
+"""Bytes of one stretch, unless a single message has more."""
+_STEPS_AT_ONCE: Final = 1_000_000
 _HEAD: Final = struct.Struct(">16xH10xI")
 """Size and number of the pages, where a database says them."""
+_NEEDED: Final = ("topics", "messages")
 
 
 class Db3File:
-    """A .db3 file opened for reading, with the same face as ``McapFile``."""
+    """A .db3 file opened for reading, with the same interface as ``McapFile``."""
 
     def __init__(self, path: Path) -> None:
         """Read the topics and the times of all messages; no message is read yet.
@@ -38,36 +55,25 @@ class Db3File:
         self.messages_read = 0
         self.complete = True
         self.indexed = True
-        _require_whole(path)
+        self._size = _require_whole(path)
+        counts: dict[int, int] = {}
         try:
             with closing(self._connect()) as connection:
-                self._read_channels(connection)
-                ids, times, topics = self._read_times(connection)
+                self._read_channels(connection, self._tables(connection))
+                self.stretches = tuple(self._read_stretches(connection, counts))
         except sqlite3.Error as error:
             raise BagError(f"{path} is not a bag stored as sqlite3 ({_line(error)})") from None
-        self.counts: Mapping[int, int] | None = {
-            int(number): int(count)
-            for number, count in zip(*np.unique(topics, return_counts=True), strict=True)
-        }
-        edges = range(0, len(ids), _AT_ONCE)
-        self.stretches = tuple(
-            Stretch(
-                int(ids[at]),
-                int(ids[min(at + _AT_ONCE, len(ids)) - 1]) + 1,
-                int(times[at : at + _AT_ONCE].min()),
-                int(times[at : at + _AT_ONCE].max()),
-            )
-            for at in edges
-        )
+        self.counts: Mapping[int, int] | None = counts
 
     def batches(self, stretches: Iterable[Stretch] | None = None) -> Iterator[Batch]:
         """Read the stretches in the given order (None: all of them)."""
         wanted = self.stretches if stretches is None else tuple(stretches)
         if not wanted:
             return
+        unpacked = Unpacked(self.path, self._size)
         with closing(self._connect()) as connection:
             for stretch in wanted:
-                batch = self._load(connection, stretch)
+                batch = self._load(connection, stretch, unpacked)
                 self.messages_read += len(batch.start)
                 yield batch
 
@@ -81,23 +87,53 @@ class Db3File:
     def _connect(self) -> sqlite3.Connection:
         """Read-only; a journal beside the file is taken in where the folder allows it."""
         uri = self.path.resolve().as_uri()
-        connection = sqlite3.connect(f"{uri}?mode=ro", uri=True, check_same_thread=False)
+        connection = self._bounded(f"{uri}?mode=ro")
         try:
             connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
         except sqlite3.Error:
             connection.close()
-            connection = sqlite3.connect(
-                f"{uri}?mode=ro&immutable=1", uri=True, check_same_thread=False
-            )
-        connection.text_factory = lambda data: data.decode(errors="replace")
+            connection = self._bounded(f"{uri}?mode=ro&immutable=1")
         return connection
 
-    def _read_channels(self, connection: sqlite3.Connection) -> None:
-        tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_master")}
+    def _bounded(self, uri: str) -> sqlite3.Connection:
+        """A connection that gives up after more work than an honest file of this size needs."""
+        connection = sqlite3.connect(uri, uri=True, check_same_thread=False)
+        connection.text_factory = lambda data: data.decode(errors="replace")
+        left = (DATABASE_STEPS_FREE + DATABASE_STEPS * self._size) // _STEPS_AT_ONCE
+
+        def count() -> bool:
+            nonlocal left
+            left -= 1
+            return left < 0
+
+        connection.set_progress_handler(count, _STEPS_AT_ONCE)
+        connection.execute("PRAGMA trusted_schema = OFF")
+        return connection
+
+    def _tables(self, connection: sqlite3.Connection) -> set[str]:
+        """The names of the real tables: a view may compute for ever."""
+        kinds = dict(
+            connection.execute(
+                "SELECT name, type = 'table' AND sql LIKE 'CREATE TABLE%' FROM sqlite_master "
+                "WHERE type IN ('table', 'view')"
+            )
+        )
+        for name in _NEEDED:
+            if name in kinds and not kinds[name]:
+                raise BagError(
+                    f"{self.path} is not a bag stored as sqlite3 ({name} is a view or a virtual "
+                    "table)"
+                )
+        return {name for name, real in kinds.items() if real}
+
+    def _read_channels(self, connection: sqlite3.Connection, tables: set[str]) -> None:
         definitions: dict[str, tuple[str, str]] = {}
         if "message_definitions" in tables:
             query = "SELECT topic_type, encoding, encoded_message_definition"
-            for name, encoding, text in connection.execute(f"{query} FROM message_definitions"):
+            for name, encoding, text in connection.execute(
+                f"{query} FROM message_definitions WHERE length(encoded_message_definition) <= ?",
+                (DEFINITION_BYTES,),
+            ):
                 definitions[long_name(str(name))] = (str(encoding), str(text))
         query = "SELECT id, name, type, serialization_format FROM topics"
         for number, name, msgtype, encoding in connection.execute(query):
@@ -111,36 +147,60 @@ class Db3File:
                 str(name), own, str(encoding), definition_encoding, definition
             )
 
-    def _read_times(self, connection: sqlite3.Connection) -> tuple[Int64s, Int64s, Int64s]:
-        """Number, time and topic of every message, as far as the file can be read."""
-        rows: list[tuple[int, int, int]] = []
+    def _read_stretches(
+        self, connection: sqlite3.Connection, counts: dict[int, int]
+    ) -> Iterator[Stretch]:
+        """Stretches of messages as far as the file can be read, counted by topic in `counts`."""
         cursor = connection.execute(
-            "SELECT id, timestamp, topic_id FROM messages NOT INDEXED ORDER BY id"
+            "SELECT id, timestamp, topic_id, length(data) FROM messages NOT INDEXED ORDER BY id"
         )
-        try:
-            for row in cursor:
-                if all(isinstance(value, int) for value in row):
-                    rows.append(row)  # noqa: PERF401 what comes before an error stays
-        except sqlite3.Error as error:
-            self._damaged(error)
-        table = np.array(rows, np.int64).reshape(-1, 3)
-        return table[:, 0], table[:, 1], table[:, 2]
+        last = -(2**63)
+        for rows in self._fetched(cursor):
+            table = np.array(
+                [row for row in rows if all(isinstance(value, int) for value in row)], np.int64
+            ).reshape(-1, 4)
+            if len(table) and ((table[1:, 0] <= table[:-1, 0]).any() or table[0, 0] <= last):
+                self._damaged("messages are out of order")
+                return
+            for number, count in zip(*np.unique(table[:, 2], return_counts=True), strict=True):
+                counts[int(number)] = counts.get(int(number), 0) + int(count)
+            for part in _parts(table):
+                last = int(part[-1, 0])
+                yield Stretch(int(part[0, 0]), last, int(part[:, 1].min()), int(part[:, 1].max()))
 
-    def _load(self, connection: sqlite3.Connection, stretch: Stretch) -> Batch:
+    def _fetched(self, cursor: sqlite3.Cursor) -> Iterator[list[Any]]:
+        """Rows, some at a time; what comes before an error is given."""
+        while True:
+            rows: list[Any] = []
+            try:
+                for row in cursor:
+                    rows.append(row)
+                    if len(rows) == _AT_ONCE:
+                        break
+            except sqlite3.Error as error:
+                self._damaged(_line(error))
+                yield rows
+                return
+            if not rows:
+                return
+            yield rows
+
+    def _load(self, connection: sqlite3.Connection, stretch: Stretch, unpacked: Unpacked) -> Batch:
+        """The messages of one stretch; one that is too large is empty, and so malformed."""
         channel: list[int] = []
         log_ns: list[int] = []
         payloads: list[bytes] = []
-        query = "SELECT topic_id, timestamp, data FROM messages WHERE id >= ? AND id < ?"
-        try:
-            for topic, time, data in connection.execute(
-                f"{query} ORDER BY id", (stretch.start, stretch.stop)
-            ):
+        cursor = connection.execute(
+            "SELECT topic_id, timestamp, iif(length(data) <= ?, data, x'') FROM messages "
+            "WHERE id >= ? AND id <= ? ORDER BY id",
+            (MESSAGE_BYTES, stretch.start, stretch.stop),
+        )
+        for rows in self._fetched(cursor):
+            for topic, time, data in rows:
                 if topic in self.channels and isinstance(time, int) and isinstance(data, bytes):
                     channel.append(topic)
                     log_ns.append(time)
                     payloads.append(data)
-        except sqlite3.Error as error:
-            self._damaged(error)
         length = np.array([len(data) for data in payloads], np.int64)
         return Batch(
             bytes(LEAD) + b"".join(payloads),
@@ -148,18 +208,26 @@ class Db3File:
             np.array(log_ns, np.int64),
             LEAD + np.cumsum(length) - length,
             length,
+            unpacked,
         )
 
-    def _damaged(self, error: sqlite3.Error) -> None:
-        note = f"{self.path.name} is damaged ({_line(error)}): read what comes before"
+    def _damaged(self, reason: str) -> None:
+        note = f"{self.path.name} is damaged ({reason}): read what comes before"
         if note not in self.notes:
             self.notes.append(note)
 
 
-def _require_whole(path: Path) -> None:
-    """Refuse what is no database, and one that is cut: sqlite would not read either."""
+def _parts(table: Int64s) -> Iterator[Int64s]:
+    """Rows (id, time, topic, length) cut where the messages become too many bytes at once."""
+    ends = np.cumsum(np.clip(table[:, 3], 0, MESSAGE_BYTES))
+    borders = np.flatnonzero(np.diff(ends // _BYTES_AT_ONCE)) + 1
+    yield from (part for part in np.split(table, borders) if len(part))
+
+
+def _require_whole(path: Path) -> int:
+    """Bytes of the file; refuses what is no database and one that is cut, as sqlite would."""
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             head = stream.read(_HEAD.size)
             size = stream.seek(0, os.SEEK_END)
     except OSError as error:
@@ -178,6 +246,7 @@ def _require_whole(path: Path) -> None:
             f"{path} is cut: {size} of {claimed} bytes are there; `sqlite3 {path} .recover` gives "
             "what is left as SQL"
         )
+    return size
 
 
 def _line(error: Exception) -> str:

@@ -9,6 +9,12 @@ from typing import Final, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from cdrj_ros.bag.bounds import (
+    ARRAY_VALUES,
+    DEFINITION_BYTES,
+    DEFINITION_DEPTH,
+    DEFINITION_FIELDS,
+)
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.cdr import MESSAGE_TYPES, TEXT, Field, MessageType
 
@@ -40,7 +46,6 @@ _FIELD: Final = re.compile(
     r"\s+(?P<name>[A-Za-z]\w*)\s*(?P<constant>=)?"
 )
 _SECTION: Final = re.compile(r"^=+\s*\nMSG:\s*(\S+)\s*\n", re.MULTILINE)
-_DEPTH: Final = 8
 
 
 class Definition(NamedTuple):
@@ -74,46 +79,67 @@ def message_type(msgtype: str, encoding: str, text: str) -> MessageType:
 
 def parse_definition(msgtype: str, text: str) -> MessageType:
     """Take apart a .msg text to which the messages it uses are appended."""
+    if len(text) > DEFINITION_BYTES:
+        raise BagError(f"the definition of {msgtype} has more than {DEFINITION_BYTES} characters")
     parts = _SECTION.split(text)
     sections = {_short(name): body for name, body in zip(parts[1::2], parts[2::2], strict=True)}
     package = msgtype.partition("/")[0]
-    return MessageType(msgtype, tuple(_fields(msgtype, parts[0], package, sections, "", 0)))
+    flat = _Flattening(msgtype, sections)
+    flat.add(parts[0], package, "", 0)
+    return MessageType(msgtype, tuple(flat.fields))
 
 
-def _fields(
-    msgtype: str, text: str, package: str, sections: dict[str, str], prefix: str, depth: int
-) -> list[Field]:
-    if depth > _DEPTH:
-        raise BagError(f"the definition of {msgtype} is nested too deeply at {prefix!r}")
-    fields: list[Field] = []
-    for raw in text.splitlines():
-        line = raw.partition("#")[0].strip()
-        if not line:
-            continue
-        match = _FIELD.match(line)
-        if match is None:
-            raise BagError(f"the definition of {msgtype} has a line not understood: {line!r}")
-        if match["constant"]:
-            continue
+class _Flattening:
+    """The fields of a definition with nested messages written out."""
+
+    def __init__(self, msgtype: str, sections: dict[str, str]) -> None:
+        """`sections` holds the texts of the nested messages by short name."""
+        self.fields: list[Field] = []
+        self._msgtype = msgtype
+        self._sections = sections
+        self._lines = 0
+
+    def add(self, text: str, package: str, prefix: str, depth: int) -> None:
+        """Append what `text` defines; short type names are looked up in `package`."""
+        if depth > DEFINITION_DEPTH:
+            raise self._error(f"is nested too deeply at {prefix!r}")
+        for raw in text.splitlines():
+            self._lines += 1
+            if self._lines > DEFINITION_FIELDS:
+                raise self._error(f"has more than {DEFINITION_FIELDS} lines, nested ones repeated")
+            line = raw.partition("#")[0].strip()
+            match = _FIELD.match(line)
+            if match is None and line:
+                raise self._error("has a line not understood", line)
+            if match is not None and not match["constant"]:
+                self._add_field(match, line, package, prefix, depth)
+
+    def _add_field(
+        self, match: re.Match[str], line: str, package: str, prefix: str, depth: int
+    ) -> None:
         kind, array, name = match["type"], match["array"], prefix + match["name"]
         count = None if array is None else _count(array[1:-1])
+        if count is not None and count > ARRAY_VALUES:
+            raise self._error(f"has an array of more than {ARRAY_VALUES} values", line)
         if kind in _CODES:
-            fields.append(Field(name, _CODES[kind], count))
-            continue
+            self.fields.append(Field(name, _CODES[kind], count))
+            return
         nested = _resolve(kind, package)
-        body = sections.get(nested, _COMMON.get(nested))
+        body = self._sections.get(nested, _COMMON.get(nested))
         if body is None or count is not None:
-            raise BagError(
-                f"the definition of {msgtype} has a field this reader cannot place: {line!r}"
-            )
-        inner = nested.partition("/")[0]
-        fields += _fields(msgtype, body, inner, sections, name + ".", depth + 1)
-    return fields
+            raise self._error("has a field this reader cannot place", line)
+        self.add(body, nested.partition("/")[0], name + ".", depth + 1)
+
+    def _error(self, what: str, line: str = "") -> BagError:
+        where = f": {line[:80]!r}" if line else ""
+        return BagError(f"the definition of {self._msgtype} {what}{where}")
 
 
 def _count(inside: str) -> int:
     """Values in an array by what stands in its brackets; 0 where the message itself says."""
-    return int(inside) if inside.isdigit() else 0
+    if not (inside.isascii() and inside.isdigit()):
+        return 0
+    return int(inside[:20])
 
 
 def _short(name: str) -> str:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cdrj_ros.bag.batch import Batch, Channel, Int64s
 from cdrj_ros.bag.bulk import unpack_message
-from cdrj_ros.bag.mcap_file import ZSTD_MAGIC, Batch, Channel, Int64s
+from cdrj_ros.bag.mcap_file import ZSTD_MAGIC
 from cdrj_ros.bag.recording import require_cdr
 from cdrj_ros.bag.source import BagFile, Source, open_source
 from cdrj_ros.foundation.errors import BagError
@@ -161,7 +162,7 @@ def _given(ready: list[_Waiting]) -> Iterator[RawMessage]:
     ):
         raw, start, length = columns[w]
         channel = ready[w].channels[numbers[w][i]]
-        data = bytes(raw[start[i] : start[i] + length[i]])
+        data = raw[start[i] : start[i] + length[i]]
         if data[:4] == ZSTD_MAGIC:
-            data = unpack_message(data)
+            data = unpack_message(data, ready[w].batch.unpacked)
         yield RawMessage(channel.topic, t, data, channel.msgtype)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from cdrj_ros.bag.bulk import Block, BulkDecoder, merged
+from cdrj_ros.bag.batch import Batch, Channel
+from cdrj_ros.bag.bounds import LARGEST_REFERENCE
+from cdrj_ros.bag.bulk import BulkDecoder
 from cdrj_ros.bag.definitions import message_type
-from cdrj_ros.bag.mcap_file import Batch, Channel
+from cdrj_ros.bag.series import Decoded, Series, series_by_name
 from cdrj_ros.bag.source import BagFile, Source, open_source
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
@@ -23,18 +24,6 @@ REFERENCE_ARRAYS: Final[Mapping[str, tuple[str, str]]] = {
     JOINT_STATE.name: ("effort", "effort"),
 }
 """By message type: what its channels are called, and the array they come from."""
-
-
-@dataclass(frozen=True)
-class Series:
-    """One scalar channel over time, in order of log time; every value as recorded, NaN included."""
-
-    stamp_ns: npt.NDArray[np.int64]
-    """Header stamps [ns], shape (n,); log times where every header stamp of the topic is zero."""
-    log_ns: npt.NDArray[np.int64]
-    """When each message was recorded [ns], shape (n,), never decreasing."""
-    value: npt.NDArray[np.float64]
-    """Shape (n,)."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +107,7 @@ class _Reading:
         self._inputs = {topics.motors: "motor", topics.joints: "joint"}
         self._selected = {*self._inputs, *topics.references}
         self._roles: dict[Channel, tuple[_Role, ...]] = {}
+        self._notes: list[str] = []
 
     def require_inputs(self) -> None:
         """Refuse a bag without the topics that the angles come from."""
@@ -144,43 +134,78 @@ class _Reading:
     def recording(
         self, motor_names: Collection[str] | None, joint_names: Collection[str] | None
     ) -> Recording:
+        roles = [role for made in self._roles.values() for role in made]
+        extents = [role.decoder.decoded.extent() for role in roles if role.decoder.decoded.tables]
+        malformed = {role.topic: self._malformed(role.topic) for role in roles}
         motors_topic, joints_topic = self._topics.motors, self._topics.joints
         motors = self._series(motors_topic, is_input=True)
         joints = motors
         if joints_topic != motors_topic:
             joints = self._series(joints_topic, is_input=True)
+        chosen_motors = self._chosen(motors, motor_names, motors_topic, "motor")
+        chosen_joints = self._chosen(joints, joint_names, joints_topic, "joint")
+        references = self._references()
+        return Recording(
+            path=self._path,
+            start_ns=min(first for first, _ in extents),
+            end_ns=max(last for _, last in extents),
+            motors=chosen_motors,
+            joints=chosen_joints,
+            references=references,
+            malformed=malformed,
+            notes=(*self._source.all_notes(), *self._refusals(malformed), *self._notes),
+        )
+
+    def _references(self) -> dict[str, Series]:
         references: dict[str, Series] = {}
         for topic in dict.fromkeys(self._topics.references):
             for name, series in self._series(topic, is_input=False).items():
                 if name in references:
                     raise BagError(f"{self._path}: {name} is on several reference topics")
-                references[name] = series
-        roles = [role for made in self._roles.values() for role in made]
-        times = [block.log_ns for role in roles for block in role.decoder.blocks]
-        chosen_motors = self._chosen(motors, motor_names, motors_topic, "motor")
-        chosen_joints = self._chosen(joints, joint_names, joints_topic, "joint")
-        return Recording(
-            path=self._path,
-            start_ns=min(int(log_ns.min()) for log_ns in times),
-            end_ns=max(int(log_ns.max()) for log_ns in times),
-            motors=chosen_motors,
-            joints=chosen_joints,
-            references=references,
-            malformed={role.topic: self._malformed(role.topic) for role in roles},
-            notes=self._source.all_notes(),
+                references[name] = self._plausible(name, series)
+        return references
+
+    def _plausible(self, name: str, series: Series) -> Series:
+        """The series, where necessary with NaN in place of values that are no measurements."""
+        beyond = np.isfinite(series.value) & (np.abs(series.value) > LARGEST_REFERENCE)
+        if not beyond.any():
+            return series
+        self._notes.append(
+            f"{name}: {int(beyond.sum())} values beyond {LARGEST_REFERENCE:g} were left out"
         )
+        value = np.where(beyond, np.nan, series.value)
+        value.flags.writeable = False
+        return replace(series, value=value)
 
     def _series(self, topic: str, *, is_input: bool) -> dict[str, Series]:
-        by_prefix: dict[str, list[Block]] = {}
+        """What a topic holds, by name; the decoders are emptied."""
+        by_prefix: dict[str, list[Decoded]] = {}
         for made in self._roles.values():
             for role in made:
                 if role.topic == topic and role.is_input == is_input:
-                    by_prefix.setdefault(role.prefix, []).extend(role.decoder.blocks)
+                    by_prefix.setdefault(role.prefix, []).append(role.decoder.decoded)
         return {
-            prefix + name: Series(*arrays)
-            for prefix, blocks in by_prefix.items()
-            for name, arrays in merged(blocks).items()
+            prefix + name: series
+            for prefix, parts in by_prefix.items()
+            for name, series in series_by_name(parts).items()
         }
+
+    def _refusals(self, malformed: Mapping[str, int]) -> list[str]:
+        """Why messages were refused, by topic."""
+        return [
+            f"{topic}: {count} malformed messages, the first: {self._first_refusal(topic)}"
+            for topic, count in malformed.items()
+            if count
+        ]
+
+    def _first_refusal(self, topic: str) -> str:
+        reasons = [
+            role.decoder.first_refusal
+            for made in self._roles.values()
+            for role in made
+            if role.topic == topic and role.decoder.first_refusal
+        ]
+        return reasons[0] if reasons else ""
 
     def _chosen(
         self, there: Mapping[str, Series], names: Collection[str] | None, topic: str, kind: str
@@ -189,7 +214,11 @@ class _Reading:
             malformed = self._malformed(topic)
             raise BagError(
                 f"{self._path}: topic {topic} has no {kind} angles"
-                + (f" ({malformed} malformed messages)" if malformed else "")
+                + (
+                    f" ({malformed} malformed messages, the first: {self._first_refusal(topic)})"
+                    if malformed
+                    else ""
+                )
             )
         if names is None:
             return there
@@ -227,8 +256,8 @@ class _Reading:
         try:
             message = message_type(channel.msgtype, channel.definition_encoding, channel.definition)
             return tuple(
-                _Role(topic, is_input, prefix, BulkDecoder(message, array, silent=not is_input))
-                for is_input, prefix, array in wanted
+                _Role(topic, given, prefix, BulkDecoder(message, array, may_be_empty=not given))
+                for given, prefix, array in wanted
             )
         except BagError as error:
             raise BagError(f"{self._path}: topic {topic}: {error}") from None

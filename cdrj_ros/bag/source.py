@@ -8,9 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from cdrj_ros.bag.batch import Channel
+from cdrj_ros.bag.bounds import METADATA_BYTES
 from cdrj_ros.bag.db3_file import Db3File
-from cdrj_ros.bag.mcap_file import Channel, McapFile
+from cdrj_ros.bag.file_bytes import open_regular
+from cdrj_ros.bag.mcap_file import McapFile
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
 
 METADATA: Final = "metadata.yaml"
@@ -36,7 +40,7 @@ class Source:
             found += file.notes
             if state := file.state():
                 found.append(state)
-        return tuple(found)
+        return tuple(map(printable, found))
 
     def channels_known(self) -> bool:
         """Every channel is declared before the messages have been read."""
@@ -54,7 +58,7 @@ class Source:
 def open_source(path: Path | str) -> Source:
     """Open a rosbag2 folder, a folder of MCAP files, or one MCAP file."""
     path = Path(path)
-    if not path.exists():
+    if not _exists(path):
         raise BagError(f"{path} does not exist, expected a rosbag2 folder or an .mcap file")
     notes: list[str] = []
     if not path.is_dir():
@@ -93,15 +97,18 @@ def _opened(path: Path, notes: list[str]) -> BagFile | None:
 
 def _listed(folder: Path, notes: list[str]) -> list[Path]:
     """The files that metadata.yaml names and that are there."""
-    try:
-        text = (folder / METADATA).read_text(encoding="utf-8")
-    except FileNotFoundError:
+    if not _exists(folder / METADATA):
         notes.append(f"no {METADATA}")
         return []
-    except (OSError, UnicodeDecodeError) as error:
+    try:
+        with open_regular(folder / METADATA) as stream:
+            content = stream.read(METADATA_BYTES + 1)
+        if len(content) > METADATA_BYTES:
+            raise BagError(f"it has more than {METADATA_BYTES} bytes")
+        names = _file_names(content.decode())
+    except (OSError, BagError, UnicodeDecodeError) as error:
         notes.append(f"{METADATA} cannot be read ({error})")
         return []
-    names = _file_names(text)
     if not names:
         notes.append(f"{METADATA} lists no files")
         return []
@@ -109,12 +116,20 @@ def _listed(folder: Path, notes: list[str]) -> list[Path]:
     for name in names:
         inside = folder / Path(name).name
         choices = [inside, inside.with_name(inside.name + ".zstd")]
-        there = [choice for choice in choices if choice.exists()]
+        there = [choice for choice in choices if _exists(choice)]
         if there:
             paths.append(there[0])
         else:
             notes.append(f"{inside.name} is listed in {METADATA} but is not there")
     return paths
+
+
+def _exists(path: Path) -> bool:
+    """As `Path.exists`; a name that no file can have, such as one with a zero byte, does not."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
 
 
 def _file_names(text: str) -> list[str]:

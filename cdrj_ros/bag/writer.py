@@ -2,75 +2,85 @@
 
 from __future__ import annotations
 
+import os
 import shutil
-from collections.abc import Collection, Mapping, Sequence
+import struct
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from heapq import merge
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final
+from typing import IO, Any, Final
+from uuid import uuid4
 
 import numpy as np
 import numpy.typing as npt
-from mcap import records
+from mcap.writer import CompressionType, Writer
 
-from cdrj_ros.bag.bulk import plain_payloads
-from cdrj_ros.bag.definitions import long_name, message_type, own_definition, parse_definition
-from cdrj_ros.bag.mcap_file import MESSAGE_HEAD, Channel, Int64s, Octets, pick
-from cdrj_ros.bag.mcap_writing import COMPRESSIONS, Block, write_file
+from cdrj_ros.bag.batch import Channel, Int64s
+from cdrj_ros.bag.definitions import message_type, own_definition, parse_definition
+from cdrj_ros.bag.messages import read_messages
 from cdrj_ros.bag.metadata import OFFERED_QOS, WrittenTopic, information, metadata_file
 from cdrj_ros.bag.recording import require_cdr
 from cdrj_ros.bag.source import METADATA, open_source
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.files import write_text
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, Template
 
 _CHUNK_BYTES: Final = 1 << 20
+_AT_ONCE: Final = 4096
+"""Messages that are made at once."""
+_COMPRESSIONS: Final = {
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "": CompressionType.NONE,
+}
 
 ArrayLike = npt.ArrayLike
+Queued = tuple[int, str, bytes]
+"""Log time [ns], topic and payload of a message that is about to be written."""
 
 
 @dataclass(frozen=True)
 class _Encoded:
-    """Messages whose bytes are made when the file is written."""
+    """Messages of one topic whose bytes are made when the file is written."""
 
-    channel: int
+    topic: str
     log_ns: Int64s
-    arrival: Int64s
+    """Shape (n,), never decreasing."""
     stamp_ns: Int64s
     template: Template
     arrays: Mapping[str, npt.NDArray[Any]]
 
-    @property
-    def length(self) -> int:
-        return len(self.template.payload)
-
-    def rows(self, first: int, last: int) -> Octets:
-        arrays = {name: values[first:last] for name, values in self.arrays.items()}
-        return self.template.encode_many(self.stamp_ns[first:last], arrays, MESSAGE_HEAD)
+    def messages(self) -> Iterator[Queued]:
+        size = len(self.template.payload)
+        for first in range(0, len(self.log_ns), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            arrays = {name: values[part] for name, values in self.arrays.items()}
+            data = self.template.encode_many(self.stamp_ns[part], arrays).tobytes()
+            for k, log_ns in enumerate(self.log_ns[part].tolist()):
+                yield log_ns, self.topic, data[k * size : (k + 1) * size]
 
 
 @dataclass(frozen=True)
 class _Copied:
-    """Messages that came as bytes, shape (n, MESSAGE_HEAD + length)."""
+    """Messages of another bag, read when the file is written."""
 
-    channel: int
-    log_ns: Int64s
-    arrival: Int64s
-    data: Octets
+    path: Path | str
+    topics: Collection[str]
 
-    @property
-    def length(self) -> int:
-        return int(self.data.shape[1]) - MESSAGE_HEAD
-
-    def rows(self, first: int, last: int) -> Octets:
-        rows: Octets = self.data[first:last].copy()
-        return rows
+    def messages(self) -> Iterator[Queued]:
+        for message in read_messages(self.path, self.topics):
+            yield message.log_ns, message.topic, message.data
 
 
 class BagWriter:
     """Collects messages and writes them, in order of log time, when closed.
 
-    A context manager; nothing is left behind where its body raises.  Every `write_…` may be called
-    repeatedly for a topic.  `log_ns` is when each message counts as recorded; None: at its stamp.
+    A context manager; nothing is left behind where its body raises.  The folder appears whole, when
+    everything has been written, or not at all.  Every `write_…` may be called repeatedly for a
+    topic.  `log_ns` is when each message counts as recorded; None: at its stamp.  Equal log times
+    keep the order of the calls.
     """
 
     def __init__(
@@ -80,15 +90,15 @@ class BagWriter:
         self.path = Path(path)
         if self.path.exists():
             raise BagError(f"{self.path} exists already; a bag is written to a new folder")
-        if compression not in COMPRESSIONS:
-            raise BagError(f"compression must be one of {COMPRESSIONS}, got {compression!r}")
-        self._compression = compression
+        if not str(self.path).isprintable():
+            raise BagError(f"{self.path} is no name for a bag: metadata.yaml takes printable text")
+        if compression not in _COMPRESSIONS:
+            known = tuple(_COMPRESSIONS)
+            raise BagError(f"compression must be one of {known}, got {compression!r}")
+        self._compression = _COMPRESSIONS[compression]
         self._chunk_bytes = chunk_bytes
-        self._schemas: dict[tuple[str, str, str], records.Schema] = {}
-        self._channels: dict[str, records.Channel] = {}
-        self._declared: dict[str, Channel] = {}
-        self._blocks: list[Block] = []
-        self._arrived = 0
+        self._channels: dict[str, Channel] = {}
+        self._queue: list[_Encoded | _Copied] = []
         self._closed = False
 
     def __enter__(self) -> BagWriter:
@@ -177,69 +187,84 @@ class BagWriter:
         self._write(NODAL_FORCES.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
 
     def copy(self, path: Path | str, topic_names: Collection[str] | None = None) -> None:
-        """Take over the messages of another bag unchanged, of these topics or (None) of all."""
+        """Take over the messages of another bag unchanged, of these topics or (None) of all.
+
+        They are read when the bag is closed.
+        """
         source = open_source(path)
         for file in source.files:
-            for batch in file.batches():
-                first = self._arrived
-                self._arrived += len(batch.start)
-                for number, channel in file.channels.items():
-                    chosen = np.flatnonzero(batch.channel == number)
-                    if topic_names is not None and channel.topic not in topic_names:
-                        continue
-                    require_cdr(source.path, channel)
-                    own = self._channel(channel)
-                    if not len(chosen):
-                        continue
-                    for octets, start, length, index in plain_payloads(batch, chosen):
-                        self._keep(own, octets, start, length, batch.log_ns[index], first + index)
-
-    def write_raw(
-        self,
-        topic: str,
-        msgtype: str,
-        log_ns: ArrayLike,
-        payloads: Sequence[bytes],
-        definition: str | None = None,
-    ) -> None:
-        """Messages already in CDR; `definition` of None means that the project knows the type."""
-        times = np.array(log_ns, np.int64)
-        if times.shape != (len(payloads),):
-            raise BagError(f"{topic}: {len(payloads)} messages but log times {times.shape}")
-        text = own_definition(long_name(msgtype)).text if definition is None else definition
-        channel = self._channel(Channel(topic, long_name(msgtype), "cdr", "ros2msg", text))
-        length = np.array([len(payload) for payload in payloads], np.int64)
-        octets = np.frombuffer(b"".join(payloads), np.uint8)
-        arrival = np.arange(self._arrived, self._arrived + len(times))
-        self._arrived += len(times)
-        self._keep(channel, octets, np.cumsum(length) - length, length, times, arrival)
+            file.declare_all()
+        chosen = {
+            topic: channel
+            for topic, channel in source.channels().items()
+            if topic_names is None or topic in topic_names
+        }
+        for channel in chosen.values():
+            require_cdr(source.path, channel)
+            self._declare(channel)
+        if chosen:
+            self._queue.append(_Copied(path, tuple(chosen)))
 
     def close(self) -> None:
         """Write the folder.  Called by the context manager."""
         if self._closed:
             return
         self._closed = True
-        name = f"{self.path.name}_0.mcap"
+        draft = self.path.with_name(f".{self.path.name[:100]}.{uuid4().hex}")
         try:
-            self.path.mkdir(parents=True)
+            draft.mkdir(parents=True)
+            name = f"{self.path.name}_0.mcap"
+            with (draft / name).open("xb") as stream:
+                text = self._write_file(stream, name)
+                stream.flush()
+                os.fsync(stream.fileno())
+            write_text(draft / METADATA, metadata_file(text))
+            draft.rename(self.path)
         except OSError as error:
             raise BagError(f"{self.path} cannot be made: {error.strerror or error}") from None
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+
+    def _write_file(self, stream: IO[bytes], name: str) -> str:
+        """Write the MCAP file; return what metadata.yaml tells, which is also kept inside it."""
+        writer = Writer(stream, chunk_size=self._chunk_bytes, compression=self._compression)
+        writer.start(profile="ros2", library="cdrj_ros")
+        numbers = self._register(writer)
+        counts = dict.fromkeys(self._channels, 0)
+        first_ns: int | None = None
+        last_ns = 0
         try:
-            text = self._information(name)
-            with (self.path / name).open("xb") as stream:
-                write_file(
-                    stream,
-                    list(self._schemas.values()),
-                    list(self._channels.values()),
-                    self._blocks,
-                    compression=self._compression,
-                    chunk_bytes=self._chunk_bytes,
-                    serialized_metadata=text,
-                )
-            (self.path / METADATA).write_text(metadata_file(text), encoding="utf-8")
-        except BaseException:
-            shutil.rmtree(self.path, ignore_errors=True)
-            raise
+            queues = [queued.messages() for queued in self._queue]
+            for log_ns, topic, data in merge(*queues, key=lambda message: message[0]):
+                first_ns, last_ns = log_ns if first_ns is None else first_ns, log_ns
+                counts[topic] += 1
+                writer.add_message(numbers[topic], log_ns, data, log_ns)
+        except struct.error:
+            raise BagError(f"{self.path}: a log time before {last_ns} ns is negative") from None
+        topics = [
+            WrittenTopic(topic, channel.msgtype, _type_hash(channel), counts[topic])
+            for topic, channel in self._channels.items()
+        ]
+        text = information(name, first_ns or 0, last_ns, topics)
+        writer.add_metadata("rosbag2", {"serialized_metadata": text})
+        writer.finish()  # type: ignore[no-untyped-call]
+        return text
+
+    def _register(self, writer: Writer) -> dict[str, int]:
+        """Numbers of the channels by topic; equal definitions share a schema."""
+        schemas: dict[tuple[str, str, str], int] = {}
+        numbers: dict[str, int] = {}
+        for topic, channel in self._channels.items():
+            key = (channel.msgtype, channel.definition_encoding, channel.definition)
+            if key not in schemas:
+                name, encoding, text = key
+                schemas[key] = writer.register_schema(name, encoding, text.encode())
+            metadata = {
+                "offered_qos_profiles": OFFERED_QOS,
+                "topic_type_hash": _type_hash(channel),
+            }
+            numbers[topic] = writer.register_channel(topic, "cdr", schemas[key], metadata)
+        return numbers
 
     def _write(
         self,
@@ -252,7 +277,7 @@ class BagWriter:
         frame_id: str,
     ) -> None:
         definition = own_definition(msgtype).text
-        channel = self._channel(Channel(topic, msgtype, "cdr", "ros2msg", definition))
+        self._declare(Channel(topic, msgtype, "cdr", "ros2msg", definition))
         stamps = np.array(stamp_ns, np.int64)
         times = stamps if log_ns is None else np.array(log_ns, np.int64)
         given = {name: np.array(a) for name, a in arrays.items() if a is not None}
@@ -263,67 +288,19 @@ class BagWriter:
                 f"{topic}: {stamps.shape} stamps, {times.shape} log times and {len(names)} names "
                 f"take arrays of shape {shape}, got {wrong}"
             )
-        arrival = np.arange(self._arrived, self._arrived + len(stamps))
-        self._arrived += len(stamps)
-        if (np.diff(times) < 0).any():
+        if (times[1:] < times[:-1]).any():
             order = np.argsort(times, kind="stable")
-            times, stamps, arrival = times[order], stamps[order], arrival[order]
+            times, stamps = times[order], stamps[order]
             given = {name: values[order] for name, values in given.items()}
-        template = Template(
-            parse_definition(msgtype, definition), names, list(given), frame_id=frame_id
-        )
-        self._blocks.append(_Encoded(channel, times, arrival, stamps, template, given))
+        message = parse_definition(msgtype, definition)
+        template = Template(message, names, list(given), frame_id=frame_id)
+        self._queue.append(_Encoded(topic, times, stamps, template, given))
 
-    def _keep(
-        self,
-        channel: int,
-        octets: Octets,
-        start: Int64s,
-        length: Int64s,
-        log_ns: Int64s,
-        arrival: Int64s,
-    ) -> None:
-        """Blocks of equal length of messages that lie in `octets`."""
-        for size in np.unique(length).tolist():
-            same = np.flatnonzero(length == size)
-            same = same[np.argsort(log_ns[same], kind="stable")]
-            data = np.zeros((len(same), MESSAGE_HEAD + size), np.uint8)
-            if size:
-                data[:, MESSAGE_HEAD:] = pick(octets, start[same], size)
-            self._blocks.append(_Copied(channel, log_ns[same], arrival[same], data))
-
-    def _channel(self, wanted: Channel) -> int:
-        """Number of the topic's channel, made where it is new."""
+    def _declare(self, wanted: Channel) -> None:
+        """Make the topic's channel; a known topic keeps its type, whose comments may differ."""
         if self._closed:
             raise BagError(f"{self.path} is closed")
-        known = self._declared.get(wanted.topic)
-        if known is not None:
-            self._require_same(known, wanted)
-            number: int = self._channels[wanted.topic].id
-            return number
-        key = (wanted.msgtype, wanted.definition_encoding, wanted.definition)
-        schema = self._schemas.get(key)
-        if schema is None:
-            schema = records.Schema(
-                id=len(self._schemas) + 1,
-                name=wanted.msgtype,
-                encoding=wanted.definition_encoding,
-                data=wanted.definition.encode(),
-            )
-            self._schemas[key] = schema
-        channel = records.Channel(
-            id=len(self._channels) + 1,
-            topic=wanted.topic,
-            message_encoding=wanted.encoding,
-            metadata={"offered_qos_profiles": OFFERED_QOS, "topic_type_hash": _type_hash(wanted)},
-            schema_id=schema.id,
-        )
-        self._channels[wanted.topic] = channel
-        self._declared[wanted.topic] = wanted
-        return len(self._channels)
-
-    def _require_same(self, known: Channel, wanted: Channel) -> None:
-        """A topic keeps its type; definitions may differ in their comments only."""
+        known = self._channels.setdefault(wanted.topic, wanted)
         if known.msgtype != wanted.msgtype:
             raise BagError(
                 f"{self.path}: topic {known.topic} is {known.msgtype}, it cannot also be "
@@ -333,25 +310,6 @@ class BagWriter:
             raise BagError(
                 f"{self.path}: topic {known.topic} is {known.msgtype} with other fields than before"
             )
-
-    def _information(self, file_name: str) -> str:
-        """What metadata.yaml tells, also kept inside the MCAP file."""
-        counts = dict.fromkeys((channel.id for channel in self._channels.values()), 0)
-        for block in self._blocks:
-            counts[block.channel] += len(block.log_ns)
-        times = [block.log_ns for block in self._blocks if len(block.log_ns)]
-        topics = [
-            WrittenTopic(
-                channel.topic,
-                self._declared[channel.topic].msgtype,
-                channel.metadata["topic_type_hash"],
-                counts[channel.id],
-            )
-            for channel in self._channels.values()
-        ]
-        start_ns = min((int(log_ns[0]) for log_ns in times), default=0)
-        end_ns = max((int(log_ns[-1]) for log_ns in times), default=0)
-        return information(file_name, start_ns, end_ns, topics)
 
 
 def _fields(channel: Channel) -> object:

@@ -26,6 +26,9 @@ class RobotFileError(CdrjError):
 class BagError(CdrjError):
     """A recording that cannot be read, or lacks what was asked for."""
 
+    def __init__(self, text: str) -> None:
+        super().__init__(printable(text))  # names and paths may hold anything
+
 
 class UsageError(CdrjError):
     """A command line or call that asks for something impossible."""

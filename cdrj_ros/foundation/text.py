@@ -9,9 +9,12 @@ def printable(text: object) -> str:
     Names, keys and paths come from files that anybody may have written.  An ANSI escape in one of
     them must not reach a terminal, nor a line break split a one-line message.
     """
+    text = str(text)
+    if text.isprintable():
+        return text
     return "".join(
         character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
-        for character in str(text)
+        for character in text
     )
 
 

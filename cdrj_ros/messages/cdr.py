@@ -27,6 +27,9 @@ ENCAPSULATION: Final = 4
 BYTE_ORDER: Final[Mapping[bytes, str]] = {b"\x00\x00": ">", b"\x00\x01": "<"}
 """NumPy's sign of the byte order by CDR representation."""
 
+XCDR2: Final = frozenset(bytes((0, number)) for number in range(6, 12))
+"""Representations of CDR version 2: plain, delimited and as parameter lists, in both orders."""
+
 TEXT: Final = "text"
 """The `Field.code` of a string."""
 
@@ -114,6 +117,12 @@ class _Walk:
 
     def __init__(self, payload: bytes) -> None:
         order = BYTE_ORDER.get(payload[:2])
+        if payload[:2] in XCDR2:
+            raise MessageError(
+                f"payload is XCDR2 (encapsulation {payload[:2].hex()}), expected XCDR1 (0000 or "
+                "0001), the default of ROS 2: set the publisher's data representation to XCDR1 "
+                "and record again"
+            )
         if len(payload) < ENCAPSULATION or order is None:
             raise MessageError(
                 f"payload of {len(payload)} bytes begins with {payload[:4].hex() or 'nothing'}, "
@@ -344,23 +353,22 @@ class Template:
         self,
         stamp_ns: npt.NDArray[np.int64],
         arrays: Mapping[str, npt.NDArray[Any]],
-        lead: int = 0,
     ) -> npt.NDArray[np.uint8]:
-        """Messages as rows, shape (n, lead + length), the first `lead` bytes of each left free.
+        """Messages as rows, shape (n, length).
 
         `stamp_ns` has shape (n,), each array shape (n, len(names)).
         """
         if set(arrays) != set(self._views):
             raise self._mismatch(arrays)
-        n, width = len(stamp_ns), lead + len(self.payload)
+        n, width = len(stamp_ns), len(self.payload)
         rows = np.empty((n, width), np.uint8)
         if not n:
             return rows
-        rows[:, lead:] = np.frombuffer(self.payload, np.uint8)
+        rows[:] = np.frombuffer(self.payload, np.uint8)
         sec, nanosec = np.divmod(stamp_ns, 1_000_000_000)
         if int(sec.min()) < -(2**31) or int(sec.max()) >= 2**31:
             raise MessageError("a stamp does not fit a ROS header (32-bit seconds)")
-        at = lead + ENCAPSULATION
+        at = ENCAPSULATION
         np.ndarray((n,), "<i4", rows, at, (width,))[:] = sec
         np.ndarray((n,), "<u4", rows, at + 4, (width,))[:] = nanosec
         for name, span in self.spans.items():
@@ -369,7 +377,7 @@ class Template:
             if np.shape(arrays[name]) != shape:
                 raise self._mismatch(arrays)
             if span.count:
-                np.ndarray(shape, span.dtype, rows, lead + span.offset, strides)[:] = arrays[name]
+                np.ndarray(shape, span.dtype, rows, span.offset, strides)[:] = arrays[name]
         return rows
 
     def _mismatch(self, arrays: Mapping[str, npt.ArrayLike]) -> MessageError:

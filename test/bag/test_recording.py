@@ -13,6 +13,11 @@ ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
 MS = 1_000_000
 
 
+def one_joint_state(make):
+    """A good message, for a topic that is not what the test is about."""
+    return [(0, make.joint_state(1, ["a"], [1]))]
+
+
 def test_every_channel_comes_back_as_it_was_written(tmp_path):
     rng = np.random.default_rng(1)
     t = 1_700_000_000_000_000_000 + np.arange(500) * MS
@@ -195,7 +200,7 @@ def test_names_that_never_appear_are_named_with_those_that_do(make, tmp_path):
 
 def test_an_input_without_one_good_message_is_refused(make, tmp_path):
     path = make.mcap(tmp_path / "a.mcap", [(make.topic, 0, b"\0\1\0\0")])
-    with pytest.raises(BagError, match=r"has no motor angles \(1 malformed messages\)"):
+    with pytest.raises(BagError, match=r"has no motor angles \(1 malformed messages, the first: "):
         read_recording(path, ONE_TOPIC)
 
 
@@ -203,17 +208,20 @@ def test_a_topic_of_another_type_is_refused_by_both_names(make, tmp_path):
     path = make.mcap(tmp_path / "a.mcap", make.swing(3), msgtype="std_msgs/msg/String")
     with pytest.raises(BagError, match=r"std_msgs/msg/String, expected sensor_msgs/msg/JointState"):
         read_recording(path, ONE_TOPIC)
-    t = np.arange(3)
-    with BagWriter(tmp_path / "bag") as bag:
-        bag.write_joint_states("/joint_states", t, ["a"], np.zeros((3, 1)))
-        bag.write_raw("/odd", "std_msgs/msg/String", t, [b"", b"", b""], "string data")
-        bag.write_tensions("/tensions", t, ["a/1"], np.zeros((3, 1)))
+    path = make.topics(
+        tmp_path / "b.mcap",
+        {
+            make.topic: ("sensor_msgs/msg/JointState", "", one_joint_state(make)),
+            "/odd": ("std_msgs/msg/String", "", [(1, b"")]),
+            "/tensions": ("cdrj_msgs/msg/CableTensions", "", [(1, b"")]),
+        },
+    )
     with pytest.raises(BagError, match=r"/odd for references is std_msgs/msg/String, expected"):
-        read_recording(tmp_path / "bag", replace(ONE_TOPIC, references=("/odd",)))
+        read_recording(path, replace(ONE_TOPIC, references=("/odd",)))
     with pytest.raises(
         BagError, match=r"/tensions for joint angles is cdrj_msgs/msg/CableTensions"
     ):
-        read_recording(tmp_path / "bag", replace(ONE_TOPIC, joints="/tensions"))
+        read_recording(path, replace(ONE_TOPIC, joints="/tensions"))
 
 
 def test_messages_not_in_cdr_are_refused_by_their_encoding(make, tmp_path):
@@ -232,23 +240,64 @@ def test_a_definition_with_other_fields_is_followed(make, tmp_path):
         MessageType("cdrj_msgs/msg/CableTensions", (*fields, Field("tension", "f4", 0))), ["u/1"]
     )
     definition = "std_msgs/Header header\nuint8 gauge\nstring[] name\nfloat32[] tension\n"
-    raw = [template.encode(i + 1, tension=[i / 2]) for i in range(20)]
-    with BagWriter(tmp_path / "bag") as bag:
-        bag.write_joint_states("/joint_states", np.arange(3), ["a"], np.zeros((3, 1)))
-        bag.write_raw("/t", "cdrj_msgs/msg/CableTensions", np.arange(20), raw, definition)
-    read = read_recording(tmp_path / "bag", replace(ONE_TOPIC, references=("/t",)))
+    raw = [(i, template.encode(i + 1, tension=[i / 2])) for i in range(20)]
+    path = make.topics(
+        tmp_path / "a.mcap",
+        {
+            make.topic: ("sensor_msgs/msg/JointState", "", one_joint_state(make)),
+            "/t": ("cdrj_msgs/msg/CableTensions", definition, raw),
+        },
+    )
+    read = read_recording(path, replace(ONE_TOPIC, references=("/t",)))
     np.testing.assert_array_equal(read.references["tension/u/1"].value, np.arange(20) / 2)
 
 
-def test_a_definition_without_what_is_needed_is_refused_by_name(tmp_path):
+def test_a_definition_without_what_is_needed_is_refused_by_name(make, tmp_path):
     definition = "string[] name\nfloat64[] pull\n"
-    with BagWriter(tmp_path / "bag") as bag:
-        bag.write_joint_states("/joint_states", np.arange(3), ["a"], np.zeros((3, 1)))
-        bag.write_raw("/t", "cdrj_msgs/msg/CableTensions", [1], [b"\0\1\0\0"], definition)
+    path = make.topics(
+        tmp_path / "a.mcap",
+        {
+            make.topic: ("sensor_msgs/msg/JointState", "", one_joint_state(make)),
+            "/t": ("cdrj_msgs/msg/CableTensions", definition, [(1, b"\0\1\0\0")]),
+        },
+    )
     with pytest.raises(
         BagError, match=r"/t: cdrj_msgs/msg/CableTensions .* 'tension', but name, pull"
     ):
-        read_recording(tmp_path / "bag", replace(ONE_TOPIC, references=("/t",)))
+        read_recording(path, replace(ONE_TOPIC, references=("/t",)))
+
+
+def test_messages_of_the_second_version_of_cdr_are_named_with_what_to_do(make, tmp_path):
+    good = make.joint_state(1, ["a"], [1])
+    messages = [(i, bytes((0, 6 + i)) + good[2:]) for i in range(6)]
+    path = make.topics(
+        tmp_path / "a.mcap", {make.topic: ("sensor_msgs/msg/JointState", "", messages)}
+    )
+    words = r"6 malformed messages, the first: payload is XCDR2 \(encapsulation 0006\).*to XCDR1"
+    with pytest.raises(BagError, match=words):
+        read_recording(path, ONE_TOPIC)
+    messages.append((6, good))
+    make.topics(path, {make.topic: ("sensor_msgs/msg/JointState", "", messages)})
+    read = read_recording(path, ONE_TOPIC)
+    assert read.malformed == {make.topic: 6}
+    assert any("XCDR2" in note and "record again" in note for note in read.notes)
+
+
+def test_a_reference_that_is_no_measurement_is_left_out_with_a_note(tmp_path):
+    t = np.arange(4) + 1
+    tension = np.array([[1.0], [1e200], [-1e16], [2.0]])
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write_joint_states("/joint_states", t, ["a"], np.zeros((4, 1)))
+        bag.write_tensions("/t", t, ["u/1"], tension)
+    read = read_recording(tmp_path / "bag", replace(ONE_TOPIC, references=("/t",)))
+    np.testing.assert_array_equal(read.references["tension/u/1"].value, [1, np.nan, np.nan, 2])
+    assert read.notes == ("tension/u/1: 2 values beyond 1e+15 were left out",)
+
+
+def test_names_that_a_terminal_would_obey_are_escaped(make, tmp_path):
+    messages = [(make.topic, 1, make.joint_state(1, ["a\x1b[31m\nb"], [1]))]
+    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    assert list(read.motors) == [r"a\x1b[31m\nb"]
 
 
 def test_the_same_channel_on_two_reference_topics_is_refused(tmp_path):

@@ -1,5 +1,7 @@
 """Bags written here, opened by other people's readers."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -116,6 +118,51 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
         bag.close()
 
 
+def test_the_folder_appears_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "bag"
+    seen = []
+
+    def see(folder, target):
+        (file,) = folder.glob("*.mcap")
+        with file.open("rb") as stream:
+            assert make_reader(stream).get_summary().statistics.message_count == 1
+        seen.append((path.exists(), sorted(entry.name for entry in folder.iterdir())))
+        return rename(folder, target)
+
+    rename = Path.rename
+    monkeypatch.setattr(Path, "rename", see)
+    with BagWriter(path) as bag:
+        bag.write_joint_states("/a", [1], ["x"], [[1.0]])
+    assert seen == [(False, ["bag_0.mcap", "metadata.yaml"])]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["bag"]
+
+
+def test_a_folder_that_has_appeared_meanwhile_is_not_replaced(tmp_path):
+    bag = BagWriter(tmp_path / "bag")
+    bag.write_joint_states("/a", [1], ["x"], [[1.0]])
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "mine").touch()
+    with pytest.raises(BagError, match="cannot be made"):
+        bag.close()
+    assert [entry.name for entry in (tmp_path / "bag").iterdir()] == ["mine"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["bag"]
+
+
+@pytest.mark.parametrize("name", ["bag\udc80", "bag\n", "bag\x1b[31m"])
+def test_a_name_that_metadata_cannot_hold_is_refused(tmp_path, name):
+    with pytest.raises(BagError, match="no name for a bag") as caught:
+        BagWriter(tmp_path / name)
+    assert str(caught.value).isprintable()
+
+
+def test_a_log_time_before_the_epoch_is_refused(tmp_path):
+    bag = BagWriter(tmp_path / "bag")
+    bag.write_joint_states("/a", [5], ["x"], [[1.0]], log_ns=[-5])
+    with pytest.raises(BagError, match="is negative"):
+        bag.close()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_nothing_is_left_behind_where_the_body_raises(tmp_path):
     def body():
         with BagWriter(tmp_path / "bag") as bag:
@@ -182,14 +229,19 @@ def test_a_topic_may_be_written_in_pieces_and_out_of_order(tmp_path):
 
 
 def test_a_copied_type_keeps_the_definition_it_had(make, tmp_path):
-    t, fields = np.arange(2), "string[] name\nfloat32[] tension\n"
-    with BagWriter(tmp_path / "bag") as bag:
-        bag.write_tensions("/ours", t, ["u/1"], np.ones((2, 1)))
-        bag.write_raw("/theirs", "cdrj_msgs/msg/CableTensions", t, [b"", b""], fields)
-        with pytest.raises(BagError, match=r"/ours .* other fields"):
-            bag.write_raw("/ours", "cdrj_msgs/msg/CableTensions", t, [b"", b""], fields)
+    fields = "string[] name\nfloat32[] tension\n"
+    path = make.topics(
+        tmp_path / "a.mcap",
+        {
+            "/ours": ("cdrj_msgs/msg/CableTensions", "", [(1, b"")]),
+            "/theirs": ("cdrj_msgs/msg/CableTensions", fields, [(1, b"")]),
+        },
+    )
     with BagWriter(tmp_path / "copy") as bag:
-        bag.copy(tmp_path / "bag")
+        bag.copy(path)
+        bag.write_tensions("/ours", [1], ["u/1"], [[1.0]])
+        with pytest.raises(BagError, match=r"/theirs .* other fields"):
+            bag.write_tensions("/theirs", [1], ["u/1"], [[1.0]])
     (file,) = (tmp_path / "copy").glob("*.mcap")
     with file.open("rb") as stream:
         summary = make_reader(stream).get_summary()

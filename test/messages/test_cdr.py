@@ -80,12 +80,12 @@ def test_many_messages_at_once_are_the_same_as_one_by_one(data, stamps, names):
         name: np.array([values(data.draw, len(names)) for _ in stamps], float).reshape(shape)
         for name in template.spans
     }
-    rows = template.encode_many(np.array(stamps, np.int64), arrays, lead=3)
+    rows = template.encode_many(np.array(stamps, np.int64), arrays)
     one_by_one = [
         template.encode(stamp, **{name: array[i] for name, array in arrays.items()})
         for i, stamp in enumerate(stamps)
     ]
-    assert [row[3:].tobytes() for row in rows] == one_by_one
+    assert [row.tobytes() for row in rows] == one_by_one
 
 
 @given(st.binary(max_size=200))
@@ -140,7 +140,9 @@ def test_names_and_positions_of_different_number_are_refused_with_both_numbers(m
 
 def test_an_encapsulation_that_is_not_plain_cdr_is_refused_by_its_bytes(make):
     payload = make.joint_state(0, ["a"], [1.0])
-    with pytest.raises(MessageError, match="00070000, expected plain CDR"):
+    with pytest.raises(MessageError, match="00030000, expected plain CDR"):
+        JointStateDecoder()(b"\0\3\0\0" + payload[4:])
+    with pytest.raises(MessageError, match=r"is XCDR2 .encapsulation 0007.*record again"):
         JointStateDecoder()(b"\0\7\0\0" + payload[4:])
 
 

@@ -1,6 +1,6 @@
 """Bags made by other people's writers, so that ours are judged by theirs and not by themselves."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -80,6 +80,26 @@ def write_mcap(
     return path
 
 
+def write_topics(
+    path: Path, topics: Mapping[str, tuple[str, str, Sequence[tuple[int, bytes]]]]
+) -> Path:
+    """One MCAP file of topics of several types: {topic: (type, definition, [(log_ns, payload)])}.
+
+    An empty definition is that of ROS.
+    """
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        for topic, (msgtype, definition, messages) in topics.items():
+            text = definition or STORE.generate_msgdef(msgtype, ros_version=2)[0]
+            schema = writer.register_schema(msgtype, "ros2msg", text.encode())
+            channel = writer.register_channel(topic, "cdr", schema)
+            for log_ns, payload in messages:
+                writer.add_message(channel, log_ns, payload, log_ns)
+        writer.finish()
+    return path
+
+
 def swing(count: int, *, little_endian: bool = True) -> list[tuple[str, int, bytes]]:
     """Messages of `motor` (0, 1, 2, …) and `joint` (0, −1, −2, …), a millisecond apart."""
     return [
@@ -107,5 +127,6 @@ def make() -> SimpleNamespace:
         header=header,
         joint_state=joint_state,
         mcap=write_mcap,
+        topics=write_topics,
         swing=swing,
     )
