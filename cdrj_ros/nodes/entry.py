@@ -28,3 +28,14 @@ def replay() -> NoReturn:
         return main
 
     run_interruptibly("replay", load)
+
+
+def watch() -> NoReturn:
+    """Run the live table."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.nodes.watch import main
+
+        return main
+
+    run_interruptibly("watch", load)

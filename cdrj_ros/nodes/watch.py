@@ -1,0 +1,287 @@
+"""``watch``: the estimator's tensions as a live table in the terminal."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from time import monotonic
+from typing import Any, Final, TextIO
+
+from cdrj_msgs.msg import CableTensions, NodalForces
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import (
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.utilities import remove_ros_args
+from rich.console import Console
+from rich.live import Live
+
+from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, NODAL_FORCES, MessageError
+from cdrj_ros.model.loading import robot_path
+from cdrj_ros.nodes.feed import Choice, Feed
+from cdrj_ros.nodes.spinning import RANGE, ros_context, starting
+from cdrj_ros.report.live_table import View, live_table, plain_line
+from cdrj_ros.robot.reader import load_robot
+
+DRAW_S: Final = 0.125
+"""Time between two pictures in a terminal [s]."""
+
+LINE_S: Final = 1.0
+"""Time between two lines where there is no terminal [s]."""
+
+DEPTH: Final = 100
+"""Messages that a topic may queue: a tenth of a second at 1 kHz."""
+
+
+class NothingHeardError(CdrjError):
+    """No message came in time."""
+
+
+class WatchNode(Node):
+    """Keeps the last message of every topic."""
+
+    def __init__(self, forces: bool, choice: Choice, **options: Any) -> None:
+        """Subscribe, best effort: that hears every publisher."""
+        super().__init__("watch", namespace="cdrj", **options)
+        self._choice = choice
+        self._diagnosed: dict[str, DiagnosticStatus] = {}
+        self._qos: dict[str, QoSProfile] = {}
+        topic = self.resolve_topic_name("tensions")
+        self.tensions = Feed(topic, CABLE_TENSIONS, "element", "tension", limited=True)
+        self.feeds = [self.tensions]
+        self._listen(CableTensions, self.tensions)
+        if forces:
+            topic = self.resolve_topic_name("nodal_forces")
+            self.feeds.append(Feed(topic, NODAL_FORCES, "pulley", "magnitude", limited=False))
+            self._listen(NodalForces, self.feeds[1])
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def _listen(self, message: Any, feed: Feed) -> None:
+        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._qos[feed.topic] = qos  # with what overrides make of it
+        self.create_subscription(
+            message, feed.topic, feed.hear, qos, raw=True,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )  # fmt: skip
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._diagnosed["/" + status.name.lstrip("/")] = status
+
+    def heard_all(self) -> bool:
+        """Whether every topic has brought something."""
+        return all(feed.payload is not None for feed in self.feeds)
+
+    def view(self) -> View:
+        """What is known now."""
+        sections, notes, age = [], [], None
+        now_ns = self.get_clock().now().nanoseconds
+        for feed in self.feeds:
+            if feed.silent():
+                notes.append(self.missing(feed))
+            elif feed.payload is None:
+                notes.append(f"waiting for {feed.topic}")
+            if feed.payload is None:
+                continue
+            try:
+                stamp_ns, section = feed.read(self._choice)
+            except MessageError as error:
+                notes.append(f"{feed.topic}: {error}")
+                continue
+            sections.append(section)
+            if not section.lines:
+                notes.append(f"no {feed.title} matches {self._choice.pattern!r}")
+            if feed is self.tensions:
+                age = (now_ns - stamp_ns) * 1e-9
+        publishers = self._endpoints(self.tensions)
+        if len(publishers) > 1:
+            notes.append(
+                f"{self.tensions.topic} has {len(publishers)} publishers: "
+                + ", ".join(map(_full_name, publishers))
+            )
+        known = (self._diagnosed.get(_full_name(one)) for one in publishers)
+        status = next(filter(None, known), None)
+        if status is not None and status.level != DiagnosticStatus.OK:
+            notes.append(f"{status.name}: {status.message}")
+        return View(
+            self.tensions.topic,
+            tuple(sections),
+            status.hardware_id if status is not None else "",
+            self.tensions.rate_hz(),
+            age,
+            tuple(notes),
+        )
+
+    def _endpoints(self, feed: Feed) -> list[Any]:
+        return list(self.get_publishers_info_by_topic(feed.topic))
+
+    def missing(self, feed: Feed) -> str:
+        """Why nothing comes on a topic, in words."""
+        there = self._endpoints(feed)
+        if not there:
+            return self._no_publisher(feed)
+        fitting = [one for one in there if one.topic_type == feed.message.name]
+        if not fitting:
+            return (
+                f"{feed.topic} is published by {_full_name(there[0])} as {there[0].topic_type}, "
+                f"not as {feed.message.name}"
+            )
+        for one in fitting:
+            fits, reason = qos_check_compatible(one.qos_profile, self._qos[feed.topic])
+            if fits == QoSCompatibility.ERROR:
+                return (
+                    f"the QoS of {feed.topic} at {_full_name(one)} does not fit this "
+                    f"subscription: {reason.removeprefix('ERROR: ').rstrip(';')}"
+                )
+        silent = f"{monotonic() - feed.heard_s:.0f} s"
+        return f"nothing from {_full_name(fitting[0])} on {feed.topic} for {silent}"
+
+    def _no_publisher(self, feed: Feed) -> str:
+        elsewhere = [
+            topic
+            for topic, types in self.get_topic_names_and_types()
+            if feed.message.name in types and topic != feed.topic and self.count_publishers(topic)
+        ]
+        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+        reach = os.environ.get(RANGE) or "SUBNET"
+        text = f"no publisher of {feed.topic} in ROS domain {domain}, {RANGE}={reach}"
+        if elsewhere:
+            name = feed.topic.rpartition("/")[2]
+            text += f"; there is {elsewhere[0]}: --ros-args -r {name}:={elsewhere[0]}"
+        return text
+
+
+def _full_name(endpoint: Any) -> str:
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f"must be in (0, 1e9), got {text}")
+    return value
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="watch",
+        description="Show the estimator's tensions, their 2 sigma and status as a live table; in a "
+        "pipe, one line a second. Topics: /cdrj/tensions, /cdrj/nodal_forces; remap them with "
+        "--ros-args -r tensions:=/other/tensions.",
+        epilog="Exit code: 0 done, 2 bad usage, or nothing came with --once, 130 ended by Ctrl-C.",
+    )
+    parser.add_argument("--once", action="store_true", help="print one table and end")
+    parser.add_argument(
+        "--wait", type=_positive, default=10.0, metavar="S",
+        help="with --once, how long to wait for a message [s] (default %(default)g)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--forces", action="store_true", help="show the forces on the pulleys as well"
+    )
+    parser.add_argument(
+        "--only", default="*", metavar="PATTERN",
+        help="show the elements and pulleys of these names, for instance 'upper/*'",
+    )  # fmt: skip
+    parser.add_argument(
+        "--robot", metavar="ROBOT",
+        help="robot file, or the name of an installed one: bars end at the cables' max_tension",
+    )  # fmt: skip
+    parser.add_argument(
+        "--limit", type=_positive, default=float("inf"), metavar="N",
+        help="tension at which bars end [N], of cables without a max_tension (default: the "
+        "largest that is shown)",
+    )  # fmt: skip
+    return parser
+
+
+def _choice(arguments: argparse.Namespace) -> Choice:
+    limits = {}
+    if arguments.robot:
+        cables = load_robot(robot_path(arguments.robot)).cables
+        limits = {c.name: c.maximum_tension for c in cables if c.maximum_tension < float("inf")}
+        if not limits and arguments.limit == float("inf"):
+            raise UsageError(f"--robot: no cable of {arguments.robot} has a max_tension")
+    return Choice(arguments.only, limits, arguments.limit)
+
+
+def _never() -> bool:
+    return False
+
+
+def _spin(executor: EventsExecutor, seconds: float, until: Callable[[], bool] = _never) -> bool:
+    """Serve the topics for a time, or until something holds; returns whether it does."""
+    end = monotonic() + seconds
+    while not until() and (left := end - monotonic()) > 0.0:
+        executor.spin_once(timeout_sec=left)
+    return until()
+
+
+def _print_once(node: WatchNode, executor: EventsExecutor, wait_s: float, out: TextIO) -> None:
+    if not _spin(executor, wait_s, node.heard_all):
+        silent = next(feed for feed in node.feeds if feed.payload is None)
+        raise NothingHeardError(node.missing(silent))
+    console = Console(file=out)
+    console.print(live_table(node.view(), console.width, plain=_is_plain(out)))
+
+
+def _print_lines(node: WatchNode, executor: EventsExecutor, out: TextIO) -> None:
+    while True:
+        _spin(executor, LINE_S)
+        print(plain_line(node.view()), file=out, flush=True)
+
+
+def _draw(node: WatchNode, executor: EventsExecutor, console: Console) -> None:
+    plain = _is_plain(console.file)
+    with Live(console=console, auto_refresh=False, vertical_overflow="crop") as live:
+        while True:
+            table = live_table(node.view(), console.width, console.height, plain)
+            live.update(table, refresh=True)
+            _spin(executor, DRAW_S)
+
+
+def _is_plain(stream: Any) -> bool:
+    """Whether a stream cannot show the characters that bars are made of."""
+    try:
+        "█▒▶±σ·".encode(getattr(stream, "encoding", None) or "ascii")
+    except UnicodeEncodeError:
+        return True
+    return False
+
+
+def _body(argv: Sequence[str]) -> int:
+    everything = ["watch", *argv]
+    with starting():
+        arguments = _parser().parse_args(remove_ros_args(everything)[1:])
+    choice = _choice(arguments)
+    with ros_context(everything):
+        with starting():
+            node = WatchNode(arguments.forces, choice)
+        executor = EventsExecutor()
+        executor.add_node(node)
+        try:
+            console = Console()
+            if arguments.once:
+                _print_once(node, executor, arguments.wait, sys.stdout)
+            elif console.is_terminal and not console.is_dumb_terminal:
+                _draw(node, executor, console)
+            else:
+                _print_lines(node, executor, sys.stdout)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    return DONE
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return run_command("watch", _body, sys.argv[1:] if argv is None else argv)

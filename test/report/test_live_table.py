@@ -1,0 +1,149 @@
+"""The live table: what is drawn of a view, without ROS and without a terminal."""
+
+from __future__ import annotations
+
+import re
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from cdrj_ros.model.status import INVALID, OK, OVERLOAD, SLACK, STALE, UNSURE
+from cdrj_ros.report.live_table import Line, Section, View, live_table, plain_line, round_scale
+
+NAN = float("nan")
+LINES = (
+    Line("upper/1", 40.0, 1.5, OK),
+    Line("upper/2", 20.0, None, SLACK),
+    Line("lower/1", 10.0, 2.0, UNSURE | STALE),
+    Line("lower/2", 0.0, 0.0, INVALID | UNSURE),
+)
+VIEW = View("/cdrj/tensions", (Section("element", LINES),), "prototype", 998.4, 0.004)
+
+
+def drawn(
+    view: View, width: int = 80, rows: int | None = None, plain: bool = False, colour: bool = False
+) -> list[str]:
+    stream = StringIO()
+    console = Console(
+        file=stream, width=width, force_terminal=colour, color_system="standard" if colour else None
+    )
+    console.print(live_table(view, width, rows, plain))
+    return stream.getvalue().splitlines()
+
+
+def row(lines: list[str], name: str) -> str:
+    return next(line for line in lines if name in line)
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 200])
+def test_every_line_fits_the_terminal_and_every_number_is_readable(width: int) -> None:
+    lines = drawn(VIEW, width)
+    assert max(len(line) for line in lines) <= width
+    assert re.search(r"upper/1 +40\.00 +3\.00 ", row(lines, "upper/1"))
+    assert "OK" in row(lines, "upper/1")
+    assert "STALE" in "\n".join(lines)
+
+
+def test_the_header_names_topic_robot_rate_and_age() -> None:
+    assert drawn(VIEW)[0] == "/cdrj/tensions · prototype · 998 Hz · age 0.004 s"
+
+
+def test_the_age_of_a_recording_is_not_given_in_seconds() -> None:
+    view = View("/cdrj/tensions", rate_hz=10.0, age_s=4e8)
+    assert drawn(view)[0] == "/cdrj/tensions · 10 Hz · recorded stamps"
+
+
+def test_a_bar_is_full_up_to_two_sigma_below_and_shaded_up_to_two_sigma_above() -> None:
+    line = row(drawn(VIEW), "upper/1")
+    full, shaded = line.count("█"), line.count("▒")
+    assert full / (full + shaded) == pytest.approx(37.0 / 43.0, abs=0.03)
+    assert "▒" not in row(drawn(VIEW), "upper/2")  # no standard deviation
+
+
+def test_bars_are_relative_to_the_largest_or_to_the_limit() -> None:
+    relative = row(drawn(VIEW, 100), "upper/2").count("█")
+    assert row(drawn(VIEW, 100), "upper/1").count("█") == pytest.approx(37 / 20 * relative, abs=1)
+    limited = [Line(line.name, line.value, None, OK, 160.0) for line in LINES]
+    lines = drawn(View("t", (Section("element", tuple(limited)),)), 100)
+    assert "0 ... limit" in lines[2]
+    wide = lines[2].index("status") - lines[2].index("0 ...")
+    assert row(lines, "upper/1").count("█") == pytest.approx(wide / 4, abs=2)
+
+
+def test_a_bar_beyond_its_limit_ends_in_an_arrow() -> None:
+    lines = (Line("a/1", 49.0, 1.0, OK, 50.0), Line("a/2", 47.0, 1.0, OK, 50.0))
+    table = drawn(View("t", (Section("element", lines),)))
+    assert "▶" in row(table, "a/1")
+    assert "▶" not in row(table, "a/2")
+
+
+def test_an_invalid_entry_shows_no_number_and_no_bar() -> None:
+    line = row(drawn(VIEW), "lower/2")
+    assert re.fullmatch(r" ?lower/2 +- +INVALID *", line)
+
+
+@pytest.mark.parametrize("value", [NAN, float("inf"), -float("inf")])
+def test_what_is_not_a_number_is_not_drawn(value: float) -> None:
+    lines = (Line("a/1", value, 1.0, OK), Line("a/2", 1.0, value, OK))
+    table = drawn(View("t", (Section("element", lines),)))
+    assert re.search(r"a/1 +- ", row(table, "a/1"))
+    assert "▒" not in row(table, "a/2")
+    assert "largest a/2 1.00 N" in plain_line(View("t", (Section("element", lines),)))
+
+
+def test_statuses_have_their_colours_the_gravest_first() -> None:
+    lines = (Line("a/1", 1.0, None, UNSURE | OVERLOAD), Line("a/2", 1.0, None, OK))
+    table = "\n".join(drawn(View("t", (Section("element", lines),)), colour=True))
+    assert re.search(r"\x1b\[1;31mOVERLOAD\x1b\[0m +\x1b\[33mUNSURE", table)
+    assert "\x1b[32mOK" in table
+
+
+def test_an_unknown_flag_is_not_taken_for_ok() -> None:
+    table = drawn(View("t", (Section("element", (Line("a/1", 1.0, None, 64),)),)))
+    assert "FLAG 64" in row(table, "a/1")
+    assert " OK" not in "\n".join(table)
+
+
+def test_the_summary_counts_every_entry_also_those_without_room() -> None:
+    lines = tuple(Line(f"a/{k}", 1.0, None, OVERLOAD if k == 39 else OK) for k in range(40))
+    view = View("t", (Section("element", lines), Section("pulley", lines[:2])))
+    table = drawn(view, rows=24)
+    assert len(table) <= 24
+    assert any("more; choose with --only PATTERN" in line for line in table)
+    assert any("1 OVERLOAD (a/39), 39 OK" in line for line in table)
+    assert len([line for line in table if "a/1" in line]) == 2  # the short section is whole
+
+
+def test_escapes_in_names_and_notes_reach_no_terminal() -> None:
+    evil = "\x1b]0;evil\x07/1"
+    view = View(evil, (Section("element", (Line(evil, 1.0, None, SLACK),)),), evil, notes=(evil,))
+    assert "\x1b" not in "\n".join(drawn(view))
+    assert not re.search(r"[\x00-\x1f]", plain_line(view))
+
+
+def test_markup_in_names_is_not_obeyed() -> None:
+    lines = (Line("[red]a[/red]/1", 1.0, None, OK),)
+    assert "[red]a[/red]/1" in "\n".join(drawn(View("t", (Section("element", lines),))))
+
+
+def test_the_plain_table_is_ascii() -> None:
+    table = "\n".join(drawn(VIEW, plain=True))
+    table.encode("ascii")
+    assert "####" in table
+
+
+def test_the_line_for_pipes_tells_rate_age_largest_and_statuses() -> None:
+    assert plain_line(VIEW) == (
+        "/cdrj/tensions, prototype, 998 Hz, age 0.004 s, largest upper/1 40.00 +-3.00 N, "
+        "1 INVALID 1 STALE 1 SLACK 1 UNSURE 1 OK"
+    )
+    waiting = View("/cdrj/tensions", notes=("no publisher", "two\nlines"))
+    assert plain_line(waiting) == "/cdrj/tensions; no publisher; two\\nlines"
+
+
+@pytest.mark.parametrize(
+    ("largest", "scale"), [(0.0, 1.0), (0.99, 1.0), (1.01, 1.5), (43.0, 50.0), (1000.0, 1000.0)]
+)
+def test_scales_are_round_and_hold_what_is_drawn(largest: float, scale: float) -> None:
+    assert round_scale(largest) == pytest.approx(scale)
