@@ -32,7 +32,7 @@ from cdrj_ros.rig.sensors import (
     reading_times,
 )
 from cdrj_ros.rig.truth import Truth, simulate
-from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot
+from cdrj_ros.robot.description import Cable, Friction, Law, Pulley, Robot
 
 Vector = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -148,7 +148,7 @@ def with_friction(
     *,
     preload: Sequence[float] | None = None,
     rho: Sequence[float] | None = None,
-    law: str | None = None,
+    law: Law | None = None,
     **numbers: float | str,
 ) -> Robot:
     """The robot with other preloads [N] and rho by cable, another law or ``Friction`` fields."""

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+
+Law = Literal["none", "euler", "steady", "lugre", "elastoplastic"]
+LAWS: Final[tuple[Law, ...]] = get_args(Law)
+"""Friction laws, see docs/model.md, section 4."""
+
+StribeckForm = Literal["printed", "capstan"]
+"""Forms of static friction."""
+
+FrameMotion = Literal["fixed", "revolute", "prismatic", "rolling"]
+"""How a frame moves with its joint."""
 
 TABLE_INTERVALS: Final = 256
 """Intervals of a tabulated function over its joint's range."""
@@ -122,8 +132,8 @@ class Friction:
     """sigma2 [N s/m]."""
     breakaway: float = 1.0
     """Share of the bound up to which pre-sliding is elastic (law elastoplastic) [-]."""
-    stribeck: str = "printed"
-    """Form of static friction: ``printed`` (35) or ``capstan``."""
+    stribeck: StribeckForm = "printed"
+    """Form of static friction: (35) as printed, or the capstan equation."""
 
 
 @dataclass(frozen=True)
@@ -201,7 +211,7 @@ class Frame:
 
     name: str
     parent: str | None
-    motion: str
+    motion: FrameMotion
     joint: str | None
     x: float
     """Origin in the parent [m]."""
@@ -233,8 +243,8 @@ class Cable:
     """At or below this an element counts as slack [N]."""
     sensor_noise: float = 0.1
     """Standard deviation of a load cell whose messages do not give one [N]."""
-    law: str = "elastoplastic"
-    """Friction law of all its pulleys, one of ``cdrj_ros.model.friction.LAWS``."""
+    law: Law = "elastoplastic"
+    """Friction law of all its pulleys."""
 
     @property
     def pulleys(self) -> tuple[Pulley, ...]:

@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import fields
 from math import pi
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from ruamel.yaml import YAML
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
-from cdrj_ros.robot.description import Friction, Joint, Motor
-from cdrj_ros.robot.document import parse_document
+from cdrj_ros.model.friction import LAWS as KERNEL_LAWS
+from cdrj_ros.model.friction import STRIBECK_FORMS
+from cdrj_ros.robot.description import (
+    LAWS,
+    Anchor,
+    Cable,
+    FrameMotion,
+    Friction,
+    Joint,
+    Motor,
+    Pulley,
+    Sensor,
+    StribeckForm,
+)
+from cdrj_ros.robot.document import parse_document, schema
 from cdrj_ros.robot.parameters import DEFAULTS, find_number, matching_paths, number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, parse_robot
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
@@ -243,3 +259,24 @@ def test_all_robot_files_can_be_written_with_their_own_numbers() -> None:
         paths = [f"cables.{cable['name']}.preload" for cable in document["cables"]]
         again = with_numbers_in_text(text, {p: number_at(document, p) for p in paths}, file.name)
         assert parse_document(again, file.name) == document
+
+
+@pytest.mark.parametrize("kind", ["friction", "joint", "motor", "pulley", "anchor", "cable"])
+def test_the_defaults_that_the_schema_tells_are_those_of_the_values(kind: str) -> None:
+    checked = 0
+    values = {"friction": Friction, "joint": Sensor, "motor": Sensor, "pulley": Pulley,
+              "anchor": Anchor, "cable": Cable}[kind]  # fmt: skip
+    defaults = {field.name: field.default for field in fields(values)}
+    for key, rule in schema()["$defs"][kind]["properties"].items():
+        told = re.search(r"Default:? ([-+0-9.e]*\d)(?=[. ]|$)", rule.get("description", ""))
+        if told and key in defaults:
+            assert float(told[1]) == defaults[key], key
+            checked += 1
+    assert checked or kind in ("anchor",)
+
+
+def test_laws_and_forms_are_the_same_in_schema_and_types() -> None:
+    friction = schema()["$defs"]["friction"]["properties"]
+    assert friction["law"]["enum"] == LAWS == KERNEL_LAWS
+    assert friction["stribeck"]["enum"] == get_args(StribeckForm) == STRIBECK_FORMS
+    assert schema()["$defs"]["frame"]["properties"]["motion"]["enum"] == get_args(FrameMotion)

@@ -1,0 +1,201 @@
+"""Cables of a robot file: nodes, friction, spans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from math import pi
+from typing import Any
+
+from cdrj_ros.robot.axes import given
+from cdrj_ros.robot.description import (
+    Anchor,
+    Cable,
+    Frame,
+    Friction,
+    Motor,
+    Node,
+    Place,
+    Profile,
+    Pulley,
+    Winch,
+)
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.profiles import ProfileReader
+from cdrj_ros.robot.refusal import Refusal, listed
+
+
+@dataclass(frozen=True)
+class CableReader:
+    """Reads the cables of one robot file."""
+
+    friction: Document
+    """Friction of the whole robot."""
+    motors: Sequence[Motor]
+    frames: Sequence[Frame]
+    profiles: ProfileReader
+    refuse: Refusal
+
+    def read(self, path: str, entry: Document) -> Cable:
+        """One cable.
+
+        Raises:
+            RobotFileError: names the key below ``path``, what was given and what is allowed.
+        """
+        layers = [self.friction, entry.get("friction", {})]
+        routed = "spans" not in entry
+        nodes = tuple(
+            self._node(f"{path}.nodes[{k}]", node, routed, layers)
+            for k, node in enumerate(entry["nodes"])
+        )
+        self._check_order(path, nodes)
+        return Cable(
+            entry["name"],
+            self._axial_stiffness(path, entry),
+            float(entry["preload"]),
+            nodes,
+            () if routed else self._spans(f"{path}.spans", entry["spans"], len(nodes) - 1),
+            **given(entry, "slack_tension", "sensor_noise", maximum_tension="max_tension"),
+            law={**layers[0], **layers[1]}.get("law", Cable.law),
+        )
+
+    def _spans(
+        self, path: str, entries: Sequence[Any], needed: int
+    ) -> tuple[tuple[Profile, ...], ...]:
+        if len(entries) != needed:
+            raise self.refuse(
+                path,
+                f"must have one entry per element: {needed} for {needed + 1} nodes, "
+                f"got {len(entries)}",
+            )
+        return tuple(
+            self.profiles.read(f"{path}[{k}]", span, "m") for k, span in enumerate(entries)
+        )
+
+    def _axial_stiffness(self, path: str, entry: Document) -> float:
+        stiffness = entry.get("axial_stiffness")
+        modulus, diameter = entry.get("youngs_modulus"), entry.get("diameter")
+        if stiffness is not None and modulus is None and diameter is None:
+            return float(stiffness)
+        if stiffness is None and modulus is not None and diameter is not None:
+            return float(modulus * pi * diameter**2 / 4.0)
+        raise self.refuse(
+            path, "needs either axial_stiffness [N], or both youngs_modulus [Pa] and diameter [m]"
+        )
+
+    def _check_order(self, path: str, nodes: tuple[Node, ...]) -> None:
+        last = len(nodes) - 1
+        for k, node in enumerate(nodes):
+            if k in (0, last) and isinstance(node, Pulley):
+                raise self.refuse(
+                    f"{path}.nodes[{k}].type", "must be winch or anchor at an end, got pulley"
+                )
+            if 0 < k < last and not isinstance(node, Pulley):
+                raise self.refuse(
+                    f"{path}.nodes[{k}].type",
+                    f"must be pulley between the ends, got {type(node).__name__.lower()}",
+                )
+
+    def _node(
+        self, path: str, entry: Document, routed: bool, friction_layers: list[Document]
+    ) -> Node:
+        self._check_place(path, entry, routed)
+        place = self._place(path, entry) if routed else None
+        if entry["type"] == "winch":
+            motors = [motor.name for motor in self.motors]
+            if entry["motor"] not in motors:
+                raise self.refuse(
+                    f"{path}.motor", f"must be one of {listed(motors)}, got {entry['motor']!r}"
+                )
+            return Winch(entry["motor"], float(entry["radius"]), entry["winding"], place)
+        if entry["type"] == "anchor":
+            return Anchor(**given(entry, "radius"), place=place)
+        return self._pulley(path, entry, place, friction_layers)
+
+    def _check_place(self, path: str, entry: Document, routed: bool) -> None:
+        """All nodes of a cable have positions, or none has."""
+        if routed and "position" not in entry:
+            raise self.refuse(
+                f"{path}.position",
+                "is missing: a cable without spans is described by the positions of its nodes",
+            )
+        if not routed:
+            for key in ("position", "frame", "turn"):
+                if key in entry:
+                    raise self.refuse(
+                        f"{path}.{key}", "has no meaning for a cable that is described by spans"
+                    )
+
+    def _pulley(
+        self, path: str, entry: Document, place: Place | None, friction_layers: list[Document]
+    ) -> Pulley:
+        if (place is not None) == ("wrap_angle" in entry):
+            raise self.refuse(
+                f"{path}.wrap_angle",
+                "follows from the positions and must not be given"
+                if place is not None
+                else "is missing: a cable described by spans needs the wrap angle of every pulley",
+            )
+        own = entry.get("friction", {})
+        for key in ("law", "stribeck"):
+            if key in own:
+                raise self.refuse(
+                    f"{path}.friction.{key}", "is the same for a whole cable; give it there"
+                )
+        radius = float(entry["radius"])
+        friction = self._friction(f"{path}.friction", *friction_layers, own)
+        bearing = float(entry.get("bearing_diameter", Pulley.bearing_diameter))
+        if friction.bearing_friction * bearing >= radius:
+            raise self.refuse(
+                f"{path}.bearing_diameter",
+                f"times bearing_friction {friction.bearing_friction:g} must be less than the "
+                f"radius {radius:g} m, got {bearing:g}: such a pulley cannot turn",
+            )
+        wrap: tuple[Profile, ...] = ()
+        if place is None:
+            wrap = self.profiles.read(f"{path}.wrap_angle", entry["wrap_angle"], "rad")
+        return Pulley(
+            radius,
+            friction,
+            bearing,
+            float(entry.get("bearing_torque", Pulley.bearing_torque)),
+            wrap,
+            place,
+        )
+
+    def _friction(self, path: str, *layers: Document) -> Friction:
+        merged: Document = {}
+        for layer in layers:
+            merged.update(layer)
+        merged.pop("law", None)
+        mu_c = float(merged.get("mu_c", Friction.mu_c))
+        merged.setdefault("mu_s", mu_c)
+        if merged["mu_s"] < mu_c:
+            raise self.refuse(
+                f"{path}.mu_s", f"must be at least mu_c = {mu_c:g}, got {merged['mu_s']:g}"
+            )
+        if merged["mu_s"] != mu_c and "stribeck_speed" not in merged:
+            raise self.refuse(
+                f"{path}.stribeck_speed",
+                "is missing: where mu_s differs from mu_c the speed [m/s] that parts them must be "
+                "given (published values lie between 1e-4 and 5e-2)",
+            )
+        names = {field.name for field in fields(Friction)}
+        return Friction(**{key: value for key, value in merged.items() if key in names})
+
+    def _place(self, path: str, entry: Document) -> Place:
+        frame = entry.get("frame", "base")
+        names = [known.name for known in self.frames]
+        if frame not in names:
+            raise self.refuse(f"{path}.frame", f"must be one of {listed(names)}, got {frame!r}")
+        round_ = entry.get("radius", 0.0) > 0.0
+        if round_ != ("turn" in entry):
+            raise self.refuse(
+                f"{path}.turn",
+                "is missing: ccw or cw, the sense in which the cable goes round"
+                if round_
+                else "has no meaning for a point",
+            )
+        turn = {"ccw": 1, "cw": -1}[entry["turn"]] if round_ else 0
+        x, y = entry["position"]
+        return Place(frame, float(x), float(y), turn)

@@ -1,0 +1,118 @@
+"""Functions of a joint angle in a robot file: constants, sums of terms, tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.robot.description import TABLE_INTERVALS, Joint, Profile
+from cdrj_ros.robot.document import Document, term_complaints
+from cdrj_ros.robot.refusal import Refusal, listed
+
+
+class ProfileReader:
+    """Reads the functions of one robot file."""
+
+    def __init__(self, joints: Mapping[str, Joint], refuse: Refusal) -> None:
+        self._joints = joints
+        self._refuse = refuse
+
+    def known_joint(self, path: str, name: str | None) -> Joint:
+        """The joint of that name.
+
+        Raises:
+            RobotFileError: there is none.
+        """
+        if name is None or name not in self._joints:
+            raise self._refuse(path, f"must be one of {listed(self._joints)}, got {name!r}")
+        return self._joints[name]
+
+    def read(self, path: str, entry: Any, unit: str) -> tuple[Profile, ...]:
+        """A number, a function of a joint, or a list of such terms, whose sum is meant.
+
+        Raises:
+            RobotFileError: names the key below ``path``, what was given and what is allowed.
+        """
+        if not isinstance(entry, list):
+            if isinstance(entry, dict):
+                return (self._function(path, entry),)
+            if not entry > 0.0:
+                raise self._refuse(path, f"must be greater than 0 {unit}, got {entry:g}")
+            return (_constant(float(entry)),)
+        return tuple(
+            self._function(f"{path}[{k}]", term)
+            if isinstance(term, dict)
+            else _constant(float(term))
+            for k, term in enumerate(entry)
+        )
+
+    def _function(self, path: str, entry: Document) -> Profile:
+        if not _is_plain_term(entry):
+            for complaint in term_complaints(entry, path):
+                raise RobotFileError(f"{complaint} ({self._refuse.source})")
+        joint = self.known_joint(f"{path}.joint", entry["joint"])
+        grid = np.linspace(joint.lower, joint.upper, TABLE_INTERVALS + 1)
+        offset = float(entry.get("offset", 0.0))
+        slope, sine = float(entry.get("slope", 0.0)), float(entry.get("sine", 0.0))
+        values = offset + slope * grid + sine * np.sin(grid)
+        slopes = slope + sine * np.cos(grid)
+        if ("angle" in entry) != ("value" in entry):
+            raise self._refuse(path, "needs both angle and value for a table")
+        if "angle" in entry:
+            table = self._table(path, entry, joint)
+            values = values + table(grid)
+            slopes = slopes + _monotone(table(grid), table.derivative()(grid), grid[1] - grid[0])
+        return Profile(joint.name, grid, values, slopes)
+
+    def _table(self, path: str, entry: Document, joint: Joint) -> Any:
+        angle = np.array(entry["angle"], dtype=float)
+        value = np.array(entry["value"], dtype=float)
+        if angle.size != value.size:
+            raise self._refuse(
+                f"{path}.value", f"must have {angle.size} entries like angle, got {value.size}"
+            )
+        if not np.all(np.diff(angle) > 0.0):
+            raise self._refuse(f"{path}.angle", "must increase")
+        slack = 1e-9 + 1e-6 * (joint.upper - joint.lower)
+        if angle[0] > joint.lower + slack or angle[-1] < joint.upper - slack:
+            raise self._refuse(
+                f"{path}.angle",
+                f"must cover the range [{joint.lower:g}, {joint.upper:g}] rad of {joint.name}, "
+                f"got [{angle[0]:g}, {angle[-1]:g}]",
+            )
+        from scipy.interpolate import PchipInterpolator  # slow to import, so only where used
+
+        return PchipInterpolator(angle, value, extrapolate=True)
+
+
+def _monotone(
+    values: NDArray[np.float64], slopes: NDArray[np.float64], step: float
+) -> NDArray[np.float64]:
+    """Slopes limited so that a cubic through ``values`` never overshoots (Fritsch, Carlson 1980).
+
+    The grid's points do not fall on the table's, so a bend may lie within an interval.
+    """
+    secants = np.diff(values) / step
+    left = np.concatenate([secants[:1], secants])
+    right = np.concatenate([secants, secants[-1:]])
+    most = np.where(left * right > 0.0, 3.0 * np.minimum(np.abs(left), np.abs(right)), 0.0)
+    limited: NDArray[np.float64] = np.clip(slopes, -most, most)
+    return limited
+
+
+def _is_plain_term(entry: Document) -> bool:
+    """Whether a function is so simple that the schema, which is slow, need not be asked."""
+    return isinstance(entry.get("joint"), str) and all(
+        key in ("offset", "slope", "sine") and type(value) in (int, float)
+        for key, value in entry.items()
+        if key != "joint"
+    )
+
+
+def _constant(value: float) -> Profile:
+    empty: NDArray[np.float64] = np.empty(0)
+    return Profile(None, empty, np.array([value]), empty)
