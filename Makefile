@@ -25,7 +25,7 @@ IN_ENV := . tools/env.sh &&
 
 # The Python files are linked, not copied, so that a change in them needs no build. What is
 # installed beside them is listed while building: a file more or less changes its folder's date.
-INSTALLED := $(shell find config bags launch resource -print 2>/dev/null)
+INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/null)
 
 .PHONY: demo test check bench soak setup lock clean
 
