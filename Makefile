@@ -2,6 +2,7 @@
 # make test    every check and every test
 # make check   style, types and import directions only
 # make bench   speed, as ratios to what else there is
+# make figures every picture and number of README and docs anew; DAVINCI=DATA adds those of its data
 # make soak    30 minutes at 1 kHz and two million hostile messages; MINUTES=10 for less
 #
 # All of them first make .venv and install/ if these are not there or out of date.
@@ -27,7 +28,7 @@ IN_ENV := . tools/env.sh &&
 # installed beside them is listed while building: a file more or less changes its folder's date.
 INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/null)
 
-.PHONY: demo test check bench soak setup lock clean
+.PHONY: demo test check bench soak figures setup lock clean
 
 demo: setup
 	@$(IN_ENV) python tools/demo.py
@@ -49,6 +50,11 @@ MINUTES ?= 30
 soak: setup
 	@$(IN_ENV) CDRJ_HOSTILE=2000000 python -m pytest -q -s test/nodes/test_hostile.py
 	@$(IN_ENV) python tools/soak.py --minutes $(MINUTES)
+
+# The report's picture takes a Chromium on the path.
+DAVINCI ?=
+figures: setup
+	@$(IN_ENV) python tools/figures.py $(if $(DAVINCI),--davinci $(DAVINCI))
 
 setup: $(PACKAGE)
 

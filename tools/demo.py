@@ -1,12 +1,15 @@
 """Run the demonstration: the estimator and the replay of a recording as two ROS nodes.
 
+It leaves report.html, and the measured errors in docs/demo.json, which a test holds the README to.
 The exit code is that of the replay: 0 done, 1 outside the limits, 2 bad usage or input.
 """
 
+import json
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -14,6 +17,7 @@ EXECUTABLES = ROOT / "install" / "cdrj_ros" / "lib" / "cdrj_ros"
 ROBOT = "config/robots/prototype.yaml"
 BAG = "bags/prototype_preload_36_26"
 REPORT = "report.html"
+MEASURED = ROOT / "docs" / "demo.json"
 
 POLL_S = 0.2
 PATIENCE_S = 10.0
@@ -30,7 +34,24 @@ def end(process: "subprocess.Popen[bytes]") -> int:
         return process.wait()
 
 
+def keep(figures: Path) -> None:
+    """Write what does not change from run to run: the errors, without times and paths."""
+    channels = json.loads(figures.read_text(encoding="utf-8"))["all"]["channels"]
+    kept = {"bag": BAG, "robot": ROBOT, "channels": channels}
+    MEASURED.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
 def main() -> int:
+    """Run the demonstration and keep its errors; returns the replay's exit code."""
+    with tempfile.TemporaryDirectory() as folder:
+        figures = Path(folder) / "figures.json"
+        code = play(figures)
+        if code == 0:
+            keep(figures)
+    return code
+
+
+def play(figures: Path) -> int:
     """Start both nodes, wait for the replay and end the estimator."""
     # A domain of its own and no other machine: nodes that happen to run nearby stay out of it.
     environment = {
@@ -46,7 +67,7 @@ def main() -> int:
     replay = None
     try:
         replay = subprocess.Popen(
-            [EXECUTABLES / "replay", BAG, "--robot", ROBOT, "--html", REPORT],
+            [EXECUTABLES / "replay", BAG, "--robot", ROBOT, "--html", REPORT, "--json", figures],
             cwd=ROOT,
             env=environment,
         )

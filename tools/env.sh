@@ -1,6 +1,6 @@
 # shellcheck shell=bash
-# Source this in bash to work in the project's environment: `. tools/env.sh`. Afterwards Python,
-# pytest and the executables in install/cdrj_ros/lib/cdrj_ros find ROS 2 and both packages.
+# Source this in bash to work in the project's environment: `. tools/env.sh`. Afterwards Python and
+# pytest find ROS 2 and both packages, and the package's executables are on the path.
 
 # The settings that colcon and ROS write use variables that may not be set.
 case $- in *u*) _cdrj_nounset=1 ;; *) _cdrj_nounset= ;; esac
@@ -24,6 +24,7 @@ fi
 if [ -e "$_cdrj_root/install/local_setup.bash" ]; then
     . "$_cdrj_root/install/local_setup.bash"
 fi
+export PATH=$_cdrj_root/install/cdrj_ros/lib/cdrj_ros:$PATH
 
 if [ "$_cdrj_nounset" ]; then set -u; fi
 unset _cdrj_root _cdrj_libs _cdrj_nounset

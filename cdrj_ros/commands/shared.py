@@ -139,19 +139,21 @@ def write_files(
     if arguments.html:
         from cdrj_ros.inspection.ranges import inspect_robot
         from cdrj_ros.report.drawing import draw_robot
-        from cdrj_ros.report.html import write_report
+        from cdrj_ros.report.html import RobotShown, write_report
         from cdrj_ros.report.parameters import robot_summary
 
         write_report(
             arguments.html,
             errors,
             title=title,
-            robot_summary=robot_summary(model.robot, with_preload=preload_stated),
+            robot=RobotShown(
+                robot_summary(model.robot, with_preload=preload_stated),
+                model.robot,
+                draw_robot(inspect_robot(model)),
+            ),
             versions=versions(),
             beside=_published(model),
             judgement=judgement,
-            robot=model.robot,
-            drawing=draw_robot(inspect_robot(model)),
         )
 
 

@@ -85,9 +85,9 @@ def channel_error(
         reversal: whether the motion turns round there, shape (n,).
 
     Returns:
-        The figures: errors in that unit, the others without one.  ``mean_relative_error`` is None
-        where the reference is zero throughout, ``r2`` where it does not vary, ``coverage`` where no
-        standard deviation is known, all where n is 0.
+        Errors in that unit, the others without one.  ``mean_relative_error`` is None where the
+        reference is zero throughout, ``r2`` where it does not vary, ``coverage`` where no standard
+        deviation is known, all where n is 0.
 
     Raises:
         ValueError: shapes that differ, or values that are not finite.
@@ -101,8 +101,7 @@ def channel_error(
         )
     if not (np.isfinite(estimated).all() and np.isfinite(recorded).all()):
         raise ValueError("estimate and reference must be finite")
-    n = len(recorded)
-    if n == 0:
+    if (n := len(recorded)) == 0:
         return NO_SAMPLES
     error = estimated - recorded
     size = np.abs(error)
@@ -114,7 +113,7 @@ def channel_error(
         telling = magnitude >= MINIMUM_SHARE * largest
         relative = float(np.mean(size[telling] / magnitude[telling]))
     r2: float | None = None
-    # The spread is asked for exactly: the mean of equal numbers need not round to that number.
+    # Compared exactly, since the mean of equal numbers need not round to that number.
     if n >= 2 and recorded.min() < recorded.max():
         deviation = recorded - recorded.mean()
         variation = float(np.dot(deviation, deviation))

@@ -110,12 +110,15 @@ def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int
     return counts
 
 
-class _Piece(NamedTuple):
-    """Some estimates of a pass, by channel name, shape (n,) each."""
+class ByChannel(NamedTuple):
+    """Estimates that follow one another, by channel name."""
 
-    estimates: Mapping[str, Floats]
-    stddev: Mapping[str, Floats]
     n: int
+    """How many."""
+    estimates: Mapping[str, Floats]
+    """[unit of the name], shape (n,) each."""
+    stddev: Mapping[str, Floats]
+    """Standard deviations where they are known [unit of the name], shape (n,) each."""
 
 
 def validate_recording(
@@ -130,8 +133,6 @@ def validate_recording(
     keep: Callable[[Estimates], None] | None = None,
 ) -> BagComparison:
     """Estimate a recording and compare the estimates with its references, piece by piece.
-
-    Takes many arguments because each is one choice of the user of ``validate``.
 
     Args:
         model: the prepared robot.
@@ -149,22 +150,18 @@ def validate_recording(
     references = _references(path, recording, conditioned, window)
     segments = conditioned.segments
     total = sum(segment.stamp_ns.size for segment in segments)
-    longest = max(range(len(segments)), key=lambda k: segments[k].stamp_ns.size)
+    longest = max(segments, key=lambda segment: segment.stamp_ns.size)
     friction = FrictionSums(model.layout)
     done = 0
 
-    def estimated(k: int) -> Iterator[_Piece]:
+    def estimated(segment: Samples) -> Iterator[ByChannel]:
         nonlocal done
-        for piece in pieces_of(model, segments[k], spread=spread):
-            if k == longest:
+        for piece in pieces_of(model, segment, spread=spread):
+            if segment is longest:
                 friction.add(piece.stamp_ns, piece.values)
             if keep:
                 keep(piece)
-            yield _Piece(
-                estimate_channels(model.layout, piece.values),
-                stddev_channels(model.layout, piece.stddev),
-                piece.stamp_ns.size,
-            )
+            yield _named(piece)
             done += piece.stamp_ns.size
             if progress:
                 progress(done / total)
@@ -173,25 +170,37 @@ def validate_recording(
     names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
     channels = one_after_another(
         [
-            _compare_pass(model, segment, segment.stamp_ns, names, estimated(k), of_passes[k])
-            for k, segment in enumerate(segments)
+            _compare_pass(model, segment, segment.stamp_ns, names, estimated(segment), given)
+            for segment, given in zip(segments, of_passes, strict=True)
         ]
     )
-    notes = list(recording.notes)
-    if len(segments) > 1:
-        notes.append(
-            f"The clock went back {len(segments) - 1} times; each of the {len(segments)} passes is "
-            "compared on its own, one drawn after the other."
-        )
     return summed_up(
         path,
         _duration_s(recording, window),
         channels,
         unknown_references(names, references),
         counters_of(recording, conditioned),
-        (*notes, *_preload_notes(model, channels)),
+        (*recording.notes, *_pass_notes(len(segments)), *_preload_notes(model, channels)),
         friction=friction.result(),
     )
+
+
+def _named(piece: Estimates) -> ByChannel:
+    return ByChannel(
+        piece.stamp_ns.size,
+        estimate_channels(piece.layout, piece.values),
+        stddev_channels(piece.layout, piece.stddev),
+    )
+
+
+def _pass_notes(passes: int) -> list[str]:
+    if passes == 1:
+        return []
+    note = (
+        f"The clock went back {passes - 1} times; each of the {passes} passes is compared on its "
+        "own, one drawn after the other."
+    )
+    return [note]
 
 
 def compare_with_references(
@@ -200,11 +209,9 @@ def compare_with_references(
     recording: Recording,
     conditioned: Conditioned,
     stamps: NDArray[np.int64],
-    channels: Mapping[str, Floats],
+    estimates: ByChannel,
     facts: Mapping[str, str] | None = None,
     notes: tuple[str, ...] = (),
-    *,
-    stddev: Mapping[str, Floats] | None = None,
 ) -> BagComparison:
     """Compare estimates of one pass, wherever they came from, with the recorded references.
 
@@ -214,7 +221,7 @@ def compare_with_references(
         recording: as read.
         conditioned: counters and the samples; exactly one segment.
         stamps: of the estimates [ns], strictly increasing, shape (n,).
-        channels, stddev: by channel name, shape (n,) each.
+        estimates: n of them.
         facts: rows of free text for the reader.
         notes: sentences for the reader.
 
@@ -223,13 +230,13 @@ def compare_with_references(
     """
     references = _references(path, recording, conditioned, WHOLE)
     (segment,) = conditioned.segments
-    piece = _Piece(channels, stddev or {}, stamps.size)
-    compared = _compare_pass(model, segment, stamps, list(channels), [piece], references)
+    names = list(estimates.estimates)
+    compared = _compare_pass(model, segment, stamps, names, [estimates], references)
     return summed_up(
         path,
         _duration_s(recording, WHOLE),
         compared,
-        unknown_references(channels, references),
+        unknown_references(names, references),
         counters_of(recording, conditioned),
         (*recording.notes, *notes, *_preload_notes(model, compared)),
         facts,
@@ -260,7 +267,7 @@ def _compare_pass(
     segment: Samples,
     stamps: NDArray[np.int64],
     names: list[str],
-    pieces: Iterable[_Piece],
+    pieces: Iterable[ByChannel],
     references: Mapping[str, Series],
 ) -> tuple[Channel, ...]:
     """One pass; ``segment`` has the angles, ``stamps`` are those of the estimates."""

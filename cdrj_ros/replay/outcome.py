@@ -12,7 +12,7 @@ from cdrj_ros.bag import Recording
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned
 from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.validation import compare_with_references, counters_of
+from cdrj_ros.judgement.validation import ByChannel, compare_with_references, counters_of
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.replay.answers import STALLED_S, Floats, Heard, Stamps, Tally, channels_of
 
@@ -161,8 +161,11 @@ class Outcome:
             )  # fmt: skip
         names = channels_of(layout)
         known = np.atleast_1d(np.isfinite(self.stddev).all(axis=0))
+        estimates = ByChannel(
+            self.stamp_ns.size,
+            dict(zip(names, self.value.T, strict=True)),
+            {n: self.stddev[:, k] for k, n in enumerate(names) if known[k]},
+        )
         return compare_with_references(
-            self.model, path, recording, conditioned, self.stamp_ns,
-            dict(zip(names, self.value.T, strict=True)), facts, self.notes(),
-            stddev={n: self.stddev[:, k] for k, n in enumerate(names) if known[k]},
-        )  # fmt: skip
+            self.model, path, recording, conditioned, self.stamp_ns, estimates, facts, self.notes()
+        )

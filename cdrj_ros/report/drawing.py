@@ -135,7 +135,7 @@ def _fitting_size(
 
 
 def write_png(figure: Figure, path: str) -> None:
-    """Write a picture at twice its size, for screens and print.
+    """Write a picture at twice its size, for screens and print, whole or not at all.
 
     Raises:
         OSError: the file cannot be written.

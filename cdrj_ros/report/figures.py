@@ -21,6 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.judgement.channels import QUANTITIES, Channel, quantity_of
 from cdrj_ros.judgement.metrics import COVERAGE_SIGMAS
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
@@ -198,7 +199,9 @@ def friction_bars(pulleys: Sequence[PulleyFriction]) -> Figure:
     axes.set_xlim(place[0] - 0.7, place[-1] + 0.7)
     axes.set_ylim(0.0, 1.08 * max(*most, 1e-6))
     axes.yaxis.set_major_locator(MaxNLocator(5))
-    axes.set_xticks(place, [one.name.rpartition("/")[2] for one in pulleys], parse_math=False)
+    axes.set_xticks(
+        place, [printable(one.name.rpartition("/")[2]) for one in pulleys], parse_math=False
+    )
     span = WIDTH - _LEFT - _RIGHT
     for cable in cables:
         own = [x for x, one in zip(place, pulleys, strict=True) if one.name.startswith(f"{cable}/")]
@@ -375,14 +378,16 @@ def _stroke(figure: Figure, x: float, y: float, role: str) -> None:
 
 def _x_label(axes: Axes, text: str) -> None:
     # A name may hold a dollar sign: it is no formula.
-    axes.set_xlabel(text, fontsize=FONT_SIZE, color=PALETTE["muted"], labelpad=5, parse_math=False)
+    axes.set_xlabel(
+        printable(text), fontsize=FONT_SIZE, color=PALETTE["muted"], labelpad=5, parse_math=False
+    )
 
 
 def _text(figure: Figure, x: float, y: float, text: str, role: str, *, align: str = "left") -> None:
     figure.text(
         x / WIDTH,
         y / HEIGHT,
-        text,
+        printable(text),
         color=PALETTE[role],
         fontsize=FONT_SIZE,
         ha=align,

@@ -50,6 +50,17 @@ PICTURE_BUDGET: Final = 2_700_000
 """Characters of pictures on one page; what does not fit is named instead of drawn."""
 
 
+@dataclass(frozen=True, eq=False)
+class RobotShown:
+    """What the page says about the robot."""
+
+    summary: str
+    """The robot and the parameters used, in a sentence or two."""
+    robot: Robot | None = None
+    """For the tables of its parameters."""
+    drawing: Figure | None = None
+
+
 @dataclass(frozen=True)
 class _Section:
     """One channel of one recording on the page."""
@@ -68,27 +79,21 @@ def write_report(
     errors: Errors,
     *,
     title: str,
-    robot_summary: str,
+    robot: RobotShown,
     versions: Mapping[str, str],
     beside: Beside | None = None,
     judgement: Judgement | None = None,
-    robot: Robot | None = None,
-    drawing: Figure | None = None,
 ) -> None:
     """Write the comparisons as one self-contained HTML page, whole or not at all.
-
-    Takes many arguments because each is a part of the page.
 
     Args:
         path: the file, replaced if it exists.
         errors: the recordings and their figures, in the order of the page.
         title: what the page is about, in a line.
-        robot_summary: the robot and the parameters used, in a sentence or two.
+        robot: what the page says about the robot.
         versions: names and versions of what produced the estimates.
         beside: one more column of the table, for example published figures.
         judgement: result of comparing with limits, where there were any.
-        robot: for the tables of its parameters.
-        drawing: of the robot.
 
     Raises:
         OSError: the file cannot be written; an older one is then untouched.
@@ -101,9 +106,9 @@ def write_report(
         several=len(errors.bags) > 1,
         table=_table(errors.pooled, _anchors(errors.bags), beside),
         bags=_bags(errors),
-        robot=robot_summary,
-        drawing=drawing_svg(drawing, robot_summary) if drawing else None,
-        parameters=parameter_tables(robot) if robot else (),
+        robot=robot.summary,
+        drawing=drawing_svg(robot.drawing, robot.summary) if robot.drawing else None,
+        parameters=parameter_tables(robot.robot) if robot.robot else (),
         versions=versions,
         sigmas=f"{COVERAGE_SIGMAS:g}",
         around=f"{AROUND_NS * 1e-9:g} s",

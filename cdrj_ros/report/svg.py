@@ -1,16 +1,16 @@
 """A matplotlib figure as SVG that belongs to its page: the page's font, the page's colours.
 
-What matplotlib writes names fonts, colours, dates and addresses of its own and spends most of its
-bytes on digits nobody sees.  Here texts stay text in the page's font, the palette's colours become
-the page's custom properties (so that a dark page has dark pictures), paths keep a tenth of a pixel.
+What matplotlib writes names fonts and colours of its own and spends most of its bytes on digits
+nobody sees.  Here texts stay text in the page's font, the palette's colours become the page's
+custom properties (so that a dark page has dark pictures), paths keep a tenth of a pixel.
 """
 
 from __future__ import annotations
 
 import io
 import re
-from html import escape
 from typing import Final
+from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
@@ -18,21 +18,19 @@ from matplotlib.figure import Figure
 
 from cdrj_ros.report.figures import PALETTE
 
-_BODY: Final = re.compile(r"<svg[^>]*>(.*)</svg>", re.DOTALL)
-_NOISE: Final = re.compile(
-    r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->|<defs>\s*</defs>", re.DOTALL
-)
-_GROUP_ID: Final = re.compile(r'<g id="[^"]*"')
-_FONT: Final = re.compile(r"font: (?:[a-z]+ |\d+ )*([\d.]+)px [^;\"]*")
-_FONT_FAMILY: Final = re.compile(r"font-family: [^;\"]*;? ?")
-_NO_ROTATION: Final = re.compile(r' transform="rotate\(-?0 [^)]*\)"')
-_SPACE: Final = re.compile(r">\s+<")
-_EMPTY: Final = re.compile(r"<g>\s*</g>|<defs>\s*</defs>")
-_STRAIGHT: Final = re.compile(r"M[ML\d\s.e+-]+z?\s*")
-_ATTRIBUTE: Final = re.compile(r' (d|x|y|width|height)="([^"]*)"')
-_LONG_NUMBER: Final = re.compile(r"-?\d+\.\d{2,}")
+_NO_METADATA: Final = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+_NAMESPACE: Final = "{http://www.w3.org/2000/svg}"
+_LINK: Final = "{http://www.w3.org/1999/xlink}href"
+_DROPPED: Final = ("metadata", "style")
+"""Elements that the page has itself."""
+_EMPTY: Final = ("g", "defs")
+"""Elements that mean nothing without content."""
+_MEASURED: Final = ("d", "x", "y", "width", "height")
+"""Attributes that hold pixels."""
 _COLOURS: Final = {colour: f"var(--{role})" for role, colour in PALETTE.items()}
-_COLOUR: Final = re.compile("|".join(_COLOURS))
+_FONT_SIZE: Final = re.compile(r"([\d.]+)px")
+_STRAIGHT: Final = re.compile(r"M[ML\d\s.e+-]+z?\s*")
+_LONG_NUMBER: Final = re.compile(r"-?\d+\.\d{2,}")
 
 
 def inline_svg(figure: Figure, label: str, key: str) -> str:
@@ -45,25 +43,53 @@ def inline_svg(figure: Figure, label: str, key: str) -> str:
     """
     stream = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}):
-        figure.savefig(stream, format="svg", metadata={"Date": None})
-    body = _BODY.search(stream.getvalue())
-    if body is None:
-        raise ValueError("matplotlib wrote no svg element")
-    text = _NOISE.sub("", body.group(1))
-    text = _GROUP_ID.sub("<g", text)
-    text = _FONT.sub(r"font-size:\1px", text)
-    text = _FONT_FAMILY.sub("", text)
-    text = _NO_ROTATION.sub("", text)
-    text = _ATTRIBUTE.sub(lambda match: f' {match[1]}="{_compact(match[2])}"', text)
-    text = _COLOUR.sub(lambda match: _COLOURS[match[0]], text)
-    text = _SPACE.sub("><", text)
-    while (shorter := _EMPTY.sub("", text)) != text:
-        text = shorter
+        figure.savefig(stream, format="svg", metadata=_NO_METADATA)
+    root = ElementTree.fromstring(stream.getvalue())
+    _simplify(root)
     width, height = (round(72.0 * float(inches)) for inches in figure.get_size_inches())
-    return (
-        f'<svg class="picture" viewBox="0 0 {width} {height}" role="img" '
-        f'aria-label="{escape(label)}">{text.strip()}</svg>'
-    )
+    root.attrib = {
+        "class": "picture",
+        "viewBox": f"0 0 {width} {height}",
+        "role": "img",
+        "aria-label": label,
+    }
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _simplify(element: ElementTree.Element) -> None:
+    """Drop what the page has itself, what is empty, and digits that nobody sees."""
+    element.tag = element.tag.removeprefix(_NAMESPACE)
+    if element.tag == "g":
+        element.attrib.pop("id", None)
+    if "style" in element.attrib:
+        element.set("style", _style(element.attrib["style"]))
+    if element.get("transform", "").startswith(("rotate(-0 ", "rotate(0 ")):
+        del element.attrib["transform"]
+    if _LINK in element.attrib:
+        element.set("href", element.attrib.pop(_LINK))
+    for name in _MEASURED:
+        if name in element.attrib:
+            element.set(name, _compact(element.attrib[name]))
+    for child in list(element):
+        _simplify(child)
+        if child.tag in _DROPPED or (child.tag in _EMPTY and not len(child)):
+            element.remove(child)
+    if element.tag != "text":
+        element.text = None
+    for child in element:
+        child.tail = None
+
+
+def _style(text: str) -> str:
+    """A style with the page's colours and font: of the font, only the size is kept."""
+    kept = []
+    for declaration in text.split(";"):
+        name, _, value = (part.strip() for part in declaration.partition(":"))
+        if name == "font" and (size := _FONT_SIZE.search(value)):
+            name, value = "font-size", size[0]
+        if name and name != "font-family":
+            kept.append(f"{name}: {_COLOURS.get(value, value)}")
+    return "; ".join(kept)
 
 
 def _compact(path: str) -> str:

@@ -1,8 +1,18 @@
-"""What the README shows must work as it stands there."""
+"""What the README shows must work as it stands there, and measure what it says."""
 
+import importlib.util
+import json
+import os
 import re
+import subprocess
 from pathlib import Path
+from types import ModuleType
 
+import numpy as np
+import pytest
+
+from cdrj_ros.bag import BagWriter, Topics, read_recording
+from cdrj_ros.commands.reproduce import _parser as reproduce_parser
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
@@ -23,7 +33,128 @@ def test_every_file_that_the_readme_names_is_there() -> None:
         assert (ROOT / (one or other)).exists(), one or other
 
 
-def test_the_two_commands_are_targets_of_the_makefile() -> None:
+COMMANDS = [
+    line.partition(" #")[0].strip()
+    for block in re.findall(r"```bash\n(.*?)```", README, re.DOTALL)
+    for line in block.splitlines()
+    if line.partition(" #")[0].strip()
+]
+"""Every line of every block, without its comment."""
+
+MAKE = [line for line in COMMANDS if line.startswith("make ")]
+BY_ROS = [line for line in COMMANDS if line.startswith(("colcon ", "ros2 "))]
+SLOW = [line for line in COMMANDS if line.startswith("reproduce ")]
+RUN = [line for line in COMMANDS if line not in {*MAKE, *BY_ROS, *SLOW}]
+
+SECONDS = 3
+
+
+def test_the_commands_are_targets_of_the_makefile() -> None:
     makefile = (ROOT / "Makefile").read_text()
-    for target in re.findall(r"^make (\w+)", README, re.MULTILINE):
-        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+    assert MAKE
+    for line in MAKE:
+        assert re.search(rf"^{line.split()[1]}:", makefile, re.MULTILINE), line
+
+
+def test_what_the_command_line_of_ros_runs_is_installed() -> None:
+    """`ros2` and colcon are in no wheel; what they are given is looked at instead."""
+    entries = re.findall(r"f\"(\w+) = \{PACKAGE\}", (ROOT / "setup.py").read_text())
+    started = [line.split() for line in BY_ROS if line.startswith("ros2 run")]
+    assert started
+    for _, _, package, name, *arguments in started:
+        assert package == "cdrj_ros"
+        assert name in entries
+        for argument in arguments:
+            if argument.startswith("robot:="):
+                assert (ROOT / argument.removeprefix("robot:=")).exists()
+    (build,) = (line.partition(" && ")[0] for line in BY_ROS if line.startswith("colcon"))
+    for folder in build.partition("--base-paths ")[2].split():
+        assert (ROOT / folder / "package.xml").exists()
+
+
+def test_what_takes_minutes_is_at_least_understood() -> None:
+    (line,) = SLOW
+    assert reproduce_parser().parse_args(line.split()[1:]).out == "figures"
+
+
+def _beginning(folder: Path) -> Path:
+    """The first seconds of the sample recording, by its own name."""
+    source = ROOT / "bags" / "prototype_preload_36_26"
+    recording, topics = read_recording(source), Topics()
+    with BagWriter(folder / "bags" / source.name) as bag:
+        for topic, channels in (
+            (topics.motors, recording.motors),
+            (topics.joints, recording.joints),
+            (topics.references[0], recording.references),
+        ):
+            chosen = {
+                name.removeprefix("tension/"): series
+                for name, series in channels.items()
+                if name.startswith("tension/") or channels is not recording.references
+            }
+            stamps = next(iter(chosen.values())).stamp_ns
+            part = stamps < stamps[0] + SECONDS * 1_000_000_000
+            values = np.stack([series.value[part] for series in chosen.values()], axis=1)
+            if channels is recording.references:
+                bag.write_tensions(topic, stamps[part], list(chosen), values)
+            else:
+                bag.write_joint_states(topic, stamps[part], list(chosen), values)
+    return folder
+
+
+def test_every_other_command_runs_as_pasted(tmp_path: Path) -> None:
+    """In a folder with the README's robot file, the shipped ones and the first seconds of a bag."""
+    pytest.importorskip("rclpy")
+    assert {line.split()[0] for line in RUN} == {
+        "check_robot", "simulate", "BAG=bags/prototype_preload_36_26", "validate", "estimator",
+        "replay", "identify",
+    }  # fmt: skip
+    _beginning(tmp_path)
+    (tmp_path / "config").symlink_to(ROOT / "config")
+    (text,) = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
+    (tmp_path / "my_arm.yaml").write_text(text)
+    script = f". {ROOT}/tools/env.sh\nset -e\n" + "\n".join(RUN)
+    path = os.environ["PATH"].split(":")
+    environment = dict(os.environ)
+    environment["PATH"] = ":".join(part for part in path if "cdrj_ros" not in part)
+    ended = subprocess.run(
+        ["bash", "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    assert "command not found" not in ended.stderr
+    for made in ("my_arm.png", "my_bag/metadata.yaml", "report.html", "identified.yaml"):
+        assert (tmp_path / made).stat().st_size > 0
+    assert "estimates received: " in ended.stdout
+
+
+@pytest.fixture(scope="module")
+def figures() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("figures", ROOT / "tools" / "figures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_errors_of_the_readme_are_those_of_the_last_demonstration(figures: ModuleType) -> None:
+    channels = json.loads((ROOT / "docs" / "demo.json").read_text())["channels"]
+    assert figures.readme_with(README, channels) == README, "run make figures"
+    channels["tension/upper/8"]["mean_relative_error"] += 0.001
+    assert figures.readme_with(README, channels) != README
+
+
+def test_the_demonstration_measures_what_the_offline_path_computes() -> None:
+    """docs/demo.json is of the present code: node and offline path agree bit for bit."""
+    from cdrj_ros.commands.validate import validate_bag
+    from cdrj_ros.judgement.metrics import pooled_errors
+    from cdrj_ros.model.loading import load_model
+
+    kept = json.loads((ROOT / "docs" / "demo.json").read_text())
+    model = load_model(str(ROOT / kept["robot"]))
+    errors = pooled_errors([validate_bag(model, str(ROOT / kept["bag"]), Topics())])
+    assert set(errors) == set(kept["channels"])
+    for name, error in errors.items():
+        measured = kept["channels"][name]["mean_relative_error"]
+        assert error.mean_relative_error == pytest.approx(measured, rel=1e-9), "run make figures"

@@ -19,7 +19,7 @@ from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.report import html
 from cdrj_ros.report.figures import PALETTE
-from cdrj_ros.report.html import write_report
+from cdrj_ros.report.html import RobotShown, write_report
 from cdrj_ros.report.table import Beside
 from cdrj_ros.robot.reader import load_robot
 
@@ -64,7 +64,7 @@ def written(path: Path, *comparisons: BagComparison, **more: object) -> str:
         path / "report.html",
         errors_of(comparisons),
         title=str(more.get("title", "A title")),
-        robot_summary=str(more.get("robot_summary", "A robot")),
+        robot=RobotShown(str(more.get("robot_summary", "A robot"))),
         versions={"cdrj_ros": "1.2.3"},
         beside=Beside("published", {"tension/upper/8": "4.44 %"}),
     )
@@ -228,8 +228,8 @@ def test_the_band_the_friction_the_parameters_and_the_limits_are_there(
     robot = load_robot(ROBOT)
     drawing = Figure(figsize=(6.0, 3.0))
     write_report(
-        tmp_path / "r.html", errors_of([bag]), title="t", robot_summary="r", versions={},
-        judgement=Judgement("limits.yaml", 3, (outside,)), robot=robot, drawing=drawing,
+        tmp_path / "r.html", errors_of([bag]), title="t", versions={},
+        judgement=Judgement("limits.yaml", 3, (outside,)), robot=RobotShown("r", robot, drawing),
     )  # fmt: skip
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     parser = Strict()
