@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from array import array
+from dataclasses import replace
 from typing import Final
 
 import lz4.frame  # type: ignore[import-untyped]
@@ -25,14 +26,15 @@ AT_A_TIME: Final = 1 << 20
 
 def read_chunk(packed: bytes, stretch: Stretch, unpacked: Unpacked, where: str) -> Batch:
     """The messages of a stretch; a note begins with `where`."""
-    raw: bytes | None = None
-    if len(packed) < stretch.stop - stretch.start:
-        note = "is gone: the file was cut while it was read"
-    else:
-        raw, note = _unpack_chunk(packed, stretch)
+    shortened = len(packed) < stretch.stop - stretch.start
+    if shortened:
+        stretch = replace(stretch, cut=True)
+    raw, note = _unpack_chunk(packed, stretch)
     offsets, declared, rest = _walk_chunk(raw or b"")
     if raw is None:
         note += ", left out"
+    elif shortened:
+        note = "was cut while it was read"
     elif rest and not stretch.cut and not note:
         note = f"ends in {rest} bytes that are no whole record"
     return _batch(raw or b"", offsets, unpacked, declared, f"{where} {note}" if note else "")

@@ -1,0 +1,122 @@
+"""Small files that claim more than a machine has: one line or the good part, soon and in bounds."""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+
+import pytest
+from support.bombs import BOMBS, GOOD, MESSAGES, TOPICS, database
+
+from cdrj_ros.bag import Topics, read_recording
+from cdrj_ros.foundation.errors import BagError
+
+MOST_MEMORY = 1_500_000_000
+"""Address space of the process that reads them all [bytes]; the libraries take half of it."""
+MOST_FILE = 300_000_000
+"""Largest file that it may write [bytes]."""
+MOST_SECONDS = 120
+"""Time limit for a process that would never end; it takes some seconds."""
+READER = """
+import json, sys
+from cdrj_ros.bag import Topics, list_topics, read_messages, read_recording
+from cdrj_ros.foundation.errors import BagError
+
+def outcome(read):
+    try:
+        return read()
+    except BagError as error:
+        return str(error)
+    except BaseException as error:
+        return f"{type(error).__name__} {error}\\n"
+
+def numbers(path):
+    read = read_recording(path, Topics("/joint_states", "/joint_states", ()))
+    count = sum(series.value.size for series in read.motors.values())
+    return " ".join([f"read {count} values", *read.notes])
+
+for path in sys.argv[1:]:
+    ways = (
+        lambda: numbers(path),
+        lambda: f"{sum(1 for _ in read_messages(path, ['/joint_states']))} messages",
+        lambda: f"{len(list_topics(path))} topics",
+    )
+    print(json.dumps([outcome(read) for read in ways]), flush=True)
+"""
+CUT = """
+import os, sys
+from cdrj_ros.bag import Topics, read_recording
+from cdrj_ros.bag.source import open_source
+source = open_source(sys.argv[1])
+os.truncate(sys.argv[1], os.path.getsize(sys.argv[1]) // 2)
+read = read_recording(source, Topics("/joint_states", "/joint_states", ()))
+print(read.motors["motor"].value.size, *read.notes)
+"""
+
+
+def limit_resources() -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (MOST_FILE, MOST_FILE))
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory):
+    """What a process of bounded resources says of every file, read in three ways."""
+    paths = {}
+    for name, (build, _) in BOMBS.items():
+        paths[name] = build(tmp_path_factory.mktemp("bomb"))
+    done = subprocess.run(
+        [sys.executable, "-c", READER, *map(str, paths.values())],
+        preexec_fn=limit_resources,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"},
+        capture_output=True,
+        text=True,
+        timeout=MOST_SECONDS,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return dict(zip(paths, map(json.loads, done.stdout.splitlines()), strict=True))
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_small_file_that_claims_much_is_one_line_or_its_good_part(outcomes, name):
+    words = BOMBS[name][1]
+    assert words in outcomes[name][0]
+    for text in outcomes[name]:
+        assert text.isprintable()
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_a_file_that_is_cut_while_it_is_read_gives_what_comes_before(make, tmp_path, chunked):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(60_000), chunked=chunked, chunk_size=1 << 20)
+    done = subprocess.run(
+        [sys.executable, "-c", CUT, str(path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    count, notes = done.stdout.split(" ", 1)
+    assert 20_000 < int(count) < 31_000
+    assert "was cut while it was read" in notes
+
+
+def test_a_database_that_takes_more_steps_than_its_size_explains_is_left(tmp_path, monkeypatch):
+    rows = ",".join(f"({i}, 1, {i}, {GOOD})" for i in range(1, 2000))
+    path = database(tmp_path, f"{TOPICS}{MESSAGES} INSERT INTO messages VALUES {rows};")
+    topics = Topics("/joint_states", "/joint_states", ())
+    assert read_recording(path, topics).motors["a"].value.size == 1999
+    monkeypatch.setattr("cdrj_ros.bag.db3_file.DATABASE_STEPS_FREE", 20_000)
+    monkeypatch.setattr("cdrj_ros.bag.db3_file.DATABASE_STEPS", 0)
+    monkeypatch.setattr("cdrj_ros.bag.db3_file._STEPS_AT_ONCE", 1000)
+    read = read_recording(path, topics)
+    assert 0 < read.motors["a"].value.size < 1999
+    assert any("is damaged (interrupted)" in note for note in read.notes)
+
+
+def test_rows_that_go_back_are_damage(tmp_path):
+    path = database(
+        tmp_path,
+        f"{TOPICS} CREATE TABLE messages (id, topic_id, timestamp, data);"
+        f"INSERT INTO messages VALUES (1, 1, 1, {GOOD}), (1, 1, 2, {GOOD});",
+    )
+    with pytest.raises(BagError, match="has no motor angles"):
+        read_recording(path, Topics("/joint_states", "/joint_states", ()))
