@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
 
@@ -45,7 +45,7 @@ from cdrj_ros.identification.solution import (
 )
 from cdrj_ros.identification.standard_errors import certainty, effective_variance, remaining_step
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
-from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.reader import build_robot
 
@@ -53,13 +53,13 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 COARSE_SAMPLES: Final = 20_000
-"""Samples of the first rounds, all recordings together: friction hardly depends on rate."""
+"""Samples of the first rounds, all recordings together: the friction laws hardly depend on rate."""
 
 LOWEST_RATE: Final = 100.0
-"""Samples a second that the first rounds keep at least [Hz]."""
+"""Least rate of samples in the first rounds [Hz]."""
 
 MOST_RESIDUALS: Final = 400_000
-"""References are thinned until a round has no more."""
+"""Largest number of residuals of a round; references are thinned to stay below it."""
 
 COARSE_STEPS: Final = 60
 FINE_STEPS: Final = 6
@@ -67,34 +67,36 @@ ROBUST_ROUNDS: Final = 3
 
 SETTLING_STEPS: Final = 5
 SETTLED: Final = 0.3
-"""A further step that is smaller than this is not taken [standard errors]."""
+"""A further step smaller than this is not taken [standard errors]."""
 UNSETTLED: Final = 1.0
-"""One that is larger, and could not be taken, is told [standard errors]."""
+"""A larger one that could not be taken is reported [standard errors]."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to identify."""
+    """Choices of the fit."""
 
     channels: tuple[str, ...] = ()
     """Patterns of the references to fit; empty: all."""
     weights: Weights = "spread"
-    """What a channel's residuals are divided by, one of ``WEIGHTS``."""
+    """What the residuals of a channel are divided by, see ``spreads``."""
     sigmas: Mapping[str, float] | None = None
-    """Or by this, by pattern of the channel [N] or [N m]."""
+    """Divisors by pattern of the channel that replace these [N] or [N m]."""
     loss: Loss = "linear"
-    """One of ``LOSSES``."""
+    """Loss of the residuals after the first round."""
     starts: int = 1
+    """Number of starts, all but the first of them random."""
     seed: int = 0
+    """Of the random starts."""
     settle_s: float = 0.0
-    """Time at the beginning of each recording that is not compared [s]."""
+    """Length of the beginning of each recording that is not compared [s]."""
     coarse: bool = False
-    """Leave out the last round, over every sample."""
+    """Whether to leave out the last round, over all samples."""
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What was found."""
+    """Result of a fit."""
 
     unknowns: tuple[Unknown, ...]
     values: Vector
@@ -104,7 +106,7 @@ class Identification:
     correlation: Table
     """Shape (p, p)."""
     findings: tuple[str, ...]
-    """What the data could not tell, in sentences."""
+    """What the data cannot determine, in sentences."""
     channels: tuple[str, ...]
     """References that were fitted."""
     samples: int
@@ -118,7 +120,7 @@ class Identification:
 
     @property
     def by_path(self) -> dict[str, float]:
-        """The numbers by path [SI], tied ones each."""
+        """The numbers by path [SI], one for each place of a tied number."""
         return values_by_path(self.unknowns, self.values)
 
 
@@ -137,91 +139,123 @@ def identify(
         source: its name.
         unknowns: see ``parse_unknowns``.
         recordings: all are fitted together.
-        settings: how.
-        say: called with a line now and then.
+        settings: choices of the fit.
+        say: called with a line of progress.
 
     Raises:
         UsageError: nothing to fit, or nothing to fit it to.
         RobotFileError: the numbers to start from describe no possible robot.
     """
     _check(unknowns, recordings, settings)
-    say = say or _silent
     model = prepare(build_robot(document, source))
     channels = chosen_channels(model.layout, recordings, settings.channels)
     sigmas = spreads(recordings, channels, settings.weights)
     sigmas |= _given_sigmas(channels, settings.sigmas or {})
-    moving = any(_changes_samples(path) for unknown in unknowns for path in unknown.paths)
-    total = sum(samples_of(model, one).stamp_ns.size for one in recordings)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        rounds = _Rounds(
+            document, source, tuple(unknowns), tuple(recordings), settings, model, sigmas, pool,
+            say or _silent,
+        )  # fmt: skip
+        return _fitted(rounds, channels)
 
-        def problem(coarse: bool) -> Problem:
-            observations = [
-                observe(
-                    model, one, sigmas, _stride(one, total) if coarse else 1,
-                    MOST_RESIDUALS // len(recordings), settings.settle_s, moving,
-                )
-                for one in recordings
-            ]  # fmt: skip
-            return Problem(document, source, unknowns, observations, pool)
 
-        rough = problem(coarse=True)
-        strides = [one.stride for one in rough.observations]
-        last_round = not settings.coarse and max(strides) > 1
-        say(f"{len(unknowns)} unknowns, {len(channels)} references, {_count(rough)} samples first")
-        loss = settings.loss
-        found, same = many_starts(
-            rough, settings.starts, settings.seed, "linear", COARSE_STEPS, say
-        )
-        best = found[0]
-        if any(unknown.prior for unknown in unknowns):
-            # a prior weighs as much as its standard deviation says only if the residuals do
-            here = rough.residuals(best.coordinates)
-            rough.prior_scale = float(np.sqrt(effective_variance(rough, here)))
-            best = solve(rough, best.coordinates, "linear", COARSE_STEPS, say)
-        for _ in range(ROBUST_ROUNDS if loss != "linear" else 0):
-            # outliers have moved the first fit, and with it what counts as one: look again
-            best = solve(rough, best.coordinates, loss, COARSE_STEPS, say)
-        last, coordinates, evaluations = rough, best.coordinates, 0
-        if last_round:
-            last = problem(coarse=False)
-            last.prior_scale = rough.prior_scale
-            say(f"all {_count(last)} samples")
-            coordinates = solve(
-                last, coordinates, loss, FINE_STEPS, say, LAST_TOLERANCE, rough
-            ).coordinates
-            evaluations = last.evaluations
-        coordinates, slopes, unsettled = _settle(last, rough, coordinates, loss, say)
-        here = rough.residuals(coordinates)
-        bend = thresholds(rough, here)
-        known = certainty(rough, coordinates, here, slopes, robust_weights(loss, here, bend))
-        residuals = last.residuals(coordinates)
-        findings = known.findings + unsettled
-        if settings.starts > 1:
-            findings += (_of_starts(len(found), same),)
-        return Identification(
-            tuple(unknowns),
-            last.values(coordinates),
-            known.stddev,
-            known.correlation,
-            findings,
-            channels,
-            _count(last),
-            residuals.size,
-            float(np.sqrt(np.mean(residuals**2))),
-            evaluations + rough.evaluations,
-        )
+@dataclass(frozen=True)
+class _Rounds:
+    """What the rounds of one fit have in common."""
+
+    document: Document
+    source: str
+    unknowns: tuple[Unknown, ...]
+    recordings: tuple[Recorded, ...]
+    settings: Settings
+    model: Model
+    """Of the numbers to start from."""
+    sigmas: Mapping[str, float]
+    """Unit of the residuals of every channel."""
+    pool: Executor
+    say: Progress
+
+    def problem(self, *, coarse: bool) -> Problem:
+        """The residuals of a round, over thinned samples or over all."""
+        moving = any(_changes_samples(path) for unknown in self.unknowns for path in unknown.paths)
+        total = sum(samples_of(self.model, one).stamp_ns.size for one in self.recordings)
+        observations = [
+            observe(
+                self.model, one, self.sigmas, _stride(one, total) if coarse else 1,
+                MOST_RESIDUALS // len(self.recordings), self.settings.settle_s, moving,
+            )
+            for one in self.recordings
+        ]  # fmt: skip
+        return Problem(self.document, self.source, self.unknowns, observations, self.pool)
+
+
+def _fitted(rounds: _Rounds, channels: tuple[str, ...]) -> Identification:
+    """Fit to thinned samples, then to all; standard errors at the end."""
+    settings, loss, say = rounds.settings, rounds.settings.loss, rounds.say
+    rough = rounds.problem(coarse=True)
+    say(
+        f"{len(rounds.unknowns)} unknowns, {len(channels)} references, {_count(rough)} samples "
+        "first"
+    )
+    coordinates, starts = _roughly(rough, settings, say)
+    last, evaluations = rough, 0
+    if not settings.coarse and max(one.stride for one in rough.observations) > 1:
+        last = rounds.problem(coarse=False)
+        last.prior_scale = rough.prior_scale
+        say(f"all {_count(last)} samples")
+        coordinates = solve(
+            last, coordinates, loss, FINE_STEPS, say, LAST_TOLERANCE, rough
+        ).coordinates
+        evaluations = last.evaluations
+    coordinates, slopes, unsettled = _settle(last, rough, coordinates, loss, say)
+    here = rough.residuals(coordinates)
+    weights = robust_weights(loss, here, thresholds(rough, here))
+    known = certainty(rough, coordinates, here, slopes, weights)
+    residuals = last.residuals(coordinates)
+    return Identification(
+        rounds.unknowns,
+        last.values(coordinates),
+        known.stddev,
+        known.correlation,
+        known.findings + unsettled + starts,
+        channels,
+        _count(last),
+        residuals.size,
+        float(np.sqrt(np.mean(residuals**2))),
+        evaluations + rough.evaluations,
+    )
+
+
+def _roughly(rough: Problem, settings: Settings, say: Progress) -> tuple[Vector, tuple[str, ...]]:
+    """Fit to thinned samples, from every start.
+
+    Returns:
+        Coordinates of the best fit, and a sentence on the starts if there were several.
+    """
+    loss = settings.loss
+    found, same = many_starts(rough, settings.starts, settings.seed, "linear", COARSE_STEPS, say)
+    best = found[0]
+    if any(unknown.prior for unknown in rough.unknowns):
+        # a prior has the weight of its standard deviation only if the residuals have theirs
+        here = rough.residuals(best.coordinates)
+        rough.prior_scale = float(np.sqrt(effective_variance(rough, here)))
+        best = solve(rough, best.coordinates, "linear", COARSE_STEPS, say)
+    for _ in range(ROBUST_ROUNDS if loss != "linear" else 0):
+        # outliers have moved the first fit, and with it the residuals that count as outliers
+        best = solve(rough, best.coordinates, loss, COARSE_STEPS, say)
+    return best.coordinates, (_of_starts(len(found), same),) if settings.starts > 1 else ()
 
 
 def _settle(
     last: Problem, rough: Problem, coordinates: Vector, loss: Loss, say: Progress
 ) -> tuple[Vector, Table, tuple[str, ...]]:
-    """Go on while a further step would be worth a good part of a standard error.
+    """Take further steps while they are a good part of a standard error long.
 
-    A cost that hardly falls any more ends a fit too early where most of it is noise.
+    Where most of the cost is noise, a small relative change of it ends a fit too early.
 
     Returns:
-        The coordinates, the Jacobian there without priors, and what is to be said if they still
-        move.
+        The coordinates, the Jacobian there without priors, and a sentence if they have not
+        settled.
     """
     lower, upper = limits(last)
     for _ in range(SETTLING_STEPS):
@@ -286,7 +320,7 @@ def _given_sigmas(channels: Sequence[str], given: Mapping[str, float]) -> dict[s
 
 
 def _stride(recorded: Recorded, total: int) -> int:
-    """Thinning of the first rounds, never below ``LOWEST_RATE``."""
+    """Thinning factor of the first rounds, which keeps at least ``LOWEST_RATE``."""
     stamps = next(iter({**recorded.motors, **recorded.joints}.values())).stamp_ns
     duration = max(float(stamps[-1] - stamps[0]) * 1e-9, 1e-9)
     rate = stamps.size / duration
