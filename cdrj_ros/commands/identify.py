@@ -74,49 +74,61 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="replace --out where it exists, --robot's file included",
     )
+    parser.add_argument("--json", metavar="FILE", help="write the figures as JSON; replaced")
+    _add_number_options(parser.add_argument_group("numbers"))
+    _add_fit_options(parser.add_argument_group("fit"))
+    _add_bag_options(parser.add_argument_group("other bags"))
+    add_topic_options(parser)
+    return parser
+
+
+def _add_number_options(group: argparse._ArgumentGroup) -> None:
     for option, form, text in (
         ("--start", "NAME=VALUE", "start from this instead of the file's number, or fix it so"),
         ("--bounds", "NAME=LOW:HIGH", "limits of a number; one end may be left out"),
         ("--prior", "NAME=MEAN:STDDEV", "what is known of it beforehand"),
     ):
-        parser.add_argument(
+        group.add_argument(
             option, action="append", default=[], metavar=form, help=f"{text}; SI, repeatable"
         )
-    parser.add_argument(
+
+
+def _add_fit_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
         "--channels", default="", metavar="NAME,...",
         help="references to fit, wildcards allowed: 'tension/*/8,nodal_force/upper/3' (all)",
     )  # fmt: skip
-    parser.add_argument(
+    group.add_argument(
         "--weights", choices=WEIGHTS, default="spread",
         help="divide residuals by how much the references of their kind vary, or by the noise of "
         "their sensor (%(default)s)",
     )  # fmt: skip
-    parser.add_argument(
+    group.add_argument(
         "--sigma", action="append", default=[], metavar="NAME=VALUE",
         help="or by this, by reference [N] or [N m]; repeatable",
     )  # fmt: skip
-    parser.add_argument("--loss", choices=LOSSES, default="linear", help="(%(default)s)")
-    parser.add_argument("--starts", type=int, default=1, metavar="N", help="random ones (1)")
-    parser.add_argument("--seed", type=int, default=0, help="of the random starts (0)")
-    parser.add_argument(
+    group.add_argument("--loss", choices=LOSSES, default="linear", help="(%(default)s)")
+    group.add_argument("--starts", type=int, default=1, metavar="N", help="random ones (1)")
+    group.add_argument("--seed", type=int, default=0, help="of the random starts (0)")
+    group.add_argument(
         "--settle", type=float, default=0.0, metavar="S",
         help="beginning of every bag that is not compared: the friction state is unknown [s] (0)",
     )  # fmt: skip
-    parser.add_argument(
-        "--hold-out", action="append", nargs="+", default=[], metavar="BAG",
-        help="bags that are not fitted, to judge the result by",
-    )  # fmt: skip
-    parser.add_argument(
-        "--cross-validate", nargs="*", metavar="NAMES",
-        help="fit again without each bag, or without the bags whose names match, and judge them",
-    )  # fmt: skip
-    parser.add_argument(
+    group.add_argument(
         "--quick", action="store_true",
         help="leave out the last round over every sample: thinned ones, to 100 Hz, do for a look",
     )  # fmt: skip
-    parser.add_argument("--json", metavar="FILE", help="write the figures as JSON; replaced")
-    add_topic_options(parser)
-    return parser
+
+
+def _add_bag_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--hold-out", action="append", nargs="+", default=[], metavar="BAG",
+        help="bags that are not fitted, to judge the result by",
+    )  # fmt: skip
+    group.add_argument(
+        "--cross-validate", nargs="*", metavar="NAMES",
+        help="fit again without each bag, or without the bags whose names match, and judge them",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -316,7 +316,6 @@ def _cables(
     motors: Matrix,
 ) -> Iterator[CableCheck]:
     robot = model.robot
-    names = [motor.name for motor in robot.motors]
     joints = range(len(robot.joints))
     pulley_at = 0
     for c, (cable, part) in enumerate(zip(robot.cables, _parts(robot), strict=True)):
@@ -325,57 +324,29 @@ def _cables(
         count = len(cable.pulleys)
         wrap = np.array([shape.wrap[pulley_at : pulley_at + count] for shape in shapes])
         pulley_at += count
-        radius = np.array([pulley.radius for pulley in cable.pulleys])
-        arcs = np.pad(0.5 * radius * wrap, ((0, 0), (1, 1)))
-        spans = length - arcs[:, :-1] - arcs[:, 1:]
-
-        last = cable.nodes[-1]
-        wound = np.zeros(poses.shape[0])
-        if isinstance(last, Winch):
-            wound = last.winding * last.radius * motors[:, names.index(last.motor)]
-        eta = np.array(
-            [
-                [transmissions(cable, pulley, wrap[k, p]) for p, pulley in enumerate(cable.pulleys)]
-                for k in range(poses.shape[0])
-            ]
-        ).reshape(poses.shape[0], count, 2)
-        at_rest = eta[:, :, 0].prod(axis=1)
-        worst = followed[:, c]
-        for p in reversed(range(count)):  # towards node 1: each pulley adds its loss
-            drag = 0.0
-            if cable.law not in ("none", "euler"):
-                drag = cable.pulleys[p].bearing_torque / cable.pulleys[p].radius
-            worst = worst / eta[:, p, 0] + np.where(worst > 0.0, drag, 0.0)
+        eta = _transmissions(cable, wrap)
         arms = by_joint.sum(axis=1)
         yield CableCheck(
             cable.name,
-            tuple(
-                ElementCheck(
-                    name,
-                    _extent(length[:, e], poses),
-                    _extent(spans[:, e], poses),
-                    tuple(_extent(-by_joint[:, e, j], poses) for j in joints),
-                )
-                for e, name in enumerate(cable.element_names)
-            ),
+            tuple(_elements(cable, poses, length, by_joint, wrap)),
             tuple(
                 PulleyCheck(
                     name,
                     _extent(wrap[:, p], poses),
                     _extent(eta[:, p, 0], poses),
                     _extent(eta[:, p, 1], poses),
-                    float(np.ptp(length[:, p + 1 :].sum(axis=1) + wound)),
+                    float(np.ptp(length[:, p + 1 :].sum(axis=1) + _wound(robot, cable, motors))),
                     _travel_to_slip(cable, p, eta[:, p, 0], followed[:, c]),
                 )
                 for p, name in enumerate(cable.pulley_names)
             ),
             _extent(length.sum(axis=1), poses),
             tuple(_extent(-arms[:, j], poses) for j in joints),
-            _extent(at_rest, poses),
+            _extent(eta[:, :, 0].prod(axis=1), poses),
             _extent(eta[:, :, 1].prod(axis=1), poses),
             float(stiffness[c]),
             _extent(followed[:, c], poses),
-            _extent(worst, poses),
+            _extent(_worst(cable, eta, followed[:, c]), poses),
             tuple(
                 float(cable.preload / (stiffness[c] * abs(arms[0, j])))
                 if abs(arms[0, j]) > LOOSEST
@@ -383,6 +354,51 @@ def _cables(
                 for j in joints
             ),
         )
+
+
+def _elements(
+    cable: Cable, poses: Matrix, length: Matrix, by_joint: NDArray[np.float64], wrap: Matrix
+) -> Iterator[ElementCheck]:
+    radius = np.array([pulley.radius for pulley in cable.pulleys])
+    arcs = np.pad(0.5 * radius * wrap, ((0, 0), (1, 1)))
+    spans = length - arcs[:, :-1] - arcs[:, 1:]
+    for e, name in enumerate(cable.element_names):
+        yield ElementCheck(
+            name,
+            _extent(length[:, e], poses),
+            _extent(spans[:, e], poses),
+            tuple(_extent(-by_joint[:, e, j], poses) for j in range(by_joint.shape[2])),
+        )
+
+
+def _transmissions(cable: Cable, wrap: Matrix) -> NDArray[np.float64]:
+    """eta of every pulley at rest and sliding fast, shape (poses, pulleys, 2)."""
+    eta = [
+        [transmissions(cable, pulley, pose[p]) for p, pulley in enumerate(cable.pulleys)]
+        for pose in wrap
+    ]
+    return np.array(eta).reshape(wrap.shape[0], len(cable.pulleys), 2)
+
+
+def _wound(robot: Robot, cable: Cable, motors: Matrix) -> Vector:
+    """Cable that the drum at the last node winds in [m], shape (poses,); 0 for an anchor."""
+    last = cable.nodes[-1]
+    if not isinstance(last, Winch):
+        return np.zeros(motors.shape[0])
+    names = [motor.name for motor in robot.motors]
+    wound: Vector = last.winding * last.radius * motors[:, names.index(last.motor)]
+    return wound
+
+
+def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:
+    """Tension at node 1 when every pulley has to slip towards it [N], shape (poses,)."""
+    worst = followed
+    for p in reversed(range(len(cable.pulleys))):  # each pulley adds its loss
+        drag = 0.0
+        if cable.law not in ("none", "euler"):
+            drag = cable.pulleys[p].bearing_torque / cable.pulleys[p].radius
+        worst = worst / eta[:, p, 0] + np.where(worst > 0.0, drag, 0.0)
+    return worst
 
 
 def _travel_to_slip(cable: Cable, p: int, eta: Vector, tension: Vector) -> float:

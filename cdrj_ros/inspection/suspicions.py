@@ -14,7 +14,7 @@ from cdrj_ros.inspection.ranges import (
     PulleyCheck,
     pose_text,
 )
-from cdrj_ros.robot.description import Anchor, Cable, Pulley, Robot, Winch
+from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Robot, Winch
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
 """A cable that wraps less than this is about to leave its pulley [rad]."""
@@ -173,36 +173,42 @@ def _friction(cable: Cable) -> Iterator[Suspicion]:
 
 def _without_effect(cable: Cable, pulley: Pulley) -> Iterator[str]:
     friction = pulley.friction
-    law = cable.law
-    if law == "none":
+    if cable.law == "none":
         if friction.mu_c > 0.0 or friction.bearing_friction > 0.0:
             yield "law is none: mu_c and bearing_friction are without effect"
         return
-    if friction.mu_s != friction.mu_c:
-        reason = ""
-        if law == "euler":
-            reason = "law euler has no static friction"
-        elif friction.rho == 0.0:
-            reason = "rho is 0: only the bearing counts"
-        elif friction.mu_c == 0.0 and friction.stribeck == "printed":
-            reason = "the printed form scales mu_c, which is 0"
-        if reason:
-            yield f"mu_s = {friction.mu_s:g} is without effect: {reason}"
-    elif friction.stribeck_speed is not None:
-        yield "stribeck_speed is without effect: mu_s equals mu_c"
+    euler = cable.law == "euler"
+    yield from _static_without_effect(friction, euler)
     bearing = friction.bearing_friction > 0.0 and pulley.bearing_diameter > 0.0
-    if bearing and (friction.rho == 1.0 or law == "euler"):
+    if bearing and (friction.rho == 1.0 or euler):
         yield (
             "bearing_friction is without effect: "
-            + ("law euler knows sliding alone" if law == "euler" else "rho is 1: sliding alone")
+            + ("law euler knows sliding alone" if euler else "rho is 1: sliding alone")
         )
     if friction.bearing_friction > 0.0 and pulley.bearing_diameter == 0.0 and friction.rho < 1.0:
         yield "bearing_friction is without effect: bearing_diameter is 0"
-    if friction.mu_c > 0.0 and friction.rho == 0.0 and law != "euler":
+    sliding = friction.rho > 0.0 or euler
+    if friction.mu_c > 0.0 and not sliding:
         yield f"mu_c = {friction.mu_c:g} is without effect: rho is 0, only the bearing counts"
-    sliding = friction.rho > 0.0 or law == "euler"
     if not (bearing or pulley.bearing_torque > 0.0) and (friction.mu_c == 0.0 or not sliding):
-        yield f"no friction at all, although law is {law}"
+        yield f"no friction at all, although law is {cable.law}"
+
+
+def _static_without_effect(friction: Friction, euler: bool) -> Iterator[str]:
+    """mu_s or stribeck_speed without effect."""
+    if friction.mu_s == friction.mu_c:
+        if friction.stribeck_speed is not None:
+            yield "stribeck_speed is without effect: mu_s equals mu_c"
+        return
+    reason = ""
+    if euler:
+        reason = "law euler has no static friction"
+    elif friction.rho == 0.0:
+        reason = "rho is 0: only the bearing counts"
+    elif friction.mu_c == 0.0 and friction.stribeck == "printed":
+        reason = "the printed form scales mu_c, which is 0"
+    if reason:
+        yield f"mu_s = {friction.mu_s:g} is without effect: {reason}"
 
 
 def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Iterator[Suspicion]:

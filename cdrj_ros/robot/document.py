@@ -181,44 +181,53 @@ def _path(start: str, parts: Iterable[str | int]) -> str:
     return text
 
 
-def _complaint(error: Any, start: str) -> str:
-    """One line for a schema error: path of the key, what was given, what is allowed."""
-    where = _path(start, error.absolute_path)
-    given = error.instance
-    what = error.validator
-    allowed = error.validator_value
-    if what == "additionalProperties":
-        known = sorted(error.schema["properties"])
-        unknown = next(key for key in given if key not in error.schema["properties"])
-        close = get_close_matches(unknown, known, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
-        return f"{_path(start, [*error.absolute_path, unknown])} is not a known key; {hint}"
-    if what == "required":
-        missing = next(key for key in allowed if key not in given)
-        described = error.schema["properties"].get(missing, {}).get("description", "")
-        return f"{_path(start, [*error.absolute_path, missing])} is missing: {described}".rstrip(
-            ": "
-        )
-    limits = {
+LIMITS: Final = MappingProxyType(
+    {
         "minimum": "at least",
         "exclusiveMinimum": "greater than",
         "maximum": "at most",
         "exclusiveMaximum": "less than",
     }
-    if what in limits:
-        return f"{where} must be {limits[what]} {allowed:g}, got {_shown(given)}"
-    if what == "enum":
-        return f"{where} must be one of {', '.join(map(str, allowed))}, got {_shown(given)}"
-    if what == "type":
-        return f"{where or 'the file'} must be of type {allowed}, got {_shown(given)}"
-    if what == "minItems":
-        return f"{where} needs at least {allowed} entries, got {len(given)}"
-    if what == "maxItems":
-        return f"{where} may have {allowed} entries, got {len(given)}"
-    if what == "pattern":
-        return f"{where} must be a name of letters, digits and _, got {_shown(given)}"
-    described = error.schema.get("description", error.message)
-    return f"{where} must be: {described} Got {_shown(given)}"
+)
+"""Words for the schema's limits of a number."""
+
+
+def _complaint(error: Any, start: str) -> str:
+    """One line for a schema error: path of the key, what was given, what is allowed."""
+    if error.validator in ("additionalProperties", "required"):
+        return _key_complaint(error, start)
+    where, rule, allowed = _path(start, error.absolute_path), error.validator, error.validator_value
+    given = error.instance
+    if rule in ("minItems", "maxItems"):
+        bound = "needs at least" if rule == "minItems" else "may have"
+        return f"{where} {bound} {allowed} entries, got {len(given)}"
+    if rule in LIMITS:
+        wanted = f"{LIMITS[rule]} {allowed:g},"
+    elif rule == "enum":
+        wanted = f"one of {', '.join(map(str, allowed))},"
+    elif rule == "type":
+        where, wanted = where or "the file", f"of type {allowed},"
+    elif rule == "pattern":
+        wanted = "a name of letters, digits and _,"
+    else:
+        return (
+            f"{where} must be: {error.schema.get('description', error.message)} Got {_shown(given)}"
+        )
+    return f"{where} must be {wanted} got {_shown(given)}"
+
+
+def _key_complaint(error: Any, start: str) -> str:
+    """One line for a key that is unknown or missing."""
+    given, rules = error.instance, error.schema["properties"]
+    if error.validator == "required":
+        missing = next(key for key in error.validator_value if key not in given)
+        described = rules.get(missing, {}).get("description", "")
+        where = _path(start, [*error.absolute_path, missing])
+        return f"{where} is missing: {described}".rstrip(": ")
+    unknown = next(key for key in given if key not in rules)
+    close = get_close_matches(unknown, sorted(rules), n=1)
+    hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(sorted(rules))}"
+    return f"{_path(start, [*error.absolute_path, unknown])} is not a known key; {hint}"
 
 
 def _shown(value: Any) -> str:
