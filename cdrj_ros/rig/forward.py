@@ -104,7 +104,7 @@ def swing(
     drums = rig.drums(motors, offset)
     coefficients = load.coefficients()
     if start is None:
-        start = _balanced(rig, drums[0], joints[0], joint, coefficients)
+        start = balanced_start(rig, drums[0], joints[0], joint, coefficients)
     joints[0, joint] = start
     dt = np.diff(time, prepend=time[0])
     state = np.zeros(fine.state_size)
@@ -113,7 +113,7 @@ def swing(
     course = np.array([start, 0.0, 0.0, 0.0])
     for begin in range(0, n, BATCH):
         end = min(begin + BATCH, n)
-        done = _swing(
+        done = swing_steps(
             fine.plan, fine.numbers, state, course, coefficients, joint, float(axis.effort_sign),
             fine.layout.joint_effort.start + joint, axis.lower, axis.upper, drums[begin:end],
             joints[begin:end], dt[begin:end], residual[begin:end], estimates[begin:end],
@@ -136,7 +136,9 @@ def swing(
     return read_out(rig, time, motors, joints, estimates, offset, residual)
 
 
-def _balanced(rig: Rig, drums: Vector, joints: Vector, joint: int, coefficients: Vector) -> float:
+def balanced_start(
+    rig: Rig, drums: Vector, joints: Vector, joint: int, coefficients: Vector
+) -> float:
     """Angle at which cables without friction hold the load, the nearest to the reference."""
     axis = rig.lumped.robot.joints[joint]
     angles = np.linspace(axis.lower, axis.upper, START_POINTS)
@@ -179,7 +181,7 @@ def _required(
 
 
 @compiled
-def _swing(
+def swing_steps(
     plan: NDArray[np.int64],
     numbers: Vector,
     state: Vector,

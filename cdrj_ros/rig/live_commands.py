@@ -1,0 +1,208 @@
+"""Commands to the motors of a live rig, checked once: what is refused, and under which cause."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.text import printable
+from cdrj_ros.rig.live_limits import DriveLimits
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+Mode = Literal["position", "velocity", "effort"]
+"""What a motor is told: an angle [rad], a speed [rad/s] or a torque [N m]."""
+
+MODES: Final[tuple[Mode, ...]] = get_args(Mode)
+
+Cause = Literal["malformed", "wrong length", "unknown name", "not finite", "out of range"]
+"""Why a command is refused."""
+
+CAUSES: Final[tuple[Cause, ...]] = get_args(Cause)
+
+MOST_POINTS: Final = 100_000
+"""Of a trajectory."""
+
+LONGEST_S: Final = 86_400.0
+"""Of a trajectory [s]."""
+
+UNITS: Final = {"position": "rad from its reference angle", "velocity": "rad/s", "effort": "N m"}
+
+
+class CommandError(UsageError):
+    """A command that is refused; nothing of it is carried out."""
+
+    def __init__(self, cause: Cause, message: str) -> None:
+        self.cause: Cause = cause
+        super().__init__(message)
+
+
+@dataclass(frozen=True)
+class Command:
+    """What some motors shall do until another command or the timeout."""
+
+    mode: Mode
+    motors: tuple[int, ...]
+    """Places in the robot's order."""
+    values: tuple[float, ...]
+    """As many; unit by mode."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Angles of some motors over time: straight between points, cubic where speeds are given."""
+
+    motors: tuple[int, ...]
+    """Places in the robot's order."""
+    time: Vector
+    """From the start of the trajectory, increasing [s], shape (n,)."""
+    angle: Table
+    """[rad], shape (n, motors)."""
+    speed: Table | None
+    """[rad/s], shape (n, motors)."""
+
+
+def checked_command(
+    limits: DriveLimits, mode: Mode, names: Sequence[str] | None, values: Sequence[float]
+) -> Command:
+    """A command whose every value the drives can carry out.
+
+    Args:
+        limits: of the drives.
+        mode: what the values are.
+        names: of the motors; None: all of them, in the robot's order.
+        values: one for each.
+
+    Raises:
+        CommandError: what is wrong with it.
+    """
+    motors = _places(limits, names, len(values), mode)
+    for motor, value in zip(motors, values, strict=True):
+        _require(limits, mode, motor, float(value))
+    return Command(mode, motors, tuple(float(value) for value in values))
+
+
+def command_of_states(
+    limits: DriveLimits,
+    names: Sequence[str],
+    position: Sequence[float],
+    velocity: Sequence[float],
+    effort: Sequence[float],
+) -> Command:
+    """The command of a message that has a field for every mode, of which one must be filled in.
+
+    Raises:
+        CommandError: what is wrong with it.
+    """
+    given: dict[Mode, Sequence[float]] = {
+        "position": position,
+        "velocity": velocity,
+        "effort": effort,
+    }
+    filled = [mode for mode in MODES if len(given[mode])]
+    if len(filled) != 1:
+        raise CommandError(
+            "malformed",
+            f"one of position, velocity and effort must be filled in, got {len(filled)} of them",
+        )
+    return checked_command(limits, filled[0], names, given[filled[0]])
+
+
+def checked_trajectory(
+    limits: DriveLimits,
+    names: Sequence[str],
+    time_s: Sequence[float],
+    positions: Sequence[Sequence[float]],
+    velocities: Sequence[Sequence[float]],
+) -> Trajectory:
+    """A trajectory whose every point the drives may be sent to; without points: stop.
+
+    Args:
+        limits: of the drives.
+        names: of the motors.
+        time_s: of the points from the trajectory's start [s].
+        positions: of every point, one for each motor [rad].
+        velocities: of every point [rad/s]; each may be empty, but then all must be.
+
+    Raises:
+        CommandError: what is wrong with it.
+    """
+    n = len(time_s)
+    if n > MOST_POINTS:
+        raise CommandError("wrong length", f"at most {MOST_POINTS} points are taken, got {n}")
+    motors = _places(limits, names, len(names), "trajectory")
+    for row in positions:
+        if len(row) != len(motors):
+            raise CommandError(
+                "wrong length", f"a point needs {len(motors)} positions, got {len(row)}"
+            )
+        for motor, value in zip(motors, row, strict=True):
+            _require(limits, "position", motor, float(value))
+    with_speed = any(len(row) for row in velocities)
+    for row in velocities if with_speed else ():
+        if len(row) != len(motors):
+            raise CommandError(
+                "wrong length", f"every point needs {len(motors)} velocities, got {len(row)}"
+            )
+        for motor, value in zip(motors, row, strict=True):
+            _require(limits, "velocity", motor, float(value))
+    times = np.array(time_s, dtype=np.float64)
+    if n and not (times[0] >= 0.0 and np.all(np.diff(times) > 0.0) and times[-1] <= LONGEST_S):
+        raise CommandError(
+            "out of range",
+            f"time_from_start must increase from at least 0 to at most {LONGEST_S:g} s",
+        )
+    shape = (n, len(motors))
+    speed = np.array(velocities, dtype=np.float64).reshape(shape) if with_speed else None
+    return Trajectory(motors, times, np.array(positions, dtype=np.float64).reshape(shape), speed)
+
+
+def _places(
+    limits: DriveLimits, names: Sequence[str] | None, count: int, what: str
+) -> tuple[int, ...]:
+    """Places of the named motors."""
+    if names is None:
+        if count != len(limits.motors):
+            raise CommandError(
+                "wrong length",
+                f"{what} needs {len(limits.motors)} values, of {', '.join(limits.motors)}; "
+                f"got {count}",
+            )
+        return tuple(range(count))
+    if len(names) != count or not names:
+        raise CommandError(
+            "wrong length", f"as many values as names are needed, got {len(names)} and {count}"
+        )
+    for name in names:
+        if name not in limits.motors:
+            raise CommandError(
+                "unknown name",
+                f"there is no motor {printable(name[:60])}, only {', '.join(limits.motors)}",
+            )
+    if len(set(names)) != len(names):
+        raise CommandError("malformed", "a motor is named twice")
+    return tuple(limits.motors.index(name) for name in names)
+
+
+def _require(limits: DriveLimits, mode: Mode, motor: int, value: float) -> None:
+    """Refuse what a motor cannot do."""
+    name = limits.motors[motor]
+    if not np.isfinite(value):
+        raise CommandError("not finite", f"the {mode} of {name} must be finite, got {value}")
+    most = {
+        "position": limits.travel,
+        "velocity": limits.speed[motor],
+        "effort": limits.torque[motor],
+    }[mode]
+    origin = limits.reference[motor] if mode == "position" else 0.0
+    if abs(value - origin) > most:
+        raise CommandError(
+            "out of range",
+            f"the {mode} of {name} must be within {most:.4g} {UNITS[mode]}, got {value:g}",
+        )

@@ -1,0 +1,95 @@
+"""What a live rig does while nobody commands it: motors that follow a motion of the free joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.rig import motion
+from cdrj_ros.rig.follow import follow_joints
+from cdrj_ros.rig.live_drives import Program
+
+MotionName = Literal["none", "sine", "ramps", "dwell", "random"]
+
+MOTIONS: Final[tuple[MotionName, ...]] = get_args(MotionName)
+
+BEGIN_S: Final = 1.0
+"""Rest before it [s]."""
+
+USUAL_SHARE: Final = 0.6
+"""Of the way to the nearer end of the range, where no amplitude is given."""
+
+AHEAD: Final = 50
+"""Steps that are worked out at once."""
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """A motion of the free joint about the reference pose."""
+
+    kind: MotionName = "none"
+    amplitude: float | None = None
+    """[rad] or [m]; None: ``USUAL_SHARE`` of what the range allows."""
+    frequency: float = 0.2
+    """Of the cycle, of a random motion the highest [Hz]."""
+    seed: int = 0
+    """Of a random motion."""
+
+
+def program_of(
+    model: Model, joint: int, rate: float, demonstration: Demonstration
+) -> Program | None:
+    """Angles of all motors over the steps of a rig, as ``simulate --mode forward`` moves them.
+
+    Args:
+        model: the prepared robot.
+        joint: the free one.
+        rate: steps per second [Hz].
+        demonstration: what to do; None comes back where that is nothing.
+
+    Raises:
+        UsageError: an unknown motion, or one that leaves the joint's range.
+    """
+    course = _course(model, joint, demonstration)
+    if course is None:
+        return None
+    reference = np.array([axis.reference_angle for axis in model.robot.joints])
+    first, angles = -1, np.empty((0, len(model.robot.motors)))
+
+    def program(step: int) -> np.ndarray:
+        nonlocal first, angles
+        if first < 0 or not first <= step < first + AHEAD:
+            first = step
+            poses = np.tile(reference, (AHEAD, 1))
+            poses[:, joint] = course(np.arange(step, step + AHEAD) / rate).angle
+            angles = follow_joints(model, poses).motor_angle
+        return angles[step - first].copy()
+
+    return program
+
+
+def _course(model: Model, joint: int, demonstration: Demonstration) -> motion.Motion | None:
+    kind = demonstration.kind
+    if kind not in MOTIONS:
+        raise UsageError(f"motion must be one of {', '.join(MOTIONS)}, got {kind!r}")
+    if kind == "none":
+        return None
+    axis = model.robot.joints[joint]
+    centre = axis.reference_angle
+    most = min(centre - axis.lower, axis.upper - centre)
+    amplitude = demonstration.amplitude
+    if amplitude is None:
+        amplitude = USUAL_SHARE * most
+    if not 0.0 < amplitude <= most:
+        raise UsageError(
+            f"the amplitude of {axis.name} must be in (0, {most:.4g}], got {amplitude:g}"
+        )
+    shape = (amplitude, demonstration.frequency)
+    if kind == "random":
+        return motion.random(*shape, demonstration.seed, BEGIN_S, centre)
+    make = {"sine": motion.sine, "ramps": motion.ramps, "dwell": motion.dwell}[kind]
+    return make(*shape, BEGIN_S, centre)
