@@ -1,0 +1,117 @@
+"""The layouts for PlotJuggler and Foxglove name topics, fields and elements that exist."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.replay.answers import KINDS
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "config" / "layouts"
+LAYOUT = load_model(str(ROOT / "config" / "robots" / "prototype.yaml")).layout
+AXES = (*LAYOUT.motors, *LAYOUT.joints)
+MESSAGES = {f"/cdrj/{kind.topic}": kind.message for kind in KINDS}
+NAMES = {
+    "/cdrj/tensions": LAYOUT.elements,
+    "/cdrj/nodal_forces": LAYOUT.pulleys,
+    "/cdrj/efforts": AXES,
+}
+
+
+def published() -> set[str]:
+    """Topics that the estimator may publish, from its security policy."""
+    policy = ElementTree.parse(ROOT / "config" / "sros2" / "cdrj_ros.policy.xml")
+    (estimator,) = policy.iterfind(".//profile[@node='estimator']")
+    topics = estimator.findall("topics[@publish='ALLOW']/topic")
+    return {t.text if t.text.startswith("/") else f"/cdrj/{t.text}" for t in topics if t.text}
+
+
+def element_shown(topic: str, field: str, index: str) -> str:
+    """Name of what an entry of an array belongs to; the topic, field and index must exist."""
+    assert topic in published(), topic
+    numbers = {one.name for one in MESSAGES[topic].fields if one.count == 0 and one.name != "name"}
+    assert field in numbers, f"{topic} has no {field}"
+    return str(NAMES[topic][int(index)])
+
+
+def curve_of_plotjuggler(name: str) -> str:
+    """What a curve of PlotJuggler shows: an entry of an array, or the effort of an axis by name."""
+    if match := re.fullmatch(r"(/cdrj/\w+)/(\w+)\[(\d+)\]", name):
+        return element_shown(*match.groups())
+    match = re.fullmatch(r"(/cdrj/\w+)/(\w+)/(\w+)", name)
+    assert match, name
+    topic, axis, field = match.groups()
+    assert MESSAGES[topic] is JOINT_STATE
+    return element_shown(topic, field, str(AXES.index(axis)))
+
+
+def curve_of_foxglove(path: str) -> str:
+    """What a message path of Foxglove shows."""
+    match = re.fullmatch(r"(/cdrj/\w+)\.(\w+)\[(\d+)\]", path)
+    assert match, path
+    return element_shown(*match.groups())
+
+
+def panels_of(tree: Any) -> list[str]:
+    return [tree] if isinstance(tree, str) else panels_of(tree["first"]) + panels_of(tree["second"])
+
+
+def test_plotjuggler_finds_every_curve() -> None:
+    root = ElementTree.parse(FOLDER / "plotjuggler_prototype.xml").getroot()
+    shown = [curve_of_plotjuggler(curve.attrib["name"]) for curve in root.iter("curve")]
+    assert set(shown) == {*LAYOUT.elements, *LAYOUT.pulleys, *AXES}
+    for area in root.iter("DockArea"):
+        cables = {
+            curve_of_plotjuggler(c.attrib["name"]).partition("/")[0] for c in area.iter("curve")
+        }
+        title = area.attrib["name"]
+        assert len(cables) == 1 or title.startswith("motors and joints")
+        assert title.startswith((*cables, "motors"))
+    for splitter in root.iter("DockSplitter"):
+        assert int(splitter.attrib["count"]) == len(splitter)
+        assert len(splitter.attrib["sizes"].split(";")) == len(splitter)
+    topics = root.find("Plugins/plugin/selected_topics")
+    assert topics is not None
+    assert set(topics.attrib["value"].split(";")) == set(MESSAGES)
+
+
+def test_foxglove_finds_every_path_and_labels_it_rightly() -> None:
+    document = json.loads((FOLDER / "foxglove_prototype.json").read_text())
+    panels = document["configById"]
+    assert sorted(panels_of(document["layout"])) == sorted(panels)
+    labels = set()
+    for name, panel in panels.items():
+        if name.startswith("Plot!"):
+            for path in panel["paths"]:
+                assert curve_of_foxglove(path["value"]) == path["label"]
+                labels.add(path["label"])
+        else:
+            assert name.startswith("DiagnosticStatusPanel!")
+            assert panel["topicToRender"] in published()
+    assert labels == {*LAYOUT.elements, *AXES}
+
+
+def test_every_layout_is_looked_at_and_is_what_the_tool_writes(tmp_path: Path) -> None:
+    tool = [sys.executable, ROOT / "tools" / "layouts.py", "--out", tmp_path]
+    subprocess.run(tool, check=True, capture_output=True)
+    written = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert written == {path.name: path.read_text() for path in FOLDER.iterdir()}
+    assert set(written) == {"plotjuggler_prototype.xml", "foxglove_prototype.json"}
+
+
+@pytest.mark.parametrize(
+    "name", ["/cdrj/tension/tension[0]", "/cdrj/tensions/force[0]", "/cdrj/tensions/tension[16]"]
+)
+def test_what_does_not_exist_would_be_found_out(name: str) -> None:
+    with pytest.raises((AssertionError, KeyError, IndexError)):
+        curve_of_plotjuggler(name)
