@@ -13,7 +13,7 @@ LINE_S: Final = 5.0
 
 
 def _lines(description: str, total: float) -> Callable[[float], None]:
-    """Progress where there is no terminal: a line now and then."""
+    """Progress where there is no terminal: a line every LINE_S."""
     begin = last = monotonic()
 
     def report(done: float) -> None:
@@ -31,7 +31,7 @@ def _lines(description: str, total: float) -> Callable[[float], None]:
 
 @contextmanager
 def progress_bar(description: str, total: float) -> Iterator[Callable[[float], None]]:
-    """A bar on standard error; yields a function that takes what is done."""
+    """Show a bar on standard error; yields a function that takes the amount done."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 

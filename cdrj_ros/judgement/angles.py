@@ -10,9 +10,10 @@ from cdrj_ros.model.prepared import Model, shape_at
 
 
 def telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
-    """By channel, the joint that it is drawn over: the one that moves its cable most.
+    """The angle that each channel is drawn over, by channel name.
 
-    An effort is drawn over its own motor or joint; a cable that no joint moves, over its motor.
+    A tension or nodal force is drawn over the joint that moves its cable most, or over the cable's
+    motor if no joint does; an effort over its own motor or joint.
     """
     layout, robot = model.layout, model.robot
     angles = {
@@ -44,6 +45,6 @@ def telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
             cable_name = name.rpartition("/")[0]
             if cable_name in by_cable:
                 told[f"{prefix}/{name}"] = by_cable[cable_name]
-    if len(layout.joints) == 1:  # a motor's angle lags by its friction: the joint tells more
+    if len(layout.joints) == 1:  # friction delays the motor: the joint shows the loop
         told |= {f"effort/{name}": angles[layout.joints[0]] for name in layout.motors}
     return told

@@ -24,9 +24,9 @@ def write_estimates(
 ) -> None:
     """Write a bag of everything in the bag at ``path``, with the estimates beside it.
 
-    Header stamps are those of the estimates, log times as late after them as the inputs' were.
-    What the original has on the topics of ``outputs`` is left out: estimates of two sources on one
-    topic could not be told apart.
+    Header stamps are those of the estimates; log times follow them with the delay of the inputs.
+    Messages of the original on the topics of ``outputs`` are left out, since a topic would
+    otherwise hold estimates of two sources.
 
     Raises:
         BagError: ``out`` exists, or one of them cannot be read or written.
@@ -77,7 +77,7 @@ def write_estimates(
 
 
 def log_times(recording: Recording, estimates: Estimates) -> NDArray[np.int64]:
-    """When each estimate counts as recorded [ns], shape (n,): as long after its stamp as inputs.
+    """Log time of each estimate [ns], shape (n,).
 
     The delay from header stamp to log time is that of the first motor's (or joint's) messages.
     """

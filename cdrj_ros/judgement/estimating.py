@@ -14,7 +14,7 @@ from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.judgement.pulley_friction import BLOCK
 from cdrj_ros.model.prepared import Model
 
-AT_ONCE: Final = 16 * BLOCK
+AT_ONCE: Final = 4 * BLOCK
 """Samples of a piece; the numbers do not depend on it."""
 
 

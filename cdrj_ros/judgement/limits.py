@@ -1,4 +1,4 @@
-"""Bounds on the figures of a comparison, from a file: what a team's CI asks of every change."""
+"""Bounds on the figures of a comparison, read from a file, for continuous integration."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ LIMITED: Final = ("n", *FIGURES)
 """Figures that may have limits."""
 
 JUDGED: Final = ("all", "each")
-"""What is judged: the joined samples of all recordings, or each recording by itself as well."""
+"""What is judged: the joined samples of all recordings; "each": every recording as well."""
 
 LARGEST_FILE: Final = 1_000_000
-"""A file of limits is small [bytes]."""
+"""Size of the largest file that is read [bytes]."""
 
 
 class LimitsError(CdrjError):
-    """A file of limits that does not say what it means."""
+    """An invalid file of limits."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class Limit:
 
 @dataclass(frozen=True)
 class Limits:
-    """Everything that one file asks."""
+    """The content of one file."""
 
     source: str
     """The file."""
     limits: tuple[Limit, ...]
     each: bool = False
-    """Every recording is judged by itself, too."""
+    """Whether every recording is judged by itself as well."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Outside:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What came of the limits."""
+    """Result of comparing figures with limits."""
 
     source: str
     checked: int

@@ -1,4 +1,4 @@
-"""The figures that say how far estimates lie from references: the paper's, and the usual ones.
+"""Figures for the difference between estimates and references: the paper's, and common ones.
 
 The paper reports mean error and mean relative error of single channels; RMSE, the largest error
 and R² stand beside them, the mean error at reversals apart from the rest, and how often the
@@ -21,7 +21,7 @@ MINIMUM_SHARE: Final = 0.01
 """Share of a channel's largest |reference| below which a sample has no relative error.
 
 Where a reference passes through zero, |error| / |reference| grows without bound however good the
-estimate is; one such sample would outweigh a thousand others and say nothing about any of them.
+estimate is, and one such sample would outweigh a thousand others.
 """
 
 
@@ -31,7 +31,7 @@ COVERAGE_SIGMAS: Final = 2.0
 
 @dataclass(frozen=True)
 class ChannelError:
-    """How far one channel's estimate is from its reference; None where nothing can be said."""
+    """Difference of one channel's estimate from its reference; None where it is not known."""
 
     n: int
     """Compared samples."""
@@ -46,7 +46,7 @@ class ChannelError:
     r2: float | None
     """1 - SSE/SST: share of the reference's variance that the estimate explains."""
     reversal_error: float | None = None
-    """Mean |estimate - reference| where a motor or joint turns round [channel's unit]."""
+    """Mean |estimate - reference| where a motor or joint reverses [channel's unit]."""
     smooth_error: float | None = None
     """Mean |estimate - reference| everywhere else [channel's unit]."""
     coverage: float | None = None
@@ -82,7 +82,7 @@ def channel_error(
         estimate: finite, shape (n,), in any unit.
         reference: finite, shape (n,), in the same unit.
         stddev: of the estimate, NaN where unknown, shape (n,), in the same unit.
-        reversal: whether the motion turns round there, shape (n,).
+        reversal: whether the motion reverses there, shape (n,).
 
     Returns:
         Errors in that unit, the others without one.  ``mean_relative_error`` is None where the

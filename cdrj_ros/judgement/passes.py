@@ -62,7 +62,7 @@ def passes_of(series: Series, jumps: int, clock: Series) -> list[Series]:
 
 
 def one_after_another(passes: Sequence[Sequence[Channel]]) -> tuple[Channel, ...]:
-    """The channels of several passes over the same stamps as one; later passes are moved behind.
+    """Join the channels of several passes; the stamps of later ones are shifted behind.
 
     Args:
         passes: channels of the same names in the same order, of every pass.

@@ -1,11 +1,12 @@
-"""Where a motion turns round: the friction of every pulley changes sign there.
+"""Reversals of motion, at which the friction of every pulley changes sign.
 
-A cable that sticks on its pulleys is followed by elasticity alone, and by the friction law until it
-slips again: what an estimator gets wrong, it gets wrong there.  So errors are told apart.
+After a reversal the cable sticks on its pulleys until it slips the other way.  Most of an
+estimator's error arises in that time, so errors at reversals are reported apart from the rest.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -18,20 +19,20 @@ Indices = NDArray[np.intp]
 Stamps = NDArray[np.int64]
 
 REVERSAL_SHARE: Final = 0.05
-"""Share of the angle's range that a motion back must cover to make a turn a reversal."""
+"""A reversal counts if the angle then comes back by this share of its range."""
 
 AROUND_NS: Final = 100_000_000
 """A reversal lasts from this long before the angle's extreme to at least as long after it [ns]."""
 
 _SCAN_BUCKETS: Final = 4000
-"""Resolution at which reversals are looked for, in parts of the recording."""
+"""Number of parts of a recording in which reversals are searched."""
 
 
 def envelope(buckets: int, *series: Floats) -> Indices:
-    """Samples that keep the outline of series drawn in few pixels: no peak is ever lost.
+    """Choose samples that keep the outline of series drawn in few pixels, with every peak.
 
-    The samples are cut into buckets of consecutive ones; of each bucket the smallest and the
-    largest sample of every series stay, in their order, and the first and last of all.
+    The samples are divided into buckets of consecutive ones.  The smallest and the largest sample
+    of every series in each bucket are kept, and the first and last of all.
 
     Args:
         buckets: how many buckets, at least 1.
@@ -58,19 +59,20 @@ def envelope(buckets: int, *series: Floats) -> Indices:
 
 
 def turning_points(angle: Floats) -> Indices:
-    """Samples at which a motion turns round, noise and ripple apart.
+    """Samples at which a motion reverses; noise and ripple are ignored.
 
     Args:
         angle: joint angle [rad], shape (n,); NaN where there is none.
 
     Returns:
         Indices of the extremes between which the angle covers at least REVERSAL_SHARE of its
-        range, strictly increasing; start and end of the recording are none.
+        range, strictly increasing, without the start and the end of the recording.
     """
-    present = np.flatnonzero(np.isfinite(angle))
-    if len(present) < 3:
+    finite = np.isfinite(angle)
+    present = None if finite.all() else np.flatnonzero(finite)
+    values = angle if present is None else angle[present]
+    if len(values) < 3:
         return np.arange(0)
-    values = angle[present]
     threshold = REVERSAL_SHARE * float(values.max() - values.min())
     if threshold <= 0.0:
         return np.arange(0)
@@ -92,25 +94,27 @@ def turning_points(angle: Floats) -> Indices:
             if heading < 0:
                 turns.append(low)
             heading, high = 1, at
-    return present[coarse[np.array(turns, dtype=np.intp)]]
+    found = coarse[np.array(turns, dtype=np.intp)]
+    return found if present is None else present[found]
 
 
-def reversal_zones(stamp_ns: Stamps, angles: Floats) -> Stamps:
-    """When any motor or joint is turning round.
+def reversal_zones(stamp_ns: Stamps, angles: Iterable[Floats]) -> Stamps:
+    """Time intervals in which any motor or joint reverses.
 
     A zone begins AROUND_NS before an extreme of the angle (see ``turning_points``).  It ends when
     the angle has come back by REVERSAL_SHARE of its range, not sooner than AROUND_NS after the
-    extreme and not later than the next extreme.  Zones that touch are one.
+    extreme and not later than the next extreme.  Zones that touch are joined.
 
     Args:
         stamp_ns: increasing [ns], shape (n,).
-        angles: of motors and joints [rad], finite, shape (n, channels).
+        angles: of motors and joints [rad], finite, shape (n,) each.
 
     Returns:
         Begin and end of every zone [ns], increasing, shape (k, 2).
     """
     zones: list[tuple[int, int]] = []
-    for angle in np.ascontiguousarray(np.reshape(angles, (len(stamp_ns), -1)).T):
+    for column in angles:
+        angle = np.ascontiguousarray(column)
         turns = turning_points(angle)
         if not len(turns):
             continue
@@ -139,11 +143,10 @@ def within(zones: Stamps, stamp_ns: Stamps) -> NDArray[np.bool_]:
 
 
 def clock_resets(stamp_ns: Stamps) -> Indices:
-    """First samples after the clock has gone back for good, in order of arrival, shape (k,).
+    """Indices of the samples at which the clock was set back, in order of arrival, shape (k,).
 
-    Samples from there on, CONFIRMATIONS of them where there are as many, increase and lie before
-    the middle one of as many samples before: the first by more than MAX_GAP_NS.  One wild stamp is
-    no reset.
+    A single wild stamp is no reset: the CONFIRMATIONS samples from there on must increase and lie
+    before the median of as many samples before them, the first by more than MAX_GAP_NS.
     """
     resets = []
     for at in (np.flatnonzero(np.diff(stamp_ns) < -MAX_GAP_NS) + 1).tolist():

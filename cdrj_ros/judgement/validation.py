@@ -279,8 +279,7 @@ def _compare_pass(
     )
     for piece in pieces:
         comparing.add(piece.estimates, piece.stddev, piece.n)
-    angles = np.concatenate([segment.motor_angle, segment.joint_angle], axis=1)
-    zones = reversal_zones(segment.stamp_ns, angles)
+    zones = reversal_zones(segment.stamp_ns, (*segment.motor_angle.T, *segment.joint_angle.T))
     return comparing.channels(telling_angles(model, segment), zones)
 
 

@@ -2,8 +2,7 @@
 
 Every picture has one size, so that three stand beside each other on a desk and one fills a phone;
 one unit of the drawing is one CSS pixel.  Truth is a thick grey line, the estimate a thin coloured
-one on top, in a band of two standard deviations where those are known: where only grey and one thin
-line are to be seen, they agree.
+one on top, with a band of two standard deviations where those are known.
 
 Importing this module imports matplotlib, which is slow; import it where pictures are made.
 """
@@ -41,7 +40,7 @@ PALETTE: Final[Mapping[str, str]] = MappingProxyType(
         "band": "#c5dff0",
     }
 )
-"""Colours by role (blue and vermilion after Okabe and Ito: told apart by colour-blind readers)."""
+"""Colours by role; blue and vermilion (Okabe and Ito) differ for colour-blind readers, too."""
 
 WIDTH: Final = 390
 """Width of a picture [px]."""
@@ -312,7 +311,7 @@ def _draw_band(
 
 
 def _keep_in_view(axes: Axes, lines: Sequence[Floats], half: Floats) -> None:
-    """Room for the usual band: a wide one, as at the start, runs out of the picture."""
+    """Scale the axes to the usual band; a wide one, as at the start, is cut off."""
     low = min(float(line.min()) for line in lines)
     high = max(float(line.max()) for line in lines)
     usual = min(float(np.nanmax(half)), USUAL_BANDS * float(np.nanmedian(half)))
@@ -333,7 +332,7 @@ def _limits(axes: Axes, x: Floats, ticks: int) -> None:
 
 
 def _symmetric(axes: Axes, error: Floats, half: Floats | None = None) -> None:
-    """Zero in the middle: too high and too low look alike; the band in view unless it is wide."""
+    """Put zero in the middle of the axes; show the band unless it is wide."""
     largest = float(np.abs(error).max())
     if half is not None:
         usual = min(float(np.nanmax(half)), USUAL_BANDS * float(np.nanmedian(half)))

@@ -1,4 +1,4 @@
-"""Numbers as people read them: few digits, true minus signs, units in thousandths where small."""
+"""Numbers formatted for reading: few digits, true minus signs, small ones in milli."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 ABSENT: Final = "\N{EN DASH}"
-"""Stands where a figure cannot be given."""
+"""Printed for a figure that is not known."""
 
 _MINUS: Final = "\N{MINUS SIGN}"
 
@@ -24,7 +24,7 @@ def format_percent(share: float | None, decimals: int = 2) -> str:
 
 
 def format_r2(r2: float | None) -> str:
-    """R² with four decimals; far below zero, where digits say nothing, one."""
+    """R² with four decimals, or with one where it is far below zero."""
     if r2 is None:
         return ABSENT
     return f"{r2:.4f}".replace("-", _MINUS) if r2 > -10.0 else f"{r2:.1f}".replace("-", _MINUS)
@@ -40,7 +40,7 @@ def format_amount(value: float | None, unit: str) -> str:
 
 
 def scale_for(largest: float | None, unit: str) -> tuple[float, str]:
-    """Factor and unit in which numbers up to ``largest`` [unit] read well: thousandths below 0.1.
+    """Factor and unit for numbers up to ``largest`` [unit]: thousandths below 0.1.
 
     The bound is where two digits round up to 0.10.
     """

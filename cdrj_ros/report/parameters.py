@@ -1,4 +1,4 @@
-"""A robot's parameters as tables, so that a report says what its numbers rest on."""
+"""A robot's parameters as tables and in a sentence, for the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a long series is drawn: its envelope, its gaps, and the seconds worth a closer look."""
+"""What to draw of a long series: where its line is broken, and which seconds are enlarged."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Window:
     end: int
     """One past the last sample."""
     reversal: int | None
-    """The sample at which the joint turns round, None where the window was chosen without."""
+    """The sample at which the joint reverses, None where the window was chosen without one."""
 
 
 def gaps(stamp_ns: NDArray[np.int64]) -> Indices:
@@ -57,9 +57,9 @@ def worst_sample(channel: Channel) -> int:
 def closer_look(channel: Channel, turns: Indices) -> Window:
     """The seconds around the reversal nearest to the channel's largest error, both in view.
 
-    Half of the usual time from one reversal to the next is shown, more if the largest error needs
-    it.  Where the joint does not turn near it, as much around the largest error; where it does not
-    turn at all, a tenth of the recording.
+    The window is half of the usual time from one reversal to the next, or longer to include the
+    largest error.  If the joint does not reverse near the largest error, the window is around the
+    error; if it never reverses, the window is a tenth of the recording.
 
     Args:
         channel: at least one sample.
@@ -79,7 +79,7 @@ def closer_look(channel: Channel, turns: Indices) -> Window:
 
 
 def loop_window(channel: Channel, turns: Indices) -> Window:
-    """CYCLES cycles of motion around the closer look; the whole channel where it turns less."""
+    """CYCLES cycles of motion around the closer look; the whole channel if there are fewer."""
     if len(turns) < 2:
         return Window(0, len(channel.stamp_ns), None)
     look = closer_look(channel, turns)

@@ -68,11 +68,11 @@ class Row:
     name: str
     """Full channel name, empty in a group's last line."""
     label: str
-    """What is printed in front: the name without its prefix."""
+    """The name without its prefix, printed first."""
     cells: tuple[str, ...]
     """Formatted figures, one for each of ``headings_of``."""
     aside: str
-    """What the caller wants beside it, for example a published figure; may be empty."""
+    """Text of the additional column; may be empty."""
 
 
 @dataclass(frozen=True)
@@ -310,7 +310,7 @@ def _cells(
 
 
 def _decimals(errors: Iterable[ChannelError], factor: float) -> int:
-    """One number of decimals for a group, so that points align: three digits of a usual error."""
+    """Decimals of a group, so that points align: three digits of its median RMSE."""
     usual = sorted(error.rmse for error in errors if error.rmse)
     return decimals_for(factor * usual[(len(usual) - 1) // 2]) if usual else 3
 

@@ -1,4 +1,4 @@
-"""What the figures amount to, in a sentence, and the few numbers that carry it."""
+"""Summary of the figures: one sentence and a few key numbers."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ R2_GRADES: Final = ((0.98, "closely"), (0.94, "well"), (0.80, "roughly"))
 """Least R² for each word, for quantities that pass through zero."""
 
 PASSES_THROUGH_ZERO: Final = frozenset({"effort", "friction"})
-"""Quantities judged by R²: where the value is small, a relative error says little."""
+"""Quantities judged by R², since relative errors are meaningless near zero."""
 
 MOST_OF_A_KIND: Final = 4
-"""Channels of one kind shown without being asked for; a robot may have twenty cables."""
+"""Channels of one kind that are not folded away; a robot may have twenty cables."""
 
 
 @dataclass(frozen=True)
 class KeyNumber:
-    """One number worth a large type size."""
+    """One number shown in large type."""
 
     label: str
     """What it is about: "All 16 element tensions"."""
@@ -45,11 +45,11 @@ class Verdict:
     """The head of a report."""
 
     sentence: str
-    """One sentence for whoever reads no further."""
+    """The summary."""
     detail: str
     """Where the estimate is worst, and how much was compared."""
     numbers: tuple[KeyNumber, ...]
-    """The few figures that carry the sentence."""
+    """The figures on which the sentence rests."""
 
 
 def verdict(errors: Errors) -> Verdict:

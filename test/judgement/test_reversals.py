@@ -24,7 +24,7 @@ def swing(periods: float, frequency: float = 0.5) -> tuple[np.ndarray, np.ndarra
 
 def test_a_zone_lasts_until_the_motion_has_taken_up_its_share() -> None:
     stamps, angle = swing(3.0)
-    zones = reversal_zones(stamps, angle[:, None])
+    zones = reversal_zones(stamps, [angle])
     assert zones.shape == (6, 2)
     quarter = 0.5e9
     taken_up = np.arccos(1.0 - 2.0 * REVERSAL_SHARE) / (2 * np.pi * 0.5) * 1e9
@@ -37,8 +37,8 @@ def test_a_zone_lasts_until_the_motion_has_taken_up_its_share() -> None:
 def test_motors_and_joints_each_have_their_zones_and_those_that_touch_are_one() -> None:
     stamps, angle = swing(3.0)
     late = np.roll(angle, 150)
-    both = reversal_zones(stamps, np.stack([angle, late], axis=1))
-    alone = reversal_zones(stamps, angle[:, None])
+    both = reversal_zones(stamps, [angle, late])
+    alone = reversal_zones(stamps, [angle])
     assert len(both) == len(alone)
     assert np.all(np.diff(both.ravel()) > 0)
     inside = within(both, stamps)
@@ -49,7 +49,7 @@ def test_motors_and_joints_each_have_their_zones_and_those_that_touch_are_one() 
 @pytest.mark.parametrize("angle", [np.zeros(500), np.linspace(0.0, 1.0, 500), np.zeros(1)])
 def test_what_does_not_turn_has_no_zone(angle: np.ndarray) -> None:
     stamps = np.arange(len(angle), dtype=np.int64) * STEP_NS
-    zones = reversal_zones(stamps, angle[:, None])
+    zones = reversal_zones(stamps, [angle])
     assert zones.shape == (0, 2)
     assert not within(zones, stamps).any()
 
@@ -57,7 +57,7 @@ def test_what_does_not_turn_has_no_zone(angle: np.ndarray) -> None:
 def test_noise_is_no_reversal() -> None:
     stamps, angle = swing(3.0)
     noisy = angle + 1e-3 * np.random.default_rng(2).normal(size=len(angle))
-    assert len(reversal_zones(stamps, noisy[:, None])) == 6
+    assert len(reversal_zones(stamps, [noisy])) == 6
 
 
 def test_a_clock_that_goes_back_for_good_is_a_reset_and_a_wild_stamp_is_none() -> None:
