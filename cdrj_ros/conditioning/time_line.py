@@ -116,6 +116,11 @@ class Conditioner:
         return sum(len(channel.held) for channel in self._channels)
 
     @property
+    def unheard(self) -> list[str]:
+        """Motors and joints of which no reading has been accepted since the last reset."""
+        return [c.limits.name for c in self._channels if c.last_stamp < 0]
+
+    @property
     def displaced(self) -> dict[str, float]:
         """By how much [rad] the readings of axes have stepped since the last reset, by name."""
         return {c.limits.name: c.displaced for c in self._channels if c.displaced}

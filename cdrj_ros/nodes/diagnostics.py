@@ -1,8 +1,10 @@
-"""What the estimator says of itself on /diagnostics."""
+"""The estimator's status on /diagnostics."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -11,7 +13,7 @@ from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, UNSURE
 
-WINDOW = 4096
+WINDOW: Final = 4096
 """Steps over which the step time is judged."""
 
 
@@ -23,7 +25,7 @@ class StepTimes:
     count: int = 0
 
     def add(self, seconds: float) -> None:
-        """Remember one step [s]."""
+        """Take the duration of one step [s]."""
         self._seconds[self.count % WINDOW] = seconds
         self.count += 1
 
@@ -35,6 +37,24 @@ class StepTimes:
         return float(p50), float(p99)
 
 
+class Health(NamedTuple):
+    """What the node knows of its inputs and outputs over time."""
+
+    timeout_s: float
+    silence_s: float = 0.0
+    """Since the last estimate [s]; infinite before the first."""
+    age_s: float = 0.0
+    """Of the last estimate, as a controller would feel it [s]; infinite before the first."""
+    rate_hz: float = 0.0
+    """Estimates published."""
+    waiting: str = ""
+    """Why there is no estimate yet."""
+    refusing: str = ""
+    """Why many readings are refused; empty if few are."""
+    clock_refused: int = 0
+    """Impossible times on /clock."""
+
+
 def names_with(estimate: Estimate, flag: int) -> list[str]:
     """Elements that carry a status flag."""
     flags = estimate.status.astype(np.uint8)
@@ -44,47 +64,76 @@ def names_with(estimate: Estimate, flag: int) -> list[str]:
 
 
 def status_of(
-    name: str,
-    live: LiveEstimator,
-    output: Output | None,
-    rate_hz: float,
-    age_s: float | None,
-    timeout_s: float,
-    times: StepTimes,
+    name: str, live: LiveEstimator, output: Output | None, health: Health, times: StepTimes
 ) -> DiagnosticStatus:
-    """One DiagnosticStatus of the estimator; times are those of the node's clock."""
+    """One DiagnosticStatus of the estimator."""
     estimate = output.estimate if output else None
     flagged = {
         flag: names_with(estimate, flag) if estimate else []
         for flag in (SLACK, OVERLOAD, UNSURE, INVALID)
     }
-    health = live.fusion.health.values() if live.fusion else ()
-    stepped = [f"{name} by {by:.3g} rad" for name, by in live.conditioner.displaced.items()]
-    dropped = {one.name: one.dropped for one in health if one.dropped}
-    level, message = DiagnosticStatus.OK, "estimating"
     if estimate is None:
-        level, message = DiagnosticStatus.WARN, "waiting for every motor and joint"
-    elif age_s is None or age_s > timeout_s:
-        level, message = DiagnosticStatus.STALE, f"no input for {timeout_s:g} s"
-    elif flagged[INVALID]:
-        level, message = DiagnosticStatus.ERROR, f"not solved: {', '.join(flagged[INVALID])}"
-    elif flagged[OVERLOAD]:
-        level, message = DiagnosticStatus.ERROR, f"overload: {', '.join(flagged[OVERLOAD])}"
-    elif stepped:
-        level = DiagnosticStatus.WARN
-        message = f"readings stepped further than the axis can move: {', '.join(stepped)}; ~/tare"
-    elif dropped:
-        level = DiagnosticStatus.WARN
-        message = "; ".join(f"sensor {one} dropped: {why}" for one, why in dropped.items())
-    elif flagged[SLACK]:
-        level, message = DiagnosticStatus.WARN, f"slack: {', '.join(flagged[SLACK])}"
-    elif flagged[UNSURE]:
-        level, message = DiagnosticStatus.WARN, f"unsure: {', '.join(flagged[UNSURE])}"
+        level, message = DiagnosticStatus.WARN, f"waiting: {health.waiting}"
+    else:
+        level, message = _verdict(live, flagged, health)
+    values = {
+        "rate [Hz]": f"{health.rate_hz:.1f}",
+        "age [s]": "none" if health.age_s == float("inf") else f"{health.age_s:.3f}",
+        **_figures(live, flagged, times),
+        "impossible times on /clock": str(health.clock_refused),
+    }
+    return DiagnosticStatus(
+        level=level,
+        name=name,
+        message=message,
+        hardware_id=live.model.robot.name,
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+
+
+def _steps(live: LiveEstimator) -> list[str]:
+    return [f"{name} by {by:.3g} rad" for name, by in live.conditioner.displaced.items()]
+
+
+def _verdict(
+    live: LiveEstimator, flagged: Mapping[int, list[str]], health: Health
+) -> tuple[bytes, str]:
+    """Level and message while there is an estimate: the gravest cause."""
+    ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+    fusion = live.fusion.health.values() if live.fusion else ()
+    dropped = [f"sensor {one.name} dropped: {one.dropped}" for one in fusion if one.dropped]
+    stepped = _steps(live)
+    silent = health.silence_s > health.timeout_s
+    causes = (
+        (silent, DiagnosticStatus.STALE, f"no input for {health.timeout_s:g} s"),
+        (flagged[INVALID], error, f"not solved: {', '.join(flagged[INVALID])}"),
+        (flagged[OVERLOAD], error, f"overload: {', '.join(flagged[OVERLOAD])}"),
+        (
+            health.age_s > health.timeout_s, warn,
+            f"estimates are {health.age_s:.3g} s old: a topic lags, or all inputs come late",
+        ),
+        (
+            stepped, warn,
+            f"readings stepped further than the axis can move: {', '.join(stepped)}; ~/tare",
+        ),
+        (dropped, warn, "; ".join(dropped)),
+        (health.refusing, warn, health.refusing),
+        (flagged[SLACK], warn, f"slack: {', '.join(flagged[SLACK])}"),
+        (flagged[UNSURE], warn, f"unsure: {', '.join(flagged[UNSURE])}"),
+    )  # fmt: skip
+    for holds, level, message in causes:
+        if holds:
+            return level, message
+    return ok, "estimating"
+
+
+def _figures(
+    live: LiveEstimator, flagged: Mapping[int, list[str]], times: StepTimes
+) -> dict[str, str]:
+    """Counters and values by key."""
     p50, p99 = times.percentiles_us()
     conditioner = live.conditioner
     values = {
-        "rate [Hz]": f"{rate_hz:.1f}",
-        "age [s]": "none" if age_s is None else f"{age_s:.3f}",
         "lag behind the newest reading [ms]": f"{conditioner.lag_ns * 1e-6:.3f}",
         "steps": str(times.count),
         "step time p50 [us]": f"{p50:.1f}",
@@ -97,7 +146,7 @@ def status_of(
         "readings accepted": str(conditioner.accepted),
         "clock jumps": str(conditioner.clock_jumps),
         "gaps": str(conditioner.gaps),
-        "readings stepped": ", ".join(stepped) or "none",
+        "readings stepped": ", ".join(_steps(live)) or "none",
         "readings held": str(conditioner.held),
         "readings for another topic": str(conditioner.elsewhere),
         "readings that waited too long": str(conditioner.crowded),
@@ -106,16 +155,12 @@ def status_of(
     if live.fusion:
         values["refused: unknown element"] = str(live.unknown_elements)
         values["sensor readings not used in time"] = str(live.overlooked)
-    for one in health:
-        said = f"dropped: {one.dropped}" if one.dropped else "used"
-        values[f"sensor {one.name}"] = f"{said}; {one.used} readings used, {one.refused} refused"
-    return DiagnosticStatus(
-        level=level,
-        name=name,
-        message=message,
-        hardware_id=live.model.robot.name,
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )
+        for one in live.fusion.health.values():
+            state = f"dropped: {one.dropped}" if one.dropped else "used"
+            values[f"sensor {one.name}"] = (
+                f"{state}; {one.used} readings used, {one.refused} refused"
+            )
+    return values
 
 
 def diagnostic_array(stamp: object, status: DiagnosticStatus) -> DiagnosticArray:

@@ -12,7 +12,7 @@ def estimator() -> NoReturn:
     """Run the estimator node."""
 
     def load() -> Callable[[], int]:
-        from cdrj_ros.nodes.estimator import main
+        from cdrj_ros.nodes.estimator_command import main
 
         return main
 

@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import argparse
 import gc
-import os
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from time import perf_counter
-from typing import Any, NoReturn
+from time import monotonic, perf_counter
+from typing import Any, Final
 
 import numpy as np
 from cdrj_msgs.msg import CableTensions, NodalForces
 from cdrj_msgs.srv import SetPreload
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.experimental import EventsExecutor
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.utilities import remove_ros_args
+from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_ros.commands.shared import DONE, run_command
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.tracking import new_track, track
 from cdrj_ros.estimation.session import LiveEstimator, Output
@@ -40,27 +35,29 @@ from cdrj_ros.messages.cdr import (
 )
 from cdrj_ros.messages.conversions import EstimateEncoder, marked_stale
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
-from cdrj_ros.nodes.settings import (
-    changed_options,
-    declare_friction,
-    declare_number,
-    declare_options,
-    declare_preload,
-    declare_text,
-)
-from cdrj_ros.nodes.spinning import RANGE, STOP_POLL_S, ros_context, starting
+from cdrj_ros.nodes.diagnostics import Health, StepTimes, diagnostic_array, status_of
+from cdrj_ros.nodes.inputs import InputTopic
+from cdrj_ros.nodes.qos import default_profile
+from cdrj_ros.nodes.settings import SIMULATED, changed_options, declare, in_force, meant
+from cdrj_ros.nodes.silence import Silence, age_s
+from cdrj_ros.nodes.spinning import starting
+from cdrj_ros.nodes.thinning import Thinning
+from cdrj_ros.nodes.words import TopicHeard, missing_inputs, refusal_rate
 
-DEPTH = 1000
-"""Messages that a topic may queue: a burst of a second at 1 kHz is not lost."""
-
-WATCHES = 4
+WATCHES: Final = 4
 """Looks at the inputs within the timeout."""
 
+WATCH_S: Final = 1.0
+"""Time between two looks at the inputs at most, however long the timeout is [s]."""
 
-def _quality() -> QoSProfile:
-    """Of one topic; a profile of its own each, for an override changes the one it is given."""
-    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+DIAGNOSIS_S: Final = 1.0
+"""Time between two statuses on /diagnostics [s]."""
+
+PATIENCE_S: Final = 3.0
+"""Time without an estimate before the log says why [s]."""
+
+AGAIN_S: Final = 10.0
+"""Time between two equal warnings [s]."""
 
 
 class EstimatorNode(Node):
@@ -70,33 +67,37 @@ class EstimatorNode(Node):
         """Read the parameters and the robot file, then open topics and services.
 
         Args:
-            state_file: kept up to date, and taken up at the start; never a parameter, so that
-                nobody on the network can have a file written.
+            state_file: read at the start and kept up to date; not a parameter, so that nobody on
+                the network can have a file written.
             options: of rclpy's Node.
 
         Raises:
             CdrjError: the robot file is missing or wrong.
         """
+        self.clock_refused = 0
+        """Impossible times on /clock."""
         super().__init__("estimator", namespace="cdrj", **options)
-        path = declare_text(self, "robot", "", "Robot file (YAML), or the name of an installed one")
-        if not path:
+        started = declare(self)
+        if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
-        self.timeout_s = declare_number(
-            self, "timeout", 0.5, 0.001, 3600.0, "Silence after which outputs are marked stale [s]",
-            read_only=True,
-        )  # fmt: skip
-        self._frame_id = declare_text(self, "frame_id", "", "frame_id of the outgoing headers")
-        model = load_model(path, declare_preload(self))
-        self.live = LiveEstimator(model, declare_options(self))
-        if friction := declare_friction(self):
-            self.live.set_numbers(friction)
+        self.timeout_s = started.timeout_s
+        model = load_model(started.robot, started.preload)
+        self.live = LiveEstimator(model, started.options)
+        if started.friction:
+            self.live.set_numbers(started.friction)
         self._warm_up()
         self._state_file = state_file
         if state_file is not None:
             self._read_state(state_file)
+        self.encoder = EstimateEncoder(
+            model.layout, started.frame_id, uncertain=self.live.spread is not None
+        )
+        self._thinning = Thinning(model.robot, started.output, started.max_rate_hz)
+        self._begin()
         self._open()
+        self._show_in_force()
         gc.collect()
-        gc.freeze()  # what lives as long as the node is not looked at again and again
+        gc.freeze()  # skip what lives as long as the node at every later collection
         layout = model.layout
         self.get_logger().info(
             f"{model.robot.name}: {counted(len(layout.motors), 'motor')}, "
@@ -104,43 +105,88 @@ class EstimatorNode(Node):
             f"{counted(len(layout.pulleys), 'pulley')}"
         )
 
-    def _open(self) -> None:
-        """Topics, services, timers."""
-        live = self.live
-        self.encoder = EstimateEncoder(
-            live.model.layout, self._frame_id, uncertain=live.spread is not None
-        )
+    def _begin(self) -> None:
+        """State of the node itself."""
         self.output: Output | None = None
         self.times = StepTimes()
+        self.silence = Silence(self.timeout_s, bool(self.get_parameter(SIMULATED).value))
         self._published = 0
         self._diagnosed = 0
-        self._heard_ns: int | None = None
         self._diagnosed_ns = self._now_ns()
+        self._refused: dict[str, int] = {}
+        self._refused_s = self._estimated_s = monotonic()
+        self._first = True
+        """No estimate has come since the start."""
+        self._quiet = True
+        """No estimate has come since the start, or for the timeout, and the log says so."""
+        self._showing = False
 
+    def _open(self) -> None:
+        """Topics, services, timers."""
         overridable = QoSOverridingOptions.with_default_policies()
-        self.tensions, self.forces, self.efforts = (
-            self.create_publisher(message, topic, _quality(), qos_overriding_options=overridable)
-            for message, topic in (
-                (CableTensions, "tensions"),
-                (NodalForces, "nodal_forces"),
-                (JointState, "efforts"),
+
+        def publisher(message: Any, topic: str) -> Any:
+            return self.create_publisher(
+                message, topic, default_profile(), qos_overriding_options=overridable
             )
-        )
+
+        self.tensions = publisher(CableTensions, "tensions")
+        self.forces = publisher(NodalForces, "nodal_forces")
+        self.efforts = publisher(JointState, "efforts")
         self.efforts_stddev = (
-            self.create_publisher(
-                JointState, "efforts_stddev", _quality(), qos_overriding_options=overridable
-            )
-            if live.spread is not None
-            else None
+            publisher(JointState, "efforts_stddev") if self.live.spread is not None else None
         )
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(SetPreload, "~/set_preload", self._on_set_preload)
-        self._subscribe(overridable)
-        self.create_timer(1.0, self._on_diagnostics)
-        self.create_timer(self.timeout_s / WATCHES, self._on_watch)
+        self._subscribe()
+        # the node's clock may be simulated and stand still, or be set back: a steady one as well
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(DIAGNOSIS_S, self._on_diagnostics)
+        self.create_timer(DIAGNOSIS_S / 2.0, self._on_steady, clock=steady)
+        period_s = self.timeout_s / WATCHES
+        self.create_timer(min(period_s, WATCH_S), self._on_watch, clock=steady)
+        self.create_timer(period_s, self._on_watch)
+        self.add_pre_set_parameters_callback(lambda changes: meant(self.live, changes))
         self.add_on_set_parameters_callback(self._on_parameters)
+
+    def _subscribe(self) -> None:
+        layout = self.live.model.layout
+        if self.resolve_topic_name("motor_states") == self.resolve_topic_name("joint_states"):
+            kinds = {"motor_states": ("both", layout.motors + layout.joints)}
+        else:
+            kinds = {
+                "motor_states": ("motors", layout.motors),
+                "joint_states": ("joints", layout.joints),
+            }
+        self._angles: dict[str, InputTopic] = {}
+        for topic, (kind, axes) in kinds.items():
+            heard = TopicHeard(self.resolve_topic_name(topic), axes)
+            self._angles[kind] = InputTopic(
+                self, JointState, topic, self._listener(kind, heard), heard
+            )
+        self._inputs = list(self._angles.values())
+        if self.live.options.tension_sensors:
+            cells = TopicHeard(self.resolve_topic_name("tension_sensors"))
+            self._inputs.append(
+                InputTopic(self, CableTensions, "tension_sensors", self._on_tensions, cells)
+            )
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Any, *a: Any, **k: Any
+    ) -> Any:
+        """As rclpy; impossible times on /clock do not reach rclpy, where they end the node."""
+        if msg_type is ClockMessage:
+            take = callback
+
+            def callback(message: ClockMessage) -> None:
+                if message.clock.sec >= 0 and message.clock.nanosec < 1_000_000_000:
+                    take(message)
+                else:
+                    self.clock_refused += 1
+
+        return super().create_subscription(msg_type, topic, callback, *a, **k)
 
     def _now_ns(self) -> int:
         """Time of the node's clock, simulated time included [ns]."""
@@ -148,13 +194,13 @@ class EstimatorNode(Node):
 
     def _warm_up(self) -> None:
         """Compile or load the kernels before the first message, not during it."""
-        begin = perf_counter()
         robot = self.live.model.robot
         reference = Sample(
             1_000_000_000,
             np.array([motor.reference_angle for motor in robot.motors]),
             np.array([joint.reference_angle for joint in robot.joints]),
         )
+        begin = perf_counter()
         self.live.take(reference)
         self.live.take(reference._replace(stamp_ns=1_001_000_000))
         self.live.reset()
@@ -171,7 +217,7 @@ class EstimatorNode(Node):
             self.get_logger().warning(f"{error}; starting without it")
 
     def write_state(self) -> None:
-        """Keep what is known, where a state file was asked for."""
+        """Write the state file, if there is one."""
         if self._state_file is None:
             return
         try:
@@ -179,37 +225,15 @@ class EstimatorNode(Node):
         except StateFileError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 
-    def _subscribe(self, overridable: QoSOverridingOptions) -> None:
-        motors = self.resolve_topic_name("motor_states")
-        joints = self.resolve_topic_name("joint_states")
-        kinds = {"motor_states": "motors", "joint_states": "joints"}
-        if motors == joints:
-            kinds = {"motor_states": "both"}
-        for topic, kind in kinds.items():
-            self.create_subscription(
-                JointState,
-                topic,
-                self._listener(kind),
-                _quality(),
-                raw=True,
-                qos_overriding_options=overridable,
-            )
-        if self.live.options.tension_sensors:
-            self.create_subscription(
-                CableTensions,
-                "tension_sensors",
-                self._on_tensions,
-                _quality(),
-                raw=True,
-                qos_overriding_options=overridable,
-            )
+    # --- messages ---------------------------------------------------------------------------------
 
-    def _listener(self, kind: str) -> Callable[[bytes], None]:
+    def _listener(self, kind: str, heard: TopicHeard | None = None) -> Callable[[bytes], None]:
         """The callback of one topic: decode, condition, step, publish."""
         decode = JointStateDecoder()
-        live = self.live
+        live, thinning = self.live, self._thinning
         feed, refused = live.feed, live.conditioner.refused
         with_efforts = live.options.track_preload and kind != "joints"
+        topic = TopicHeard("") if heard is None else heard
 
         def on_message(payload: bytes) -> None:
             begin = perf_counter()
@@ -220,6 +244,10 @@ class EstimatorNode(Node):
             except MessageError:
                 refused["malformed"] += 1
                 return
+            topic.messages += 1
+            topic.names, topic.positions = names, position
+            if thinning.active and kind != "joints":
+                thinning.note(stamp, names)
             jumped, outputs = feed(kind, stamp, names, position)
             if jumped:
                 self.get_logger().warning(
@@ -227,14 +255,32 @@ class EstimatorNode(Node):
                 )
             if outputs:
                 self.times.add((perf_counter() - begin) / len(outputs))
-                for output in outputs:
-                    self._publish(output)
-                self._heard_ns = self._now_ns()
+                self._take(outputs)
 
         return on_message
 
+    def _take(self, outputs: list[Output]) -> None:
+        """Publish what one message has made possible, as STALE if it is older than the timeout."""
+        thinning = self._thinning
+        newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.lag_ns
+        fresh_ns = newest_ns - round(self.timeout_s * 1e9)
+        for output in outputs:
+            estimate = output.estimate
+            self.output = output
+            if thinning.active and not thinning.passes(estimate.stamp_ns):
+                continue
+            if estimate.stamp_ns < fresh_ns:
+                self._publish(output._replace(estimate=marked_stale(estimate)))
+            else:
+                self._publish(output)
+        now_s = monotonic()
+        self.silence.note(self._now_ns(), now_s)
+        if self._quiet:
+            self._wake(now_s - self._estimated_s)
+        self._estimated_s = now_s
+
     def _publish(self, output: Output) -> None:
-        estimate, stddev = self.output = output
+        estimate, stddev = output
         self.tensions.publish(self.encoder.tensions(estimate, stddev))
         self.forces.publish(self.encoder.nodal_forces(estimate, stddev))
         self.efforts.publish(self.encoder.efforts(estimate))
@@ -249,38 +295,98 @@ class EstimatorNode(Node):
         except MessageError:
             self.live.conditioner.refused["malformed"] += 1
 
+    # --- time -------------------------------------------------------------------------------------
+
+    def _silence_s(self) -> float:
+        """Time since the last estimate [s]; infinite before the first."""
+        return self.silence.seconds(self._now_ns(), monotonic())
+
+    def _wake(self, since_s: float) -> None:
+        """Log that estimates come, for the first time or again."""
+        first, self._first, self._quiet = self._first, False, False
+        self.get_logger().info(
+            f"first estimate, {since_s:.1f} s after the start"
+            if first
+            else f"inputs are back after {since_s:.1f} s"
+        )
+
     def _on_watch(self) -> None:
-        """Say again, and marked stale, what was known when the inputs fell silent."""
-        if self.output is None or self._heard_ns is None:
+        """Republish the last estimate as STALE once the inputs have been silent for the timeout."""
+        silence_s = self._silence_s()
+        if self.output is None or silence_s <= self.timeout_s:
             return
-        now = self._now_ns()
-        self._heard_ns = min(self._heard_ns, now)  # the node's clock may have been set back
-        if now - self._heard_ns > self.timeout_s * 1e9:
-            self._publish_stale(self.output)
+        if not self._quiet:
+            self._quiet = True
+            self.get_logger().warning(
+                f"inputs lost: no estimate for {silence_s:.2g} s; outputs are STALE"
+            )
+        self._publish_stale(self.output)
+
+    def _on_steady(self) -> None:
+        """Diagnose where the node's clock does not tell that it is time to."""
+        if monotonic() - self._refused_s > 1.5 * DIAGNOSIS_S:
+            self._on_diagnostics()
 
     def _on_diagnostics(self) -> None:
         now = self._now_ns()
         elapsed = (now - self._diagnosed_ns) * 1e-9
         rate = (self._published - self._diagnosed) / elapsed if elapsed > 0.0 else 0.0
         self._diagnosed, self._diagnosed_ns = self._published, now
+        health = self._health(now, rate)
+        self._warn(health)
         status = status_of(
-            self.get_fully_qualified_name().lstrip("/"),
-            self.live,
-            self.output,
-            rate,
-            None if self._heard_ns is None else self._silence_s(),
-            self.timeout_s,
-            self.times,
+            self.get_fully_qualified_name().lstrip("/"), self.live, self.output, health, self.times
         )
         self.diagnostics.publish(diagnostic_array(self.get_clock().now().to_msg(), status))
         self.write_state()
 
+    def _health(self, now_ns: int, rate_hz: float) -> Health:
+        conditioner = self.live.conditioner
+        silence_s = self._silence_s()
+        steady_s = monotonic()
+        _, refusing = refusal_rate(conditioner.refused, self._refused, steady_s - self._refused_s)
+        self._refused, self._refused_s = dict(conditioner.refused), steady_s
+        age = float("inf")
+        if self.output is not None:
+            stamp_ns = self.output.estimate.stamp_ns
+            age = age_s(stamp_ns, now_ns, conditioner.lag_ns * 1e-9, silence_s)
+        waiting = ""
+        if self._quiet or self.output is None:
+            self._adapt()
+            waiting = missing_inputs(
+                [one.heard for one in self._angles.values()],
+                conditioner.unheard,
+                conditioner.refused,
+                self.live.model.robot,
+            )
+        return Health(
+            self.timeout_s, silence_s, age, rate_hz, waiting, refusing, self.clock_refused
+        )
+
+    def _adapt(self) -> None:
+        """Subscribe best-effort to topics whose publishers are, and log it."""
+        for one in self._inputs:
+            if words := one.look():
+                self.get_logger().warning(words, throttle_duration_sec=AGAIN_S)
+
+    def _warn(self, health: Health) -> None:
+        """Log why there is no estimate, or why many readings are refused; not every second."""
+        words = ""
+        if health.waiting and monotonic() - self._estimated_s > PATIENCE_S:
+            self._quiet = True
+            words = f"no estimate: {health.waiting}"
+        elif health.refusing and not self._quiet:
+            words = health.refusing
+        if words:
+            self.get_logger().warning(words, throttle_duration_sec=AGAIN_S)
+
     def _forget(self) -> None:
-        """What was said last holds no longer: the last message on the topics says so."""
+        """Republish the last estimate as STALE, then discard it."""
         if self.output is not None:
             self._publish_stale(self.output)
         self.output = None
-        self._heard_ns = None
+        self.silence.forget()
+        self._thinning.reset()
         self.write_state()
 
     def _publish_stale(self, output: Output) -> None:
@@ -288,11 +394,7 @@ class EstimatorNode(Node):
         self.tensions.publish(self.encoder.tensions(stale, output.stddev))
         self.forces.publish(self.encoder.nodal_forces(stale, output.stddev))
 
-    def _silence_s(self) -> float:
-        """Time since the last estimate [s]; infinite before the first."""
-        if self._heard_ns is None:
-            return float("inf")
-        return max(self._now_ns() - self._heard_ns, 0) * 1e-9
+    # --- services and parameters ------------------------------------------------------------------
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.live.reset()
@@ -324,8 +426,9 @@ class EstimatorNode(Node):
         try:
             if len(request.cable) != len(request.preload):
                 raise UsageError(
-                    f"as many preloads as cables are needed, got {len(request.cable)} cables and "
-                    f"{len(request.preload)} preloads"
+                    "as many preloads as cables are needed, got "
+                    f"{counted(len(request.cable), 'cable')} and "
+                    f"{counted(len(request.preload), 'preload')}"
                 )
             if len(set(request.cable)) != len(request.cable):
                 raise UsageError("a cable is named twice")
@@ -333,12 +436,30 @@ class EstimatorNode(Node):
             response.message = self.live.set_preload(changes)
             response.success = True
             self._forget()
+            self._show_in_force()
             self.get_logger().info(f"preload of {response.message}")
         except CdrjError as error:
             response.success, response.message = False, f"nothing changed: {error}"
         return response
 
+    def _show_in_force(self) -> None:
+        """Let the parameters show the preloads and the friction in force."""
+        self._showing = True
+        try:
+            with starting():
+                self.set_parameters(in_force(self.live))
+        finally:
+            self._showing = False
+
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        if self._showing:
+            return SetParametersResult(successful=True)
+        simulated = {change.name: change.value for change in changes}.get(SIMULATED)
+        if simulated is not None and simulated != self.get_parameter(SIMULATED).value:
+            return SetParametersResult(
+                successful=False,
+                reason=f"nothing changed: {SIMULATED} is read-only after the start",
+            )
         before = self.live.last_ns
         try:
             words = changed_options(self.live, changes)
@@ -349,54 +470,3 @@ class EstimatorNode(Node):
         if words:
             self.get_logger().info(words)
         return SetParametersResult(successful=True)
-
-
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(f"{message}; see --help")
-
-
-def _arguments(arguments: list[str]) -> argparse.Namespace:
-    parser = _Parser(
-        prog="estimator",
-        usage="estimator [--state-file FILE] --ros-args -p robot:=FILE [-p timeout:=S] "
-        "[-r FROM:=TO] ...",
-        description="Tension of every cable element and force on every pulley from motor encoders "
-        "and joint angles. Topics in the namespace /cdrj: in motor_states, joint_states, "
-        "tension_sensors; out tensions, nodal_forces, efforts; /diagnostics. Services: ~/reset, "
-        "~/tare, ~/set_preload.",
-    )
-    parser.add_argument(
-        "--state-file", type=Path, metavar="FILE",
-        help="what is known is written there every second, and taken up at the next start",
-    )  # fmt: skip
-    return parser.parse_args(arguments)
-
-
-def _body(argv: Sequence[str]) -> int:
-    arguments = ["estimator", *argv]
-    with starting():
-        own = _arguments(remove_ros_args(arguments)[1:])
-    with ros_context(arguments) as stop:
-        with starting():
-            node = EstimatorNode(own.state_file)
-        if os.environ.get(RANGE) == "LOCALHOST":
-            node.get_logger().info(f"heard on this machine only; {RANGE}=SUBNET opens the network")
-        executor = EventsExecutor()
-        executor.add_node(node)
-        with stop.listening():
-            try:
-                while not stop:
-                    executor.spin_once(timeout_sec=STOP_POLL_S)
-            finally:
-                node.write_state()
-                executor.shutdown()
-                node.destroy_node()
-    return DONE
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("estimator", _body, sys.argv[1:] if argv is None else argv)

@@ -1,108 +1,107 @@
-"""The estimator's parameters: declared with words, ranges and units; what may change, and how."""
+"""The estimator's parameters in ROS: declared from ``parameters``, read, and changed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from cdrj_ros.conditioning.time_line import MODES
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.robot.document import LARGEST, schema
+from cdrj_ros.nodes.parameters import (
+    FASTEST_HZ,
+    FRICTION,
+    SLOWEST_HZ,
+    UNSET,
+    OutputMode,
+    Setting,
+    settings,
+)
+from cdrj_ros.robot.document import LARGEST
 from cdrj_ros.robot.parameters import number_at
 
-FRICTION: Final = (
-    "mu_c",
-    "mu_s",
-    "rho",
-    "bearing_friction",
-    "bristle_stiffness",
-    "viscous",
-)
-"""Keys of the robot file's common friction that may change while running."""
-
-UNSET: Final = -1.0
-"""Value of a parameter that leaves the robot file's."""
-
 TRACKING: Final = "tracking_bandwidth"
-SLOWEST_HZ, FASTEST_HZ = 0.1, 1000.0
+SIMULATED: Final = "use_sim_time"
+
+_DOUBLES: Final = (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY)
 
 
-def declare_text(node: Node, name: str, default: str, description: str) -> str:
-    """A text that cannot change."""
-    descriptor = ParameterDescriptor(description=description, read_only=True)
-    return str(node.declare_parameter(name, default, descriptor).value)
+class Started(NamedTuple):
+    """The parameters that the node reads once, as it starts."""
+
+    robot: str
+    timeout_s: float
+    frame_id: str
+    preload: list[float] | None
+    """Of every cable [N]; None for the robot file's."""
+    output: OutputMode
+    max_rate_hz: float
+    """0: no limit."""
+    options: Options
+    friction: dict[str, float]
+    """Common friction that replaces the robot file's, by path."""
 
 
-def declare_flag(node: Node, name: str, default: bool, description: str) -> bool:
-    """A switch that cannot change."""
-    descriptor = ParameterDescriptor(description=description, read_only=True)
-    return bool(node.declare_parameter(name, default, descriptor).value)
-
-
-def declare_number(
-    node: Node,
-    name: str,
-    default: float,
-    low: float,
-    high: float,
-    description: str,
-    read_only: bool = False,
-) -> float:
-    """A number with its range."""
-    descriptor = ParameterDescriptor(
-        description=description,
-        read_only=read_only,
-        floating_point_range=[FloatingPointRange(from_value=low, to_value=high)],
-    )
-    return float(node.declare_parameter(name, default, descriptor).value)
-
-
-def declare_options(node: Node) -> Options:
-    """How to run.
+def declare(node: Node) -> Started:
+    """Declare every parameter and read it.
 
     Raises:
-        UsageError: a mode that does not exist.
+        UsageError: a value that does not exist; ROS refuses other wrong ones.
     """
-    mode = declare_text(
-        node, "conditioning", "wait", "wait for the slower topic, or predict it with its velocity"
-    )
-    if mode not in MODES:
-        raise UsageError(f"conditioning must be one of {', '.join(MODES)}, got {mode!r}")
-    return Options(
-        conditioning=mode,
-        uncertainty=declare_flag(
-            node, "uncertainty", True, "Whether to estimate standard deviations"
-        ),
-        unsure_share=declare_number(
-            node, "unsure_share", 0.1, 0.001, 10.0,
-            "An element is UNSURE whose standard deviation exceeds this share of its tension or "
-            "preload [-]",
-        ),
-        tension_sensors=declare_flag(
-            node, "tension_sensors", False, "Whether to use load cells on ~tension_sensors"
-        ),
-        track_preload=declare_flag(
-            node, "track_preload", False,
-            "Whether to correct preloads by the efforts in motor_states",
-        ),
-        effort_noise=declare_number(
-            node, "effort_noise", 0.01, 1e-6, 1e6,
-            "Standard deviation of the efforts in motor_states [N m]", read_only=True,
-        ),
-        tracking=_bandwidth(
-            declare_number(
-                node, TRACKING, UNSET, UNSET, FASTEST_HZ,
-                "Bandwidth of the filters that find an angle between the counts of its sensor, of "
-                f"all sensors whose resolution or noise is given [Hz]; 0: no filter; {UNSET:g}: "
-                "the robot file's",
+    overrides = node._parameter_overrides  # there is no public way to what was given
+    values: dict[str, Any] = {}
+    for setting in settings():
+        given = overrides.get(setting.name)
+        if given is not None:
+            overrides[setting.name] = as_double(given, setting)
+        kind: Any = Parameter.Type.DOUBLE_ARRAY if setting.default is None else setting.default
+        value = node.declare_parameter(setting.name, kind, _descriptor(setting)).value
+        if setting.choices and value not in setting.choices:
+            raise UsageError(
+                f"{setting.name} must be one of {', '.join(setting.choices)}, got {value!r}"
             )
-        ),
-    )  # fmt: skip
+        values[setting.name] = value
+    options = Options(
+        conditioning=values["conditioning"],
+        uncertainty=values["uncertainty"],
+        unsure_share=values["unsure_share"],
+        tension_sensors=values["tension_sensors"],
+        track_preload=values["track_preload"],
+        effort_noise=values["effort_noise"],
+        tracking=_bandwidth(values[TRACKING]),
+    )
+    return Started(
+        values["robot"],
+        values["timeout"],
+        values["frame_id"],
+        list(values["preload"] or ()) or None,
+        values["output"],
+        values["max_rate"],
+        options,
+        _given_friction(values),
+    )
+
+
+def _descriptor(setting: Setting) -> ParameterDescriptor:
+    limits = [FloatingPointRange(from_value=setting.low, to_value=setting.high)]
+    return ParameterDescriptor(
+        description=setting.words,
+        read_only=not setting.changeable,
+        floating_point_range=limits if setting.bounded else [],
+    )
+
+
+def as_double(given: Parameter, setting: Setting) -> Parameter:
+    """The parameter, with whole numbers as what they stand for: ``timeout:=1`` means 1.0."""
+    wants_array = setting.default is None
+    if setting.bounded and given.type_ == Parameter.Type.INTEGER:
+        return Parameter(given.name, value=float(given.value))
+    if wants_array and given.type_ == Parameter.Type.INTEGER_ARRAY:
+        return Parameter(given.name, value=[float(value) for value in given.value])
+    return given
 
 
 def _bandwidth(value: float) -> float | None:
@@ -117,43 +116,51 @@ def _bandwidth(value: float) -> float | None:
     )
 
 
-def declare_preload(node: Node) -> Sequence[float] | None:
-    """Preloads of all cables [N], or None for the robot file's."""
-    value: Any = node.declare_parameter(
-        "preload",
-        Parameter.Type.DOUBLE_ARRAY,
-        ParameterDescriptor(
-            description="Preload of every cable in the reference pose [N]; unset: the robot "
-            "file's. Setting it starts the estimate anew"
-        ),
-    ).value
-    return value or None
-
-
-def declare_friction(node: Node) -> dict[str, float]:
-    """Common friction that is given as parameters instead of in the robot file, by path."""
-    rules = schema()["$defs"]["friction"]["properties"]
+def _given_friction(values: dict[str, Any]) -> dict[str, float]:
     given = {}
-    for key in FRICTION:
-        rule = rules[key]
-        value = declare_number(
-            node, f"friction.{key}", UNSET, UNSET, float(rule.get("maximum", 1e12)),
-            f"{rule['description']} Instead of the robot file's common value; {UNSET:g}: that one",
-        )  # fmt: skip
+    for name in (f"friction.{key}" for key in FRICTION):
+        value = float(values[name])
         if value != UNSET:
-            if not 0.0 <= value <= LARGEST:
-                raise UsageError(f"friction.{key} must be at least 0, or {UNSET:g}; got {value:g}")
-            given[f"friction.{key}"] = value
+            given[name] = _checked_friction(name, value)
     return given
 
 
-def _friction_value(live: LiveEstimator, name: str, value: float) -> float:
-    """What a friction parameter means."""
-    if value == UNSET:
-        return number_at(dict(live.started.robot.document), name)
+def _checked_friction(name: str, value: float) -> float:
     if not 0.0 <= value <= LARGEST:
         raise UsageError(f"{name} must be in [0, {LARGEST:g}], or {UNSET:g}; got {value:g}")
     return value
+
+
+def in_force(live: LiveEstimator) -> list[Parameter]:
+    """The parameters that services and a state file change too, with the values in force."""
+    robot = live.model.robot
+    document = dict(robot.document)
+    return [
+        Parameter("preload", value=[float(cable.preload) for cable in robot.cables]),
+        *(
+            Parameter(name, value=float(number_at(document, name)))
+            for name in (f"friction.{key}" for key in FRICTION)
+        ),
+    ]
+
+
+def meant(live: LiveEstimator, changes: Sequence[Parameter]) -> list[Parameter]:
+    """The changes with the numbers they stand for.
+
+    Whole numbers become doubles, and ``friction.*`` of ``UNSET`` the robot file's value, so that
+    the parameter shows what is in force.
+    """
+    by_name = {setting.name: setting for setting in settings()}
+    found = []
+    for change in changes:
+        setting = by_name.get(change.name)
+        one = change if setting is None else as_double(change, setting)
+        if one.name.startswith("friction.") and one.value == UNSET and setting is not None:
+            one = Parameter(
+                one.name, value=float(number_at(dict(live.started.robot.document), one.name))
+            )
+        found.append(one)
+    return found
 
 
 def _checked(
@@ -168,7 +175,7 @@ def _checked(
     preload: Sequence[float] | None = None
     for change in changes:
         if change.name.startswith("friction."):
-            values[change.name] = _friction_value(live, change.name, float(change.value))
+            values[change.name] = _checked_friction(change.name, float(change.value))
         elif change.name == "preload":
             if change.value is None:
                 raise UsageError("preload cannot be unset while running")
@@ -191,7 +198,7 @@ def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
     """Apply changes of parameters to a running estimator, all or none.
 
     Returns:
-        What was done, in words; empty where nothing concerns the estimator.
+        What was done, in words; empty if nothing concerns the estimator.
 
     Raises:
         CdrjError: what is wrong; nothing has changed then.

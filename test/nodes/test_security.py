@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import runpy
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -137,7 +136,7 @@ def test_the_state_file_is_named_on_the_command_line_and_nowhere_else() -> None:
     assert assigned == ["state_file"]
     made = [
         [ast.unparse(argument) for argument in call.args]
-        for name, call in calls(PACKAGE / "nodes" / "estimator.py")
+        for name, call in calls(PACKAGE / "nodes" / "estimator_command.py")
         if name == "EstimatorNode"
     ]
     assert made == [["own.state_file"]]
@@ -196,41 +195,3 @@ def test_what_was_not_told_is_seen_by_ros_itself() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=False
     )
     assert done.stdout.split() == ["LOCALHOST", "True"], done.stderr
-
-
-def test_the_launch_file_limits_discovery_before_it_starts_the_node() -> None:
-    found = dict(calls(ROOT / "launch" / "estimator.launch.py"))
-    variable, value = found["SetEnvironmentVariable"].args
-    assert ast.unparse(variable) == "'ROS_AUTOMATIC_DISCOVERY_RANGE'"
-    assert ast.unparse(value) == "LaunchConfiguration('discovery_range')"
-    assert found["SetEnvironmentVariable"].lineno < found["Node"].lineno
-    defaults = {
-        ast.unparse(call.args[0]): ast.unparse(keyword.value)
-        for name, call in calls(ROOT / "launch" / "estimator.launch.py")
-        if name == "DeclareLaunchArgument"
-        for keyword in call.keywords
-        if keyword.arg == "default_value"
-    }
-    assert defaults["'discovery_range'"] == "'LOCALHOST'"
-
-
-def test_launched_nodes_speak_to_this_machine_only_unless_told_otherwise() -> None:
-    pytest.importorskip("launch.actions", reason="ROS 2 launch is not installed")
-    from launch import LaunchContext
-    from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
-    from launch_ros.actions import Node
-
-    names = runpy.run_path(str(ROOT / "launch" / "estimator.launch.py"))
-    actions = names["generate_launch_description"]().entities
-    order = [type(action) for action in actions]
-    assert order.index(SetEnvironmentVariable) < order.index(Node)
-    for asked, given in ((None, "LOCALHOST"), ("SUBNET", "SUBNET")):
-        context = LaunchContext()
-        if asked:
-            context.launch_configurations["discovery_range"] = asked
-        for action in actions:
-            if isinstance(action, DeclareLaunchArgument) and action.name == "discovery_range":
-                action.execute(context)
-            if isinstance(action, SetEnvironmentVariable):
-                action.execute(context)
-        assert context.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == given

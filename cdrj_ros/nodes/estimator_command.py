@@ -1,0 +1,77 @@
+"""The command line of the estimator node."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from rclpy.experimental import EventsExecutor
+from rclpy.utilities import remove_ros_args
+
+from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.nodes.estimator import EstimatorNode
+from cdrj_ros.nodes.parameters import parameter_file
+from cdrj_ros.nodes.spinning import RANGE, STOP_POLL_S, ros_context, starting
+
+
+class _Parser(argparse.ArgumentParser):
+    """States what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}; see --help")
+
+
+def _arguments(arguments: list[str]) -> argparse.Namespace:
+    parser = _Parser(
+        prog="estimator",
+        usage="estimator [--state-file FILE] --ros-args -p robot:=FILE [-p timeout:=S] "
+        "[-r FROM:=TO] ...",
+        description="Tension of every cable element and force on every pulley from motor encoders "
+        "and joint angles. Topics in the namespace /cdrj: in motor_states, joint_states, "
+        "tension_sensors; out tensions, nodal_forces, efforts; /diagnostics. Services: ~/reset, "
+        "~/tare, ~/set_preload.",
+    )
+    parser.add_argument(
+        "--state-file", type=Path, metavar="FILE",
+        help="what is known is written there every second, and read at the next start",
+    )  # fmt: skip
+    parser.add_argument(
+        "--print-parameters", action="store_true",
+        help="print a parameter file with every parameter, its default, unit and range, and exit",
+    )  # fmt: skip
+    return parser.parse_args(arguments)
+
+
+def _body(argv: Sequence[str]) -> int:
+    arguments = ["estimator", *argv]
+    with starting():
+        own = _arguments(remove_ros_args(arguments)[1:])
+    if own.print_parameters:
+        print(parameter_file(), end="")
+        return DONE
+    with ros_context(arguments) as stop:
+        with starting():
+            node = EstimatorNode(own.state_file)
+        if os.environ.get(RANGE) == "LOCALHOST":
+            node.get_logger().info(f"heard on this machine only; {RANGE}=SUBNET opens the network")
+        executor = EventsExecutor()
+        executor.add_node(node)
+        with stop.listening():
+            try:
+                while not stop:
+                    executor.spin_once(timeout_sec=STOP_POLL_S)
+            finally:
+                node.write_state()
+                executor.shutdown()
+                node.destroy_node()
+    return DONE
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return run_command("estimator", _body, sys.argv[1:] if argv is None else argv)

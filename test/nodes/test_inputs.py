@@ -1,0 +1,333 @@
+"""What the node makes of its inputs: missing, refused, best-effort, silent, late or thinned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from support.estimators import (
+    BEGIN,
+    JOINT,
+    MILLISECOND,
+    MOTOR,
+    ROBOT,
+    SECOND,
+    Bench,
+    expected,
+    feed,
+    hear_diagnostics,
+    sample_at,
+    tensions,
+    values_of,
+)
+
+from cdrj_ros.messages.cdr import JOINT_STATE, Template
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.status import STALE
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def bench(ros: None) -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def log(bench: Bench) -> list[tuple[int, str]]:
+    """Severity and text of what estimators log from now on."""
+    from rcl_interfaces.msg import Log
+
+    lines: list[tuple[int, str]] = []
+    bench.node.create_subscription(Log, "/rosout", lambda m: lines.append((m.level, m.msg)), 1000)
+    return lines
+
+
+def logged(bench: Bench, lines: list[tuple[int, str]], level: str, words: str) -> bool:
+    from rcl_interfaces.msg import Log
+
+    severity = getattr(Log, level)
+    return bench.until(lambda: any(one == severity and words in text for one, text in lines))
+
+
+def diagnosed(node: Any) -> Any:
+    """The status that the node publishes now, a second after the last one."""
+    kept: list[Any] = []
+    node.diagnostics = SimpleNamespace(publish=kept.append)
+    node._refused_s -= 1.0
+    node._on_diagnostics()
+    return kept[0].status[0]
+
+
+# missing and refused ---------------------------------------------------------------------------
+
+
+def test_a_name_that_no_message_carries_is_said_with_what_came_instead(
+    bench: Bench, log: list[tuple[int, str]]
+) -> None:
+    from cdrj_ros.nodes import estimator
+
+    node = bench.estimator()
+    assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
+    other = Template(JOINT_STATE, ("winch_motor",), ("position",))
+    for k in range(20):
+        node.motor(other.encode(BEGIN + k * MILLISECOND, position=[0.0]))
+        node.joint(JOINT.encode(0, position=[0.0]))
+    words = (
+        "no reading of winch, elbow accepted. /cdrj/motor_states: 20 messages, the last names "
+        "winch_motor, not winch. /cdrj/joint_states: 20 messages. refused: 20 unstamped "
+        "(message with a stamp that is not after zero); 20 unknown_name "
+    )
+    node._estimated_s -= estimator.PATIENCE_S
+    status = diagnosed(node)
+    assert status.level == status.WARN
+    assert words in status.message
+    assert logged(bench, log, "WARN", "the last names winch_motor, not winch")
+
+
+def test_the_log_says_when_estimates_begin_stop_and_come_back(
+    bench: Bench, log: list[tuple[int, str]]
+) -> None:
+    node = bench.estimator(timeout=0.2)
+    assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
+    feed(node, 0, 10)
+    assert logged(bench, log, "INFO", "first estimate, ")
+    assert logged(bench, log, "WARN", "inputs lost: no estimate for 0.")
+    feed(node, 10, 20)
+    assert logged(bench, log, "INFO", "inputs are back after ")
+
+
+def test_many_refused_readings_are_a_warning_with_the_cause(bench: Bench) -> None:
+    node = bench.estimator()
+    node.live.set_unsure_share(10.0)
+    feed(node, 0, 20)
+    diagnosed(node)
+    for count, level in ((4, b"\0"), (20, b"\1")):
+        for k in range(count):
+            node.joint(JOINT.encode(sample_at(20).stamp_ns + k, position=[3.0]))
+        feed(node, 20 + count, 21 + count)
+        status = diagnosed(node)
+        assert status.level == level, status.message
+    assert "20 readings per second refused: 20 out_of_range (joint angle outside" in status.message
+
+
+# quality of service ----------------------------------------------------------------------------
+
+
+def test_a_best_effort_publisher_is_heard_and_the_log_says_what_it_costs(
+    bench: Bench, log: list[tuple[int, str]]
+) -> None:
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    node = bench.estimator()
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    motors = bench.node.create_publisher(JointState, "/cdrj/motor_states", best_effort)
+    joints = bench.node.create_publisher(JointState, "/cdrj/joint_states", 10)
+    k = 0
+
+    def answered() -> bool:
+        nonlocal k
+        sample = sample_at(k)
+        joints.publish(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
+        motors.publish(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+        k += 1
+        return node.output is not None
+
+    assert bench.until(answered)
+    assert logged(bench, log, "WARN", "subscribed best-effort as well. Readings may be lost")
+    reliability = {kind: one.reliability for kind, one in node._angles.items()}
+    assert reliability == {
+        "motors": ReliabilityPolicy.BEST_EFFORT,
+        "joints": ReliabilityPolicy.RELIABLE,
+    }
+
+
+def test_an_explicit_reliability_is_kept_and_the_log_says_the_remedy(
+    bench: Bench, log: list[tuple[int, str]]
+) -> None:
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    name = "qos_overrides./cdrj/motor_states.subscription.reliability"
+    node = bench.estimator(**{name: "reliable"})
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    bench.node.create_publisher(JointState, "/cdrj/motor_states", best_effort)
+    assert logged(bench, log, "WARN", "Set it to best_effort")
+    assert node._angles["motors"].reliability == ReliabilityPolicy.RELIABLE
+
+
+# parameters ------------------------------------------------------------------------------------
+
+
+def test_parameters_show_what_is_in_force(bench: Bench) -> None:
+    from cdrj_msgs.srv import SetPreload
+    from rclpy.parameter import Parameter
+
+    node = bench.estimator(**{"friction.rho": 0.35})
+
+    def shown(name: str) -> Any:
+        return node.get_parameter(name).value
+
+    assert list(shown("preload")) == [36.85, 26.26]
+    assert (shown("friction.rho"), shown("friction.mu_c")) == (0.35, 0.15)
+    request = SetPreload.Request(cable=["upper"], preload=[20.0])
+    answer = bench.call(SetPreload, "/cdrj/estimator/set_preload", request)
+    assert answer.success
+    assert list(shown("preload")) == [20.0, 26.26]
+    before = node.live.model
+    assert [cable.preload for cable in before.robot.cables] == [20.0, 26.26]
+
+    (result,) = node.set_parameters([Parameter("friction.rho", value=-1.0)])
+    assert result.successful
+    assert shown("friction.rho") == 0.2  # the robot file's
+    (result,) = node.set_parameters([Parameter("unsure_share", value=1)])
+    assert result.successful
+    assert (shown("unsure_share"), node.live.options.unsure_share) == (1.0, 1.0)
+
+
+def test_whole_numbers_are_numbers(bench: Bench) -> None:
+    node = bench.estimator("-p", "timeout:=1", "-p", "preload:=[30, 20]", timeout=2)
+    assert node.timeout_s == 2.0
+    assert node.get_parameter("timeout").value == 2.0
+    assert [cable.preload for cable in node.live.model.robot.cables] == [30.0, 20.0]
+
+
+def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
+    from cdrj_ros.nodes.parameters import parameter_file, settings
+
+    path = ROOT / "config" / "estimator.params.yaml"
+    assert path.read_text(encoding="utf-8") == parameter_file()
+    node = bench.estimator("--params-file", str(path), timeout=0.5)
+    declared = {name for name in node._parameters if not name.startswith("qos_overrides.")}
+    assert declared - {"use_sim_time", "start_type_description_service"} == {
+        setting.name for setting in settings()
+    }
+    for setting in settings():
+        descriptor = node.describe_parameter(setting.name)
+        assert descriptor.description == setting.words
+        if setting.bounded:
+            (limits,) = descriptor.floating_point_range
+            assert (limits.from_value, limits.to_value) == (setting.low, setting.high)
+        if setting.name not in ("robot", "preload") and not setting.name.startswith("friction."):
+            assert node.get_parameter(setting.name).value == setting.default
+
+
+# time ------------------------------------------------------------------------------------------
+
+
+def test_without_a_clock_a_steady_one_finds_the_silence(
+    bench: Bench, log: list[tuple[int, str]]
+) -> None:
+    from cdrj_msgs.msg import CableTensions
+
+    node = bench.estimator(use_sim_time=True, timeout=0.2)
+    said: list[Any] = []
+    heard: list[Any] = []
+    hear_diagnostics(bench, said)
+    bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 100)
+    assert bench.until(lambda: node.tensions.get_subscription_count() > 0)
+    feed(node, 0, 10)
+    assert bench.until(lambda: bool(heard) and all(flags & STALE for flags in heard[-1].status))
+    assert logged(bench, log, "WARN", "inputs lost")
+    assert bench.until(lambda: bool(said) and said[-1].message == "no input for 0.2 s", 5.0)
+    assert said[-1].level == said[-1].STALE
+
+
+def test_nobody_changes_the_clock_of_a_running_node(bench: Bench) -> None:
+    from rclpy.parameter import Parameter
+
+    node = bench.estimator()
+    (result,) = node.set_parameters([Parameter("use_sim_time", value=True)])
+    assert not result.successful
+    assert "use_sim_time is read-only after the start" in result.reason
+    assert node.get_parameter("use_sim_time").value is False
+
+
+def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
+    from rclpy.qos import QoSProfile
+    from rosgraph_msgs.msg import Clock
+
+    node = bench.estimator(use_sim_time=True)
+    publisher = bench.node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+    assert bench.until(lambda: publisher.get_subscription_count() > 0)
+    message = Clock()
+    for count, (sec, nanosec) in enumerate(((-1, 0), (-(2**31), 5), (5, 2**32 - 1)), start=1):
+        message.clock.sec, message.clock.nanosec = sec, nanosec
+        publisher.publish(message)
+        assert bench.until(lambda: node.clock_refused == count)  # noqa: B023
+    for sec, nanosec in ((2**31 - 1, 0), (7, 5)):
+        message.clock.sec, message.clock.nanosec = sec, nanosec
+        publisher.publish(message)
+        assert bench.until(lambda: node._now_ns() == sec * SECOND + nanosec)  # noqa: B023
+    assert values_of(diagnosed(node))["impossible times on /clock"] == "3"
+
+
+def test_estimates_that_lag_behind_are_marked_and_said(bench: Bench) -> None:
+    """Joint readings come ten seconds late beside a motor that is on time."""
+    node = bench.estimator(timeout=0.5)
+    node.live.set_unsure_share(10.0)
+    published: list[Any] = []
+    node._publish = published.append
+    late = 1000  # of 10 ms
+    for k in range(late + 100):
+        sample = sample_at(10 * k)
+        node.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+        if k >= late:
+            before = sample_at(10 * (k - late))
+            node.joint(JOINT.encode(before.stamp_ns, position=before.joint_angle))
+    status = diagnosed(node)
+    assert status.level == status.WARN
+    assert "estimates are 10 s old" in status.message
+    assert float(values_of(status)["age [s]"]) == pytest.approx(10.0, abs=0.2)
+    assert len(published) == 100
+    assert all(int(flags) & STALE for one in published for flags in one.estimate.status)
+
+
+# output ----------------------------------------------------------------------------------------
+
+
+def send_unequal_rates(node: Any, count: int) -> None:
+    """Motors at 500 Hz, joints at 1 kHz; their stamps differ by a third of a millisecond."""
+    for k in range(count):
+        sample = sample_at(k)
+        node.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
+        if k % 2:
+            stamp = sample.stamp_ns - MILLISECOND // 3
+            node.motor(MOTOR.encode(stamp, position=sample.motor_angle))
+
+
+def test_thinning_leaves_out_messages_and_changes_no_bit(bench: Bench) -> None:
+    everything = bench.estimator()
+    send_unequal_rates(everything, 600)
+    whole = {one.estimate.stamp_ns: one for one in everything.outputs}
+    assert len(whole) == pytest.approx(900, abs=5)  # 1 kHz and 500 Hz
+    for side, rate, given in (
+        ("motors", 500, {"output": "motor_stamps"}),
+        ("slow", 100, {"max_rate": 100}),
+        ("both", 50, {"output": "motor_stamps", "max_rate": 50.0}),
+    ):
+        thinned = bench.estimator("-r", f"__ns:=/{side}", **given)
+        send_unequal_rates(thinned, 600)
+        assert len(thinned.outputs) == pytest.approx(0.6 * rate, abs=2)
+        for one in thinned.outputs:
+            same = whole[one.estimate.stamp_ns]
+            assert np.array_equal(one.estimate.values, same.estimate.values)
+            assert np.array_equal(one.stddev, same.stddev)
+        if "output" in given:
+            remainders = {one.estimate.stamp_ns % MILLISECOND for one in thinned.outputs}
+            assert remainders == {-(MILLISECOND // 3) % MILLISECOND}
+        last = everything.output.estimate
+        assert np.array_equal(thinned.output.estimate.values, last.values)
+
+
+def test_by_default_nothing_is_thinned(bench: Bench) -> None:
+    node = bench.estimator()
+    feed(node, 0, 50)
+    assert np.array_equal(tensions(node), expected((load_model(ROBOT),), (range(50),)))

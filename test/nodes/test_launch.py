@@ -1,0 +1,149 @@
+"""The launch file: what it asks for, what it refuses, and the node it starts."""
+
+from __future__ import annotations
+
+import os
+import runpy
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+FILE = Path(__file__).parents[2] / "launch" / "estimator.launch.py"
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PATIENCE_S = 120.0
+
+
+class Action(SimpleNamespace):
+    """Stands in for an action of launch: keeps what it is made of."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(given=given, **named)
+
+    @property
+    def name(self) -> str:
+        return str(self.given[0])
+
+
+@pytest.fixture
+def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Run the file's own functions as launch would, with launch itself replaced."""
+    modules = {
+        name: ModuleType(name)
+        for name in ("launch", "launch.actions", "launch_ros", "launch_ros.actions")
+    }
+    for module, names in (
+        ("launch", ("LaunchContext", "LaunchDescription")),
+        ("launch.actions", ("DeclareLaunchArgument", "OpaqueFunction", "SetEnvironmentVariable")),
+        ("launch_ros.actions", ("Node",)),
+    ):
+        for name in names:
+            setattr(modules[module], name, type(name, (Action,), {}))
+    for name, module in modules.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "cdrj_ros", FILE.name])
+
+    def run(*argv: str) -> list[Any]:
+        space = runpy.run_path(str(FILE))
+        (entities,) = space["generate_launch_description"]().given
+        arguments = {one.name: one for one in entities if hasattr(one, "description")}
+        given = dict(one.split(":=") for one in argv)
+        configurations = {
+            name: given.get(name, getattr(one, "default_value", None))
+            for name, one in arguments.items()
+        }
+        context = SimpleNamespace(argv=list(argv), launch_configurations=configurations)
+        actions = [one.function(context) for one in entities if hasattr(one, "function")]
+        return [one for made in actions if made for one in made]
+
+    return run
+
+
+def test_robot_is_required_and_all_other_arguments_have_a_default(launched: Any) -> None:
+    space = runpy.run_path(str(FILE))
+    without = [one.name for one in space["ARGUMENTS"] if not hasattr(one, "default_value")]
+    assert without == ["robot"]
+
+
+def test_the_node_gets_what_was_given_and_nothing_else(launched: Any) -> None:
+    (node,) = launched("robot:=r.yaml")
+    assert node.parameters == [{"robot": "r.yaml"}]
+    assert (node.namespace, node.arguments, node.ros_arguments) == ("cdrj", [], [])
+
+    change, node = launched(
+        "robot:=r.yaml", "params_file:=/p.yaml", "state_file:=/s", "preload:=30,20.5",
+        "conditioning:=predict", "log_level:=debug", "namespace:=left", "use_sim_time:=true",
+        "motor_states:=/m", "discovery_range:=SUBNET",
+    )  # fmt: skip
+    assert change.given == (RANGE, "SUBNET")
+    assert node.parameters == [
+        "/p.yaml",
+        {
+            "robot": "r.yaml",
+            "conditioning": "predict",
+            "use_sim_time": True,
+            "preload": [30.0, 20.5],
+        },
+    ]
+    assert node.namespace == "left"
+    assert node.arguments == ["--state-file", "/s"]
+    assert node.ros_arguments == ["--log-level", "debug"]
+    assert node.remappings == [("motor_states", "/m"), ("joint_states", "joint_states")]
+
+
+def test_an_exported_discovery_range_is_left_alone(launched: Any) -> None:
+    """The node itself stays on this machine if the environment says nothing."""
+    assert [type(one).__name__ for one in launched("robot:=r.yaml")] == ["Node"]
+
+
+def test_an_unknown_argument_is_refused_with_the_nearest_known_one(
+    launched: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(RuntimeError, match="'params_fle': did you mean params_file"):
+        launched("robot:=r.yaml", "params_fle:=x")
+    with pytest.raises(RuntimeError, match="preload must be numbers"):
+        launched("robot:=r.yaml", "preload:=much")
+    # another launch file that includes this one has arguments of its own
+    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "my_robot", FILE.name])
+    launched("robot:=r.yaml", "arm:=left")
+
+
+@pytest.mark.skipif(
+    shutil.which("ros2") is None, reason="ROS 2 launch is not installed: no command ros2"
+)
+def test_the_real_launch_starts_the_node_and_refuses_a_misspelt_argument() -> None:
+    def launch(*arguments: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            ["ros2", "launch", "cdrj_ros", FILE.name, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+
+    wrong = {
+        (): "required argument 'robot'",
+        ("robots:=prototype",): "given: [robots]",
+        ("robot:=prototype", "name_space:=left"): "did you mean namespace",
+    }
+    for arguments, words in wrong.items():
+        output, _ = launch(*arguments).communicate(timeout=PATIENCE_S)
+        assert words in output
+    process = launch("robot:=prototype", "preload:=30,20", "namespace:=left")
+    said = ""
+    try:
+        assert process.stdout is not None
+        while "14 pulleys" not in said:
+            line = process.stdout.readline()
+            assert line, said
+            said += line
+        assert "left.estimator" in said
+    finally:
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=PATIENCE_S)
+    assert "process has finished cleanly" in rest

@@ -1,0 +1,157 @@
+"""Estimator nodes in this process, and what is sent to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.conditioning.time_line import Conditioner
+from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.messages.cdr import JOINT_STATE, Template
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot
+
+ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+SECOND = 10**9
+MILLISECOND = 1_000_000
+BEGIN = 1_700_000_000 * SECOND
+PATIENCE_S = 60.0
+INPUTS = ("motor_states", "joint_states")
+MOTOR = Template(JOINT_STATE, ("winch",), ("position",))
+JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
+
+
+def sample_at(k: int, begin: int = BEGIN) -> Sample:
+    time = 1e-3 * k
+    elbow = 0.3 * np.sin(3.0 * time)
+    winch = 8.0 * np.sin(elbow) + 0.02 * np.sin(40.0 * time)  # 0.12 m a radian over 15 mm
+    return Sample(begin + k * MILLISECOND, np.array([winch]), np.array([elbow]))
+
+
+class Bench:
+    """Estimators in this process, and a node that speaks to them."""
+
+    def __init__(self) -> None:
+        from rclpy.experimental import EventsExecutor
+        from rclpy.node import Node
+
+        self.executor = EventsExecutor()
+        self.node = Node("bench")
+        self.executor.add_node(self.node)
+        self.estimators: list[Any] = []
+
+    def estimator(self, *arguments: str, state_file: Path | None = None, **given: Any) -> Any:
+        """A node whose outputs are kept in `outputs`."""
+        from rclpy.parameter import Parameter
+
+        from cdrj_ros.nodes.estimator import EstimatorNode
+
+        given = {"robot": ROBOT, "timeout": 3600.0, **given}
+        node = EstimatorNode(
+            state_file,
+            parameter_overrides=[Parameter(key, value=value) for key, value in given.items()],
+            cli_args=["--ros-args", *arguments],
+        )
+        node.outputs = []
+        publish = node._publish
+
+        def remember(output: Any) -> None:
+            node.outputs.append(output)
+            publish(output)
+
+        node._publish = remember
+        node.motor, node.joint = (
+            node._listener(kind, node._angles[kind].heard) for kind in ("motors", "joints")
+        )
+        self.executor.add_node(node)
+        self.estimators.append(node)
+        return node
+
+    def until(self, condition: Callable[[], bool], patience_s: float = PATIENCE_S) -> bool:
+        from time import monotonic
+
+        deadline = monotonic() + patience_s
+        while not condition():
+            if monotonic() > deadline:
+                return False
+            self.executor.spin_once(timeout_sec=0.01)
+        return True
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        assert self.until(client.service_is_ready)
+        answer = client.call_async(request)
+        assert self.until(answer.done)
+        self.node.destroy_client(client)
+        return answer.result()
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        for node in (*self.estimators, self.node):
+            node.destroy_node()
+
+
+def feed(node: Any, first: int, last: int, begin: int = BEGIN) -> None:
+    for k in range(first, last):
+        sample = sample_at(k, begin)
+        node.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
+        node.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+
+
+def tensions(node: Any) -> np.ndarray:
+    return np.array([output.estimate.tension for output in node.outputs])
+
+
+def expected(models: Sequence[Model], pieces: Sequence[range], begin: int = BEGIN) -> np.ndarray:
+    """Tensions of one history, in pieces, each with a model of its own."""
+    state = initial_state(models[0])
+    gate = Conditioner(models[0].robot)
+    found = []
+    for one, piece in zip(models, pieces, strict=True):
+        for k in piece:
+            sent = sample_at(k, begin)
+            gate.feed_joints(sent.stamp_ns, ("elbow",), sent.joint_angle)
+            (sample,) = gate.feed_motors(sent.stamp_ns, ("winch",), sent.motor_angle)
+            state, estimate = step(one, state, sample)
+            found.append(estimate.tension.copy())
+    return np.array(found)
+
+
+def changed(model: Model, **friction: float) -> Model:
+    values = {f"friction.{key}": value for key, value in friction.items()}
+    return prepare(build_robot(with_numbers(dict(model.robot.document), values), "changed"))
+
+
+def hear_diagnostics(bench: Bench, said: list[Any]) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    def on_message(message: DiagnosticArray) -> None:
+        said.extend(message.status)
+
+    bench.node.create_subscription(DiagnosticArray, "/diagnostics", on_message, 10)
+
+
+def values_of(status: Any) -> dict[str, str]:
+    return {value.key: value.value for value in status.values}
+
+
+class Clock:
+    """Sends /clock, and waits until the node has it."""
+
+    def __init__(self, bench: Bench, node: Any) -> None:
+        from rclpy.qos import QoSProfile
+        from rosgraph_msgs.msg import Clock as Message
+
+        self.bench, self.message, self.estimator = bench, Message(), node
+        self.publisher = bench.node.create_publisher(Message, "/clock", QoSProfile(depth=100))
+        assert bench.until(lambda: self.publisher.get_subscription_count() > 0)
+
+    def set(self, ns: int) -> None:
+        self.message.clock.sec, self.message.clock.nanosec = divmod(ns, SECOND)
+        self.publisher.publish(self.message)
+        assert self.bench.until(lambda: self.estimator._now_ns() == ns)
