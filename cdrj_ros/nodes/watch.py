@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from time import monotonic
-from typing import Any, Final, TextIO
+from types import FrameType
+from typing import Any, Final, NoReturn, TextIO
 
 from cdrj_msgs.msg import CableTensions, NodalForces
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -258,12 +260,18 @@ def _is_plain(stream: Any) -> bool:
     return False
 
 
+def _end(number: int, _frame: FrameType | None) -> NoReturn:
+    """Handle SIGTERM: leave with the terminal as it was."""
+    sys.exit(128 + number)
+
+
 def _body(argv: Sequence[str]) -> int:
     everything = ["watch", *argv]
     with starting():
         arguments = _parser().parse_args(remove_ros_args(everything)[1:])
     choice = _choice(arguments)
     with ros_context(everything):
+        signal.signal(signal.SIGTERM, _end)
         with starting():
             node = WatchNode(arguments.forces, choice)
         executor = EventsExecutor()

@@ -109,21 +109,27 @@ def test_a_pipe_gets_lines_that_notice_silence_and_ctrl_c_ends_it(
     assert errors.read_text() == "watch: interrupted\n"
 
 
-def test_a_terminal_gets_a_table_and_its_cursor_back(start_node: Any, source: Source) -> None:
+@pytest.mark.parametrize(
+    ("number", "code", "last"),
+    [(signal.SIGINT, 130, "watch: interrupted\r\n"), (signal.SIGTERM, 143, "")],
+)
+def test_a_terminal_gets_a_table_and_its_cursor_back(
+    start_node: Any, source: Source, number: signal.Signals, code: int, last: str
+) -> None:
     ours, theirs = pty.openpty()
     try:
         process = start_node("watch", stdout=theirs, stderr=theirs)
         output = Output(ours)
         source.publish_until(lambda: output.text.count("upper/1") > 3)  # drawn again and again
-        process.send_signal(signal.SIGINT)
-        assert process.wait(PATIENCE_S) == 130
+        process.send_signal(number)
+        assert process.wait(PATIENCE_S) == code
     finally:
         os.close(theirs)
     text = output.finish()
     os.close(ours)
     assert "█" in text
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")
-    assert text.endswith("watch: interrupted\r\n")
+    assert text.endswith(last)
     assert "Traceback" not in text
 
 
