@@ -6,8 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.rig.truth import Truth, simulate
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
@@ -107,3 +110,13 @@ def hoist() -> Robot:
 def robots() -> SimpleNamespace:
     """The robots above, by name."""
     return SimpleNamespace(prototype=prototype, finger=finger, platform=platform, hoist=hoist)
+
+
+@pytest.fixture(scope="session")
+def truth() -> Truth:
+    """The prototype, eight contact cells per pulley, for a cycle and a half at 0.1 Hz."""
+    time = np.arange(15_001) / 1000.0
+    angle = np.radians(38.0) * np.sin(2.0 * np.pi * 0.1 * time)
+    speed = np.gradient(angle, time)
+    torque = RollingLoad().torque(angle, speed, np.gradient(speed, time))
+    return simulate(prototype(), time, angle, torque)

@@ -11,9 +11,8 @@ import pytest
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.rig.truth import divide_contacts, simulate
+from cdrj_ros.rig.truth import Truth, divide_contacts, simulate
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
@@ -89,15 +88,9 @@ def test_cells_slide_together_as_the_whole_pulley_does() -> None:
             np.testing.assert_allclose(tension[[799, -1]], whole[[799, -1]], rtol=2e-3)
 
 
-def test_cells_give_the_lumped_pulleys_tensions_element_by_element() -> None:
-    robot = load_robot(PROTOTYPE)
-    time = np.arange(12_501) * 1e-3
-    angle = np.radians(38.0) * np.sin(2.0 * np.pi * 0.1 * time)
-    speed = np.gradient(angle, time)
-    torque = RollingLoad().torque(angle, speed, np.gradient(speed, time))
-    truth = simulate(robot, time, angle, torque, cells=8)
-    model = prepare(robot)
-    stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
+def test_cells_give_the_lumped_pulleys_tensions_element_by_element(truth: Truth) -> None:
+    model = prepare(load_robot(PROTOTYPE))
+    stamps = EPOCH_NS + np.round(truth.time * 1e9).astype(np.int64)
     samples = Samples(stamps, truth.motor_angle, truth.joint_angle)
     estimate = run(model, initial_state(model), samples)[1].values[:, model.layout.tension]
     error = np.abs(estimate - truth.tension)

@@ -17,17 +17,6 @@ from cdrj_ros.rig.truth import BALANCE_TOLERANCE, Truth, divide_contacts, simula
 from cdrj_ros.robot.reader import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
-AMPLITUDE = np.radians(38.0)
-
-
-@pytest.fixture(scope="module")
-def truth() -> Truth:
-    """A cycle and a half at 0.1 Hz."""
-    time = np.arange(15_001) / 1000.0
-    angle = AMPLITUDE * np.sin(2.0 * np.pi * 0.1 * time)
-    speed = np.gradient(angle, time)
-    torque = RollingLoad().torque(angle, speed, np.gradient(speed, time))
-    return simulate(ROBOT, time, angle, torque)
 
 
 def test_contact_cells_give_the_lumped_tensions_element_by_element(truth: Truth) -> None:
