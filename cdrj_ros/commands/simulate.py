@@ -28,10 +28,11 @@ from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.rig import motion
+from cdrj_ros.rig.assembly import MotionError, SlackError, Truth
 from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.rig.forward import swing
 from cdrj_ros.rig.sensors import Encoder, LoadCells, read_cells, read_encoder, schedule
-from cdrj_ros.rig.truth import MotionError, Progress, SlackError, Truth, follow, simulate
+from cdrj_ros.rig.truth import Progress, follow, simulate
 from cdrj_ros.robot.description import Joint, Motor, Robot
 
 EPOCH_NS: Final = 1_700_000_000_000_000_000

@@ -22,6 +22,7 @@ from cdrj_ros.judgement.channels import Angle, Channel
 from cdrj_ros.judgement.comparison import compare
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
+from cdrj_ros.rig.assembly import Truth
 from cdrj_ros.rig.sensors import (
     JOINT_ENCODER,
     MOTOR_ENCODER,
@@ -31,7 +32,7 @@ from cdrj_ros.rig.sensors import (
     read_encoder,
     reading_times,
 )
-from cdrj_ros.rig.truth import Truth, simulate
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Cable, Friction, Law, Pulley, Robot
 
 Vector = NDArray[np.float64]

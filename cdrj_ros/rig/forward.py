@@ -18,6 +18,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model import packing
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.mechanism import advance
+from cdrj_ros.rig.assembly import MotionError, Rig, Truth, make_rig, read_out, require_taut
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.load import (
     DAMPING,
@@ -29,16 +30,7 @@ from cdrj_ros.rig.load import (
     Load,
     weight,
 )
-from cdrj_ros.rig.truth import (
-    BATCH,
-    MotionError,
-    Progress,
-    Rig,
-    Truth,
-    make_rig,
-    read_out,
-    require_taut,
-)
+from cdrj_ros.rig.truth import BATCH, Progress
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]

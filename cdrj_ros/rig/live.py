@@ -17,11 +17,11 @@ from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.mechanism import advance_all
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID
+from cdrj_ros.rig.assembly import Rig, make_rig
 from cdrj_ros.rig.faults import Fault, wire
 from cdrj_ros.rig.forward import UNSOLVED, balanced_start, swing_steps
 from cdrj_ros.rig.live_faults import Breakable, FaultName, possible_faults
 from cdrj_ros.rig.load import WEIGHT, Load
-from cdrj_ros.rig.truth import Rig, make_rig
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]

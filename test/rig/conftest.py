@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.rig.truth import Truth, simulate
+from cdrj_ros.rig.assembly import Truth
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 

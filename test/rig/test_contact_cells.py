@@ -12,7 +12,9 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.rig.truth import Truth, divide_contacts, simulate
+from cdrj_ros.rig.assembly import Truth
+from cdrj_ros.rig.cells import divide_contacts
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 

@@ -12,10 +12,11 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.rig.assembly import SlackError, Truth
 from cdrj_ros.rig.faults import DURATION_S, Fault, wire
 from cdrj_ros.rig.load import make_load
 from cdrj_ros.rig.motion import differences, sine
-from cdrj_ros.rig.truth import SlackError, Truth, follow, simulate
+from cdrj_ros.rig.truth import follow, simulate
 from cdrj_ros.robot.description import Robot
 
 TIME = np.arange(6_001) / 1000.0

@@ -10,11 +10,12 @@ import pytest
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.rig.assembly import Truth
 from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.rig.forward import swing
 from cdrj_ros.rig.load import Load, energy, make_load, weight
 from cdrj_ros.rig.motion import differences, sine
-from cdrj_ros.rig.truth import Truth, simulate
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 
 LOAD = make_load("rolling", 0.3)

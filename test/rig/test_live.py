@@ -10,6 +10,7 @@ import pytest
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.rig.assembly import Truth
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.rig.forward import swing
@@ -20,7 +21,6 @@ from cdrj_ros.rig.live_limits import DriveLimits, drive_limits
 from cdrj_ros.rig.live_motion import Demonstration, program_of
 from cdrj_ros.rig.load import Load, energy, make_load
 from cdrj_ros.rig.motion import sine
-from cdrj_ros.rig.truth import Truth
 from cdrj_ros.robot.description import Robot
 
 RATE = 1000.0

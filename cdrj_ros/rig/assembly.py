@@ -1,0 +1,186 @@
+"""The rig and what happened on it: a robot with contact cells and faulty ends, its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.status import INVALID
+from cdrj_ros.rig.cells import Divided, divide
+from cdrj_ros.rig.faults import Fault, Wiring, wire
+from cdrj_ros.rig.follow import shapes_along
+from cdrj_ros.robot.description import Robot
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really happened, on the rig's own time grid."""
+
+    time: Vector
+    """[s], shape (n,)."""
+    motor_angle: Table
+    """As the encoders would see it, were they perfect [rad], shape (n, motors)."""
+    joint_angle: Table
+    """[rad], shape (n, joints)."""
+    tension: Table
+    """Of every element of the lumped robot [N], shape (n, elements)."""
+    nodal_force: Table
+    """Magnitude on every pulley [N], shape (n, pulleys)."""
+    motor_effort: Table
+    """Of the cables on the motors [N m], shape (n, motors)."""
+    joint_effort: Table
+    """Of the cables on the joints [N m], shape (n, joints)."""
+    imbalance: Vector
+    """What the cables exert beyond need on the joint that they balance [N m], shape (n,)."""
+    unseen: Table
+    """How far each faulty end turned where no encoder looks [rad], shape (n, faulty ends)."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know, in plain words."""
+
+    @property
+    def slack(self) -> NDArray[np.bool_]:
+        """Whether each element is slack, shape (n, elements)."""
+        return np.asarray(self.tension <= 0.0)
+
+
+class MotionError(UsageError):
+    """A motion that the rig cannot make."""
+
+
+class SlackError(MotionError):
+    """A motion that asks for a slack cable."""
+
+    def __init__(self, element: str, time: float, pose: str) -> None:
+        self.element, self.time, self.pose = element, time, pose
+        super().__init__(
+            f"the motion asks for a slack cable: element {element} has no tension at "
+            f"t = {time:.4g} s{', ' + pose if pose else ''}"
+        )
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A robot prepared for its truth."""
+
+    lumped: Model
+    fine: Model
+    divided: Divided
+    wiring: Wiring
+
+    def drums(self, motor_angle: Table, offset: Table) -> Table:
+        """Angles of all motors of the fine robot [rad], shape (n, all motors)."""
+        owner = self.wiring.owner
+        angles = np.where(owner >= 0, motor_angle[:, owner], 0.0) + offset
+        return np.ascontiguousarray(angles)
+
+
+def make_rig(robot: Robot, cells: int, faults: Sequence[Fault] = ()) -> Rig:
+    """Divide contacts and give faulty ends motors of their own.
+
+    Raises:
+        UsageError: an impossible fault.
+    """
+    wiring = wire(robot, tuple(faults))
+    divided = divide(wiring.robot, cells)
+    return Rig(prepare(robot), prepare(divided.robot), divided, wiring)
+
+
+def joint_text(robot: Robot, joint: int, value: float) -> str:
+    """``elbow = 0.35 rad`` or ``slide = 0.12 m``."""
+    name = robot.joints[joint].name
+    return f"{name} = {value:.4g} {'m' if name in robot.prismatic_joints else 'rad'}"
+
+
+def require_taut(
+    rig: Rig, time: Vector, joints: Table, estimates: Table, allow_slack: bool
+) -> None:
+    """Refuse what the truth cannot answer for.
+
+    Args:
+        rig: the rig.
+        time: of the estimates, may be longer [s].
+        joints: of the estimates, shape (n, joints).
+        estimates: of the fine robot, shape (n, fine layout.size).
+        allow_slack: cables may lose their tension.
+
+    Raises:
+        SlackError: a cable is slack, and neither option nor fault allows it.
+        UsageError: a cable that cannot be solved.
+    """
+    layout = rig.lumped.layout
+
+    def pose(k: int) -> str:
+        return ", ".join(
+            f"{name} = {angle:.4g}" for name, angle in zip(layout.joints, joints[k], strict=True)
+        )
+
+    status = estimates[:, rig.fine.layout.status].astype(np.int64)
+    broken = np.argwhere(status & INVALID)
+    if broken.size:
+        k, element = broken[0]
+        name = rig.fine.layout.elements[element].split("/")[0]
+        raise UsageError(
+            f"cable {name} cannot be at t = {time[k]:.4g} s"
+            f"{', ' + pose(k) if pose(k) else ''}: it is wound in entirely, or cannot run so"
+        )
+    if allow_slack or rig.wiring.faults:
+        return
+    tension = estimates[:, rig.fine.layout.tension][:, rig.divided.spans]
+    slack = np.argwhere(tension <= 0.0)
+    if slack.size:
+        k, element = slack[0]
+        raise SlackError(layout.elements[element], float(time[k]), pose(k))
+
+
+def read_out(
+    rig: Rig,
+    time: Vector,
+    motor_angle: Table,
+    joint_angle: Table,
+    estimates: Table,
+    offset: Table,
+    imbalance: Vector,
+    notes: tuple[str, ...] = (),
+) -> Truth:
+    """Free spans and whole pulleys of the fine robot, in the lumped robot's order."""
+    robot, layout = rig.lumped.robot, rig.fine.layout
+    tension = estimates[:, layout.tension][:, rig.divided.spans]
+    _, wraps = shapes_along(rig.lumped, joint_angle)
+    forces = np.empty((time.size, len(rig.lumped.layout.pulleys)))
+    element = pulley = 0
+    for cable in robot.cables:
+        for _ in cable.pulleys:
+            before, after = tension[:, element], tension[:, element + 1]
+            forces[:, pulley] = np.sqrt(
+                before**2 + after**2 - 2.0 * before * after * np.cos(wraps[:, pulley])  # (38)
+            )
+            element += 1
+            pulley += 1
+        element += 1
+    all_motors = estimates[:, layout.motor_effort]
+    motors = all_motors[:, : len(robot.motors)].copy()
+    ends = range(len(robot.motors), rig.wiring.owner.size)
+    for end in ends:
+        if rig.wiring.owner[end] >= 0:
+            motors[:, rig.wiring.owner[end]] += all_motors[:, end]
+    whole = tuple(f"not divided into contact cells: {what}" for what in rig.divided.whole)
+    return Truth(
+        time,
+        motor_angle,
+        joint_angle,
+        tension,
+        forces,
+        motors,
+        estimates[:, layout.joint_effort].copy(),
+        imbalance,
+        offset[:, list(ends)],
+        (*whole, *notes),
+    )
