@@ -22,12 +22,12 @@ Table = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Truth:
-    """What really happened, on the rig's own time grid."""
+    """What happened on the rig, on its own time grid."""
 
     time: Vector
     """[s], shape (n,)."""
     motor_angle: Table
-    """As the encoders would see it, were they perfect [rad], shape (n, motors)."""
+    """As perfect encoders would read it [rad], shape (n, motors)."""
     joint_angle: Table
     """[rad], shape (n, joints)."""
     tension: Table
@@ -39,11 +39,11 @@ class Truth:
     joint_effort: Table
     """Of the cables on the joints [N m], shape (n, joints)."""
     imbalance: Vector
-    """What the cables exert beyond need on the joint that they balance [N m], shape (n,)."""
+    """Effort of the cables beyond what the balanced joint needs [N m], shape (n,)."""
     unseen: Table
-    """How far each faulty end turned where no encoder looks [rad], shape (n, faulty ends)."""
+    """Turn of each faulty end that no encoder reads [rad], shape (n, faulty ends)."""
     notes: tuple[str, ...] = ()
-    """What a reader should know, in plain words."""
+    """Remarks for the user, one sentence each."""
 
     @property
     def slack(self) -> NDArray[np.bool_]:
@@ -56,7 +56,7 @@ class MotionError(UsageError):
 
 
 class SlackError(MotionError):
-    """A motion that asks for a slack cable."""
+    """A motion in which a cable becomes slack."""
 
     def __init__(self, element: str, time: float, pose: str) -> None:
         self.element, self.time, self.pose = element, time, pose
@@ -68,7 +68,7 @@ class SlackError(MotionError):
 
 @dataclass(frozen=True)
 class Rig:
-    """A robot prepared for its truth."""
+    """A robot and the finer one that is simulated in its place."""
 
     lumped: Model
     fine: Model
@@ -102,14 +102,14 @@ def joint_text(robot: Robot, joint: int, value: float) -> str:
 def require_taut(
     rig: Rig, time: Vector, joints: Table, estimates: Table, allow_slack: bool
 ) -> None:
-    """Refuse what the truth cannot answer for.
+    """Refuse invalid elements, and slack ones unless they are allowed.
 
     Args:
         rig: the rig.
-        time: of the estimates, may be longer [s].
+        time: of the estimates [s]; may be longer.
         joints: of the estimates, shape (n, joints).
         estimates: of the fine robot, shape (n, fine layout.size).
-        allow_slack: cables may lose their tension.
+        allow_slack: whether cables may lose their tension.
 
     Raises:
         SlackError: a cable is slack, and neither option nor fault allows it.
@@ -150,7 +150,7 @@ def read_out(
     imbalance: Vector,
     notes: tuple[str, ...] = (),
 ) -> Truth:
-    """Free spans and whole pulleys of the fine robot, in the lumped robot's order."""
+    """The truth in the lumped robot's order: its free spans and whole pulleys."""
     robot, layout = rig.lumped.robot, rig.fine.layout
     tension = estimates[:, layout.tension][:, rig.divided.spans]
     _, wraps = shapes_along(rig.lumped, joint_angle)

@@ -29,7 +29,7 @@ from cdrj_ros.robot.description import (
 Vector = NDArray[np.float64]
 
 SMALLEST_WRAP: Final = 1e-3
-"""A pulley whose wrap falls below this somewhere [rad] stays whole."""
+"""A pulley whose smallest wrap is below this is not divided [rad]."""
 
 LENGTH_TOLERANCE: Final = 1e-8
 """Largest deviation of a table from the positions [m]."""
@@ -38,6 +38,7 @@ WRAP_TOLERANCE: Final = 1e-5
 """Largest deviation of a table from the positions [rad]."""
 
 CHECKED_POSES: Final = 64
+"""Random poses in which tables are compared with positions."""
 
 _EMPTY: Final[Vector] = np.empty(0)
 _NO_SPAN = (Profile(None, _EMPTY, np.zeros(1), _EMPTY),)
@@ -45,13 +46,13 @@ _NO_SPAN = (Profile(None, _EMPTY, np.zeros(1), _EMPTY),)
 
 @dataclass(frozen=True)
 class Divided:
-    """A robot with contact cells, and how it relates to the whole one."""
+    """A robot with contact cells, and how its elements relate to those of the undivided robot."""
 
     robot: Robot
     spans: NDArray[np.int64]
-    """Element of the divided robot that is each element of the whole one, shape (elements,)."""
+    """For each element of the undivided robot, its index in the divided one, shape (elements,)."""
     whole: tuple[str, ...]
-    """Pulleys that could not be divided, with the reason."""
+    """Pulleys and cables that could not be divided, with the reason."""
 
 
 def divide_contacts(robot: Robot, cells: int) -> Robot:
@@ -64,7 +65,7 @@ def divide_contacts(robot: Robot, cells: int) -> Robot:
 
 
 def divide(robot: Robot, cells: int) -> Divided:
-    """As ``divide_contacts``, with what the truth needs to read the result."""
+    """As ``divide_contacts``, with the relation of the elements."""
     cables, columns, whole = [], [], []
     at = 0
     model = prepare(robot) if cells > 1 and any(cable.routed for cable in robot.cables) else None
@@ -121,7 +122,7 @@ class _Course:
 
 
 def _tabulated(model: Model, index: int) -> Cable | None:
-    """A cable given by positions as one given by tables; None where it is no sum of such."""
+    """The cable by tables instead of positions; None if sums of tables cannot express it."""
     robot = model.robot
     cable = robot.cables[index]
     first = sum(len(other.nodes) - 1 for other in robot.cables[:index])
@@ -187,12 +188,12 @@ def _slopes(grid: Vector, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _without_place(node: Node) -> Node:
-    """An end whose winding on its frame stands in the tables."""
+    """An end node; the tables include what it winds up as its frame turns."""
     return replace(node, place=None) if isinstance(node, Winch) else Anchor()
 
 
 def _agrees(model: Model, cable: Cable, elements: slice, pulleys: slice) -> bool:
-    """Whether the tables give what the positions give, anywhere in the ranges."""
+    """Whether tables and positions agree in random poses within the ranges."""
     robot = model.robot
     try:
         alone = prepare(replace(robot, cables=(cable,), frames=()))

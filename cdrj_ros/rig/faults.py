@@ -1,7 +1,6 @@
-"""What can break on the rig, and how the truth sees it without the estimator knowing.
+"""Faults of the rig that no encoder shows: a drum slips on its shaft, an anchor gives way.
 
-Every fault moves material where no encoder looks.  The end that moves gets a motor of its own,
-which turns as the fault says: a drum that slips on its shaft, an anchor that gives way.
+The end of the cable that moves gets a motor of its own, which turns as the fault requires.
 """
 
 from __future__ import annotations
@@ -20,23 +19,23 @@ Vector = NDArray[np.float64]
 
 FaultKind = Literal["slack", "snap", "slip"]
 KINDS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)
-"""``slack``: the anchor creeps until hardly any preload is left, in the cable and in those on the
-same motor; ``snap``: it gives way at once, by half of the cable's own elongation under preload;
-``slip``: for a while the drum turns less than its encoder, by as much cable."""
+"""``slack``: the anchor creeps until hardly any preload is left in the cable and in those on the
+same motor; ``snap``: it gives way at once by half of the cable's own elongation under preload;
+``slip``: for a while the drum turns less than its encoder, by the same length of cable."""
 
 DURATION_S: Final = {"slack": 2.0, "snap": 0.002, "slip": 0.5}
 """From the beginning of a fault to its end [s]."""
 
 USUAL_SHARE: Final = {"slack": 0.9, "snap": 0.5, "slip": 0.5}
-"""Of the elongation under preload that a fault takes away where no amount is given."""
+"""Share of the elongation under preload that a fault takes away if no amount is given."""
 
 ANCHOR_RADIUS: Final = 0.01
-"""Of the drum that stands for an anchor that gives way [m]; any would do."""
+"""Radius of the drum that represents an anchor that gives way [m]; its value is arbitrary."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Something breaks."""
+    """A fault at one end of one cable."""
 
     kind: FaultKind
     begin: float
@@ -56,9 +55,9 @@ class Wiring:
     owner: NDArray[np.int64]
     """Motor that each of its motors turns with, -1 for none; shape (all motors,)."""
     faults: tuple[tuple[int, Fault], ...]
-    """Which motor each fault moves, with the amount filled in."""
+    """Motor that each fault moves, and the fault with its amount and cable filled in."""
     turn: Vector
-    """By what each of these motors turns in all [rad], shape (faults,)."""
+    """Total turn of each of these motors [rad], shape (faults,)."""
 
     def offset(self, time: Vector) -> NDArray[np.float64]:
         """How far each motor is from its owner [rad], shape (n, all motors)."""
@@ -69,7 +68,7 @@ class Wiring:
         return offset
 
     def during(self, time: Vector) -> NDArray[np.bool_]:
-        """Whether any fault is just happening, shape (n,)."""
+        """Whether a fault is in progress, shape (n,)."""
         happening = np.zeros(time.shape, dtype=np.bool_)
         for _, fault in self.faults:
             happening |= (time >= fault.begin) & (time <= fault.begin + DURATION_S[fault.kind])

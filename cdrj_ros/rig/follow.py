@@ -1,7 +1,7 @@
-"""Motor angles that keep every cable's length to its joints: what a position controller asks for.
+"""Motor angles at which drums take up what the joints release, as a position controller asks.
 
-A cable keeps its tension where its drums take up what the joints give: r dphi = -dL.  With more
-cables than motors that holds in the least-squares sense, and what is left stretches the cables.
+A cable keeps its tension if its drums take up its change of length: r dphi = -dL.  With more cables
+than motors this holds in the least-squares sense, and the rest stretches the cables.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Following:
     motor_angle: Table
     """[rad], shape (n, motors)."""
     untaken: Table
-    """Length that no drum takes up, of every cable with a winch [m], shape (n, cables)."""
+    """Change of length left over, 0 for cables without a winch [m], shape (n, cables)."""
 
 
 @compiled
@@ -73,7 +73,7 @@ def shapes_along(model: Model, joint_angle: Table) -> tuple[Table, Table]:
 
 
 def follow_joints(model: Model, joint_angle: Table) -> Following:
-    """Motor angles that take up what the joints do to the cables, from the reference pose on.
+    """Motor angles that compensate the cables' changes of length, from the reference pose on.
 
     Args:
         model: the prepared robot.
@@ -99,7 +99,7 @@ def follow_joints(model: Model, joint_angle: Table) -> Following:
 
 
 def pull_together(model: Model, joint: int) -> Vector:
-    """How the motors turn together to load one joint, the fastest at 1; shape (motors,).
+    """Ratios in which the motors turn to load one joint, the largest 1; shape (motors,).
 
     Raises:
         UsageError: no motor acts on the joint.

@@ -40,10 +40,10 @@ MOTION_TOLERANCE: Final = 1e-9
 """Largest imbalance of torque in a step [N m]."""
 
 UNSOLVED: Final = 1e-4
-"""A step is refused where more than this is missing [N m]."""
+"""Largest imbalance of torque that is accepted in a step that did not converge [N m]."""
 
 START_POINTS: Final = 2001
-"""Poses in which the start's balance is sought."""
+"""Poses in which the balance at the start is sought."""
 
 
 def swing(
@@ -62,17 +62,20 @@ def swing(
 ) -> Truth:
     """Turn the motors as prescribed and let one joint move under cables, weight and inertia.
 
+    Takes 11 arguments because each is a choice of its own with a default; longer than a screen
+    because the kernel's state is carried from batch to batch.
+
     Args:
         robot: at least one joint.
         time: increasing [s], shape (n,).
         motor_angle: [rad], shape (n, motors).
         load: what the joint carries.
-        cells: contact cells a pulley.
+        cells: contact cells per pulley.
         progress: called with the number of samples done.
-        joint: the one that is free.
-        joint_angle: of all joints, shape (n, joints); that of the free one does not count.  None:
-            the others are held in the reference pose.
-        start: angle from which the joint is let go at rest; None: where it is balanced.
+        joint: index of the free joint.
+        joint_angle: of all joints, shape (n, joints); the column of the free one is ignored.
+            None: the others are held in the reference pose.
+        start: angle at which the joint is released at rest; None: where it is balanced.
         faults: what breaks.
         allow_slack: cables may lose their tension; with faults they always may.
 

@@ -1,4 +1,4 @@
-"""What a joint of the rig carries: inertia, gravity and damping about its angle q.
+"""Load of a joint of the rig: inertia, gravity and damping in its angle q.
 
     (a0 + a1 cos q) q'' - 1/2 a1 sin q q'^2 + c q' + w0 + w1 cos q + w2 cos 2q = torque
 
@@ -36,7 +36,7 @@ class Pendulum:
     arm: float = 0.15
     """[m]; assumed."""
     link_inertia: float = 1e-4
-    """Of the link itself [kg m^2]; assumed."""
+    """Inertia of the link [kg m^2]; assumed."""
     gravity: float = 9.81
     """[m/s^2]."""
 
@@ -48,7 +48,7 @@ class Lift:
     load_mass: float = 0.3
     """[kg]."""
     link_mass: float = 0.05
-    """Of what moves with it [kg]; assumed."""
+    """Mass of the link that moves with the load [kg]; assumed."""
     gravity: float = 9.81
     """[m/s^2]."""
 
@@ -128,7 +128,7 @@ def make_load(kind: LoadKind, mass: float, damping: float = 0.0, gravity: float 
 
 
 def usual_load(robot: Robot, joint: int) -> LoadKind:
-    """The kind of load that suits how the joint moves its frame; rolling where no frame says."""
+    """The kind of load for the motion of the joint's frames; rolling for a joint without frames."""
     name = robot.joints[joint].name
     motions = {frame.motion for frame in robot.frames if frame.joint == name}
     if motions == {"prismatic"}:

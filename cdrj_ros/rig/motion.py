@@ -17,13 +17,13 @@ from cdrj_ros.foundation.errors import UsageError
 Vector = NDArray[np.float64]
 
 BLEND: Final = 0.2
-"""Share of a move in which it speeds up, and in which it slows down."""
+"""Share of a move that accelerates, and share that decelerates."""
 
 RANDOM_TONES: Final = 4
 """Sines in a random motion."""
 
 RECORDED_BAND: Final = 5.0
-"""A recorded motion is smoothed above this frequency [Hz]."""
+"""Cutoff frequency of the smoothing of a recorded motion [Hz]."""
 
 RECORDED_RATE: Final = 200.0
 """Points per second of a smoothed recording [Hz]."""
@@ -78,12 +78,12 @@ def sine(amplitude: float, frequency: float, begin: float = 0.0, centre: float =
 
 
 def ramps(amplitude: float, frequency: float, begin: float = 0.0, centre: float = 0.0) -> Motion:
-    """From end to end at constant speed, ``frequency`` times to and fro in a second."""
+    """From end to end at constant speed, ``frequency`` cycles per second."""
     return moves((amplitude, -amplitude), 0.5 / frequency, 0.0, begin, centre)
 
 
 def dwell(amplitude: float, frequency: float, begin: float = 0.0, centre: float = 0.0) -> Motion:
-    """As ``ramps``, but with a rest at the ends, halfway and in the middle, from both sides."""
+    """As ``ramps``, with rests at the ends, halfway and in the middle, reached from both sides."""
     half = 0.5 * amplitude
     stations = (half, amplitude, half, 0.0, -half, -amplitude, -half, 0.0)
     each = 1.0 / (frequency * len(stations))
@@ -97,7 +97,7 @@ def moves(
     begin: float = 0.0,
     centre: float = 0.0,
 ) -> Motion:
-    """Go to the stations one after the other, over and over, with trapezoidal speed.
+    """Visit the stations in turn, again and again, with trapezoidal speed.
 
     Args:
         stations: angles from the centre [rad]; the way to the first starts at the centre.
@@ -140,7 +140,7 @@ def random(
 ) -> Motion:
     """Sines of random frequency in [0.1, 1] ``frequency`` [Hz] and random phase.
 
-    Their amplitudes add up to ``amplitude``, so the motion cannot leave its range.
+    Their amplitudes add up to ``amplitude``, which the motion therefore cannot exceed.
     """
     generator = np.random.default_rng([seed, 0x6D6F7665])
     edges = np.linspace(0.1, 1.0, RANDOM_TONES + 1)
@@ -166,10 +166,10 @@ def random(
 
 
 def recorded(time: Vector, angle: Vector, begin: float = 0.0, blend_s: float = 1.0) -> Motion:
-    """A recorded motion, smoothed so that its acceleration means something.
+    """A recorded motion, smoothed so that its acceleration is usable.
 
-    It starts from rest: for ``blend_s`` [s] the recording runs slower than it was made, and so it
-    lasts half of that longer.  Beyond its ends it holds.
+    It starts from rest: during the first ``blend_s`` [s] the recording is played more slowly, which
+    takes half of ``blend_s`` longer.  After its end the joint stays where it is.
 
     Args:
         time: increasing [s], shape (n,).
@@ -216,7 +216,7 @@ def recorded(time: Vector, angle: Vector, begin: float = 0.0, blend_s: float = 1
 
 
 def recorded_duration(time: Vector, blend_s: float = 1.0) -> float:
-    """How long ``recorded`` moves [s]."""
+    """Duration of the motion that ``recorded`` makes [s]."""
     return float(time[-1] - time[0]) + 0.5 * blend_s
 
 

@@ -1,4 +1,4 @@
-"""What the rig's sensors report of the truth: resolution, rate, phase, noise, jitter, dropouts."""
+"""Sensors of the rig: resolution, rate, phase, noise, bias, jitter, dropouts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cdrj_ros.robot.description import Sensor
 Vector = NDArray[np.float64]
 
 MOST_JITTER: Final = 0.45
-"""A stamp is never further from its reading than this share of a period: order is kept."""
+"""Largest jitter of a stamp as a share of the period, so that stamps keep their order."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Encoder:
     """An angle sensor that counts."""
 
     counts: int
-    """Counts per turn (per metre on a prismatic joint: per 2 pi m)."""
+    """Counts per turn; on a prismatic joint, per 2 pi m."""
     rate: float
     """Readings per second [Hz]."""
     phase_s: float = 0.0
@@ -29,13 +29,13 @@ class Encoder:
     noise: float = 0.0
     """Standard deviation before counting [rad]."""
     bias: float = 0.0
-    """It reads too much by this [rad]."""
+    """Added to every reading [rad]."""
     jitter_s: float = 0.0
     """Standard deviation of the stamps about the time of reading [s]."""
     dropout: float = 0.0
     """Share of readings that are lost, in [0, 1)."""
     burst_s: float = 0.0
-    """Mean duration of a loss [s]; 0: each reading is lost or not by itself."""
+    """Mean duration of a loss [s]; 0: readings are lost independently."""
 
 
 @dataclass(frozen=True)
@@ -53,20 +53,20 @@ class LoadCells:
     torque_step: float = 2.0**-13
     """Resolution [N m]."""
     force_bias: float = 0.0
-    """They read too much by this [N]."""
+    """Added to every reading [N]."""
     torque_bias: float = 0.0
-    """They read too much by this [N m]."""
+    """Added to every reading [N m]."""
     jitter_s: float = 0.0
     """Standard deviation of the stamps about the time of reading [s]."""
     dropout: float = 0.0
     """Share of readings that are lost, in [0, 1)."""
     burst_s: float = 0.0
-    """Mean duration of a loss [s]; 0: each reading is lost or not by itself."""
+    """Mean duration of a loss [s]; 0: readings are lost independently."""
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """When a sensor reads, and what its messages say about that."""
+    """When a sensor reads, and the stamps of its messages."""
 
     times: Vector
     """Of the readings that arrive [s], shape (n,), increasing."""
@@ -88,7 +88,7 @@ def reading_times(begin: float, end: float, rate: float, phase_s: float = 0.0) -
 def schedule(
     sensor: Encoder | LoadCells, begin: float, end: float, generator: np.random.Generator
 ) -> Schedule:
-    """Readings within [begin, end] [s] without those that are lost, stamped with jitter."""
+    """Readings within [begin, end] [s] with jitter, without those that are lost."""
     phase_s = sensor.phase_s if isinstance(sensor, Encoder) else 0.0
     times = reading_times(begin, end, sensor.rate, phase_s)
     stamps = times
@@ -106,7 +106,7 @@ def lost(
 ) -> NDArray[np.bool_]:
     """Which of ``count`` readings are lost, in bursts of ``burst`` on average (Gilbert 1960).
 
-    A burst of at most 1 / (1 - share) is what losing each reading by itself gives.
+    Independent losses have bursts of 1 / (1 - share) on average; shorter ones are not possible.
     """
     if burst <= 1.0 / (1.0 - share):
         return np.asarray(generator.random(count) < share)
@@ -133,10 +133,10 @@ def read_encoder(
     Args:
         encoder: its counts, noise and bias.
         times: of the readings [s], shape (n,).
-        truth_time, angle: what happened [s], [rad].
+        truth_time, angle: the truth [s], [rad].
         generator: of the noise; needed where there is some.
-        sensor: how the robot file turns readings into angles, which a reading undoes; None: as
-            they are.
+        sensor: conversion of readings into angles in the robot file, whose inverse is applied;
+            None: none.
     """
     step = 2.0 * np.pi / encoder.counts
     sensor = sensor or Sensor()

@@ -1,10 +1,11 @@
-"""Truth for validation: contact divided into cells, motion prescribed at joints, motors or both.
+"""Prescribed motion of the rig: at the joints, at the motors, or at both.
 
-The estimator lumps the friction of a pulley into one contact.  Here every pulley is a chain of
-cells with their own bristles, so that adhesion and sliding arcs (Grashof) form by themselves.
+The estimator lumps the friction of a pulley into one contact.  In the rig every pulley is a chain
+of contact cells with bristles of their own, in which sliding and adhesion arcs (Grashof) form.
 
-``simulate`` finds the motor for which the cables balance a joint, ``follow`` turns the motors as a
-position controller would, ``prescribe`` takes both; ``rig/forward.py`` lets a joint move freely.
+``simulate`` finds the motor angle at which the cables balance a joint, ``follow`` turns the motors
+as a position controller would, ``prescribe`` takes both; ``rig/forward.py`` lets a joint move
+freely.
 """
 
 from __future__ import annotations
@@ -41,15 +42,16 @@ BALANCE_TOLERANCE: Final = 1e-6
 """Largest imbalance of the joint [N m]."""
 
 WORTH_SAYING: Final = 0.02
-"""Imbalance of a waiting joint that a note tells, as a share of 1 N m plus its torque."""
+"""Imbalance of a waiting joint that a note reports, as a share of 1 N m plus its torque."""
 
 BATCH: Final = 1000
 """Samples between two reports of progress."""
 
 SEARCHED: Final = 20.0
-"""The first sample's motor angle is sought this far from where it follows the joints [rad]."""
+"""Half the range in which the first motor angle is sought, about that of the joints [rad]."""
 
 SEARCH_POINTS: Final = 40001
+"""Motor angles tried in that range."""
 
 
 def simulate(
@@ -68,19 +70,21 @@ def simulate(
     """Move the joints as prescribed and turn the motors so that one joint's torques balance.
 
     One motor is turned freely.  Several follow the joints (``follow``) and beyond that turn in
-    proportion, in the way in which they load the joint.  The other joints are held.
+    proportion, in the way in which they load the joint.  The other joints are held.  Takes 10
+    arguments because each is a choice of its own with a default; longer than a screen because the
+    kernel's state is carried from batch to batch.
 
     Args:
         robot: at least one motor and one joint.
         time: increasing [s], shape (n,).
         joint_angle: prescribed [rad], shape (n,) for one joint, (n, joints) for several.
         joint_torque: what the cables must exert on the balanced joint [N m], shape (n,).
-        motor_speed: where the motor would have to turn faster than this [rad/s], the joint waits.
-            At a reversal friction holds the joint's tensions while the motor takes up the
-            difference along the cable: the joint dwells, as on the real machine.
-        cells: contact cells a pulley.
+        motor_speed: the motor turns no faster than this [rad/s]; the joint waits for it.  At a
+            reversal friction holds the joint's tensions while the motor takes up the difference
+            along the cable: the joint dwells, as on the real machine.
+        cells: contact cells per pulley.
         progress: called with the number of samples done.
-        joint: the balanced one.
+        joint: index of the balanced joint.
         faults: what breaks.  While the motor makes up for a fault the joint waits unbalanced.
         allow_slack: cables may lose their tension; with faults they always may.
 
@@ -143,7 +147,7 @@ def _unbalanced(where: str, torque: float, asked: float, motor_speed: float) -> 
 def _waiting_notes(
     time: Vector, phases: NDArray[np.int64], lacking: Vector, torque: Vector
 ) -> tuple[str, ...]:
-    """Whether the joint, waiting for its motor, was out of balance by more than a little."""
+    """A note if the joint, waiting for its motor, was out of balance by more than a little."""
     waiting = np.diff(phases, prepend=-1) == 0
     worst = float(np.abs(lacking[waiting]).max(initial=0.0))
     if worst <= WORTH_SAYING * (1.0 + float(np.abs(torque).max())):
@@ -166,7 +170,7 @@ def follow(
     faults: Sequence[Fault] = (),
     allow_slack: bool = False,
 ) -> Truth:
-    """Move the joints as prescribed, the motors so that they keep the cables' lengths.
+    """Move the joints as prescribed, and the motors so that the cables keep their lengths.
 
     Arguments and errors as ``simulate``.
     """
@@ -196,7 +200,9 @@ def prescribe(
     allow_slack: bool = False,
     notes: tuple[str, ...] = (),
 ) -> Truth:
-    """Motors and joints both move as prescribed; tensions and efforts follow.
+    """Move motors and joints as prescribed; tensions and efforts follow.
+
+    Takes 9 arguments because each is a choice of its own with a default.
 
     Args:
         robot: any.
@@ -232,7 +238,7 @@ def prescribe(
 
 
 def _columns(values: NDArray[np.float64], n: int, columns: int, name: str) -> Table:
-    """Of shape (n, columns), from that or, for one column, from (n,)."""
+    """The values in shape (n, columns); for one column they may have shape (n,)."""
     shaped = values[:, None] if values.ndim == 1 and columns == 1 else values
     if shaped.shape != (n, columns):
         raise UsageError(f"{name} must have the shape {(n, columns)}, got {values.shape}")
@@ -240,9 +246,11 @@ def _columns(values: NDArray[np.float64], n: int, columns: int, name: str) -> Ta
 
 
 def _drive(rig: Rig, joints: Table, joint: int) -> tuple[Table, Vector, float]:
-    """Motor angles as ``base`` by phase plus ``direction`` times one unknown; where to seek it.
+    """Motor angles as ``base`` plus ``direction`` times one unknown, the drive.
 
-    Angles of all motors of the fine robot, shapes (n, all motors) and (all motors,).
+    Returns:
+        ``base`` [rad], shape (n, all motors of the fine robot), ``direction`` [-], shape (all
+        motors,), and the drive about which the first is sought [rad].
     """
     robot, owner = rig.lumped.robot, rig.wiring.owner
     direction = np.where(owner >= 0, pull_together(rig.lumped, joint)[owner], 0.0)
@@ -264,7 +272,7 @@ def _start(
     torque: float,
     place: int,
 ) -> tuple[float, float]:
-    """Drive that balances the frictionless start, and the sign of d(effort)/d(drive)."""
+    """Drive that balances the joint without friction, and the sign of d(effort)/d(drive)."""
     angles = centre + np.linspace(-SEARCHED, SEARCHED, SEARCH_POINTS)
     efforts = np.empty(angles.size)
     fine = rig.fine
@@ -315,7 +323,10 @@ def _imbalance(
     effort_place: int,
     out: Vector,
 ) -> float:
-    """Effort of the cables on the joint less the torque that it needs [N m]."""
+    """Effort of the cables on the joint less the torque that it needs [N m].
+
+    Takes 13 arguments because compiled kernels take arrays and numbers.
+    """
     for m in range(motor_angle.size):
         motor_angle[m] = base[m] + direction[m] * drive + offset[m]
     advance(plan, numbers, state, motor_angle, joint_angle, dt, out)
@@ -347,9 +358,13 @@ def _balance(
 ) -> tuple[int, float, int, bool, float]:
     """Drive of the motors sample by sample: bracket, then regula falsi (Illinois).
 
-    Friction makes the joint's effort a very flat function of the winch angle just after a
-    reversal, so the bracket is widened geometrically.  Returns (samples done, drive, phase,
-    whether a fault is being made up for, speed that was asked of the motor where it gave up).
+    Just after a reversal, friction makes the joint's effort a very flat function of the winch
+    angle, so the bracket is widened geometrically.  Takes 20 arguments because compiled kernels
+    take arrays and numbers; longer than a screen because it is one loop over the samples.
+
+    Returns:
+        Samples done, drive [rad], phase, whether the motor is making up for a fault, and the
+        speed asked of the motor in the sample that could not be balanced [rad/s].
     """
     size = state.size
     wanted = estimates.shape[1]
