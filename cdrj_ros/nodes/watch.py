@@ -53,8 +53,8 @@ class WatchNode(Node):
     """Keeps the last message of every topic."""
 
     def __init__(self, forces: bool, choice: Choice, **options: Any) -> None:
-        """Subscribe, best effort: that hears every publisher."""
-        super().__init__("watch", namespace="cdrj", **options)
+        """Subscribe, best effort: that hears every publisher.  No service changes parameters."""
+        super().__init__("watch", namespace="cdrj", start_parameter_services=False, **options)
         self._choice = choice
         self._diagnosed: dict[str, DiagnosticStatus] = {}
         self._qos: dict[str, QoSProfile] = {}

@@ -45,34 +45,38 @@ def allowed(node: str) -> dict[tuple[str, str], set[str]]:
 
 
 @pytest.fixture
-def both(ros: None) -> Iterator[tuple[Any, Any]]:
-    """An onlooker beside an estimator with all its topics and a replay with all of its own."""
+def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
+    """An onlooker beside an estimator, a replay and a watch with all of their topics."""
     from rclpy.experimental import EventsExecutor
     from rclpy.node import Node
     from rclpy.parameter import Parameter
 
     from cdrj_ros.nodes.estimator import EstimatorNode
+    from cdrj_ros.nodes.feed import Choice
     from cdrj_ros.nodes.player import ReplayNode, Wiring
     from cdrj_ros.nodes.services import offer_services
+    from cdrj_ros.nodes.watch import WatchNode
 
     given = {"robot": ROBOT, "tension_sensors": True, "use_sim_time": True}
     estimator = EstimatorNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
     replay = ReplayNode(Wiring(clock_hz=10.0))
     offer_services(replay, MagicMock(), MagicMock())  # nobody calls them here
+    clock = [Parameter("use_sim_time", value=True)]
+    watch = WatchNode(forces=True, choice=Choice(), parameter_overrides=clock)
     onlooker = Node("onlooker")
     executor = EventsExecutor()
-    for node in (estimator, replay, onlooker):
+    for node in (estimator, replay, watch, onlooker):
         executor.add_node(node)
     yield onlooker, executor
     executor.shutdown()
-    for node in (estimator, replay, onlooker):
+    for node in (estimator, replay, watch, onlooker):
         node.destroy_node()
 
 
 def test_the_policy_allows_exactly_what_the_nodes_have(
-    both: tuple[Any, Any], wait_until: Any
+    nodes: tuple[Any, Any], wait_until: Any
 ) -> None:
-    onlooker, executor = both
+    onlooker, executor = nodes
 
     def graph(node: str) -> dict[tuple[str, str], set[str]]:
         executor.spin_once(timeout_sec=0.05)
@@ -81,7 +85,7 @@ def test_the_policy_allows_exactly_what_the_nodes_have(
             for key, method in GRAPH.items()
         }
 
-    for node in ("estimator", "replay"):
+    for node in ("estimator", "replay", "watch"):
         wanted = allowed(node)
         wait_until(lambda: wanted == graph(node), 10.0)  # noqa: B023
         real = graph(node)
@@ -93,7 +97,9 @@ def test_the_policy_is_of_the_form_that_sros2_reads() -> None:
     policy = ElementTree.parse(POLICY).getroot()
     assert (policy.tag, policy.attrib) == ("policy", {"version": "0.2.0"})
     enclaves = policy.findall("./enclaves/enclave")
-    assert {e.get("path") for e in enclaves} == {"/cdrj/estimator", "/cdrj/replay"}
+    assert {e.get("path") for e in enclaves} == {
+        f"/cdrj/{node}" for node in ("estimator", "replay", "watch")
+    }
     for profile in policy.iter("profile"):
         for group in profile:
             single = group.tag.removesuffix("s")
