@@ -10,7 +10,6 @@ Importing this module imports matplotlib, which is slow; import it where picture
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from math import cos, degrees, hypot, pi, sin
 from typing import Final
 
@@ -25,8 +24,8 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.files import replacing
 from cdrj_ros.inspection.ranges import CableCheck, Inspection
-from cdrj_ros.model.prepared import Shape, shape_at
-from cdrj_ros.robot.description import Anchor, Cable, Place, Pulley, Robot, Winch
+from cdrj_ros.report.pose import Pose, cable_line, centre_of, pose_of, strands_and_arcs
+from cdrj_ros.robot.description import Anchor, Cable, Robot, Winch
 
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
@@ -49,9 +48,6 @@ NARROWEST: Final = 480.0
 
 FONT_SIZE: Final = 12.0
 """Size of text [px]."""
-
-ARC_STEP: Final = pi / 60.0
-"""Between two points of a drawn arc [rad]."""
 
 GHOST: Final = 0.28
 """Opacity of cables in poses other than the reference."""
@@ -144,84 +140,6 @@ def write_png(figure: Figure, path: str) -> None:
         figure.savefig(stream, format="png", dpi=144.0)
 
 
-@dataclass(frozen=True)
-class Pose:
-    """A robot in one pose: its frames and what follows from them."""
-
-    frames: dict[str, tuple[float, float, float]]
-    """Origin [m] and angle [rad] of every frame in the base."""
-    shape: Shape
-
-
-def pose_of(inspection: Inspection, joint_angle: Vector) -> Pose:
-    """Frames and tangents at joint angles [rad] or [m], shape (joints,)."""
-    robot = inspection.model.robot
-    values = dict(zip(inspection.model.layout.joints, joint_angle.tolist(), strict=True))
-    frames: dict[str, tuple[float, float, float]] = {}
-    for frame in robot.frames:
-        x, y, turned = frames[frame.parent] if frame.parent else (0.0, 0.0, 0.0)
-        c, s = cos(turned), sin(turned)
-        x, y = x + c * frame.x - s * frame.y, y + s * frame.x + c * frame.y
-        angle = turned + frame.angle
-        q = values[frame.joint] if frame.joint else 0.0
-        if frame.motion == "revolute":
-            angle += q
-        elif frame.motion == "prismatic":
-            dx, dy = frame.direction
-            x += q * (cos(angle) * dx - sin(angle) * dy)
-            y += q * (sin(angle) * dx + cos(angle) * dy)
-        elif frame.motion == "rolling":
-            x += 2.0 * frame.rolling_radius * cos(angle + q)
-            y += 2.0 * frame.rolling_radius * sin(angle + q)
-            angle += 2.0 * q
-        frames[frame.name] = (x, y, angle)
-    return Pose(frames, shape_at(inspection.model, joint_angle))
-
-
-def centre_of(pose: Pose, place: Place) -> tuple[float, float]:
-    """A node's centre in the base [m]."""
-    x, y, angle = pose.frames[place.frame]
-    c, s = cos(angle), sin(angle)
-    return x + c * place.x - s * place.y, y + s * place.x + c * place.y
-
-
-def cable_line(inspection: Inspection, pose: Pose, cable: int) -> Points:
-    """The path of a cable given by positions, tangents and arcs, in the base [m], shape (n, 2)."""
-    path: list[tuple[float, float]] = []
-    for start, end, arc in _pieces(inspection, pose, cable):
-        path += [start, end, *arc]
-    return np.array(path)
-
-
-def _pieces(
-    inspection: Inspection, pose: Pose, c: int
-) -> Iterator[tuple[tuple[float, float], tuple[float, float], list[tuple[float, float]]]]:
-    """Both ends of every element, and the arc round the pulley behind it."""
-    robot = inspection.model.robot
-    cable = robot.cables[c]
-    first = sum(len(other.nodes) - 1 for other in robot.cables[:c])
-    wraps = pose.shape.wrap[sum(len(other.pulleys) for other in robot.cables[:c]) :]
-    for e in range(len(cable.nodes) - 1):
-        ux, uy = pose.shape.direction[first + e]
-        ends = []
-        for node in cable.nodes[e : e + 2]:
-            place = node.place
-            assert place is not None
-            x, y = centre_of(pose, place)
-            arm = place.turn * node.radius  # the tangent point lies where the turn moves along u
-            ends.append((x + arm * uy, y - arm * ux))
-        arc: list[tuple[float, float]] = []
-        node = cable.nodes[e + 1]
-        if isinstance(node, Pulley):
-            assert node.place is not None
-            x, y = centre_of(pose, node.place)
-            begin = np.arctan2(ends[1][1] - y, ends[1][0] - x)
-            steps = max(2, round(wraps[e] / ARC_STEP) + 1)
-            angles = begin + node.place.turn * np.linspace(0.0, wraps[e], steps)
-            arc = [(x + node.radius * cos(a), y + node.radius * sin(a)) for a in angles]
-        yield ends[0], ends[1], arc
-
-
 def _colour(index: int) -> str:
     return CABLE_COLOURS[index % len(CABLE_COLOURS)]
 
@@ -266,8 +184,10 @@ def _draw_placed(
     _dress(axes, handles, columns)
 
 
-def _draw_bodies(axes: Axes, robot: Robot, pose: Pose, cables: Sequence[int], bold: bool) -> None:
-    """Moving frames as the hull of what they carry, joints' axes, rolling circles."""
+def _carried(
+    robot: Robot, pose: Pose, cables: Sequence[int]
+) -> dict[str, list[tuple[float, float]]]:
+    """Outlines of the nodes that each frame carries [m]."""
     carried: dict[str, list[tuple[float, float]]] = {}
     for c in cables:
         for node in robot.cables[c].nodes:
@@ -277,6 +197,12 @@ def _draw_bodies(axes: Axes, robot: Robot, pose: Pose, cables: Sequence[int], bo
             angles = np.linspace(0.0, 2.0 * pi, 24) if node.radius > 0.0 else np.zeros(1)
             circle = [(x + node.radius * cos(a), y + node.radius * sin(a)) for a in angles]
             carried.setdefault(node.place.frame, []).extend(circle)
+    return carried
+
+
+def _draw_bodies(axes: Axes, robot: Robot, pose: Pose, cables: Sequence[int], bold: bool) -> None:
+    """Moving frames as the hull of what they carry, joints' axes, rolling circles."""
+    carried = _carried(robot, pose, cables)
     for frame in robot.frames:
         x, y, _ = pose.frames[frame.name]
         if frame.motion == "fixed" or frame.parent is None:
@@ -377,7 +303,7 @@ def _number_elements(axes: Axes, inspection: Inspection, pose: Pose, cables: Seq
     to_pixels = axes.transData.transform
     taken: list[tuple[float, float]] = []
     for c in cables:
-        for e, (start, end, _) in enumerate(_pieces(inspection, pose, c)):
+        for e, (start, end, _) in enumerate(strands_and_arcs(inspection, pose, c)):
             a, b = to_pixels([start, end])
             along = (b - a) / max(hypot(*(b - a)), 1e-9)
             normal = np.array([-along[1], along[0]])

@@ -83,7 +83,7 @@ def friction_pictures(
     pulleys: Sequence[PulleyFriction], most: PulleyFriction, key: str
 ) -> tuple[Picture, ...]:
     """Bars of the pulleys' friction, and the loop of the pulley that holds most."""
-    from cdrj_ros.report.figures import MOST_BARS, friction_bars, friction_loop
+    from cdrj_ros.report.friction_figures import MOST_BARS, friction_bars, friction_loop
 
     least = sorted((one.mean_share for one in pulleys), reverse=True)[:MOST_BARS][-1]
     shown = [one for one in pulleys if one.mean_share >= least][:MOST_BARS]

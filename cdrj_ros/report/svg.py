@@ -16,7 +16,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from cdrj_ros.report.figures import PALETTE
+from cdrj_ros.report.canvas import PALETTE
 
 _NO_METADATA: Final = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _NAMESPACE: Final = "{http://www.w3.org/2000/svg}"
@@ -59,6 +59,18 @@ def inline_svg(figure: Figure, label: str, key: str) -> str:
 def _simplify(element: ElementTree.Element) -> None:
     """Drop what the page has itself, what is empty, and digits that nobody sees."""
     element.tag = element.tag.removeprefix(_NAMESPACE)
+    _simplify_attributes(element)
+    for child in list(element):
+        _simplify(child)
+        if child.tag in _DROPPED or (child.tag in _EMPTY and not len(child)):
+            element.remove(child)
+    if element.tag != "text":
+        element.text = None
+    for child in element:
+        child.tail = None
+
+
+def _simplify_attributes(element: ElementTree.Element) -> None:
     if element.tag == "g":
         element.attrib.pop("id", None)
     if "style" in element.attrib:
@@ -70,14 +82,6 @@ def _simplify(element: ElementTree.Element) -> None:
     for name in _MEASURED:
         if name in element.attrib:
             element.set(name, _compact(element.attrib[name]))
-    for child in list(element):
-        _simplify(child)
-        if child.tag in _DROPPED or (child.tag in _EMPTY and not len(child)):
-            element.remove(child)
-    if element.tag != "text":
-        element.text = None
-    for child in element:
-        child.tail = None
 
 
 def _style(text: str) -> str:

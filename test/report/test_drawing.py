@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from cdrj_ros.inspection.ranges import Inspection, inspect_robot
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.report.drawing import cable_line, draw_robot, pose_of, write_png
+from cdrj_ros.report.drawing import draw_robot, write_png
+from cdrj_ros.report.pose import cable_line, pose_of
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"

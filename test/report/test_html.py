@@ -18,7 +18,7 @@ from cdrj_ros.judgement.limits import Judgement, Outside
 from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.report import html
-from cdrj_ros.report.figures import PALETTE
+from cdrj_ros.report.canvas import PALETTE
 from cdrj_ros.report.html import RobotShown, write_report
 from cdrj_ros.report.table import Beside
 from cdrj_ros.robot.reader import load_robot
