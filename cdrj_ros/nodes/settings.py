@@ -20,8 +20,8 @@ from cdrj_ros.nodes.parameters import (
     Setting,
     settings,
 )
-from cdrj_ros.robot.document import LARGEST
-from cdrj_ros.robot.parameters import number_at
+from cdrj_ros.robot.document import schema
+from cdrj_ros.robot.parameters import allowed_range, number_at
 
 TRACKING: Final = "tracking_bandwidth"
 SIMULATED: Final = "use_sim_time"
@@ -126,8 +126,10 @@ def _given_friction(values: dict[str, Any]) -> dict[str, float]:
 
 
 def _checked_friction(name: str, value: float) -> float:
-    if not 0.0 <= value <= LARGEST:
-        raise UsageError(f"{name} must be in [0, {LARGEST:g}], or {UNSET:g}; got {value:g}")
+    key = name.removeprefix("friction.")
+    allowed = allowed_range(schema()["$defs"]["friction"]["properties"][key])
+    if value not in allowed:
+        raise UsageError(f"{name} must be in {allowed}, or {UNSET:g}; got {value:g}")
     return value
 
 

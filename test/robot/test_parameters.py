@@ -27,7 +27,14 @@ from cdrj_ros.robot.description import (
     StribeckForm,
 )
 from cdrj_ros.robot.document import parse_document, schema
-from cdrj_ros.robot.parameters import DEFAULTS, find_number, matching_paths, number_at, with_numbers
+from cdrj_ros.robot.parameters import (
+    DEFAULTS,
+    allowed_range,
+    find_number,
+    matching_paths,
+    number_at,
+    with_numbers,
+)
 from cdrj_ros.robot.reader import build_robot, parse_robot
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
 
@@ -280,3 +287,21 @@ def test_laws_and_forms_are_the_same_in_schema_and_types() -> None:
     assert friction["law"]["enum"] == LAWS == KERNEL_LAWS
     assert friction["stribeck"]["enum"] == get_args(StribeckForm) == STRIBECK_FORMS
     assert schema()["$defs"]["frame"]["properties"]["motion"]["enum"] == get_args(FrameMotion)
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "inside", "outside"),
+    [
+        ("cables.upper.friction.mu_c", "[0, 2]", (0.0, 2.0), (-1e-9, 2.1, float("nan"))),
+        ("cables.upper.friction.bearing_friction", "[0, 1)", (0.0, 0.99), (1.0,)),
+        ("cables.upper.friction.bristle_stiffness", "(0, 1e+09]", (1e-3, 1e9), (0.0, 1.1e9)),
+        ("cables.upper.preload", "[0, 1e+15]", (0.0, 1e15), (-1.0, float("inf"))),
+    ],
+)
+def test_the_range_of_a_number_is_the_one_that_holds(
+    path: str, text: str, inside: tuple[float, ...], outside: tuple[float, ...]
+) -> None:
+    allowed = allowed_range(find_number(DOCUMENT, path).rules)
+    assert str(allowed) == text
+    assert all(value in allowed for value in inside)
+    assert not any(value in allowed for value in outside)
