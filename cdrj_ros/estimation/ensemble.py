@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.model import packing
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.friction_history import impose_friction
 from cdrj_ros.model.mechanism import advance
-from cdrj_ros.model.packing import STARTED
-from cdrj_ros.model.prepared import Layout, Model, prepare, shape_at
+from cdrj_ros.model.packing import number_views, plan_views
+from cdrj_ros.model.prepared import Layout, Model, prepare, read_only, shape_at
+from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID, UNSURE
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.parameters import find_number, with_numbers
@@ -86,13 +86,13 @@ def _advance_member(
     out: Vector,
 ) -> bool:
     """Bring one member up to date, or start it with its friction history; False: not solved."""
-    size = state.size
-    if state[STARTED] == 0.0:
+    size, sizes = state.size, plan_views(plan).sizes
+    if state_views(sizes, state).started[0] == 0.0:
         advance(plan, numbers, state, motor_angle, joint_angle, 0.0, out)
-        if out[STARTED] == 0.0:  # no such pose
+        if state_views(sizes, out).started[0] == 0.0:  # no such pose
             return False
         state[:] = out[:size]
-        impose_friction(plan, numbers, joint_angle, share, state, out[size + estimate_size :])
+        impose_friction(plan, numbers, share, state, out[size + estimate_size :])
         dt = 0.0
     solved = advance(plan, numbers, state, motor_angle, joint_angle, dt, out)
     state[:] = out[:size]
@@ -376,7 +376,7 @@ class Spread:
 
     def _advance(self, sample: Sample, estimate: Estimate, count: int, stddev: Vector) -> None:
         _update(
-            self.model.plan, self.numbers, self.states, self.stamps, self._shares,
+            self.model.plan, read_only(self.numbers), self.states, self.stamps, self._shares,
             self._errors, self._progress, count, self.columns, self._element_of,
             self._elements, sample.stamp_ns, sample.motor_angle, sample.joint_angle,
             estimate.values, self.deviation, self.variance, self._last_angle, self._readings,
@@ -404,8 +404,8 @@ class Spread:
         dt = np.diff(stamps, prepend=np.int64(first)) * 1e-9
         values = state.values.copy()
         _run(
-            model.plan, model.numbers, values, self.numbers, self.states,
-            self.stamps, self._shares, self._errors, self._progress, self.columns,
+            model.plan, model.numbers, values, read_only(self.numbers), self.states, self.stamps,
+            self._shares, self._errors, self._progress, self.columns,
             self._element_of, self._elements, stamps, samples.motor_angle, samples.joint_angle, dt,
             self.deviation, self.variance, self._last_angle, self._readings, self._out, estimates,
             stddev,
@@ -468,12 +468,12 @@ def wind_differently(model: Model, numbers: Table, generator: np.random.Generato
         numbers: of all members, shape (members, numbers), changed.
         generator: of the draws.
     """
-    first = int(model.plan[packing.IN_CABLES])
     half = len(numbers) // 2
+    cables: Any = number_views(model.sizes, numbers).cables
     for c in range(len(model.robot.cables)):
-        at = first + c * packing.CABLE_NUMBERS + packing.WOUND_TENSION
         normal = generator.standard_normal(half)
-        numbers[:, at] *= np.exp(WOUND_SPREAD * np.concatenate([normal, -normal]))
+        spread = np.exp(WOUND_SPREAD * np.concatenate([normal, -normal]))
+        cables["wound_tension"][:, c] *= spread
 
 
 def preload_differently(
@@ -482,17 +482,17 @@ def preload_differently(
     """Let the members' preloads differ, cable by cable, by ``share`` of them."""
     shape = shape_at(model, np.array([joint.reference_angle for joint in model.robot.joints]))
     half = len(numbers) // 2
-    first = int(model.plan[packing.IN_MATERIAL])
+    cables: Any = number_views(model.sizes, numbers).cables
+    elements: Any = number_views(model.sizes, numbers).elements
     element = 0
     for c, cable in enumerate(model.robot.cables):
-        at = int(model.plan[packing.IN_CABLES]) + c * packing.CABLE_NUMBERS
         normal = generator.standard_normal(half)
         change = 1.0 + share * np.concatenate([normal, -normal])
-        preload = numbers[:, at + packing.PRELOAD] * np.maximum(change, 0.0)
-        numbers[:, at + packing.PRELOAD] = preload
-        stretch = 1.0 + preload / numbers[:, at + packing.AXIAL_STIFFNESS]
+        preload = cables["preload"][:, c] * np.maximum(change, 0.0)
+        cables["preload"][:, c] = preload
+        stretch = 1.0 + preload / cables["axial_stiffness"][:, c]
         for _ in cable.element_names:
-            numbers[:, first + element] = shape.length[element] / stretch
+            elements["material"][:, element] = shape.length[element] / stretch
             element += 1
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
-from cdrj_ros.model import packing
+from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Winch
 
 Vector = NDArray[np.float64]
@@ -288,20 +289,16 @@ class _CablePlaces:
     """Where one cable's values lie in states, numbers and deviations."""
 
     def __init__(self, model: Model, c: int) -> None:
-        robot, layout, plan = model.robot, model.layout, model.plan
-        row = int(plan[packing.AT_CABLES]) + c * packing.CABLE_INDICES
-        first = int(plan[row + packing.FIRST_ELEMENT])
-        self.count = int(plan[row + packing.ELEMENT_COUNT])
+        robot, layout = model.robot, model.layout
+        cable = plan_views(model.plan).cables[c]
+        first, pulley = cable.first_element, cable.first_pulley
+        self.count = int(cable.elements)
         elements = len(layout.elements)
-        self.elements = slice(first, first + self.count)
-        self.pulleys = slice(elements + first - c, elements + first - c + self.count - 1)
-        self._length = slice(1 + first, 1 + first + self.count)
-        self._material = slice(1 + elements + first, 1 + elements + first + self.count)
-        bristle = 1 + 2 * elements + first - c
-        self._bristle = slice(bristle, bristle + self.count - 1)
-        numbers = int(plan[packing.IN_CABLES]) + c * packing.CABLE_NUMBERS
-        self._stiffness = numbers + packing.AXIAL_STIFFNESS
-        wrap = np.array([_mean_wrap(model, first - c + k) for k in range(self.count - 1)])
+        self.elements = slice(first, first + cable.elements)
+        self.pulleys = slice(elements + pulley, elements + pulley + cable.pulleys)
+        self._sizes, self._cable = model.sizes, c
+        self._own_pulleys = slice(pulley, pulley + cable.pulleys)
+        wrap = np.array([_mean_wrap(model, pulley + k) for k in range(cable.pulleys)])
         self.lever = 2.0 * np.sin(0.5 * wrap)
         """Force on every pulley per newton of tension [-]."""
         motors = {motor.name: k for k, motor in enumerate(robot.motors)}
@@ -317,11 +314,13 @@ class _CablePlaces:
 
     def stretch(self, states: Table, numbers: Table, shift: Table) -> None:
         """Move the tensions of some states by ``shift`` [N], shape (states, elements)."""
-        stiffness = numbers[:, self._stiffness, None]
-        length, material = states[:, self._length], states[:, self._material]
+        cables: Any = number_views(self._sizes, numbers).cables
+        stiffness = cables["axial_stiffness"][:, self._cable, None]
+        state = state_views(self._sizes, states)
+        length, material = state.length[:, self.elements], state.material[:, self.elements]
         tension = stiffness * (length / material - 1.0) + shift
-        states[:, self._material] = length / (1.0 + tension / stiffness)
-        states[:, self._bristle] = np.diff(np.maximum(tension, 0.0), axis=1)
+        material[:] = length / (1.0 + tension / stiffness)
+        state.bristle[:, self._own_pulleys] = np.diff(np.maximum(tension, 0.0), axis=1)
 
 
 def _mean_wrap(model: Model, pulley: int) -> float:

@@ -12,17 +12,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model import cable as kernel
-from cdrj_ros.model import packing
+from cdrj_ros.model.cable import PulleyNumbers
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.friction import BOUND_FLOOR, LAWS, NONE, blended_loss, stribeck_share
+from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.records import Rows
 from cdrj_ros.robot.description import Anchor
 
 Vector = NDArray[np.float64]
@@ -117,10 +118,9 @@ def path_of(
         UsageError: a pose in which a cable cannot run.
     """
     count = stamp_ns.size
-    plan, robot = model.plan, model.robot
-    elements, pulleys = int(plan[packing.ELEMENTS]), int(plan[packing.PULLEYS])
-    length, wrap = np.empty((count, elements)), np.empty((count, pulleys))
-    by_joint = np.empty((count, elements, len(robot.joints)))
+    robot, sizes = model.robot, model.sizes
+    length, wrap = np.empty((count, sizes.elements)), np.empty((count, sizes.pulleys))
+    by_joint = np.empty((count, sizes.elements, sizes.joints))
     for k in range(count):
         shape = shape_at(model, joint_angle[k])
         if not shape.possible:
@@ -159,16 +159,17 @@ def propagate(
     """
     c, places = _cable_of(model, path, known)
     cable = model.robot.cables[c]
-    row = int(model.plan[packing.AT_CABLES]) + c * packing.CABLE_INDICES
-    first = int(model.plan[row + packing.FIRST_ELEMENT])
-    count = int(model.plan[row + packing.ELEMENT_COUNT])
-    columns, pulleys = slice(first, first + count), slice(first - c, first - c + count - 1)
+    plan = plan_views(model.plan)
+    own, count = plan.cables[c], int(plan.cables[c].elements)
+    columns = slice(own.first_element, own.first_element + own.elements)
+    pulleys = slice(own.first_pulley, own.first_pulley + own.pulleys)
     length, wrap = path.length[:, columns], path.wrap[:, pulleys]
     constants = _constants(model, pulleys, cable.law == LAWS[NONE])
-    kinetic, static = _losses(wrap, constants, int(model.plan[row + packing.STRIBECK]))
+    stribeck = int(plan.pulleys[own.first_pulley].stribeck) if own.pulleys else 0
+    kinetic, static = _losses(wrap, constants, stribeck)
     held_last = isinstance(cable.nodes[-1], Anchor) or not isinstance(cable.nodes[0], Anchor)
     dt = np.diff(path.stamp_ns, prepend=path.stamp_ns[:1]) * 1e-9
-    arc = constants[:, kernel.RADIUS] * wrap / cable.axial_stiffness
+    arc = constants["radius"] * wrap / cable.axial_stiffness
     unseen = _unseen(model, path, known, columns, held_last, cable.axial_stiffness)
 
     reading = np.stack([sensor.tension for sensor in known], axis=1)
@@ -197,7 +198,7 @@ def propagate(
         sliding *= _moving(path.stamp_ns, slip, sliding, hidden, round(window_s * 1e9))
         low, high = _contacts(slip, loss_now, pull, arc, unseen, constants)
         share = np.where(sliding == 0.0, 0.5 * (low + high), sliding)
-        slope, offset = _chain(places[0], share, loss_now, constants[:, kernel.DRAG])
+        slope, offset = _chain(places[0], share, loss_now, constants["drag"])
         # a pulley that may be stuck may hold all of its static friction
         loss = np.where(sliding == 0.0, kinetic + static, loss_now)
         tension, stddev = _least_squares(slope, offset, reading, weight, places)
@@ -252,14 +253,13 @@ def _cable_of(model: Model, path: Path, known: Sequence[KnownTension]) -> tuple[
     raise AssertionError(known[0].element)  # pragma: no cover
 
 
-def _constants(model: Model, pulleys: slice, frictionless: bool) -> Table:
-    """Rows of a cable's pulleys, see ``cdrj_ros.model.cable``."""
-    at = int(model.plan[packing.IN_PULLEYS])
-    count = int(model.plan[packing.PULLEYS])
-    rows = model.numbers[at : at + count * kernel.PULLEY_COLUMNS].reshape(count, -1)[pulleys].copy()
+def _constants(model: Model, pulleys: slice, frictionless: bool) -> Any:
+    """Constants of a cable's pulleys, a structured array of ``PulleyNumbers``, shape (pulleys,)."""
+    every: Any = number_views(model.sizes, model.numbers).pulleys
+    rows = every[pulleys].copy()
     if frictionless:
-        for column in (kernel.MU_C, kernel.MU_S, kernel.BEARING_RATIO, kernel.DRAG):
-            rows[:, column] = 0.0
+        for field in ("mu_c", "mu_s", "bearing_ratio", "drag"):
+            rows[field] = 0.0
     return rows
 
 
@@ -301,35 +301,35 @@ def _slips_by(rates: NDArray[np.float64], held_last: bool) -> NDArray[np.float64
 
 
 @compiled
-def _losses(wrap: Table, constants: Table, stribeck: int) -> tuple[Table, Table]:
+def _losses(wrap: Table, constants: Rows[PulleyNumbers], stribeck: int) -> tuple[Table, Table]:
     """``blended_loss`` of every pulley at every sample: kinetic and static, shape (n, pulleys)."""
     kinetic, static = np.empty(wrap.shape), np.empty(wrap.shape)
     for p in range(wrap.shape[1]):
         row = constants[p]
         for k in range(wrap.shape[0]):
             kinetic[k, p], static[k, p] = blended_loss(
-                row[kernel.RHO],
-                row[kernel.MU_C],
-                row[kernel.MU_S],
+                row.rho,
+                row.mu_c,
+                row.mu_s,
                 wrap[k, p],
-                row[kernel.BEARING_RATIO],
+                row.bearing_ratio,
                 stribeck,
-                row[kernel.CELLS],
+                row.cells,
             )
     return kinetic, static
 
 
 @compiled
 def _lagging_losses(
-    slip: Table, dt: Vector, kinetic: Table, static: Table, constants: Table
+    slip: Table, dt: Vector, kinetic: Table, static: Table, constants: Rows[PulleyNumbers]
 ) -> Table:
     """Loss 1 - eta of every pulley, static friction lagging behind its slip speed (E10)."""
     loss = np.empty(slip.shape)
     for p in range(slip.shape[1]):
         row = constants[p]
-        lag, lagged = row[kernel.STRIBECK_LAG], 0.0
+        lag, lagged = row.stribeck_lag, 0.0
         for k in range(slip.shape[0]):
-            share = stribeck_share(lagged, row[kernel.STRIBECK_SPEED])
+            share = stribeck_share(lagged, row.stribeck_speed)
             loss[k, p] = kinetic[k, p] + static[k, p] * share
             if k > 0 and dt[k] > 0.0:
                 lagged = (lag * lagged + slip[k, p] - slip[k - 1, p]) / (lag + dt[k])
@@ -338,7 +338,12 @@ def _lagging_losses(
 
 @compiled
 def _contacts(
-    slip: Table, loss: Table, pull: Table, arc: Table, hidden: Table, constants: Table
+    slip: Table,
+    loss: Table,
+    pull: Table,
+    arc: Table,
+    hidden: Table,
+    constants: Rows[PulleyNumbers],
 ) -> tuple[Table, Table]:
     """The share of its bound that a pulley's friction may have, least and most (E20).
 
@@ -353,8 +358,8 @@ def _contacts(
         least, most = -1.0, 1.0
         for k in range(slip.shape[0]):
             change = slip[k, p] - slip[k - 1, p] if k > 0 else 0.0
-            bound = loss[k, p] * pull[k, p] + row[kernel.DRAG] + BOUND_FLOOR
-            reach = bound * (1.0 / row[kernel.BRISTLE_STIFFNESS] + arc[k, p]) + hidden[k, p]
+            bound = loss[k, p] * pull[k, p] + row.drag + BOUND_FLOOR
+            reach = bound * (1.0 / row.bristle_stiffness + arc[k, p]) + hidden[k, p]
             least = min(max(least + change / reach, -1.0), 1.0)
             most = min(max(most + change / reach, -1.0), 1.0)
             low[k, p], high[k, p] = least, most
@@ -426,10 +431,10 @@ def _bounds(
     places: list[int],
     sliding: Table,
     loss: Table,
-    constants: Table,
+    constants: Any,
 ) -> tuple[Table, Table]:
     """What stuck pulleys leave open: the intervals from every sensor, intersected."""
-    drag = constants[:, kernel.DRAG]
+    drag = constants["drag"]
     lower, upper = np.zeros_like(tension), np.full_like(tension, np.inf)
     for m, place in enumerate(places):
         seen = weight[:, m] > 0.0

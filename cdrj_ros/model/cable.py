@@ -10,51 +10,100 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.friction import BOUND_FLOOR, LUGRE, NONE, friction_force
+from cdrj_ros.model.records import Rows, record_type
 
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
-# Columns of a pulley's row: what friction needs to know, constant over a run.
-(
-    RADIUS,
-    RHO,
-    MU_C,
-    MU_S,
-    STRIBECK_SPEED,
-    BEARING_RATIO,
-    DRAG,
-    BRISTLE_STIFFNESS,
-    BRISTLE_DAMPING,
-    VISCOUS,
-    BREAKAWAY,
-    STRIBECK_LAG,
-    CELLS,
-    PULLEY_COLUMNS,
-) = range(14)
+class PulleyNumbers:
+    """One pulley of the robot: friction constants, and the wrap where it never changes."""
 
-# Columns of an element's row in the solver.
-LENGTH_BEFORE, LENGTH, MATERIAL_BEFORE, MATERIAL, TENSION, ELEMENT_COLUMNS = range(6)
+    radius: float
+    """From the axis to the cable's centre line [m]."""
+    rho: float
+    """Share of sliding friction in the blend (42) [-]."""
+    mu_c: float
+    """Coulomb coefficient [-]."""
+    mu_s: float
+    """Static coefficient [-]."""
+    stribeck_speed: float
+    """v_s of (33) [m/s]."""
+    stribeck_lag: float
+    """Time by which static friction lags behind the slip speed [s], (E10)."""
+    bearing_ratio: float
+    """1 / alpha of (41) [-]."""
+    drag: float
+    """Friction force of the bearing without load [N]."""
+    bristle_stiffness: float
+    """sigma0 [N/m]."""
+    bristle_damping: float
+    """sigma1 [N s/m]."""
+    viscous: float
+    """sigma2 [N s/m]."""
+    breakaway: float
+    """Share of the bound up to which pre-sliding is elastic [-]."""
+    cells: float
+    """Equal contact cells of which this is one, a whole number."""
+    wrap: float
+    """Constant part of the wrap angle [rad]."""
+    kinetic_loss: float
+    """Loss 1 - eta at high slip speed where the wrap never changes [-]."""
+    static_loss: float
+    """Further loss at rest where the wrap never changes [-]."""
+    half_sine: float
+    """sin(wrap / 2) where the wrap never changes."""
+    half_cosine: float
+    """cos(wrap / 2) where the wrap never changes."""
 
-# Columns of a pulley's row in the solver.
-(
-    SLIP,
-    BRISTLE_BEFORE,
-    BRISTLE,
-    LOSS,
-    STATIC_SHARE,
-    _BOUND,
-    _TRIAL,
-    _STEP,
-    _RESIDUAL,
-    _LOWER,
-    _DIAGONAL,
-    _UPPER,
-    WORK_COLUMNS,
-) = range(13)
+
+class SolverElement:
+    """One element in the solver."""
+
+    length_before: float
+    """Geometric length at the sample before [m]."""
+    length: float
+    """Geometric length now [m]."""
+    material_before: float
+    """Unstretched length at the sample before [m]."""
+    material: float
+    """Unstretched length now [m]."""
+    tension: float
+    """[N]."""
+
+
+class Contact:
+    """One pulley in the solver: its unknown slip, its friction and its row of the linear system."""
+
+    slip: float
+    """Material that moves past the pulley towards the last node in this sample [m]."""
+    bristle_before: float
+    """Bristle force at the sample before [N]."""
+    bristle: float
+    """Bristle force now [N]."""
+    loss: float
+    """1 - eta at the lagged slip speed [-]."""
+    static_share: float
+    """Share of static friction left at the lagged slip speed [-]."""
+    bound: float
+    """Largest friction force, g of (34) [N]."""
+    trial: float
+    """Slip at which the imbalance is evaluated [m]."""
+    step: float
+    """Newton step of the slip [m]."""
+    residual: float
+    """Force imbalance at ``trial`` [N]."""
+    lower: float
+    """Derivative of the residual by the slip of the pulley before [N/m]."""
+    diagonal: float
+    """Derivative of the residual by this pulley's slip [N/m]."""
+    upper: float
+    """Derivative of the residual by the slip of the pulley after [N/m]."""
+
+
+PULLEY: Final = record_type(PulleyNumbers)
+SOLVER_ELEMENT: Final = record_type(SolverElement)
+CONTACT: Final = record_type(Contact)
 
 MAX_ITERATIONS: Final = 40
 MAX_SUBSTEPS: Final = 256
@@ -82,72 +131,71 @@ def element_tension(axial_stiffness: float, length: float, material: float) -> f
 
 @compiled
 def _imbalance(
-    column: int,
     axial_stiffness: float,
-    elements: Table,
-    work: Table,
-    pulleys: Table,
+    elements: Rows[SolverElement],
+    contacts: Rows[Contact],
+    pulleys: Rows[PulleyNumbers],
     first_slip: float,
     last_slip: float,
     law: int,
     dt: float,
 ) -> float:
-    """Force imbalance of every pulley at the slips in ``work[:, column]``, with its Jacobian.
+    """Force imbalance of every pulley at its trial slip, with the Jacobian.
 
     Residual i is (t_{i+1} - t_i) - friction_i, tridiagonal in the slips.  The bound of friction
     follows the pull side, so its derivative stands in a neighbour's column too.  Fills material,
     tension, bristle force, bound, residual and Jacobian; returns the largest |residual| [N].
     """
-    n = work.shape[0]
+    n = len(contacts)
     worst = 0.0
-    slip = work[0, column]
-    material = elements[0, MATERIAL_BEFORE] + first_slip - slip
-    elements[0, MATERIAL] = material
-    stretch = elements[0, LENGTH] / material
+    slip = contacts[0].trial
+    material = elements[0].material_before + first_slip - slip
+    elements[0].material = material
+    stretch = elements[0].length / material
     t_left = axial_stiffness * (stretch - 1.0)
     k_left = axial_stiffness * stretch / material
     if t_left <= 0.0:
         t_left, k_left = 0.0, 0.0
-    elements[0, TENSION] = t_left
+    elements[0].tension = t_left
     for i in range(n):
-        following = work[i + 1, column] if i + 1 < n else last_slip
-        material = elements[i + 1, MATERIAL_BEFORE] + slip - following
-        elements[i + 1, MATERIAL] = material
-        stretch = elements[i + 1, LENGTH] / material
+        following = contacts[i + 1].trial if i + 1 < n else last_slip
+        material = elements[i + 1].material_before + slip - following
+        elements[i + 1].material = material
+        stretch = elements[i + 1].length / material
         t_right = axial_stiffness * (stretch - 1.0)
         k_right = axial_stiffness * stretch / material
         if t_right <= 0.0:
             t_right, k_right = 0.0, 0.0
-        elements[i + 1, TENSION] = t_right
+        elements[i + 1].tension = t_right
 
         force = 0.0
         by_slip = 0.0
         by_pull = 0.0
         if law != NONE:
-            eta_loss = work[i, LOSS]
-            bound = eta_loss * max(t_left, t_right) + pulleys[i, DRAG] + BOUND_FLOOR
-            stiffness = pulleys[i, BRISTLE_STIFFNESS]
-            bristle_before = work[i, BRISTLE_BEFORE]
+            eta_loss = contacts[i].loss
+            bound = eta_loss * max(t_left, t_right) + pulleys[i].drag + BOUND_FLOOR
+            stiffness = pulleys[i].bristle_stiffness
+            bristle_before = contacts[i].bristle_before
             force, by_slip, by_bound = friction_force(
-                law, bristle_before, slip, stiffness, bound, pulleys[i, BREAKAWAY]
+                law, bristle_before, slip, stiffness, bound, pulleys[i].breakaway
             )
-            work[i, BRISTLE] = force
-            work[i, _BOUND] = bound
+            contacts[i].bristle = force
+            contacts[i].bound = bound
             by_pull = by_bound * eta_loss
             if dt > 0.0:
-                damping = pulleys[i, BRISTLE_DAMPING]
+                damping = pulleys[i].bristle_damping
                 if damping != 0.0:
                     # sigma1 dz/dt, fading with speed: constant, it costs LuGre its passivity
-                    rate = damping * work[i, STATIC_SHARE] / (stiffness * dt)
+                    rate = damping * contacts[i].static_share / (stiffness * dt)
                     force += rate * (force - bristle_before)
                     by_slip *= 1.0 + rate
                     by_pull *= 1.0 + rate
-                viscous = pulleys[i, VISCOUS] / dt
+                viscous = pulleys[i].viscous / dt
                 force += viscous * slip
                 by_slip += viscous
 
         residual = t_right - t_left - force
-        work[i, _RESIDUAL] = residual
+        contacts[i].residual = residual
         if not abs(residual) <= worst:  # true for NaN too
             worst = abs(residual)
         lower, upper = k_left, k_right
@@ -165,39 +213,41 @@ def _imbalance(
         else:
             diagonal -= by_pull * k_left
             lower += by_pull * k_left
-        work[i, _LOWER] = lower
-        work[i, _DIAGONAL] = diagonal
-        work[i, _UPPER] = upper
+        contacts[i].lower = lower
+        contacts[i].diagonal = diagonal
+        contacts[i].upper = upper
         t_left, k_left = t_right, k_right
         slip = following
     return worst
 
 
 @compiled
-def _newton_step(work: Table) -> None:
+def _newton_step(contacts: Rows[Contact]) -> None:
     """Solve the tridiagonal system J step = -residual in place (Thomas), O(n)."""
-    n = work.shape[0]
-    scale = 1.0 / work[0, _DIAGONAL]
-    work[0, _UPPER] *= scale
-    work[0, _STEP] = -work[0, _RESIDUAL] * scale
+    n = len(contacts)
+    scale = 1.0 / contacts[0].diagonal
+    contacts[0].upper *= scale
+    contacts[0].step = -contacts[0].residual * scale
     for i in range(1, n):
-        scale = 1.0 / (work[i, _DIAGONAL] - work[i, _LOWER] * work[i - 1, _UPPER])
-        work[i, _UPPER] *= scale
-        work[i, _STEP] = (-work[i, _RESIDUAL] - work[i, _LOWER] * work[i - 1, _STEP]) * scale
+        scale = 1.0 / (contacts[i].diagonal - contacts[i].lower * contacts[i - 1].upper)
+        contacts[i].upper *= scale
+        contacts[i].step = (
+            -contacts[i].residual - contacts[i].lower * contacts[i - 1].step
+        ) * scale
     for i in range(n - 2, -1, -1):
-        work[i, _STEP] -= work[i, _UPPER] * work[i + 1, _STEP]
+        contacts[i].step -= contacts[i].upper * contacts[i + 1].step
 
 
 @compiled
-def _longest_step(work: Table, elements: Table) -> float:
+def _longest_step(contacts: Rows[Contact], elements: Rows[SolverElement]) -> float:
     """Share in (0, 1] of the Newton step that leaves every element some material."""
-    n = work.shape[0]
+    n = len(contacts)
     share = 1.0
     incoming = 0.0
     for e in range(n + 1):
-        outgoing = work[e, _STEP] if e < n else 0.0
+        outgoing = contacts[e].step if e < n else 0.0
         change = incoming - outgoing
-        most = (SMALLEST_SHRINK - 1.0) * elements[e, MATERIAL]
+        most = (SMALLEST_SHRINK - 1.0) * elements[e].material
         if change < most:
             share = min(share, most / change)
         incoming = outgoing
@@ -205,93 +255,99 @@ def _longest_step(work: Table, elements: Table) -> float:
 
 
 @compiled
-def _try_step(work: Table, pulleys: Table, law: int, share: float) -> None:
+def _try_step(
+    contacts: Rows[Contact], pulleys: Rows[PulleyNumbers], law: int, share: float
+) -> None:
     """Write slip + share * step into the trial column, stopping inside a stick that is crossed.
 
     Between sliding forward and sliding back lies the elastic range of the bristles.  A step that
     jumps over it would flip the friction from one bound to the other, and back in the next
     iteration; it is stopped where the bristle force is zero.
     """
-    for i in range(work.shape[0]):
-        slip = work[i, SLIP]
-        trial = slip + share * work[i, _STEP]
+    for i in range(len(contacts)):
+        slip = contacts[i].slip
+        trial = slip + share * contacts[i].step
         if law not in (NONE, LUGRE):
-            stiffness = pulleys[i, BRISTLE_STIFFNESS]
-            before = work[i, BRISTLE_BEFORE]
+            stiffness = pulleys[i].bristle_stiffness
+            before = contacts[i].bristle_before
             old, new = before + stiffness * slip, before + stiffness * trial
-            bound = work[i, _BOUND]
+            bound = contacts[i].bound
             if (old > bound and new < -bound) or (old < -bound and new > bound):
                 trial = -before / stiffness
         elif law == LUGRE and slip * trial < 0.0:  # the slope jumps where the slip turns
             trial *= 0.3
-        work[i, _TRIAL] = trial
+        contacts[i].trial = trial
 
 
 @compiled
-def _predict(work: Table, elements: Table, first_slip: float, last_slip: float) -> None:
+def _predict(
+    contacts: Rows[Contact], elements: Rows[SolverElement], first_slip: float, last_slip: float
+) -> None:
     """Slips that keep every element's strain, the winch's demand spread in proportion to length.
 
     Starting from the last slips instead can drive short elements to zero length.
     """
-    n = work.shape[0]
+    n = len(contacts)
     kept = 0.0
     total = first_slip - last_slip
     for e in range(n + 1):
-        before = elements[e, MATERIAL_BEFORE]
-        kept += before * (elements[e, LENGTH] / elements[e, LENGTH_BEFORE])
+        before = elements[e].material_before
+        kept += before * (elements[e].length / elements[e].length_before)
         total += before
     scale = total / kept
     passing = first_slip
     for i in range(n):
-        before = elements[i, MATERIAL_BEFORE]
-        passing += before * (1.0 - elements[i, LENGTH] / elements[i, LENGTH_BEFORE] * scale)
-        work[i, SLIP] = passing
+        before = elements[i].material_before
+        passing += before * (1.0 - elements[i].length / elements[i].length_before * scale)
+        contacts[i].slip = passing
 
 
 @compiled
 def _newton(
     axial_stiffness: float,
-    elements: Table,
-    work: Table,
-    pulleys: Table,
+    elements: Rows[SolverElement],
+    contacts: Rows[Contact],
+    pulleys: Rows[PulleyNumbers],
     first_slip: float,
     last_slip: float,
     law: int,
     dt: float,
 ) -> tuple[int, float]:
-    """Newton's method with a line search from the slips in ``work``; (iterations, residual)."""
-    n = work.shape[0]
+    """Newton's method with a line search from the slips in ``contacts``; (iterations, residual)."""
+    n = len(contacts)
     enough = tolerance(axial_stiffness)
-    worst = _imbalance(
-        SLIP, axial_stiffness, elements, work, pulleys, first_slip, last_slip, law, dt
-    )
+    for i in range(n):
+        contacts[i].trial = contacts[i].slip
+    worst = _imbalance(axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt)
     for iteration in range(MAX_ITERATIONS):
         if worst <= enough:
             return iteration, worst
-        _newton_step(work)
-        share = _longest_step(work, elements)
+        _newton_step(contacts)
+        share = _longest_step(contacts, elements)
         best = worst
         for _ in range(6):
-            _try_step(work, pulleys, law, share)
+            _try_step(contacts, pulleys, law, share)
             worst = _imbalance(
-                _TRIAL, axial_stiffness, elements, work, pulleys, first_slip, last_slip, law, dt
+                axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
             )
             if worst < best:
                 break
             share *= 0.5
         for i in range(n):
-            work[i, SLIP] = work[i, _TRIAL]
+            contacts[i].slip = contacts[i].trial
     return MAX_ITERATIONS, worst
 
 
 @compiled
-def _guess_is_usable(work: Table, elements: Table, first_slip: float, last_slip: float) -> bool:
-    """Whether the slips in ``work`` leave every element half of its material."""
-    n = work.shape[0]
+def _guess_is_usable(
+    contacts: Rows[Contact], elements: Rows[SolverElement], first_slip: float, last_slip: float
+) -> bool:
+    """Whether the slips in ``contacts`` leave every element half of its material."""
+    n = len(contacts)
     incoming = first_slip
     for e in range(n + 1):
-        outgoing = work[e, SLIP] if e < n else last_slip
-        if incoming - outgoing < -0.5 * elements[e, MATERIAL_BEFORE]:
+        outgoing = contacts[e].slip if e < n else last_slip
+        if incoming - outgoing < -0.5 * elements[e].material_before:
             return False
         incoming = outgoing
     return True
@@ -300,9 +356,9 @@ def _guess_is_usable(work: Table, elements: Table, first_slip: float, last_slip:
 @compiled
 def solve_cable(
     axial_stiffness: float,
-    elements: Table,
-    work: Table,
-    pulleys: Table,
+    elements: Rows[SolverElement],
+    contacts: Rows[Contact],
+    pulleys: Rows[PulleyNumbers],
     first_slip: float,
     last_slip: float,
     law: int,
@@ -312,12 +368,12 @@ def solve_cable(
 
     Args:
         axial_stiffness: EA [N].
-        elements: rows of the elements, shape (n + 1, ELEMENT_COLUMNS); given are the lengths
-            before and now and the material before [m], written are material and tension [N].
-        work: rows of the pulleys, shape (n, WORK_COLUMNS); given are a first guess of the slip
-            [m], the bristle force before [N], the loss 1 - eta and the share of static friction
-            in it, written are slip and bristle force; the rest is scratch.
-        pulleys: constants of the pulleys, shape (n, PULLEY_COLUMNS).
+        elements: shape (n + 1,); given are the lengths before and now and the material before,
+            written are material and tension.
+        contacts: shape (n,); given are a first guess of the slip, the bristle force before, the
+            loss and the share of static friction in it, written are slip and bristle force; the
+            rest is scratch.
+        pulleys: constants of the pulleys, shape (n,).
         first_slip, last_slip: material that enters at the first and leaves at the last node [m].
         law: code of the friction law.
         dt: duration of the sample [s]; 0 where unknown (speeds then count as zero).
@@ -326,29 +382,31 @@ def solve_cable(
         Newton iterations in all and the largest remaining force imbalance [N].  The sample is
         solved where that is within ``acceptable``; otherwise the caller must report it.
     """
-    n = work.shape[0]
+    n = len(contacts)
     if n == 0:
-        material = elements[0, MATERIAL_BEFORE] + first_slip - last_slip
-        elements[0, MATERIAL] = material
-        elements[0, TENSION] = element_tension(axial_stiffness, elements[0, LENGTH], material)
+        material = elements[0].material_before + first_slip - last_slip
+        elements[0].material = material
+        elements[0].tension = element_tension(axial_stiffness, elements[0].length, material)
         return 0, 0.0
     enough = tolerance(axial_stiffness)
 
     # The given guess is the better one in steady motion, the predictor everywhere else.
     iterations = 0
-    if _guess_is_usable(work, elements, first_slip, last_slip):
+    if _guess_is_usable(contacts, elements, first_slip, last_slip):
         iterations, worst = _newton(
-            axial_stiffness, elements, work, pulleys, first_slip, last_slip, law, dt
+            axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
         )
         if worst <= enough:
             return iterations, worst
-    _predict(work, elements, first_slip, last_slip)
-    count, worst = _newton(axial_stiffness, elements, work, pulleys, first_slip, last_slip, law, dt)
+    _predict(contacts, elements, first_slip, last_slip)
+    count, worst = _newton(
+        axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
+    )
     iterations += count
     pieces = 4
     while not worst <= enough and pieces <= MAX_SUBSTEPS:
         count, worst = _walk(
-            pieces, axial_stiffness, elements, work, pulleys, first_slip, last_slip, law, dt
+            pieces, axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
         )
         iterations += count
         pieces *= 4
@@ -359,9 +417,9 @@ def solve_cable(
 def _walk(
     pieces: int,
     axial_stiffness: float,
-    elements: Table,
-    work: Table,
-    pulleys: Table,
+    elements: Rows[SolverElement],
+    contacts: Rows[Contact],
+    pulleys: Rows[PulleyNumbers],
     first_slip: float,
     last_slip: float,
     law: int,
@@ -373,34 +431,38 @@ def _walk(
         Newton iterations and the largest force imbalance of any piece [N].  Above ``acceptable``
         the way was given up and the slips are not those of the sample.
     """
-    n = work.shape[0]
-    start, end = elements[:, LENGTH_BEFORE].copy(), elements[:, LENGTH].copy()
-    material, bristle = elements[:, MATERIAL_BEFORE].copy(), work[:, BRISTLE_BEFORE].copy()
-    slip = np.zeros(n)
+    n = len(contacts)
+    start, end, material = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
+    for e in range(n + 1):
+        start[e], end[e] = elements[e].length_before, elements[e].length
+        material[e] = elements[e].material_before
+    bristle, slip = np.empty(n), np.zeros(n)
+    for i in range(n):
+        bristle[i] = contacts[i].bristle_before
     iterations, worst = 0, 0.0
     for piece in range(pieces):
-        elements[:, LENGTH_BEFORE] = start + (end - start) * (piece / pieces)
-        elements[:, LENGTH] = start + (end - start) * ((piece + 1) / pieces)
-        _predict(work, elements, first_slip / pieces, last_slip / pieces)
+        for e in range(n + 1):
+            way = end[e] - start[e]
+            elements[e].length_before = start[e] + way * (piece / pieces)
+            elements[e].length = start[e] + way * ((piece + 1) / pieces)
+        _predict(contacts, elements, first_slip / pieces, last_slip / pieces)
         count, left = _newton(
-            axial_stiffness,
-            elements,
-            work,
-            pulleys,
-            first_slip / pieces,
-            last_slip / pieces,
-            law,
-            dt / pieces,
-        )
+            axial_stiffness, elements, contacts, pulleys,
+            first_slip / pieces, last_slip / pieces, law, dt / pieces,
+        )  # fmt: skip
         iterations += count
         if not left <= worst:  # true for NaN too
             worst = left
         if not left <= acceptable(axial_stiffness):  # the rest of the way is not walked
             break
-        slip += work[:, SLIP]
-        elements[:, MATERIAL_BEFORE] = elements[:, MATERIAL]
-        work[:, BRISTLE_BEFORE] = work[:, BRISTLE]
-    elements[:, LENGTH_BEFORE], elements[:, LENGTH] = start, end
-    elements[:, MATERIAL_BEFORE], work[:, BRISTLE_BEFORE] = material, bristle
-    work[:, SLIP] = slip
+        for e in range(n + 1):
+            elements[e].material_before = elements[e].material
+        for i in range(n):
+            slip[i] += contacts[i].slip
+            contacts[i].bristle_before = contacts[i].bristle
+    for e in range(n + 1):
+        elements[e].length_before, elements[e].length = start[e], end[e]
+        elements[e].material_before = material[e]
+    for i in range(n):
+        contacts[i].bristle_before, contacts[i].slip = bristle[i], slip[i]
     return iterations, worst

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.extending import register_jitable
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -27,7 +28,7 @@ def source_digest(*more: Path) -> str:
     return digest.hexdigest()
 
 
-def compiled(function: F) -> F:
+def compiled(function: F, inline: bool = False) -> F:
     """Compile ``function`` to machine code at first use and keep the result on disk.
 
     IEEE arithmetic is kept (no ``fastmath``): the node and the offline tools must agree bit for
@@ -36,7 +37,20 @@ def compiled(function: F) -> F:
     """
     if getattr(numba.config, "DISABLE_JIT", 0):  # NUMBA_DISABLE_JIT=1, for a debugger
         return function
-    dispatcher: Any = numba.njit(cache=True, error_model="numpy", nogil=True)(function)
+    dispatcher: Any = numba.njit(cache=True, error_model="numpy", nogil=True, forceinline=inline)(
+        function
+    )
     stamp = source_digest(Path(function.__code__.co_filename))
     dispatcher._cache._cache_file._source_stamp = stamp
     return dispatcher
+
+
+def usable_in_kernels(function: F) -> F:
+    """Let kernels call ``function``, which becomes part of them; Python calls it as it is."""
+    usable: F = register_jitable(forceinline=True)(function)
+    return usable
+
+
+def stage(function: F) -> F:
+    """As ``compiled``, for a part of a larger kernel: it becomes part of each of its callers."""
+    return compiled(function, inline=True)

@@ -14,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.records import record_type
+
+Vector = NDArray[np.float64]
 
 CAPACITY: Final = 64
 """Break points that a drum remembers."""
@@ -21,83 +24,93 @@ CAPACITY: Final = 64
 FIRST_SPACING: Final = 0.1
 """Distance of break points [rad] until the memory is full for the first time."""
 
-MEMORY_SIZE: Final = 3 + 2 * CAPACITY
-"""Floats of one drum: [points in use, spacing, unused-layer strain, angles..., material...]."""
 
-_ANGLE: Final = 3
-_MATERIAL: Final = 3 + CAPACITY
+class Drum:
+    """Memory of one drum; see ``cdrj_ros.model.records``."""
+
+    points: float
+    """Break points in use, a whole number."""
+    spacing: float
+    """Distance of break points [rad]."""
+    rate_below: float
+    """Unstretched material per radian below the first break point [m/rad]."""
+    angle: Vector
+    """Wound angle of every break point, increasing [rad], shape (CAPACITY,)."""
+    material: Vector
+    """Unstretched material up to every break point [m], shape (CAPACITY,)."""
+
+
+DRUM: Final = record_type(Drum, angle=CAPACITY, material=CAPACITY)
 
 
 @compiled
-def start_drum(memory: NDArray[np.float64], angle: float, material: float, rate: float) -> None:
+def start_drum(drum: Drum, angle: float, material: float, rate: float) -> None:
     """Forget everything: below ``angle`` the drum holds ``rate`` [m/rad] of material throughout.
 
     Args:
-        memory: the drum's state, shape (MEMORY_SIZE,), written.
+        drum: the drum's memory, written.
         angle: wound angle, positive winding in [rad].
         material: unstretched material wound on since the reference [m].
         rate: unstretched material per radian of the layers below [m/rad].
     """
-    memory[0] = 1.0
-    memory[1] = FIRST_SPACING
-    memory[2] = rate
-    memory[_ANGLE] = angle
-    memory[_MATERIAL] = material
+    drum.points = 1.0
+    drum.spacing = FIRST_SPACING
+    drum.rate_below = rate
+    drum.angle[0] = angle
+    drum.material[0] = material
 
 
 @compiled
-def material_held(memory: NDArray[np.float64]) -> float:
+def material_held(drum: Drum) -> float:
     """Unstretched material on the drum since the reference [m]."""
-    return memory[_MATERIAL + int(memory[0]) - 1]
+    return drum.material[int(drum.points) - 1]
 
 
 @compiled
-def turn_drum(memory: NDArray[np.float64], angle: float, rate: float) -> float:
+def turn_drum(drum: Drum, angle: float, rate: float) -> float:
     """Turn the drum to a wound angle [rad]; returns the material on it [m].
 
     New layers go on at ``rate`` [m/rad], that is r_drum / (1 + t/EA) for the present tension;
     old ones come off at the rate at which they went on.
     """
-    n = int(memory[0])
+    n = int(drum.points)
     top = n - 1
-    if angle >= memory[_ANGLE + top]:
-        material = memory[_MATERIAL + top] + rate * (angle - memory[_ANGLE + top])
-        if top > 0 and angle - memory[_ANGLE + top - 1] <= memory[1]:
-            memory[_ANGLE + top] = angle
-            memory[_MATERIAL + top] = material
+    if angle >= drum.angle[top]:
+        material = drum.material[top] + rate * (angle - drum.angle[top])
+        if top > 0 and angle - drum.angle[top - 1] <= drum.spacing:
+            drum.angle[top] = angle
+            drum.material[top] = material
             return material
         if n == CAPACITY:
-            n = _thin_out(memory)
-        memory[_ANGLE + n] = angle
-        memory[_MATERIAL + n] = material
-        memory[0] = n + 1.0
+            n = _thin_out(drum)
+        drum.angle[n] = angle
+        drum.material[n] = material
+        drum.points = n + 1.0
         return material
-    while top > 0 and angle <= memory[_ANGLE + top - 1]:
+    while top > 0 and angle <= drum.angle[top - 1]:
         top -= 1
     if top == 0:
-        material = memory[_MATERIAL] + memory[2] * (angle - memory[_ANGLE])
+        material = drum.material[0] + drum.rate_below * (angle - drum.angle[0])
     else:
         below = top - 1
-        share = (angle - memory[_ANGLE + below]) / (memory[_ANGLE + top] - memory[_ANGLE + below])
-        material = memory[_MATERIAL + below] + share * (
-            memory[_MATERIAL + top] - memory[_MATERIAL + below]
-        )
-    memory[_ANGLE + top] = angle
-    memory[_MATERIAL + top] = material
-    memory[0] = top + 1.0
+        share = (angle - drum.angle[below]) / (drum.angle[top] - drum.angle[below])
+        material = drum.material[below] + share * (drum.material[top] - drum.material[below])
+    drum.angle[top] = angle
+    drum.material[top] = material
+    drum.points = top + 1.0
     return material
 
 
 @compiled
-def _thin_out(memory: NDArray[np.float64]) -> int:
+def _thin_out(drum: Drum) -> int:
     """Keep every other break point and the last one; returns how many are left."""
-    n = int(memory[0])
+    n = int(drum.points)
     kept = 0
     for k in range(0, n - 1, 2):
-        memory[_ANGLE + kept] = memory[_ANGLE + k]
-        memory[_MATERIAL + kept] = memory[_MATERIAL + k]
+        drum.angle[kept] = drum.angle[k]
+        drum.material[kept] = drum.material[k]
         kept += 1
-    memory[_ANGLE + kept] = memory[_ANGLE + n - 1]
-    memory[_MATERIAL + kept] = memory[_MATERIAL + n - 1]
-    memory[1] *= 2.0
+    drum.angle[kept] = drum.angle[n - 1]
+    drum.material[kept] = drum.material[n - 1]
+    drum.spacing *= 2.0
     return kept + 1

@@ -14,22 +14,109 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.records import Grid, Rows, record_type
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 MOTIONS: Final = ("fixed", "revolute", "prismatic", "rolling")
 """How a frame moves in its parent, in the order of the codes."""
 
 FIXED, REVOLUTE, PRISMATIC, ROLLING = range(len(MOTIONS))
 
-# Integer columns of a frame and of a node, then their real columns.
-PARENT, MOTION, JOINT, FRAME_INDICES = range(4)
-ORIGIN_X, ORIGIN_Y, ANGLE, DIRECTION_X, DIRECTION_Y, ROLLING_RADIUS, FRAME_NUMBERS = range(7)
-FRAME, NODE_INDICES = range(2)
-X, Y, NODE_RADIUS, TURN, ARC_REFERENCE, ARC_ANGLE, NODE_NUMBERS = range(7)
-POSE_X, POSE_Y, POSE_ANGLE, POSE_NUMBERS = range(4)
+
+class FramePlan:
+    """How a frame hangs in the tree; parents come first."""
+
+    parent: int
+    """Frame, -1 for the base."""
+    motion: int
+    """Code of the motion."""
+    joint: int
+    """Joint that moves it; -1 for a fixed frame."""
+
+
+class FrameNumbers:
+    """Where a frame lies in its parent at joint angle 0."""
+
+    x: float
+    """Origin [m]."""
+    y: float
+    """Origin [m]."""
+    angle: float
+    """[rad]."""
+    direction_x: float
+    """Unit vector of a prismatic motion, in the frame [-]."""
+    direction_y: float
+    """Unit vector of a prismatic motion, in the frame [-]."""
+    rolling_radius: float
+    """Radius of both circles of a rolling joint [m]."""
+
+
+class NodePlan:
+    """Frame of a node."""
+
+    frame: int
+    """-1 where the node has no position."""
+
+
+class NodeNumbers:
+    """Circle of a node in its frame, and the angle about which its arc is continuous."""
+
+    x: float
+    """Centre [m]."""
+    y: float
+    """Centre [m]."""
+    radius: float
+    """[m]."""
+    turn: float
+    """sigma: +1 counter-clockwise, -1 clockwise, 0 for a point."""
+    arc_reference: float
+    """Of an end: direction of its element in the reference pose [rad]."""
+    arc_angle: float
+    """Of a pulley: wrap in the reference pose, about which the wrap is continuous within half a
+    turn.  Of an end with a radius, which winds cable as its frame turns: arc in the reference pose,
+    less the turn of its frame [rad]."""
+
+
+class Pose:
+    """Where a frame is in the base."""
+
+    x: float
+    """Origin [m]."""
+    y: float
+    """Origin [m]."""
+    angle: float
+    """[rad]."""
+
+
+class Twist:
+    """Velocity of a frame per unit of a joint's velocity."""
+
+    turn: float
+    """Angular velocity [-]."""
+    x: float
+    """Velocity of the base's origin, as if it moved with the frame [m]."""
+    y: float
+    """Velocity of the base's origin, as if it moved with the frame [m]."""
+
+
+class Cubic:
+    """c0 + c1 u + c2 u^2 + c3 u^3, u in [0, 1] over one interval of a table."""
+
+    c0: float
+    c1: float
+    c2: float
+    c3: float
+
+
+FRAME_PLAN: Final = record_type(FramePlan)
+FRAME: Final = record_type(FrameNumbers)
+NODE_PLAN: Final = record_type(NodePlan)
+NODE: Final = record_type(NodeNumbers)
+POSE: Final = record_type(Pose)
+TWIST: Final = record_type(Twist)
+CUBIC: Final = record_type(Cubic)
 
 
 @compiled
@@ -60,83 +147,79 @@ def tangent(
 
 @compiled
 def place_frames(
-    frame_indices: Indices,
-    frame_numbers: Table,
+    plans: Rows[FramePlan],
+    frames: Rows[FrameNumbers],
     joint_angle: Vector,
-    pose: Table,
-    twist: NDArray[np.float64],
+    pose: Rows[Pose],
+    twist: Grid[Twist],
 ) -> None:
     """Pose of every frame in the base, and its velocity per joint.
 
     Args:
-        frame_indices: [PARENT, MOTION, JOINT] of every frame, parents first, shape (f, 3).
-        frame_numbers: origin in the parent [m], angle [rad], direction, rolling radius, (f, 6).
+        plans, frames: every frame, parents first, shape (f,).
         joint_angle: [rad] or, for prismatic frames, [m], shape (j,).
-        pose: x, y [m] and angle [rad], shape (f, 3), written.
-        twist: angular velocity and velocity of the base's origin, as if it moved with the frame,
-            per unit of joint velocity, shape (f, j, 3), written.
+        pose: shape (f,), written.
+        twist: shape (f, j), written.
 
     A rolling frame follows two equal circles of radius R: its origin lies at
     2R (cos q, sin q), it turns by 2q, and its instant centre is the point of contact (eq. 5).
     """
-    for f in range(pose.shape[0]):
-        parent = frame_indices[f, PARENT]
+    for f in range(len(frames)):
+        frame, parent, joint = frames[f], plans[f].parent, plans[f].joint
         px, py, pa = 0.0, 0.0, 0.0
         if parent >= 0:
-            px, py, pa = pose[parent, POSE_X], pose[parent, POSE_Y], pose[parent, POSE_ANGLE]
-            twist[f] = twist[parent]
-        else:
-            twist[f] = 0.0
+            px, py, pa = pose[parent].x, pose[parent].y, pose[parent].angle
+        for j in range(joint_angle.size):
+            moved = twist[f, j]
+            if parent >= 0:
+                carried = twist[parent, j]
+                moved.turn, moved.x, moved.y = carried.turn, carried.x, carried.y
+            else:
+                moved.turn, moved.x, moved.y = 0.0, 0.0, 0.0
         c, s = cos(pa), sin(pa)
-        ox = px + c * frame_numbers[f, ORIGIN_X] - s * frame_numbers[f, ORIGIN_Y]
-        oy = py + s * frame_numbers[f, ORIGIN_X] + c * frame_numbers[f, ORIGIN_Y]
-        angle = pa + frame_numbers[f, ANGLE]
-        motion = frame_indices[f, MOTION]
-        joint = frame_indices[f, JOINT]
+        ox = px + c * frame.x - s * frame.y
+        oy = py + s * frame.x + c * frame.y
+        angle = pa + frame.angle
+        motion = plans[f].motion
         if motion == REVOLUTE:
-            twist[f, joint, 0] += 1.0
-            twist[f, joint, 1] += oy
-            twist[f, joint, 2] -= ox
+            twist[f, joint].turn += 1.0
+            twist[f, joint].x += oy
+            twist[f, joint].y -= ox
             angle += joint_angle[joint]
         elif motion == PRISMATIC:
             c, s = cos(angle), sin(angle)
-            dx = c * frame_numbers[f, DIRECTION_X] - s * frame_numbers[f, DIRECTION_Y]
-            dy = s * frame_numbers[f, DIRECTION_X] + c * frame_numbers[f, DIRECTION_Y]
-            twist[f, joint, 1] += dx
-            twist[f, joint, 2] += dy
+            dx = c * frame.direction_x - s * frame.direction_y
+            dy = s * frame.direction_x + c * frame.direction_y
+            twist[f, joint].x += dx
+            twist[f, joint].y += dy
             ox += joint_angle[joint] * dx
             oy += joint_angle[joint] * dy
         elif motion == ROLLING:
             q = joint_angle[joint]
-            radius = frame_numbers[f, ROLLING_RADIUS]
+            radius = frame.rolling_radius
             c, s = cos(angle + q), sin(angle + q)
-            twist[f, joint, 0] += 2.0
-            twist[f, joint, 1] += 2.0 * (oy + radius * s)
-            twist[f, joint, 2] -= 2.0 * (ox + radius * c)
+            twist[f, joint].turn += 2.0
+            twist[f, joint].x += 2.0 * (oy + radius * s)
+            twist[f, joint].y -= 2.0 * (ox + radius * c)
             ox += 2.0 * radius * c
             oy += 2.0 * radius * s
             angle += 2.0 * q
-        pose[f, POSE_X] = ox
-        pose[f, POSE_Y] = oy
-        pose[f, POSE_ANGLE] = angle
+        pose[f].x, pose[f].y, pose[f].angle = ox, oy, angle
 
 
 @compiled
-def node_centre(node_numbers: Vector, frame_pose: Vector) -> tuple[float, float]:
-    """Centre of a node in the base frame [m]."""
-    c, s = cos(frame_pose[POSE_ANGLE]), sin(frame_pose[POSE_ANGLE])
-    return (
-        frame_pose[POSE_X] + c * node_numbers[X] - s * node_numbers[Y],
-        frame_pose[POSE_Y] + s * node_numbers[X] + c * node_numbers[Y],
-    )
+def node_centre(node: NodeNumbers, pose: Pose) -> tuple[float, float]:
+    """Centre of a node in the base frame [m]; ``pose`` is that of its frame."""
+    c, s = cos(pose.angle), sin(pose.angle)
+    return pose.x + c * node.x - s * node.y, pose.y + s * node.x + c * node.y
 
 
 @compiled
 def route(
-    node_indices: Indices,
-    node_numbers: Table,
-    pose: Table,
-    twist: NDArray[np.float64],
+    plans: Rows[NodePlan],
+    nodes: Rows[NodeNumbers],
+    pose: Rows[Pose],
+    twist: Grid[Twist],
     length: Vector,
     length_by_joint: Table,
     wrap: Vector,
@@ -145,12 +228,7 @@ def route(
     """Lengths, wraps and directions of one cable of n nodes.
 
     Args:
-        node_indices: frame of every node, shape (n, 1).
-        node_numbers: position in its frame [m], radius [m], turn (+1, -1, 0), ARC_REFERENCE and
-            ARC_ANGLE [rad]; shape (n, 6).  For a pulley ARC_ANGLE is the wrap in the reference
-            pose, about which the wrap is continuous within half a turn.  An end with a radius
-            winds cable as its frame turns: ARC_REFERENCE is its element's direction in the
-            reference pose and ARC_ANGLE its arc there, less the turn of its frame.
+        plans, nodes: every node, shape (n,).
         pose, twist: from ``place_frames``.
         length: geometric length of every element with its share of the arcs [m], (n - 1,), written.
         length_by_joint: its derivative by every joint, (n - 1, j), written.
@@ -161,16 +239,16 @@ def route(
     Returns:
         False where a common tangent does not exist or a wrap is negative.
     """
-    n = node_numbers.shape[0]
+    n = len(nodes)
     joints = length_by_joint.shape[1]
     possible = True
     length_by_joint[:] = 0.0
-    x1, y1 = node_centre(node_numbers[0], pose[node_indices[0, FRAME]])
+    x1, y1 = node_centre(nodes[0], pose[plans[0].frame])
     angle_before = 0.0
     for e in range(n - 1):
-        r1 = node_numbers[e, TURN] * node_numbers[e, NODE_RADIUS]
-        r2 = node_numbers[e + 1, TURN] * node_numbers[e + 1, NODE_RADIUS]
-        x2, y2 = node_centre(node_numbers[e + 1], pose[node_indices[e + 1, FRAME]])
+        r1 = nodes[e].turn * nodes[e].radius
+        r2 = nodes[e + 1].turn * nodes[e + 1].radius
+        x2, y2 = node_centre(nodes[e + 1], pose[plans[e + 1].frame])
         span, angle, h = tangent(x1, y1, r1, x2, y2, r2)
         if not span > 0.0:
             possible = False
@@ -180,28 +258,26 @@ def route(
         # half of the arcs at both ends; the whole arc at an end that winds cable itself
         turn_at_start = 0.0
         if e == 0:
-            turn_at_start = wrap_to_pi(angle - node_numbers[0, ARC_REFERENCE])
-            arcs = r1 * (node_numbers[0, ARC_ANGLE] * node_numbers[0, TURN] + turn_at_start)
-            arcs -= r1 * pose[node_indices[0, FRAME], POSE_ANGLE]
+            turn_at_start = wrap_to_pi(angle - nodes[0].arc_reference)
+            arcs = r1 * (nodes[0].arc_angle * nodes[0].turn + turn_at_start)
+            arcs -= r1 * pose[plans[0].frame].angle
         else:
-            middle = node_numbers[e, ARC_ANGLE]
-            wrap[e - 1] = middle + wrap_to_pi(
-                node_numbers[e, TURN] * (angle - angle_before) - middle
-            )
+            middle = nodes[e].arc_angle
+            wrap[e - 1] = middle + wrap_to_pi(nodes[e].turn * (angle - angle_before) - middle)
             if not wrap[e - 1] >= 0.0:
                 possible = False
-            half = 0.5 * node_numbers[e, NODE_RADIUS] * wrap[e - 1]
+            half = 0.5 * nodes[e].radius * wrap[e - 1]
             length[e - 1] += half
             arcs = half
         if e == n - 2:
-            arrival = wrap_to_pi(angle - node_numbers[n - 1, ARC_REFERENCE])
-            arcs += r2 * (node_numbers[n - 1, ARC_ANGLE] * node_numbers[n - 1, TURN] - arrival)
-            arcs += r2 * pose[node_indices[n - 1, FRAME], POSE_ANGLE]
+            arrival = wrap_to_pi(angle - nodes[n - 1].arc_reference)
+            arcs += r2 * (nodes[n - 1].arc_angle * nodes[n - 1].turn - arrival)
+            arcs += r2 * pose[plans[n - 1].frame].angle
         length[e] = span + arcs
         for j in range(joints):
-            f1, f2 = node_indices[e, FRAME], node_indices[e + 1, FRAME]
-            vx = twist[f2, j, 1] - twist[f2, j, 0] * y2 - twist[f1, j, 1] + twist[f1, j, 0] * y1
-            vy = twist[f2, j, 2] + twist[f2, j, 0] * x2 - twist[f1, j, 2] - twist[f1, j, 0] * x1
+            f1, f2 = plans[e].frame, plans[e + 1].frame
+            vx = twist[f2, j].x - twist[f2, j].turn * y2 - twist[f1, j].x + twist[f1, j].turn * y1
+            vy = twist[f2, j].y + twist[f2, j].turn * x2 - twist[f1, j].y - twist[f1, j].turn * x1
             along = dx * vx + dy * vy  # D dD
             span_by = along / span
             angle_by = (dx * vy - dy * vx) / square + h * along / (square * span)
@@ -210,12 +286,12 @@ def route(
             length_by_joint[e, j] += span_by
             if e == 0:
                 share1 = r1
-                length_by_joint[e, j] -= r1 * twist[f1, j, 0]
+                length_by_joint[e, j] -= r1 * twist[f1, j].turn
             else:
                 length_by_joint[e - 1, j] += share1 * angle_by
             if e == n - 2:
                 share2 = r2
-                length_by_joint[e, j] += r2 * twist[f2, j, 0]
+                length_by_joint[e, j] += r2 * twist[f2, j].turn
             else:
                 length_by_joint[e + 1, j] -= share2 * angle_by
             length_by_joint[e, j] += share1 * angle_by - share2 * angle_by
@@ -225,12 +301,10 @@ def route(
 
 
 @compiled
-def table_value(coefficients: Vector, base: int, share: float) -> tuple[float, float]:
-    """Value and derivative by ``share`` of the cubic at ``base``: c0 + c1 u + c2 u^2 + c3 u^3."""
-    c1 = coefficients[base + 1]
-    c2 = coefficients[base + 2]
-    c3 = coefficients[base + 3]
-    value = coefficients[base] + share * (c1 + share * (c2 + share * c3))
+def table_value(cubic: Cubic, share: float) -> tuple[float, float]:
+    """Value of a cubic and its derivative by ``share``, the place u in the interval."""
+    c1, c2, c3 = cubic.c1, cubic.c2, cubic.c3
+    value = cubic.c0 + share * (c1 + share * (c2 + share * c3))
     return value, c1 + share * (2.0 * c2 + 3.0 * share * c3)
 
 

@@ -1,208 +1,239 @@
 """One sample of a whole robot, compiled: geometry, friction bounds, every cable, all outputs.
 
-Few flat arrays (``cdrj_ros.model.packing``) make the call cheap; nothing is allocated per sample.
+Few flat arrays make the call cheap, views give their parts names; nothing is allocated per sample.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable import (
-    BEARING_RATIO,
-    BRISTLE,
-    BRISTLE_BEFORE,
-    CELLS,
-    ELEMENT_COLUMNS,
-    LENGTH,
-    LENGTH_BEFORE,
-    LOSS,
-    MATERIAL,
-    MATERIAL_BEFORE,
-    MU_C,
-    MU_S,
-    PULLEY_COLUMNS,
-    RHO,
-    SLIP,
-    STATIC_SHARE,
-    STRIBECK_LAG,
-    STRIBECK_SPEED,
-    TENSION,
-    WORK_COLUMNS,
-    acceptable,
-    element_tension,
-    solve_cable,
-)
-from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.drum import MEMORY_SIZE, material_held, start_drum, turn_drum
+from cdrj_ros.model.cable import Contact, SolverElement, acceptable, element_tension, solve_cable
+from cdrj_ros.model.compiled import compiled, stage, usable_in_kernels
+from cdrj_ros.model.drum import material_held, start_drum, turn_drum
 from cdrj_ros.model.friction import blended_loss, stribeck_share
-from cdrj_ros.model.geometry import POSE_NUMBERS
 from cdrj_ros.model.outputs import passive_torque, report_cable
-from cdrj_ros.model.packing import (
-    AT_CABLES,
-    AT_PULLEYS,
-    AXIAL_STIFFNESS,
-    AXIS_COLUMNS,
-    CABLE_INDICES,
-    CABLE_NUMBERS,
-    CABLES,
-    EFFORT_SIGN,
-    ELEMENT_COUNT,
-    ELEMENTS,
-    FIRST_ELEMENT,
-    FIRST_MOTOR,
-    FIRST_RADIUS,
-    FIRST_WINDING,
-    FRAMES,
-    IN_AXES,
-    IN_CABLES,
-    IN_LOSSES,
-    IN_MATERIAL,
-    IN_MOTORS,
-    IN_PULLEYS,
-    JOINTS,
-    LAW,
-    MOTOR_COLUMNS,
-    MOTOR_REFERENCE,
-    MOTORS,
-    PULLEYS,
-    STARTED,
-    WOUND_TENSION,
+from cdrj_ros.model.packing import Indices, Numbers, Plan, number_views, plan_views
+from cdrj_ros.model.records import Rows
+from cdrj_ros.model.shape import place_cables
+from cdrj_ros.model.state import (
+    EstimateViews,
+    ScratchViews,
+    StateViews,
     estimate_size,
+    estimate_views,
     scratch_size,
+    scratch_views,
+    state_size,
+    state_views,
 )
-from cdrj_ros.model.shape import shape
 from cdrj_ros.model.status import INVALID
+from cdrj_ros.model.views import part
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
-@compiled
+class Step(NamedTuple):
+    """Everything that one sample reads and writes."""
+
+    plan: Plan
+    numbers: Numbers
+    before: StateViews
+    after: StateViews
+    estimate: EstimateViews
+    scratch: ScratchViews
+
+
+@usable_in_kernels
+def _step_views(plan: Indices, numbers: Vector, before: Vector, out: Vector) -> Step:
+    """Names for the arguments of ``advance``."""
+    parts = plan_views(plan)
+    sizes = parts.sizes
+    estimate = state_size(sizes)
+    scratch = estimate + estimate_size(sizes)
+    return Step(
+        parts,
+        number_views(sizes, numbers),
+        state_views(sizes, before),
+        state_views(sizes, out),
+        estimate_views(sizes, part(out, estimate, scratch)),
+        scratch_views(sizes, part(out, scratch, out.size)),
+    )
+
+
+@stage
 def friction_losses(
-    plan: Indices, numbers: Vector, wrap: Vector, lagged_speed: Vector, work: Table
+    plan: Plan, numbers: Numbers, wrap: Vector, lagged_speed: Vector, contacts: Rows[Contact]
 ) -> None:
     """(37), (41) and their blend for every pulley; wraps that never change cost nothing.
 
-    Static friction fades with the slip speed as it was, lagging by ``STRIBECK_LAG`` (frictional
+    Static friction fades with the slip speed as it was, lagging by ``stribeck_lag`` (frictional
     memory).  The speed of the sample itself would make friction fall while the cable slips, so
     that a massless cable has several solutions or none: it would jump from sample to sample.
     """
-    for p in range(plan[PULLEYS]):
-        row = plan[AT_PULLEYS] + p * 2
-        at = plan[IN_PULLEYS] + p * PULLEY_COLUMNS
-        if plan[row + 1] < 0:  # the wrap never changes
-            kinetic = numbers[plan[IN_LOSSES] + 2 * p]
-            static = numbers[plan[IN_LOSSES] + 2 * p + 1]
-        else:
+    for p in range(len(contacts)):
+        pulley = numbers.pulleys[p]
+        kinetic, static = pulley.kinetic_loss, pulley.static_loss
+        if plan.pulleys[p].wrap_changes == 1:
             kinetic, static = blended_loss(
-                numbers[at + RHO],
-                numbers[at + MU_C],
-                numbers[at + MU_S],
+                pulley.rho,
+                pulley.mu_c,
+                pulley.mu_s,
                 wrap[p],
-                numbers[at + BEARING_RATIO],
-                plan[row + 1],
-                numbers[at + CELLS],
+                pulley.bearing_ratio,
+                plan.pulleys[p].stribeck,
+                pulley.cells,
             )
-        share = stribeck_share(lagged_speed[p], numbers[at + STRIBECK_SPEED])
-        work[p, STATIC_SHARE] = share
-        work[p, LOSS] = kinetic + static * share
+        share = stribeck_share(lagged_speed[p], pulley.stribeck_speed)
+        contacts[p].static_share = share
+        contacts[p].loss = kinetic + static * share
 
 
-@compiled
-def _wound_angle(numbers: Vector, plan: Indices, motor: int, winding: float, angle: float) -> float:
-    """Drum angle from the reference, positive winding in [rad]."""
-    return winding * (angle - numbers[plan[IN_MOTORS] + motor * MOTOR_COLUMNS + MOTOR_REFERENCE])
+@stage
+def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
+    """A cable without friction history: one tension throughout, set by the material it has.
 
-
-@compiled
-def _start_cable(
-    plan: Indices,
-    numbers: Vector,
-    c: int,
-    motor_angle: Vector,
-    length: Vector,
-    material: Vector,
-    tension: Vector,
-    drums: Vector,
-) -> None:
-    """A cable without friction history: one tension throughout, set by the material it has."""
-    row = plan[AT_CABLES] + c * CABLE_INDICES
-    first, count = plan[row + FIRST_ELEMENT], plan[row + ELEMENT_COUNT]
-    at = plan[IN_CABLES] + c * CABLE_NUMBERS
+    Returns:
+        False where the cable is wound in entirely.
+    """
+    cable, numbers = step.plan.cables[c], step.numbers
+    constants, after, tension = numbers.cables[c], step.after, step.estimate.tension
+    first, last = cable.first_element, cable.first_element + cable.elements
     # what lies on the drum when nothing is known of how it got there
-    stretch = 1.0 + numbers[at + WOUND_TENSION] / numbers[at + AXIAL_STIFFNESS]
+    stretch = 1.0 + constants.wound_tension / constants.axial_stiffness
     total = 0.0
     span = 0.0
-    for e in range(first, first + count):
-        total += numbers[plan[IN_MATERIAL] + e]
-        span += length[e]
-    for end in range(2):
-        motor = plan[row + FIRST_MOTOR + end]
+    for e in range(first, last):
+        total += numbers.elements[e].material
+        span += after.length[e]
+    for end in range(2 * c, 2 * c + 2):
+        motor, drum = step.plan.ends[end].motor, numbers.ends[end]
         if motor >= 0:
-            rate = numbers[at + FIRST_RADIUS + 2 * end] / stretch
-            winding = numbers[at + FIRST_WINDING + 2 * end]
-            angle = _wound_angle(numbers, plan, motor, winding, motor_angle[motor])
-            memory = (2 * c + end) * MEMORY_SIZE
-            start_drum(drums[memory : memory + MEMORY_SIZE], angle, rate * angle, rate)
+            rate = drum.radius / stretch
+            angle = drum.winding * (motor_angle[motor] - numbers.motors[motor].reference_angle)
+            start_drum(after.drums[end], angle, rate * angle, rate)
             total -= rate * angle
-    for e in range(first, first + count):
-        material[e] = length[e] * (total / span)
-        tension[e] = element_tension(numbers[at + AXIAL_STIFFNESS], length[e], material[e])
+    for e in range(first, last):
+        after.material[e] = after.length[e] * (total / span)
+        tension[e] = element_tension(constants.axial_stiffness, after.length[e], after.material[e])
+    for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
+        after.bristle[p], after.slip_speed[p], after.lagged_speed[p] = 0.0, 0.0, 0.0
+    step.estimate.iterations[c], step.estimate.residual[c] = 0.0, 0.0
+    return after.material[first] > 0.0
 
 
-@compiled
-def _spread_evenly(axial_stiffness: float, elements: Table, entered: float) -> None:
-    """What is certain of a cable whose slips were not solved: its elongation as a whole."""
-    total = entered
-    span = 0.0
-    for e in range(elements.shape[0]):
-        total += elements[e, MATERIAL_BEFORE]
-        span += elements[e, LENGTH]
-    for e in range(elements.shape[0]):
-        elements[e, MATERIAL] = elements[e, LENGTH] * (total / span)
-        elements[e, TENSION] = element_tension(
-            axial_stiffness, elements[e, LENGTH], elements[e, MATERIAL]
-        )
-
-
-@compiled
-def _turn_drums(
-    plan: Indices,
-    numbers: Vector,
-    c: int,
-    motor_angle: Vector,
-    first_stretch: float,
-    last_stretch: float,
-    drums: Vector,
-) -> tuple[float, float]:
+@stage
+def _turn_drums(step: Step, c: int, motor_angle: Vector) -> tuple[float, float]:
     """Material [m] that the winches push in at the first and draw out at the last node."""
-    row = plan[AT_CABLES] + c * CABLE_INDICES
-    at = plan[IN_CABLES] + c * CABLE_NUMBERS
+    cable, before = step.plan.cables[c], step.before
     slips = (0.0, 0.0)
     for end in range(2):
-        motor = plan[row + FIRST_MOTOR + end]
+        motor, drum = step.plan.ends[2 * c + end].motor, step.numbers.ends[2 * c + end]
         if motor < 0:
             continue
-        winding = numbers[at + FIRST_WINDING + 2 * end]
-        stretch = max(first_stretch if end == 0 else last_stretch, 1.0)
-        memory = (2 * c + end) * MEMORY_SIZE
-        drum = drums[memory : memory + MEMORY_SIZE]
-        held = material_held(drum)
-        angle = _wound_angle(numbers, plan, motor, winding, motor_angle[motor])
-        wound = turn_drum(drum, angle, numbers[at + FIRST_RADIUS + 2 * end] / stretch)
+        e = cable.first_element if end == 0 else cable.first_element + cable.elements - 1
+        stretch = max(before.length[e] / before.material[e], 1.0)
+        memory = step.after.drums[2 * c + end]
+        held = material_held(memory)
+        angle = drum.winding * (motor_angle[motor] - step.numbers.motors[motor].reference_angle)
+        wound = turn_drum(memory, angle, drum.radius / stretch)
         slips = (held - wound, slips[1]) if end == 0 else (slips[0], wound - held)
     return slips
 
 
+@stage
+def _move_cable(step: Step, c: int, motor_angle: Vector, dt: float) -> bool:
+    """Advance a cable with a history; False where its slips could not be solved."""
+    cable, before, after = step.plan.cables[c], step.before, step.after
+    stiffness = step.numbers.cables[c].axial_stiffness
+    first, last = cable.first_element, cable.first_element + cable.elements
+    pulley, beyond = cable.first_pulley, cable.first_pulley + cable.pulleys
+    elements, contacts = step.scratch.elements, step.scratch.contacts
+    first_slip, last_slip = _turn_drums(step, c, motor_angle)
+    for e in range(first, last):
+        elements[e].length_before = before.length[e]
+        elements[e].length = after.length[e]
+        elements[e].material_before = before.material[e]
+    for p in range(pulley, beyond):
+        contacts[p].slip = before.slip_speed[p] * dt
+        contacts[p].bristle_before = before.bristle[p]
+        contacts[p].bristle = 0.0
+    iterations, worst = solve_cable(
+        stiffness, elements[first:last], contacts[pulley:beyond],
+        step.numbers.pulleys[pulley:beyond], first_slip, last_slip, cable.law, dt,
+    )  # fmt: skip
+    solved = worst <= acceptable(stiffness) and _has_material(elements[first:last])
+    if not solved:
+        _spread_evenly(stiffness, elements[first:last], first_slip - last_slip)
+        for p in range(pulley, beyond):
+            contacts[p].bristle, contacts[p].slip = 0.0, 0.0
+    for e in range(first, last):
+        after.material[e] = elements[e].material
+        step.estimate.tension[e] = elements[e].tension
+    for p in range(pulley, beyond):
+        after.bristle[p] = contacts[p].bristle
+        after.slip_speed[p] = contacts[p].slip / dt if dt > 0.0 else 0.0
+        lag = step.numbers.pulleys[p].stribeck_lag  # (E10)
+        after.lagged_speed[p] = (lag * before.lagged_speed[p] + dt * after.slip_speed[p]) / (
+            lag + dt
+        )
+    step.estimate.iterations[c], step.estimate.residual[c] = iterations, worst
+    return solved
+
+
 @compiled
-def _refuse(plan: Indices, before: Vector, out: Vector) -> None:
+def _has_material(elements: Rows[SolverElement]) -> bool:
+    """Whether every element has some unstretched length."""
+    every = True
+    for e in range(len(elements)):
+        every &= elements[e].material > 0.0
+    return every
+
+
+@compiled
+def _spread_evenly(axial_stiffness: float, elements: Rows[SolverElement], entered: float) -> None:
+    """What is certain of a cable whose slips were not solved: its elongation as a whole."""
+    total = entered
+    span = 0.0
+    for e in range(len(elements)):
+        total += elements[e].material_before
+        span += elements[e].length
+    for e in range(len(elements)):
+        elements[e].material = elements[e].length * (total / span)
+        elements[e].tension = element_tension(
+            axial_stiffness, elements[e].length, elements[e].material
+        )
+
+
+@stage
+def _refuse(before: Vector, out: Vector, estimate: EstimateViews, estimate_size: int) -> None:
     """Leave the state as it was and mark every element ``INVALID``; no force is made up."""
-    size, elements = before.size, plan[ELEMENTS]
-    out[:size] = before
-    out[size : size + estimate_size(plan)] = 0.0
-    out[size + elements : size + 2 * elements] = INVALID
+    out[: before.size] = before
+    out[before.size : before.size + estimate_size] = 0.0
+    estimate.status[:] = INVALID
+
+
+@stage
+def _add_axes(step: Step, motor_angle: Vector, joint_angle: Vector) -> None:
+    """Add friction and spring of every motor and joint to the efforts, and apply their signs."""
+    before, after = step.before, step.after
+    motors = motor_angle.size
+    started = before.started[0] != 0.0
+    for a in range(motors + joint_angle.size):
+        axis = step.numbers.axes[a]
+        angle = motor_angle[a] if a < motors else joint_angle[a - motors]
+        turned = angle - before.angle[a] if started else 0.0
+        torque, friction = passive_torque(axis, before.bearing_friction[a], turned, angle)
+        after.angle[a], after.bearing_friction[a] = angle, friction
+        if a < motors:
+            cables = step.estimate.motor_effort[a]
+            step.estimate.motor_effort[a] = axis.effort_sign * (cables + torque)
+        else:
+            cables = step.estimate.joint_effort[a - motors]
+            step.estimate.joint_effort[a - motors] = axis.effort_sign * (cables + torque)
 
 
 @compiled
@@ -228,142 +259,29 @@ def advance(
         False where the geometry is impossible at these joint angles (the state is then kept) or
         the slips of some cable could not be solved; the elements concerned are ``INVALID``.
     """
-    elements, pulleys, cables = plan[ELEMENTS], plan[PULLEYS], plan[CABLES]
-    motors, joints, frames = plan[MOTORS], plan[JOINTS], plan[FRAMES]
-
-    # the state
-    length_before, length = before[1 : 1 + elements], out[1 : 1 + elements]
-    n = 1 + elements
-    material_before, material = before[n : n + elements], out[n : n + elements]
-    n += elements
-    bristle_before, bristle = before[n : n + pulleys], out[n : n + pulleys]
-    n += pulleys
-    speed_before, speed = before[n : n + pulleys], out[n : n + pulleys]
-    n += pulleys
-    lagged_before, lagged = before[n : n + pulleys], out[n : n + pulleys]
-    n += pulleys
-    axes = motors + joints
-    angle_before, angle_now = before[n : n + axes], out[n : n + axes]
-    n += axes
-    bearing_before, bearing = before[n : n + axes], out[n : n + axes]
-    n += axes
-    drums = out[n : n + 2 * cables * MEMORY_SIZE]
-    for k in range(n, n + 2 * cables * MEMORY_SIZE):
-        out[k] = before[k]
-    n += 2 * cables * MEMORY_SIZE
-    # the estimate
-    tension = out[n : n + elements]
-    n += elements
-    status = out[n : n + elements]
-    n += elements
-    force = out[n : n + 5 * pulleys].reshape(5, pulleys)
-    n += 5 * pulleys
-    motor_effort = out[n : n + motors]
-    n += motors
-    joint_effort = out[n : n + joints]
-    n += joints
-    iterations = out[n : n + cables]
-    n += cables
-    residual = out[n : n + cables]
-    n += cables
-    # scratch
-    length_by_joint = out[n : n + elements * joints].reshape(elements, joints)
-    n += elements * joints
-    direction = out[n : n + 2 * elements].reshape(elements, 2)
-    n += 2 * elements
-    wrap = out[n : n + pulleys]
-    n += pulleys
-    element_rows = out[n : n + elements * ELEMENT_COLUMNS].reshape(elements, ELEMENT_COLUMNS)
-    n += elements * ELEMENT_COLUMNS
-    work = out[n : n + pulleys * WORK_COLUMNS].reshape(pulleys, WORK_COLUMNS)
-    n += pulleys * WORK_COLUMNS
-    pose = out[n : n + frames * POSE_NUMBERS].reshape(frames, POSE_NUMBERS)
-    n += frames * POSE_NUMBERS
-    twist = out[n : n + frames * joints * 3].reshape(frames, joints, 3)
-
-    possible = shape(
-        plan, numbers, joint_angle, length, length_by_joint, wrap, direction, pose, twist
-    )
-    if not possible:
-        _refuse(plan, before, out)
+    step = _step_views(plan, numbers, before, out)
+    after, scratch, estimate = step.after, step.scratch, step.estimate
+    if not place_cables(step.plan, step.numbers, joint_angle, after.length, scratch):
+        _refuse(before, out, estimate, estimate_size(step.plan.sizes))
         return False
-    started = before[STARTED] != 0.0
-    out[STARTED] = 1.0
-    friction_losses(plan, numbers, wrap, lagged_before, work)
-    at = plan[IN_PULLEYS]
-    constants = numbers[at : at + pulleys * PULLEY_COLUMNS].reshape(pulleys, PULLEY_COLUMNS)
-    for m in range(motors):
-        motor_effort[m] = 0.0
-    for j in range(joints):
-        joint_effort[j] = 0.0
-
+    friction_losses(
+        step.plan, step.numbers, scratch.wrap, step.before.lagged_speed, scratch.contacts
+    )
+    started = step.before.started[0] != 0.0
+    after.started[0] = 1.0
+    for end in range(len(after.drums)):
+        after.drums[end] = step.before.drums[end]
+    estimate.motor_effort[:] = 0.0
+    estimate.joint_effort[:] = 0.0
     solved_all = True
-    for c in range(cables):
-        row = plan[AT_CABLES] + c * CABLE_INDICES
-        first = plan[row + FIRST_ELEMENT]
-        last = first + plan[row + ELEMENT_COUNT]
-        p, q = first - c, last - c - 1
-        at = plan[IN_CABLES] + c * CABLE_NUMBERS
-        stiffness = numbers[at + AXIAL_STIFFNESS]
-        solved = True
+    for c in range(len(step.plan.cables)):
         if started:
-            first_slip, last_slip = _turn_drums(
-                plan, numbers, c, motor_angle,
-                length_before[first] / material_before[first],
-                length_before[last - 1] / material_before[last - 1],
-                drums,
-            )  # fmt: skip
-            for e in range(first, last):
-                element_rows[e, LENGTH_BEFORE] = length_before[e]
-                element_rows[e, LENGTH] = length[e]
-                element_rows[e, MATERIAL_BEFORE] = material_before[e]
-            for i in range(p, q):
-                work[i, SLIP] = speed_before[i] * dt
-                work[i, BRISTLE_BEFORE] = bristle_before[i]
-                work[i, BRISTLE] = 0.0
-            rows = element_rows[first:last]
-            iterations[c], worst = solve_cable(
-                stiffness, rows, work[p:q], constants[p:q], first_slip, last_slip,
-                plan[row + LAW], dt,
-            )  # fmt: skip
-            residual[c] = worst
-            solved = bool(worst <= acceptable(stiffness) and np.min(rows[:, MATERIAL]) > 0.0)
-            if not solved:
-                solved_all = False
-                _spread_evenly(stiffness, rows, first_slip - last_slip)
-                for i in range(p, q):
-                    work[i, BRISTLE], work[i, SLIP] = 0.0, 0.0
-            for e in range(first, last):
-                material[e] = element_rows[e, MATERIAL]
-                tension[e] = element_rows[e, TENSION]
-            for i in range(p, q):
-                bristle[i] = work[i, BRISTLE]
-                speed[i] = work[i, SLIP] / dt if dt > 0.0 else 0.0
-                lag = constants[i, STRIBECK_LAG]
-                lagged[i] = (lag * lagged_before[i] + dt * speed[i]) / (lag + dt)
+            solved = _move_cable(step, c, motor_angle, dt)
         else:
-            _start_cable(plan, numbers, c, motor_angle, length, material, tension, drums)
-            solved = material[first] > 0.0  # a cable cannot be wound in entirely
-            solved_all &= solved
-            bristle[p:q], speed[p:q], lagged[p:q] = 0.0, 0.0, 0.0
-            iterations[c], residual[c] = 0.0, 0.0
-
-        report_cable(
-            plan, numbers, c, solved, tension, wrap, direction, speed, length_by_joint,
-            status, force, motor_effort, joint_effort,
-        )  # fmt: skip
-    for a in range(axes):
-        at = plan[IN_AXES] + a * AXIS_COLUMNS
-        angle = motor_angle[a] if a < motors else joint_angle[a - motors]
-        turned = angle - angle_before[a] if started else 0.0
-        torque, bearing[a] = passive_torque(numbers, at, bearing_before[a], turned, angle)
-        angle_now[a] = angle
-        if a < motors:
-            motor_effort[a] = numbers[at + EFFORT_SIGN] * (motor_effort[a] + torque)
-        else:
-            joint_effort[a - motors] = numbers[at + EFFORT_SIGN] * (
-                joint_effort[a - motors] + torque
-            )
+            solved = _start_cable(step, c, motor_angle)
+        report_cable(step.plan, step.numbers, c, solved, after.slip_speed, scratch, estimate)
+        solved_all &= solved
+    _add_axes(step, motor_angle, joint_angle)
     return solved_all
 
 
@@ -388,7 +306,7 @@ def advance_all(
     """
     size = state.size
     wanted = estimates.shape[1]
-    out = np.empty(size + wanted + scratch_size(plan))
+    out = np.empty(size + wanted + scratch_size(plan_views(plan).sizes))
     for k in range(dt.size):
         advance(plan, numbers, state, motor_angles[k], joint_angles[k], dt[k], out)
         state[:] = out[:size]

@@ -1,131 +1,281 @@
-"""Where everything lies in the flat arrays of a prepared robot, its state and its estimate.
+"""A prepared robot as two flat vectors, and the names of everything in them.
 
-The robot is prepared once (``cdrj_ros.model.prepared``) as ``plan`` (integers) and ``numbers``
-(reals).  The header of ``plan`` says where each block lies.
+``plan`` holds integers: how many of each thing there are, and how they are connected.  ``numbers``
+holds reals, so that an ensemble of robots that differ in numbers alone shares one plan.  Two
+arguments make the call of a kernel cheap; ``plan_views`` and ``number_views`` give their parts
+names, in kernels and in Python alike.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable import ELEMENT_COLUMNS, WORK_COLUMNS
-from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.drum import MEMORY_SIZE
-from cdrj_ros.model.geometry import POSE_NUMBERS
+from cdrj_ros.model.cable import PULLEY, PulleyNumbers
+from cdrj_ros.model.compiled import usable_in_kernels
+from cdrj_ros.model.geometry import (
+    CUBIC,
+    FRAME,
+    FRAME_PLAN,
+    NODE,
+    NODE_PLAN,
+    Cubic,
+    FrameNumbers,
+    FramePlan,
+    NodeNumbers,
+    NodePlan,
+)
+from cdrj_ros.model.records import Rows, record_type, words
+from cdrj_ros.model.views import rows
+from cdrj_ros.robot.description import TABLE_INTERVALS
 
+Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-# Header of ``plan``: sizes, then where each block begins in ``plan`` (AT_*) or ``numbers`` (IN_*).
-(
-    MOTORS,
-    JOINTS,
-    CABLES,
-    ELEMENTS,
-    PULLEYS,
-    FRAMES,
-    TERMS,
-    AT_CABLES,
-    AT_PULLEYS,
-    AT_FRAMES,
-    AT_NODES,
-    AT_TERMS,
-    IN_CABLES,
-    IN_PULLEYS,
-    IN_SPANS,
-    IN_MATERIAL,
-    IN_WRAPS,
-    IN_LOSSES,
-    IN_HALVES,
-    IN_FRAMES,
-    IN_NODES,
-    IN_MOTORS,
-    IN_JOINTS,
-    IN_AXES,
-    IN_TABLES,
-    HEADER,
-) = range(26)
+class Sizes(NamedTuple):
+    """How many of each thing a robot has: the beginning of a plan."""
 
-# Integer columns of a cable; first_motor and last_motor are -1 where the end is an anchor.
-(
-    FIRST_ELEMENT,
-    ELEMENT_COUNT,
-    FIRST_MOTOR,
-    LAST_MOTOR,
-    LAW,
-    STRIBECK,
-    ROUTED,
-    CABLE_INDICES,
-) = range(8)
-
-# Real columns of a cable.
-(
-    AXIAL_STIFFNESS,
-    PRELOAD,
-    MAXIMUM_TENSION,
-    FIRST_RADIUS,
-    FIRST_WINDING,
-    LAST_RADIUS,
-    LAST_WINDING,
-    WOUND_TENSION,
-    SLACK_TENSION,
-    CABLE_NUMBERS,
-) = range(10)
-
-# A term adds a tabulated function of one joint to a span or a wrap.
-TARGET, TARGET_INDEX, TERM_JOINT, TERM_TABLE, TERM_COLUMNS = range(5)
-SPAN, WRAP = 0, 1
-
-# Rows of motors and joints.
-MOTOR_REFERENCE, MOTOR_COLUMNS = range(2)
-TABLE_LOW, TABLE_STEP, JOINT_COLUMNS = range(3)
-
-# Rows of axes: all motors, then all joints.
-(
-    EFFORT_SIGN,
-    BEARING_TORQUE,
-    BEARING_STIFFNESS,
-    SPRING_STIFFNESS,
-    SPRING_REST,
-    AXIS_COLUMNS,
-) = range(6)
-
-STARTED: Final = 0
-"""Place of the flag in the state that says whether a first sample has been seen."""
+    motors: int
+    joints: int
+    cables: int
+    elements: int
+    pulleys: int
+    frames: int
+    nodes: int
+    terms: int
+    """Functions of a joint angle that add to a span or a wrap."""
 
 
-@compiled
-def state_size(plan: Indices) -> int:
-    """Floats of the state.
+class CablePlan:
+    """What a cable consists of; its elements, pulleys and nodes follow each other."""
 
-    In this order: the flag ``STARTED``, length and material of every element, bristle force, slip
-    speed and lagged slip speed of every pulley, angle and bearing friction of every axis, the
-    drums of both ends of every cable.
+    first_element: int
+    elements: int
+    first_pulley: int
+    pulleys: int
+    first_node: int
+    law: int
+    """Code of the friction law of all its pulleys."""
+    routed: int
+    """1 where lengths and wraps follow from positions."""
+
+
+class EndPlan:
+    """One end of a cable."""
+
+    motor: int
+    """Motor of its winch; -1 for an anchor."""
+
+
+class PulleyPlan:
+    """How a pulley's friction is evaluated."""
+
+    element: int
+    """The element before it."""
+    wrap_changes: int
+    """0 where the wrap is the same in every pose."""
+    stribeck: int
+    """Code of the form of static friction."""
+
+
+class TermPlan:
+    """A tabulated function of one joint angle, added to a span or a wrap."""
+
+    adds_to_wrap: int
+    """1: ``target`` is a pulley, whose wrap it changes; 0: an element, whose span it changes."""
+    target: int
+    joint: int
+
+
+class CableNumbers:
+    """Constants of a cable."""
+
+    axial_stiffness: float
+    """EA [N]."""
+    preload: float
+    """Tension in the reference pose [N]."""
+    maximum_tension: float
+    """Above this an element is overloaded [N]."""
+    wound_tension: float
+    """Tension at which the cable on its drums was wound [N]."""
+    slack_tension: float
+    """At or below this an element is slack [N]."""
+
+
+class EndNumbers:
+    """Constants of one end of a cable; 0 for an anchor."""
+
+    radius: float
+    """Of the drum, from its axis to the cable's centre line [m]."""
+    winding: float
+    """+1 where a positive motor angle winds the cable in, -1 where it pays it out."""
+
+
+class ElementNumbers:
+    """Constants of an element."""
+
+    span: float
+    """Constant part of the length between tangent points [m]; 0 where it follows from positions."""
+    material: float
+    """Unstretched length in the reference pose [m]."""
+
+
+class MotorNumbers:
+    """Constants of a motor."""
+
+    reference_angle: float
+    """Reading in the pose in which the preload was measured [rad]."""
+
+
+class JointNumbers:
+    """The grid of a joint's tables."""
+
+    lower: float
+    """Lower end of the joint's range [rad] or [m]."""
+    interval: float
+    """Width of an interval of the tables [rad] or [m]."""
+
+
+class AxisNumbers:
+    """A motor or joint beside its cables, (E13)."""
+
+    effort_sign: float
+    """+1 or -1, see ``cdrj_ros.robot.description.Motor``."""
+    bearing_torque: float
+    """Coulomb friction [N m]."""
+    bearing_stiffness: float
+    """Its slope where the motion turns [N m/rad]."""
+    spring_stiffness: float
+    """[N m/rad]."""
+    spring_rest: float
+    """Angle at which the spring's torque vanishes [rad]."""
+
+
+CABLE_PLAN: Final = record_type(CablePlan)
+END_PLAN: Final = record_type(EndPlan)
+PULLEY_PLAN: Final = record_type(PulleyPlan)
+TERM_PLAN: Final = record_type(TermPlan)
+CABLE: Final = record_type(CableNumbers)
+END: Final = record_type(EndNumbers)
+ELEMENT: Final = record_type(ElementNumbers)
+MOTOR: Final = record_type(MotorNumbers)
+JOINT: Final = record_type(JointNumbers)
+AXIS: Final = record_type(AxisNumbers)
+
+_SIZES: Final = len(Sizes._fields)
+_CABLE_PLAN, _END_PLAN, _PULLEY_PLAN = words(CABLE_PLAN), words(END_PLAN), words(PULLEY_PLAN)
+_FRAME_PLAN, _NODE_PLAN, _TERM_PLAN = words(FRAME_PLAN), words(NODE_PLAN), words(TERM_PLAN)
+_CABLE, _END, _PULLEY, _ELEMENT = words(CABLE), words(END), words(PULLEY), words(ELEMENT)
+_FRAME, _NODE, _MOTOR, _JOINT = words(FRAME), words(NODE), words(MOTOR), words(JOINT)
+_AXIS, _TABLE = words(AXIS), words(CUBIC) * TABLE_INTERVALS
+
+
+class Plan(NamedTuple):
+    """How a robot is connected: views of ``plan``, in its order."""
+
+    sizes: Sizes
+    cables: Rows[CablePlan]
+    ends: Rows[EndPlan]
+    """Of cable c the first end at 2 c, the last at 2 c + 1, shape (2 cables,)."""
+    pulleys: Rows[PulleyPlan]
+    frames: Rows[FramePlan]
+    nodes: Rows[NodePlan]
+    """Of all cables, shape (nodes,)."""
+    terms: Rows[TermPlan]
+
+
+class Numbers(NamedTuple):
+    """Constants of a robot: views of ``numbers``, in its order."""
+
+    cables: Rows[CableNumbers]
+    ends: Rows[EndNumbers]
+    """As in ``Plan``."""
+    pulleys: Rows[PulleyNumbers]
+    elements: Rows[ElementNumbers]
+    frames: Rows[FrameNumbers]
+    nodes: Rows[NodeNumbers]
+    motors: Rows[MotorNumbers]
+    joints: Rows[JointNumbers]
+    axes: Rows[AxisNumbers]
+    """All motors, then all joints."""
+    tables: Rows[Cubic]
+    """Of every term ``TABLE_INTERVALS`` cubics, shape (terms * TABLE_INTERVALS,)."""
+
+
+@usable_in_kernels
+def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int]:
+    """Where each part of a plan ends, in the order of ``Plan``."""
+    cables = _SIZES + sizes.cables * _CABLE_PLAN
+    ends = cables + 2 * sizes.cables * _END_PLAN
+    pulleys = ends + sizes.pulleys * _PULLEY_PLAN
+    frames = pulleys + sizes.frames * _FRAME_PLAN
+    nodes = frames + sizes.nodes * _NODE_PLAN
+    terms = nodes + sizes.terms * _TERM_PLAN
+    return cables, ends, pulleys, frames, nodes, terms
+
+
+@usable_in_kernels
+def plan_views(plan: Indices) -> Plan:
+    """Names for the parts of a plan, which begins with its sizes."""
+    sizes = Sizes(plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6], plan[7])
+    cables, ends, pulleys, frames, nodes, terms = _plan_ends(sizes)
+    return Plan(
+        sizes,
+        rows(plan, _SIZES, cables, CABLE_PLAN),
+        rows(plan, cables, ends, END_PLAN),
+        rows(plan, ends, pulleys, PULLEY_PLAN),
+        rows(plan, pulleys, frames, FRAME_PLAN),
+        rows(plan, frames, nodes, NODE_PLAN),
+        rows(plan, nodes, terms, TERM_PLAN),
+    )
+
+
+@usable_in_kernels
+def _number_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int, int, int]:
+    """Where each part of the numbers ends, in the order of ``Numbers``."""
+    cables = sizes.cables * _CABLE
+    ends = cables + 2 * sizes.cables * _END
+    pulleys = ends + sizes.pulleys * _PULLEY
+    elements = pulleys + sizes.elements * _ELEMENT
+    frames = elements + sizes.frames * _FRAME
+    nodes = frames + sizes.nodes * _NODE
+    motors = nodes + sizes.motors * _MOTOR
+    joints = motors + sizes.joints * _JOINT
+    axes = joints + (sizes.motors + sizes.joints) * _AXIS
+    tables = axes + sizes.terms * _TABLE
+    return cables, ends, pulleys, elements, frames, nodes, motors, joints, axes, tables
+
+
+@usable_in_kernels
+def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
+    """Names for the parts of the numbers.
+
+    Args:
+        sizes: of the robot.
+        numbers: shape (numbers,); in Python also (robots, numbers), and so the views.
     """
-    return (
-        1
-        + 2 * plan[ELEMENTS]
-        + 3 * plan[PULLEYS]
-        + 2 * (plan[MOTORS] + plan[JOINTS])
-        + 2 * plan[CABLES] * MEMORY_SIZE
+    (
+        cables, ends, pulleys, elements, frames, nodes, motors, joints, axes, tables,
+    ) = _number_ends(sizes)  # fmt: skip
+    return Numbers(
+        rows(numbers, 0, cables, CABLE),
+        rows(numbers, cables, ends, END),
+        rows(numbers, ends, pulleys, PULLEY),
+        rows(numbers, pulleys, elements, ELEMENT),
+        rows(numbers, elements, frames, FRAME),
+        rows(numbers, frames, nodes, NODE),
+        rows(numbers, nodes, motors, MOTOR),
+        rows(numbers, motors, joints, JOINT),
+        rows(numbers, joints, axes, AXIS),
+        rows(numbers, axes, tables, CUBIC),
     )
 
 
-@compiled
-def estimate_size(plan: Indices) -> int:
-    """Floats of the estimate, in the order of ``cdrj_ros.model.prepared.Layout``."""
-    return 2 * plan[ELEMENTS] + 5 * plan[PULLEYS] + plan[MOTORS] + plan[JOINTS] + 2 * plan[CABLES]
-
-
-@compiled
-def scratch_size(plan: Indices) -> int:
-    """Floats of the scratch space behind state and estimate."""
-    elements, pulleys, joints = plan[ELEMENTS], plan[PULLEYS], plan[JOINTS]
-    return (
-        elements * (joints + 2 + ELEMENT_COLUMNS)
-        + pulleys * (1 + WORK_COLUMNS)
-        + plan[FRAMES] * (POSE_NUMBERS + 3 * joints)
-    )
+def empty_robot(sizes: Sizes) -> tuple[Indices, Vector]:
+    """Plan and numbers of a robot, nothing filled in but the sizes."""
+    plan = np.zeros(_plan_ends(sizes)[-1], dtype=np.int64)
+    plan[:_SIZES] = sizes
+    return plan, np.zeros(_number_ends(sizes)[-1])

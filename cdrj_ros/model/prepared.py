@@ -2,40 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
-from math import cos, pi, sin
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.model import cable as cable_kernel
-from cdrj_ros.model import geometry, packing
-from cdrj_ros.model.friction import (
-    EULER,
-    LAWS,
-    RIGID_BRISTLE,
-    STEADY,
-    STRIBECK_FORMS,
-    blended_loss,
-)
+from cdrj_ros.model.filling import pack
+from cdrj_ros.model.packing import Sizes, number_views, plan_views
 from cdrj_ros.model.shape import shape
-from cdrj_ros.robot.description import (
-    TABLE_INTERVALS,
-    Cable,
-    Friction,
-    Profile,
-    Pulley,
-    Robot,
-    Winch,
+from cdrj_ros.model.state import (
+    ScratchViews,
+    estimate_size,
+    estimate_views,
+    scratch_size,
+    scratch_views,
+    state_size,
 )
+from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
-
-NEVER_SLIDES: Final = 1e9
-"""Stribeck speed [m/s] that stands for 'no Stribeck effect'."""
 
 RANGE_CHECKS: Final = 41
 """Poses over the joint ranges in which the geometry is checked."""
@@ -84,7 +72,11 @@ class Model:
 
     robot: Robot
     plan: NDArray[np.int64]
+    """How it is connected, see ``cdrj_ros.model.packing``; read-only."""
     numbers: Vector
+    """Its constants, see ``cdrj_ros.model.packing``; read-only."""
+    sizes: Sizes
+    """How many of each thing it has."""
     layout: Layout
     state_size: int
     out_size: int
@@ -120,272 +112,82 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
     Raises:
         RobotFileError: the geometry is impossible somewhere in the joint ranges.
     """
-    model = _pack(robot)
+    model = _model(robot)
     reference = np.array([joint.reference_angle for joint in robot.joints])
     rest = shape_at(model, reference)
     if not rest.possible:
         raise RobotFileError(_impossible(robot, reference, rest))
-    _set_routed_references(model, rest, reference)
+    _set_routed_references(model, reference)
     rest = shape_at(model, reference)
-    numbers = model.numbers
-    at = int(model.plan[packing.IN_MATERIAL])
+    elements = number_views(model.sizes, model.numbers).elements
     element = 0
     for cable in robot.cables:
-        for _ in cable.element_names:
+        for name in cable.element_names:
             length = rest.length[element]
             if not length > 0.0:
                 raise RobotFileError(
-                    f"element {cable.name}/{_number(model, element)} has the length {length:.4g} m "
-                    f"in the reference pose ({robot.source})"
+                    f"element {name} has the length {length:.4g} m in the reference pose "
+                    f"({robot.source})"
                 )
-            numbers[at + element] = length / (1.0 + cable.preload / cable.axial_stiffness)
+            elements[element].material = length / (1.0 + cable.preload / cable.axial_stiffness)
             element += 1
     if check_range:
         _check_range(model)
-    numbers.flags.writeable = False
-    model.plan.flags.writeable = False
+    model.numbers.flags.writeable = False
     return model
 
 
 def shape_at(model: Model, joint_angle: Vector) -> Shape:
     """Lengths, wraps and directions at the joint angles [rad], shape (joints,)."""
-    plan = model.plan
-    elements, pulleys = int(plan[packing.ELEMENTS]), int(plan[packing.PULLEYS])
-    joints, frames = int(plan[packing.JOINTS]), int(plan[packing.FRAMES])
-    length, wrap = np.empty(elements), np.empty(pulleys)
-    by_joint, direction = np.empty((elements, joints)), np.zeros((elements, 2))
+    return _shape(model, joint_angle)[0]
+
+
+def _shape(model: Model, joint_angle: Vector) -> tuple[Shape, ScratchViews]:
+    """``shape_at``, with the poses of the frames."""
+    length, scratch = np.empty(model.sizes.elements), np.zeros(scratch_size(model.sizes))
     possible = shape(
-        _read_only(plan),  # one type of argument, so that the kernel is compiled once
-        _read_only(model.numbers),
-        np.asarray(joint_angle, dtype=np.float64),
+        model.plan,
+        read_only(model.numbers),
+        np.ascontiguousarray(joint_angle, dtype=np.float64),
         length,
-        by_joint,
-        wrap,
-        direction,
-        np.empty((frames, geometry.POSE_NUMBERS)),
-        np.empty((frames, joints, 3)),
+        scratch,
     )
-    return Shape(length, by_joint, wrap, direction, bool(possible))
+    views = scratch_views(model.sizes, scratch)
+    found = Shape(length, views.length_by_joint, views.wrap, views.direction, bool(possible))
+    return found, views
 
 
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+def read_only(array: Vector) -> Vector:
+    """A view that cannot be written: kernels are compiled for such ``numbers`` alone."""
     view = array.view()
     view.flags.writeable = False
     return view
 
 
-def _pack(robot: Robot) -> Model:
-    """All blocks of plan and numbers; material and routed references are filled in later."""
-    motors = {motor.name: k for k, motor in enumerate(robot.motors)}
-    joints = {joint.name: k for k, joint in enumerate(robot.joints)}
-    frames = {frame.name: k for k, frame in enumerate(robot.frames)}
-
-    cable_rows: list[list[int]] = []
-    cable_numbers: list[list[float]] = []
-    pulley_rows: list[list[int]] = []
-    pulley_numbers: list[list[float]] = []
-    losses: list[tuple[float, float]] = []
-    halves: list[tuple[float, float]] = []
-    spans: list[float] = []
-    wraps: list[float] = []
-    node_rows: list[list[int]] = []
-    node_numbers: list[list[float]] = []
-    terms: list[list[int]] = []
-    tables: list[Vector] = []
-
-    def add_profiles(profiles: tuple[Profile, ...], target: int, index: int) -> float:
-        constant = 0.0
-        for profile in profiles:
-            if profile.joint is None:
-                constant += float(profile.value[0])
-                continue
-            step = float(profile.angle[1] - profile.angle[0])
-            terms.append([target, index, joints[profile.joint], len(tables)])
-            tables.append(geometry.hermite_table(profile.value, profile.slope, step).ravel())
-        return constant
-
-    for cable in robot.cables:
-        law = LAWS.index(cable.law)
-        stribeck = _stribeck(cable)
-        first, last = cable.nodes[0], cable.nodes[-1]
-        cable_rows.append(
-            [
-                len(spans),
-                len(cable.nodes) - 1,
-                motors[first.motor] if isinstance(first, Winch) else -1,
-                motors[last.motor] if isinstance(last, Winch) else -1,
-                law,
-                stribeck,
-                int(cable.routed),
-            ]
-        )
-        cable_numbers.append(
-            [
-                cable.axial_stiffness,
-                cable.preload,
-                cable.maximum_tension,
-                *((first.radius, first.winding) if isinstance(first, Winch) else (0.0, 0.0)),
-                *((last.radius, last.winding) if isinstance(last, Winch) else (0.0, 0.0)),
-                cable.preload,
-                cable.slack_tension,
-            ]
-        )
-        for k, pulley in enumerate(cable.pulleys):
-            row = _pulley_numbers(pulley, law)
-            constant = add_profiles(pulley.wrap, packing.WRAP, len(wraps))
-            moving = cable.routed or any(profile.joint for profile in pulley.wrap)
-            pulley_rows.append([len(spans) + k, stribeck if moving else -1])
-            losses.append(
-                blended_loss(
-                    row[cable_kernel.RHO],
-                    row[cable_kernel.MU_C],
-                    row[cable_kernel.MU_S],
-                    constant,
-                    row[cable_kernel.BEARING_RATIO],
-                    stribeck,
-                    row[cable_kernel.CELLS],
-                )
-            )
-            halves.append((sin(0.5 * constant), cos(0.5 * constant)))
-            wraps.append(constant)
-            pulley_numbers.append(row)
-        for profiles in cable.spans or ((),) * (len(cable.nodes) - 1):
-            spans.append(add_profiles(profiles, packing.SPAN, len(spans)))
-        for node in cable.nodes:
-            place = node.place
-            node_rows.append([frames[place.frame] if place else -1])
-            node_numbers.append(
-                [place.x, place.y, node.radius, place.turn, 0.0, pi] if place else [0.0] * 6
-            )
-
-    frame_rows = [
-        [
-            frames[frame.parent] if frame.parent else -1,
-            geometry.MOTIONS.index(frame.motion),
-            joints[frame.joint] if frame.joint else -1,
-        ]
-        for frame in robot.frames
-    ]
-    frame_numbers = [
-        [frame.x, frame.y, frame.angle, *frame.direction, frame.rolling_radius]
-        for frame in robot.frames
-    ]
-    motor_numbers = [[motor.reference_angle] for motor in robot.motors]
-    joint_numbers = [
-        [joint.lower, (joint.upper - joint.lower) / TABLE_INTERVALS] for joint in robot.joints
-    ]
-    axis_numbers = [[axis.effort_sign, *astuple(axis.passive)] for axis in robot.axes]
-
-    header = np.zeros(packing.HEADER, dtype=np.int64)
-    header[packing.MOTORS : packing.AT_CABLES] = [
-        len(robot.motors),
-        len(robot.joints),
-        len(robot.cables),
-        len(spans),
-        len(wraps),
-        len(robot.frames),
-        len(terms),
-    ]
-    rows: list[NDArray[np.int64]] = [header]
-    place_of_row = packing.AT_CABLES
-    at = header.size
-    for block in (cable_rows, pulley_rows, frame_rows, node_rows, terms):
-        flat = np.array(block, dtype=np.int64).ravel()
-        header[place_of_row] = at
-        at += flat.size
-        place_of_row += 1
-        rows.append(flat)
-    numbers: list[Vector] = []
-    place_of_number = packing.IN_CABLES
-    inside = 0
-    blocks: tuple[Any, ...] = (
-        cable_numbers,
-        pulley_numbers,
-        spans,
-        np.zeros(len(spans)),
-        wraps,
-        losses,
-        halves,
-        frame_numbers,
-        node_numbers,
-        motor_numbers,
-        joint_numbers,
-        axis_numbers,
-        np.concatenate(tables) if tables else [],
-    )
-    for numbers_block in blocks:
-        values = np.array(numbers_block, dtype=np.float64).ravel()
-        header[place_of_number] = inside
-        inside += values.size
-        place_of_number += 1
-        numbers.append(values)
-    plan = np.concatenate(rows)
-    size = int(packing.state_size(plan))
-    layout = _layout(robot)
+def _model(robot: Robot) -> Model:
+    """The robot with what does not follow from its reference pose."""
+    plan, numbers = pack(robot)
+    plan.flags.writeable = False
+    sizes = Sizes(*(int(count) for count in plan_views(plan).sizes))
+    size, estimate = state_size(sizes), estimate_size(sizes)
     return Model(
         robot=robot,
         plan=plan,
-        numbers=np.concatenate(numbers),
-        layout=layout,
+        numbers=numbers,
+        sizes=sizes,
+        layout=_layout(robot, sizes),
         state_size=size,
-        out_size=size + layout.size + int(packing.scratch_size(plan)),
+        out_size=size + estimate + scratch_size(sizes),
         state_part=slice(0, size),
-        estimate_part=slice(size, size + layout.size),
+        estimate_part=slice(size, size + estimate),
     )
 
 
-def _stribeck(cable: Cable) -> int:
-    """Code of the cable's Stribeck form; its pulleys share one."""
-    forms = {pulley.friction.stribeck for pulley in cable.pulleys} or {"printed"}
-    return STRIBECK_FORMS.index(forms.pop())
-
-
-def _pulley_numbers(pulley: Pulley, law: int) -> list[float]:
-    """One row of pulley constants; the simpler laws are limits of the full one."""
-    friction = pulley.friction
-    if law == EULER:  # sliding alone, without static friction
-        friction = replace(friction, rho=1.0, mu_s=friction.mu_c)
-    rigid = law in (EULER, STEADY)
-    cells = float(pulley.cells)  # parallel springs to the ground share stiffness and drag
-    row = [0.0] * cable_kernel.PULLEY_COLUMNS
-    row[cable_kernel.RADIUS] = pulley.radius
-    row[cable_kernel.RHO] = friction.rho
-    row[cable_kernel.MU_C] = friction.mu_c
-    row[cable_kernel.MU_S] = friction.mu_s
-    row[cable_kernel.STRIBECK_SPEED] = friction.stribeck_speed or NEVER_SLIDES
-    row[cable_kernel.BEARING_RATIO] = _bearing_ratio(friction, pulley)
-    row[cable_kernel.BRISTLE_STIFFNESS] = RIGID_BRISTLE if rigid else friction.bristle_stiffness
-    row[cable_kernel.DRAG] = 0.0 if law == EULER else pulley.bearing_torque / pulley.radius
-    row[cable_kernel.BRISTLE_DAMPING] = 0.0 if rigid else friction.bristle_damping
-    row[cable_kernel.VISCOUS] = 0.0 if rigid else friction.viscous
-    for shared in (
-        cable_kernel.BRISTLE_STIFFNESS,
-        cable_kernel.DRAG,
-        cable_kernel.BRISTLE_DAMPING,
-        cable_kernel.VISCOUS,
-    ):
-        row[shared] /= cells
-    row[cable_kernel.STRIBECK_LAG] = friction.stribeck_lag
-    row[cable_kernel.CELLS] = cells
-    row[cable_kernel.BREAKAWAY] = 1.0 if rigid else friction.breakaway
-    return row
-
-
-def _bearing_ratio(friction: Friction, pulley: Pulley) -> float:
-    """1 / alpha of (41)."""
-    return friction.bearing_friction * pulley.bearing_diameter / pulley.radius
-
-
-def _layout(robot: Robot) -> Layout:
+def _layout(robot: Robot, sizes: Sizes) -> Layout:
     elements = tuple(name for cable in robot.cables for name in cable.element_names)
     pulleys = tuple(name for cable in robot.cables for name in cable.pulley_names)
-    sizes = (
-        [len(elements)] * 2
-        + [len(pulleys)] * 5
-        + [len(robot.motors), len(robot.joints)]
-        + [len(robot.cables)] * 2
-    )
-    ends = np.cumsum([0, *sizes]).tolist()
+    size = estimate_size(sizes)
+    ends = np.cumsum([0, *(part.size for part in estimate_views(sizes, np.empty(size)))]).tolist()
     slices = [slice(a, b) for a, b in pairwise(ends)]
     return Layout(
         elements,
@@ -393,45 +195,27 @@ def _layout(robot: Robot) -> Layout:
         tuple(motor.name for motor in robot.motors),
         tuple(joint.name for joint in robot.joints),
         tuple(cable.name for cable in robot.cables),
-        ends[-1],
+        size,
         *slices,
     )
 
 
-def _set_routed_references(model: Model, rest: Shape, reference: Vector) -> None:
+def _set_routed_references(model: Model, reference: Vector) -> None:
     """Wraps about which pulleys are continuous, and the directions from which ends wind."""
-    plan, numbers = model.plan, model.numbers
-    pose = np.empty((int(plan[packing.FRAMES]), geometry.POSE_NUMBERS))
-    twist = np.empty((pose.shape[0], reference.size, 3))
-    if pose.size:
-        at, inside = int(plan[packing.AT_FRAMES]), int(plan[packing.IN_FRAMES])
-        count = pose.shape[0]
-        geometry.place_frames(
-            plan[at : at + 3 * count].reshape(count, 3),
-            numbers[inside : inside + geometry.FRAME_NUMBERS * count].reshape(count, -1),
-            reference,
-            pose,
-            twist,
-        )
-    node = element = pulley = 0
-    for cable in model.robot.cables:
-        count = len(cable.nodes)
-        if cable.routed:
-            for k in range(count):
-                row = int(plan[packing.IN_NODES]) + (node + k) * geometry.NODE_NUMBERS
-                frame = int(plan[int(plan[packing.AT_NODES]) + node + k])
-                turn = numbers[row + geometry.TURN]
-                if 0 < k < count - 1:
-                    numbers[row + geometry.ARC_ANGLE] = rest.wrap[pulley + k - 1]
-                    continue
-                e = element if k == 0 else element + count - 2
-                direction = np.arctan2(rest.direction[e, 1], rest.direction[e, 0])
-                turned = pose[frame, geometry.POSE_ANGLE]
-                numbers[row + geometry.ARC_REFERENCE] = direction
-                numbers[row + geometry.ARC_ANGLE] = turn * (turned if k == 0 else -turned)
-        node += count
-        element += count - 1
-        pulley += count - 2
+    _, rest = _shape(model, reference)
+    plan, numbers = plan_views(model.plan), number_views(model.sizes, model.numbers)
+    for cable in (plan.cables[c] for c in range(len(plan.cables))):
+        if not cable.routed:
+            continue
+        for k in range(cable.pulleys):
+            numbers.nodes[cable.first_node + 1 + k].arc_angle = rest.wrap[cable.first_pulley + k]
+        for k in (0, cable.elements):
+            node = cable.first_node + k
+            x, y = rest.direction[cable.first_element + max(k - 1, 0)]
+            turned = rest.pose[plan.nodes[node].frame].angle
+            circle = numbers.nodes[node]
+            circle.arc_reference = np.arctan2(y, x)
+            circle.arc_angle = circle.turn * (turned if k == 0 else -turned)
 
 
 def _check_range(model: Model) -> None:
@@ -452,10 +236,6 @@ def _check_range(model: Model) -> None:
         shape = shape_at(model, angle)
         if not shape.possible or not np.all(shape.length > 0.0) or not np.all(shape.wrap >= 0.0):
             raise RobotFileError(_impossible(model.robot, angle, shape))
-
-
-def _number(model: Model, element: int) -> str:
-    return model.layout.elements[element].split("/")[1]
 
 
 def _impossible(robot: Robot, angle: Vector, shape: Shape) -> str:

@@ -5,109 +5,49 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable import PULLEY_COLUMNS, RADIUS
-from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.geometry import (
-    FRAME_INDICES,
-    FRAME_NUMBERS,
-    NODE_INDICES,
-    NODE_NUMBERS,
-    place_frames,
-    route,
-    table_value,
-)
-from cdrj_ros.model.packing import (
-    AT_CABLES,
-    AT_FRAMES,
-    AT_NODES,
-    AT_PULLEYS,
-    AT_TERMS,
-    CABLE_INDICES,
-    CABLES,
-    ELEMENT_COUNT,
-    ELEMENTS,
-    FIRST_ELEMENT,
-    FRAMES,
-    IN_FRAMES,
-    IN_JOINTS,
-    IN_NODES,
-    IN_PULLEYS,
-    IN_SPANS,
-    IN_TABLES,
-    IN_WRAPS,
-    JOINT_COLUMNS,
-    PULLEYS,
-    ROUTED,
-    SPAN,
-    TABLE_LOW,
-    TABLE_STEP,
-    TARGET,
-    TARGET_INDEX,
-    TERM_COLUMNS,
-    TERM_JOINT,
-    TERM_TABLE,
-    TERMS,
-)
+from cdrj_ros.model.compiled import compiled, stage
+from cdrj_ros.model.geometry import place_frames, route, table_value
+from cdrj_ros.model.packing import Indices, Numbers, Plan, number_views, plan_views
+from cdrj_ros.model.state import ScratchViews, scratch_views
 from cdrj_ros.robot.description import TABLE_INTERVALS
 
 Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
-@compiled
+@stage
 def _tabulated_shape(
-    plan: Indices,
-    numbers: Vector,
-    joint_angle: Vector,
-    length: Vector,
-    length_by_joint: Table,
-    wrap: Vector,
+    plan: Plan, numbers: Numbers, joint_angle: Vector, length: Vector, scratch: ScratchViews
 ) -> None:
     """Spans and wraps from constants and tables over joint angle, arcs not yet added."""
-    elements, pulleys = plan[ELEMENTS], plan[PULLEYS]
-    at = plan[IN_SPANS]
-    for e in range(elements):
-        length[e] = numbers[at + e]
-    at = plan[IN_WRAPS]
-    for p in range(pulleys):
-        wrap[p] = numbers[at + p]
+    wrap, length_by_joint = scratch.wrap, scratch.length_by_joint
+    for e in range(len(numbers.elements)):
+        length[e] = numbers.elements[e].span
+    for p in range(len(numbers.pulleys)):
+        wrap[p] = numbers.pulleys[p].wrap
     length_by_joint[:] = 0.0
-    for term in range(plan[TERMS]):
-        row = plan[AT_TERMS] + term * TERM_COLUMNS
-        joint = plan[row + TERM_JOINT]
-        grid = plan[IN_JOINTS] + joint * JOINT_COLUMNS
-        step = numbers[grid + TABLE_STEP]
-        position = (joint_angle[joint] - numbers[grid + TABLE_LOW]) / step
+    for k in range(len(plan.terms)):
+        term = plan.terms[k]
+        joint, target = term.joint, term.target
+        grid = numbers.joints[joint]
+        position = (joint_angle[joint] - grid.lower) / grid.interval
         interval = min(max(int(position), 0), TABLE_INTERVALS - 1)
-        base = plan[IN_TABLES] + (plan[row + TERM_TABLE] * TABLE_INTERVALS + interval) * 4
-        value, slope = table_value(numbers, base, position - interval)
-        target = plan[row + TARGET_INDEX]
-        if plan[row + TARGET] == SPAN:
+        cubic = numbers.tables[k * TABLE_INTERVALS + interval]
+        value, slope = table_value(cubic, position - interval)
+        if term.adds_to_wrap == 0:
             length[target] += value
-            length_by_joint[target, joint] += slope / step
+            length_by_joint[target, joint] += slope / grid.interval
         else:
-            # half of the arc belongs to either neighbour; pulley p of cable c lies between
-            # elements p + c and p + c + 1, which the plan stores as the pulley's element
             wrap[target] += value
-            radius = numbers[plan[IN_PULLEYS] + target * PULLEY_COLUMNS + RADIUS]
-            half = 0.5 * radius * slope / step
-            element = plan[plan[AT_PULLEYS] + target * 2]
+            # half of the arc belongs to either neighbour
+            half = 0.5 * numbers.pulleys[target].radius * slope / grid.interval
+            element = plan.pulleys[target].element
             length_by_joint[element, joint] += half
             length_by_joint[element + 1, joint] += half
 
 
-@compiled
-def shape(
-    plan: Indices,
-    numbers: Vector,
-    joint_angle: Vector,
-    length: Vector,
-    length_by_joint: Table,
-    wrap: Vector,
-    direction: Table,
-    pose: Table,
-    twist: NDArray[np.float64],
+@stage
+def place_cables(
+    plan: Plan, numbers: Numbers, joint_angle: Vector, length: Vector, scratch: ScratchViews
 ) -> bool:
     """Geometry of all cables at the joint angles; False where a cable cannot run so.
 
@@ -115,49 +55,42 @@ def shape(
         plan, numbers: the prepared robot.
         joint_angle: [rad] or [m], shape (joints,).
         length: of every element, arcs included [m], shape (elements,), written.
-        length_by_joint: its derivatives, shape (elements, joints), written.
-        wrap: of every pulley [rad], shape (pulleys,), written.
-        direction: unit vectors of routed elements in the base frame, shape (elements, 2), written.
-        pose, twist: frames, see ``place_frames``, written.
+        scratch: its derivatives, wraps, directions and frames are written; directions of routed
+            elements only.
     """
     possible = True
-    cables = plan[CABLES]
-    _tabulated_shape(plan, numbers, joint_angle, length, length_by_joint, wrap)
-    frames = plan[FRAMES]
-    if frames > 0:
-        at, inside = plan[AT_FRAMES], plan[IN_FRAMES]
-        place_frames(
-            plan[at : at + frames * FRAME_INDICES].reshape(frames, FRAME_INDICES),
-            numbers[inside : inside + frames * FRAME_NUMBERS].reshape(frames, FRAME_NUMBERS),
-            joint_angle,
-            pose,
-            twist,
-        )
-    node = 0
-    for c in range(cables):
-        row = plan[AT_CABLES] + c * CABLE_INDICES
-        first = plan[row + FIRST_ELEMENT]
-        count = plan[row + ELEMENT_COUNT]
-        pulley = first - c
-        if plan[row + ROUTED] == 1:
-            at = plan[AT_NODES] + node * NODE_INDICES
-            inside = plan[IN_NODES] + node * NODE_NUMBERS
-            nodes = count + 1
+    _tabulated_shape(plan, numbers, joint_angle, length, scratch)
+    place_frames(plan.frames, numbers.frames, joint_angle, scratch.pose, scratch.twist)
+    for c in range(len(plan.cables)):
+        cable = plan.cables[c]
+        first, last = cable.first_element, cable.first_element + cable.elements
+        pulley, beyond = cable.first_pulley, cable.first_pulley + cable.pulleys
+        if cable.routed == 1:
+            nodes = slice(cable.first_node, cable.first_node + cable.elements + 1)
             possible &= route(
-                plan[at : at + nodes * NODE_INDICES].reshape(nodes, NODE_INDICES),
-                numbers[inside : inside + nodes * NODE_NUMBERS].reshape(nodes, NODE_NUMBERS),
-                pose,
-                twist,
-                length[first : first + count],
-                length_by_joint[first : first + count],
-                wrap[pulley : pulley + count - 1],
-                direction[first : first + count],
+                plan.nodes[nodes],
+                numbers.nodes[nodes],
+                scratch.pose,
+                scratch.twist,
+                length[first:last],
+                scratch.length_by_joint[first:last],
+                scratch.wrap[pulley:beyond],
+                scratch.direction[first:last],
             )
         else:
-            for p in range(count - 1):
-                radius = numbers[plan[IN_PULLEYS] + (pulley + p) * PULLEY_COLUMNS + RADIUS]
-                half = 0.5 * radius * wrap[pulley + p]
-                length[first + p] += half
-                length[first + p + 1] += half
-        node += count + 1
+            for p in range(pulley, beyond):
+                half = 0.5 * numbers.pulleys[p].radius * scratch.wrap[p]
+                element = plan.pulleys[p].element
+                length[element] += half
+                length[element + 1] += half
     return possible
+
+
+@compiled
+def shape(
+    plan: Indices, numbers: Vector, joint_angle: Vector, length: Vector, scratch: Vector
+) -> bool:
+    """``place_cables`` to be called from Python; ``scratch`` has the shape (scratch_size,)."""
+    parts = plan_views(plan)
+    constants = number_views(parts.sizes, numbers)
+    return place_cables(parts, constants, joint_angle, length, scratch_views(parts.sizes, scratch))

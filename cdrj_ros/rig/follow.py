@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.geometry import POSE_NUMBERS
-from cdrj_ros.model.packing import ELEMENTS, FRAMES, JOINTS, PULLEYS
+from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.shape import shape
+from cdrj_ros.model.state import scratch_size, scratch_views
 from cdrj_ros.rig.faults import drums_of
 
 Vector = NDArray[np.float64]
@@ -38,14 +38,12 @@ def _shapes(
     plan: NDArray[np.int64], numbers: Vector, joint_angle: Table, lengths: Table, wraps: Table
 ) -> int:
     """Lengths and wraps in many poses; returns the first that is impossible, or their number."""
-    elements, joints, frames = plan[ELEMENTS], plan[JOINTS], plan[FRAMES]
-    by_joint, direction = np.empty((elements, joints)), np.zeros((elements, 2))
-    pose, twist = np.empty((frames, POSE_NUMBERS)), np.empty((frames, joints, 3))
+    sizes = plan_views(plan).sizes
+    scratch = np.empty(scratch_size(sizes))
     for k in range(joint_angle.shape[0]):
-        if not shape(
-            plan, numbers, joint_angle[k], lengths[k], by_joint, wraps[k], direction, pose, twist
-        ):
+        if not shape(plan, numbers, joint_angle[k], lengths[k], scratch):
             return k
+        wraps[k] = scratch_views(sizes, scratch).wrap
     return joint_angle.shape[0]
 
 
@@ -60,8 +58,7 @@ def shapes_along(model: Model, joint_angle: Table) -> tuple[Table, Table]:
         UsageError: the geometry is impossible in one of them.
     """
     n = joint_angle.shape[0]
-    lengths = np.empty((n, int(model.plan[ELEMENTS])))
-    wraps = np.empty((n, int(model.plan[PULLEYS])))
+    lengths, wraps = np.empty((n, model.sizes.elements)), np.empty((n, model.sizes.pulleys))
     done = _shapes(model.plan, model.numbers, np.ascontiguousarray(joint_angle), lengths, wraps)
     if done < n:
         pose = ", ".join(

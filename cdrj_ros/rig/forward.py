@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model import packing
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.mechanism import advance
+from cdrj_ros.model.packing import plan_views
+from cdrj_ros.model.state import scratch_size
 from cdrj_ros.rig.assembly import MotionError, Rig, Truth, make_rig, read_out, require_taut
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.load import (
@@ -199,7 +200,7 @@ def swing_steps(
     """
     size = state.size
     wanted = estimates.shape[1]
-    out = np.empty(size + wanted + packing.scratch_size(plan))
+    out = np.empty(size + wanted + scratch_size(plan_views(plan).sizes))
     pose = np.empty(joints.shape[1])
     for k in range(dt.size):
         pose[:] = joints[k]

@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model import packing
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.mechanism import advance, advance_all
+from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.state import estimate_size, scratch_size, state_size
 from cdrj_ros.rig.assembly import (
     MotionError,
     Rig,
@@ -299,9 +300,10 @@ def _scan(
     efforts: Vector,
 ) -> None:
     """Effort on a joint without friction for many drives."""
-    size = packing.state_size(plan)
+    sizes = plan_views(plan).sizes
+    size = state_size(sizes)
     state = np.zeros(size)
-    out = np.empty(size + packing.estimate_size(plan) + packing.scratch_size(plan))
+    out = np.empty(size + estimate_size(sizes) + scratch_size(sizes))
     for k in range(angles.size):
         advance(plan, numbers, state, base + direction * angles[k], joint_angle, 0.0, out)
         efforts[k] = out[size + effort_place]
@@ -368,7 +370,7 @@ def _balance(
     """
     size = state.size
     wanted = estimates.shape[1]
-    out = np.empty(size + wanted + packing.scratch_size(plan))
+    out = np.empty(size + wanted + scratch_size(plan_views(plan).sizes))
     motors = np.empty(direction.size)
     for k in range(dt.size):
         following = min(phase + 1, torque.size - 1) if dt[k] > 0.0 else phase

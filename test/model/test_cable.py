@@ -14,9 +14,10 @@ from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, run, step
 from cdrj_ros.model import cable as kernel
 from cdrj_ros.model.cable import acceptable, element_tension, tolerance
-from cdrj_ros.model.drum import MEMORY_SIZE, material_held
+from cdrj_ros.model.drum import material_held
 from cdrj_ros.model.friction import ELASTOPLASTIC, LAWS, LUGRE, NONE
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK
 from cdrj_ros.rig.cells import divide
 from cdrj_ros.robot.description import Robot
@@ -221,18 +222,15 @@ def test_what_leaves_the_drum_is_on_the_cable_slack_or_not(
     model = prepare(divide(prototype, cells).robot)
     samples = into_slack_and_back(drive)
     state = initial_state(model)
-    elements, pulleys = len(model.layout.elements), len(model.layout.pulleys)
-    drums = 1 + 2 * elements + 3 * pulleys + 2 * 2
     total = np.empty((samples.stamp_ns.size, 2))
     loose = 0
     for k in range(samples.stamp_ns.size):
         state, estimate = step(model, state, sample_at(samples, k))
         loose += bool((estimate.tension <= 0.0).any())
-        material = state.values[1 + elements : 1 + 2 * elements].reshape(2, -1).sum(axis=1)
+        parts = state_views(model.sizes, state.values)
+        material = parts.material.reshape(2, -1).sum(axis=1)
         for cable in range(2):
-            memory = drums + 2 * cable * MEMORY_SIZE
-            held = material_held(state.values[memory : memory + MEMORY_SIZE])
-            total[k, cable] = material[cable] + held
+            total[k, cable] = material[cable] + material_held(parts.drums[2 * cable])
     assert loose > 1000
     np.testing.assert_allclose(total, np.broadcast_to(total[0], total.shape), rtol=0, atol=1e-12)
 
@@ -311,43 +309,44 @@ def _random_problem(seed: int, count: int) -> dict[str, Any]:
     """A taut cable with some slip, bristle forces and losses; arguments of the residual."""
     generator = np.random.default_rng(seed)
     stiffness = 6283.0
-    elements = np.zeros((count + 1, kernel.ELEMENT_COLUMNS))
+    elements = np.zeros(count + 1, kernel.SOLVER_ELEMENT)
     length = generator.uniform(0.05, 0.4, count + 1)
-    elements[:, kernel.LENGTH_BEFORE] = length
-    elements[:, kernel.LENGTH] = length * (1.0 + generator.normal(size=count + 1) * 1e-4)
-    elements[:, kernel.MATERIAL_BEFORE] = length / generator.uniform(1.002, 1.01, count + 1)
-    work = np.zeros((count, kernel.WORK_COLUMNS))
-    work[:, kernel.SLIP] = generator.normal(size=count) * 3e-6
-    work[:, kernel.BRISTLE_BEFORE] = generator.normal(size=count)
-    work[:, kernel.LOSS] = generator.uniform(0.02, 0.4, count)
-    work[:, kernel.STATIC_SHARE] = generator.random(count)
-    pulleys = np.zeros((count, kernel.PULLEY_COLUMNS))
-    pulleys[:, kernel.BRISTLE_STIFFNESS] = 1e6
-    pulleys[:, kernel.BRISTLE_DAMPING] = 300.0
-    pulleys[:, kernel.VISCOUS] = 20.0
-    pulleys[:, kernel.BREAKAWAY] = 0.7
-    pulleys[:, kernel.DRAG] = 0.05
+    elements["length_before"] = length
+    elements["length"] = length * (1.0 + generator.normal(size=count + 1) * 1e-4)
+    elements["material_before"] = length / generator.uniform(1.002, 1.01, count + 1)
+    work = np.zeros(count, kernel.CONTACT)
+    work["trial"] = generator.normal(size=count) * 3e-6
+    work["bristle_before"] = generator.normal(size=count)
+    work["loss"] = generator.uniform(0.02, 0.4, count)
+    work["static_share"] = generator.random(count)
+    pulleys = np.zeros(count, kernel.PULLEY)
+    pulleys["bristle_stiffness"] = 1e6
+    pulleys["bristle_damping"] = 300.0
+    pulleys["viscous"] = 20.0
+    pulleys["breakaway"] = 0.7
+    pulleys["drag"] = 0.05
+    pulleys.flags.writeable = False
     return {"stiffness": stiffness, "elements": elements, "work": work, "pulleys": pulleys}
 
 
 def _residual(problem: dict[str, Any], law: int, slip: np.ndarray) -> np.ndarray:
     work = problem["work"].copy()
-    work[:, kernel.SLIP] = slip
+    work["trial"] = slip
     kernel._imbalance(
-        kernel.SLIP, problem["stiffness"], problem["elements"].copy(), work, problem["pulleys"],
+        problem["stiffness"], problem["elements"].copy(), work, problem["pulleys"],
         1e-6, -2e-6, law, 1e-3,
     )  # fmt: skip
-    return np.array(work[:, kernel._RESIDUAL])
+    return np.array(work["residual"])
 
 
 def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
     work = problem["work"].copy()
     kernel._imbalance(
-        kernel.SLIP, problem["stiffness"], problem["elements"].copy(), work, problem["pulleys"],
+        problem["stiffness"], problem["elements"].copy(), work, problem["pulleys"],
         1e-6, -2e-6, law, 1e-3,
     )  # fmt: skip
-    matrix = np.diag(work[:, kernel._DIAGONAL])
-    matrix += np.diag(work[1:, kernel._LOWER], -1) + np.diag(work[:-1, kernel._UPPER], 1)
+    matrix = np.diag(work["diagonal"])
+    matrix += np.diag(work["lower"][1:], -1) + np.diag(work["upper"][:-1], 1)
     return np.array(matrix)
 
 
@@ -355,7 +354,7 @@ def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(5))
 def test_the_newton_matrix_is_the_derivative_of_the_imbalance(law: int, seed: int) -> None:
     problem = _random_problem(seed, 7)
-    slip = problem["work"][:, kernel.SLIP]
+    slip = problem["work"]["trial"]
     matrix = _jacobian(problem, law)
     small = 1e-11
     difference = np.column_stack(
@@ -378,7 +377,7 @@ def test_the_frictionless_matrix_is_symmetric_and_negative_definite() -> None:
     assert np.linalg.eigvalsh(matrix).max() < 0.0
     # (25)-(28) to first order: k of both neighbours on the diagonal, the shared one beside it
     problem = _random_problem(3, 7)
-    lengths = problem["elements"][:, kernel.LENGTH]
+    lengths = problem["elements"]["length"]
     np.testing.assert_allclose(np.diag(matrix, 1), 6283.0 / lengths[1:-1], rtol=0.03)
     np.testing.assert_allclose(
         np.diag(matrix), -6283.0 * (1 / lengths[:-1] + 1 / lengths[1:]), rtol=0.03

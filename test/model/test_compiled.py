@@ -13,22 +13,25 @@ import pytest
 import cdrj_ros.model
 from cdrj_ros.model.compiled import source_digest
 
-MODEL = Path(cdrj_ros.model.__file__).parent
+MODEL = Path(cdrj_ros.model.__file__).resolve().parent
 
 # (37) in friction.py, called by a kernel of mechanism.py
 PROGRAM = """
 import numpy as np
-from cdrj_ros.model import cable, mechanism, packing
+from cdrj_ros.model.cable import CONTACT
+from cdrj_ros.model.mechanism import friction_losses
+from cdrj_ros.model.packing import Sizes, empty_robot, number_views, plan_views
 
-plan = np.zeros(packing.HEADER + 2, dtype=np.int64)
-plan[packing.PULLEYS] = 1
-plan[packing.AT_PULLEYS] = packing.HEADER
-numbers = np.zeros(cable.PULLEY_COLUMNS)
-numbers[[cable.RHO, cable.MU_C, cable.MU_S, cable.STRIBECK_SPEED, cable.CELLS]] = 1, 0.1, 0.1, 1, 1
-work = np.zeros((1, cable.WORK_COLUMNS))
-mechanism.friction_losses(plan, numbers, np.ones(1), np.zeros(1), work)
-stats = mechanism.friction_losses.stats
-print(work[0, cable.LOSS], sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))
+sizes = Sizes(motors=0, joints=0, cables=0, elements=0, pulleys=1, frames=0, nodes=0, terms=0)
+plan, numbers = empty_robot(sizes)
+plan, numbers = plan_views(plan), number_views(sizes, numbers)
+plan.pulleys[0].wrap_changes = 1
+pulley = numbers.pulleys[0]
+pulley.rho, pulley.mu_c, pulley.mu_s, pulley.stribeck_speed, pulley.cells = 1, 0.1, 0.1, 1, 1
+contacts = np.zeros(1, CONTACT)
+friction_losses(plan, numbers, np.ones(1), np.zeros(1), contacts)
+stats = friction_losses.stats
+print(contacts[0].loss, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))
 """
 
 
@@ -54,10 +57,10 @@ def run_copy(folder: Path) -> tuple[float, int, int]:
 
 
 def test_a_change_in_one_source_reaches_kernels_of_other_sources(tmp_path: Path) -> None:
-    copy = tmp_path / "cdrj_ros" / "model"
-    shutil.copytree(MODEL, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "cdrj_ros" / "__init__.py").touch()
-    friction = copy / "friction.py"
+    ignored = shutil.ignore_patterns("__pycache__", "assets", "msg")
+    shutil.copytree(MODEL.parent, tmp_path / "cdrj_ros", ignore=ignored)
+    shutil.copy(MODEL.parents[1] / "package.xml", tmp_path)  # the package's version is in it
+    friction = tmp_path / "cdrj_ros" / "model" / "friction.py"
 
     loss, hits, misses = run_copy(tmp_path)
     assert loss == pytest.approx(0.0951625819640404)  # 1 - exp(-0.1)

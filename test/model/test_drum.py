@@ -7,8 +7,8 @@ import pytest
 
 from cdrj_ros.model.drum import (
     CAPACITY,
+    DRUM,
     FIRST_SPACING,
-    MEMORY_SIZE,
     material_held,
     start_drum,
     turn_drum,
@@ -22,13 +22,13 @@ def rate(tension: float) -> float:
     return RADIUS / (1.0 + tension / STIFFNESS)
 
 
-def fresh(angle: float = 0.0, tension: float = 20.0) -> np.ndarray:
-    memory = np.zeros(MEMORY_SIZE)
+def fresh(angle: float = 0.0, tension: float = 20.0) -> np.record:
+    memory = np.zeros(1, DRUM)[0]
     start_drum(memory, angle, rate(tension) * angle, rate(tension))
     return memory
 
 
-def turn(memory: np.ndarray, begin: float, end: float, tension: float, steps: int = 200) -> float:
+def turn(memory: np.record, begin: float, end: float, tension: float, steps: int = 200) -> float:
     """Turn evenly from begin to end; returns the material held there."""
     for angle in np.linspace(begin, end, steps + 1)[1:]:
         turn_drum(memory, angle, rate(tension))
@@ -141,8 +141,8 @@ def test_memory_stays_bounded_and_its_error_tiny_over_two_hundred_turns() -> Non
     spacings = set()
     for angle, laid in zip(angles[1:], rates[1:], strict=True):
         turn_drum(memory, angle, laid)
-        spacings.add(float(memory[1]))
-        assert 1 <= memory[0] <= CAPACITY
+        spacings.add(float(memory.spacing))
+        assert 1 <= memory.points <= CAPACITY
     assert len(spacings) > 5, "the memory was thinned out again and again"
     assert material_held(memory) == pytest.approx(exact[-1], rel=1e-12)
     errors = [

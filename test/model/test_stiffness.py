@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model import cable as kernel
-from cdrj_ros.model.cable import element_tension, solve_cable
+from cdrj_ros.model.cable import (
+    CONTACT,
+    PULLEY,
+    SOLVER_ELEMENT,
+    element_tension,
+    solve_cable,
+    tolerance,
+)
 from cdrj_ros.model.friction import NONE
 from cdrj_ros.model.stiffness import (
     Stiffness,
@@ -264,14 +270,14 @@ def solved_chain(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slips and tensions of the frictionless chain, by the estimator's solver."""
     count = length.size - 1
-    elements = np.zeros((count + 1, kernel.ELEMENT_COLUMNS))
-    elements[:, kernel.LENGTH_BEFORE] = elements[:, kernel.LENGTH] = length
-    elements[:, kernel.MATERIAL_BEFORE] = material
-    work = np.zeros((count, kernel.WORK_COLUMNS))
-    pulleys = np.zeros((count, kernel.PULLEY_COLUMNS))
-    _, residual = solve_cable(EA, elements, work, pulleys, first_slip, 0.0, NONE, 1e-3)
-    assert residual <= kernel.tolerance(EA)
-    return work[:, kernel.SLIP].copy(), elements[:, kernel.TENSION].copy()
+    elements = np.zeros(count + 1, SOLVER_ELEMENT)
+    elements["length_before"] = elements["length"] = length
+    elements["material_before"] = material
+    contacts, pulleys = np.zeros(count, CONTACT), np.zeros(count, PULLEY)
+    pulleys.flags.writeable = False
+    _, residual = solve_cable(EA, elements, contacts, pulleys, first_slip, 0.0, NONE, 1e-3)
+    assert residual <= tolerance(EA)
+    return contacts["slip"].copy(), elements["tension"].copy()
 
 
 def test_slips_of_the_solver_follow_the_slip_block() -> None:

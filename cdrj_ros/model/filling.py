@@ -1,0 +1,278 @@
+"""From the description of a robot to ``plan`` and ``numbers``, the vectors that kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from math import cos, pi, sin
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model import geometry
+from cdrj_ros.model.friction import (
+    EULER,
+    LAWS,
+    RIGID_BRISTLE,
+    STEADY,
+    STRIBECK_FORMS,
+    blended_loss,
+)
+from cdrj_ros.model.packing import (
+    Indices,
+    Numbers,
+    Plan,
+    Sizes,
+    empty_robot,
+    number_views,
+    plan_views,
+)
+from cdrj_ros.robot.description import (
+    TABLE_INTERVALS,
+    Cable,
+    Friction,
+    Node,
+    Profile,
+    Pulley,
+    Robot,
+    Winch,
+)
+
+Vector = NDArray[np.float64]
+
+NEVER_SLIDES: Final = 1e9
+"""Stribeck speed [m/s] that stands for 'no Stribeck effect'."""
+
+
+def pack(robot: Robot) -> tuple[Indices, Vector]:
+    """Plan and numbers of a robot.
+
+    What follows from the reference pose is left out: unstretched lengths, and the angles about
+    which the arcs of routed cables are continuous.
+    """
+    sizes = _sizes(robot)
+    plan, numbers = empty_robot(sizes)
+    rows = _Rows(robot, plan_views(plan), number_views(sizes, numbers))
+    rows.axes()
+    rows.frames()
+    for c in range(len(robot.cables)):
+        rows.cable(c)
+    return plan, numbers
+
+
+def _sizes(robot: Robot) -> Sizes:
+    """How many of each thing the robot has."""
+    cables = robot.cables
+    nodes = sum(len(cable.nodes) for cable in cables)
+    return Sizes(
+        motors=len(robot.motors),
+        joints=len(robot.joints),
+        cables=len(cables),
+        elements=nodes - len(cables),
+        pulleys=nodes - 2 * len(cables),
+        frames=len(robot.frames),
+        nodes=nodes,
+        terms=sum(1 for cable in cables for profile in _profiles(cable) if profile.joint),
+    )
+
+
+def _profiles(cable: Cable) -> Iterator[Profile]:
+    """All functions of which the cable's wraps and spans are sums."""
+    for pulley in cable.pulleys:
+        yield from pulley.wrap
+    for span in cable.spans:
+        yield from span
+
+
+def _fill(rows: Any, place: int, **fields: float) -> None:
+    """Set all fields of one row of a structured array, by name."""
+    rows[place] = tuple(fields.pop(name) for name in rows.dtype.names)
+    if fields:
+        raise TypeError(f"no such fields: {', '.join(fields)}")
+
+
+class _Rows:
+    """Fills the rows of a plan and its numbers, cable after cable."""
+
+    def __init__(self, robot: Robot, plan: Plan, numbers: Numbers) -> None:
+        self._robot, self._plan, self._numbers = robot, plan, numbers
+        self._motors = {motor.name: k for k, motor in enumerate(robot.motors)}
+        self._joints = {joint.name: k for k, joint in enumerate(robot.joints)}
+        self._frames = {frame.name: k for k, frame in enumerate(robot.frames)}
+        self._node = 0
+        self._term = 0
+
+    def axes(self) -> None:
+        """Motors, joints, and what both have beside their cables."""
+        for k, motor in enumerate(self._robot.motors):
+            _fill(self._numbers.motors, k, reference_angle=motor.reference_angle)
+        for k, joint in enumerate(self._robot.joints):
+            interval = (joint.upper - joint.lower) / TABLE_INTERVALS
+            _fill(self._numbers.joints, k, lower=joint.lower, interval=interval)
+        for k, axis in enumerate(self._robot.axes):
+            sign = axis.effort_sign
+            _fill(self._numbers.axes, k, effort_sign=sign, **asdict(axis.passive))
+
+    def frames(self) -> None:
+        """Frames, parents first."""
+        for k, frame in enumerate(self._robot.frames):
+            _fill(
+                self._plan.frames,
+                k,
+                parent=self._frames[frame.parent] if frame.parent else -1,
+                motion=geometry.MOTIONS.index(frame.motion),
+                joint=self._joints[frame.joint] if frame.joint else -1,
+            )
+            _fill(
+                self._numbers.frames,
+                k,
+                x=frame.x,
+                y=frame.y,
+                angle=frame.angle,
+                direction_x=frame.direction[0],
+                direction_y=frame.direction[1],
+                rolling_radius=frame.rolling_radius,
+            )
+
+    def cable(self, c: int) -> None:
+        """One cable with its ends, pulleys, elements and nodes; call it for one after another."""
+        cable = self._robot.cables[c]
+        element, pulley = self._node - c, self._node - 2 * c
+        _fill(
+            self._plan.cables,
+            c,
+            first_element=element,
+            elements=len(cable.nodes) - 1,
+            first_pulley=pulley,
+            pulleys=len(cable.nodes) - 2,
+            first_node=self._node,
+            law=LAWS.index(cable.law),
+            routed=int(cable.routed),
+        )
+        _fill(
+            self._numbers.cables,
+            c,
+            axial_stiffness=cable.axial_stiffness,
+            preload=cable.preload,
+            maximum_tension=cable.maximum_tension,
+            wound_tension=cable.preload,
+            slack_tension=cable.slack_tension,
+        )
+        for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
+            winch = node if isinstance(node, Winch) else None
+            motor = self._motors[winch.motor] if winch else -1
+            _fill(self._plan.ends, 2 * c + end, motor=motor)
+            radius, winding = (winch.radius, winch.winding) if winch else (0.0, 0.0)
+            _fill(self._numbers.ends, 2 * c + end, radius=radius, winding=winding)
+        for k in range(len(cable.pulleys)):
+            self._pulley(cable, k, pulley + k, element + k)
+        for k, profiles in enumerate(cable.spans or ((),) * (len(cable.nodes) - 1)):
+            span = self._add_profiles(profiles, False, element + k)
+            _fill(self._numbers.elements, element + k, span=span, material=0.0)
+        for node in cable.nodes:
+            self._add_node(node)
+
+    def _pulley(self, cable: Cable, k: int, place: int, element: int) -> None:
+        pulley, law, stribeck = cable.pulleys[k], LAWS.index(cable.law), _stribeck(cable)
+        wrap = self._add_profiles(pulley.wrap, True, place)
+        changes = cable.routed or any(profile.joint for profile in pulley.wrap)
+        _fill(
+            self._plan.pulleys,
+            place,
+            element=element,
+            wrap_changes=int(changes),
+            stribeck=stribeck,
+        )
+        values = _friction_numbers(pulley, law)
+        kinetic, static = blended_loss(
+            values["rho"],
+            values["mu_c"],
+            values["mu_s"],
+            wrap,
+            values["bearing_ratio"],
+            stribeck,
+            values["cells"],
+        )
+        _fill(
+            self._numbers.pulleys,
+            place,
+            radius=pulley.radius,
+            wrap=wrap,
+            kinetic_loss=kinetic,
+            static_loss=static,
+            half_sine=sin(0.5 * wrap),
+            half_cosine=cos(0.5 * wrap),
+            **values,
+        )
+
+    def _add_node(self, node: Node) -> None:
+        """Frame and circle; an arc's angle is about pi until the reference pose is known."""
+        place, k = node.place, self._node
+        self._node += 1
+        _fill(self._plan.nodes, k, frame=self._frames[place.frame] if place else -1)
+        if place:
+            _fill(
+                self._numbers.nodes,
+                k,
+                x=place.x,
+                y=place.y,
+                radius=node.radius,
+                turn=place.turn,
+                arc_reference=0.0,
+                arc_angle=pi,
+            )
+
+    def _add_profiles(
+        self, profiles: tuple[Profile, ...], adds_to_wrap: bool, target: int
+    ) -> float:
+        """Add tables of functions of joint angles; returns the sum of the constants."""
+        constant = 0.0
+        for profile in profiles:
+            if profile.joint is None:
+                constant += float(profile.value[0])
+                continue
+            step = float(profile.angle[1] - profile.angle[0])
+            joint, k = self._joints[profile.joint], self._term
+            self._term += 1
+            _fill(self._plan.terms, k, adds_to_wrap=int(adds_to_wrap), target=target, joint=joint)
+            table: Any = self._numbers.tables[k * TABLE_INTERVALS : (k + 1) * TABLE_INTERVALS]
+            table.view(np.float64)[:] = geometry.hermite_table(
+                profile.value, profile.slope, step
+            ).ravel()
+        return constant
+
+
+def _stribeck(cable: Cable) -> int:
+    """Code of the cable's Stribeck form; its pulleys share one."""
+    forms = {pulley.friction.stribeck for pulley in cable.pulleys} or {"printed"}
+    return STRIBECK_FORMS.index(forms.pop())
+
+
+def _friction_numbers(pulley: Pulley, law: int) -> dict[str, float]:
+    """Friction constants of one pulley; the simpler laws are limits of the full one."""
+    friction = pulley.friction
+    if law == EULER:  # sliding alone, without static friction
+        friction = replace(friction, rho=1.0, mu_s=friction.mu_c)
+    rigid = law in (EULER, STEADY)
+    cells = float(pulley.cells)  # parallel springs to the ground share stiffness and drag
+    drag = 0.0 if law == EULER else pulley.bearing_torque / pulley.radius
+    return {
+        "rho": friction.rho,
+        "mu_c": friction.mu_c,
+        "mu_s": friction.mu_s,
+        "stribeck_speed": friction.stribeck_speed or NEVER_SLIDES,
+        "stribeck_lag": friction.stribeck_lag,
+        "bearing_ratio": _bearing_ratio(friction, pulley),
+        "drag": drag / cells,
+        "bristle_stiffness": (RIGID_BRISTLE if rigid else friction.bristle_stiffness) / cells,
+        "bristle_damping": (0.0 if rigid else friction.bristle_damping) / cells,
+        "viscous": (0.0 if rigid else friction.viscous) / cells,
+        "breakaway": 1.0 if rigid else friction.breakaway,
+        "cells": cells,
+    }
+
+
+def _bearing_ratio(friction: Friction, pulley: Pulley) -> float:
+    """1 / alpha of (41)."""
+    return friction.bearing_friction * pulley.bearing_diameter / pulley.radius

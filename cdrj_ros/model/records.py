@@ -1,0 +1,57 @@
+"""Rows of structured arrays whose fields have names: ``pulleys[p].mu_c``.
+
+A record is declared as a class whose annotated fields are the fields of the row.  ``record_type``
+turns it into the structured type that NumPy stores and numba compiles.  The class itself is never
+instantiated; type checkers read field names from it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, Protocol, TypeVar, overload
+
+import numpy as np
+
+Row_co = TypeVar("Row_co", covariant=True)
+
+_KINDS: Final[dict[str, Any]] = {"int": np.int64, "float": np.float64}
+
+
+class Rows(Protocol[Row_co]):
+    """A one-dimensional structured array; ``Row_co`` names the fields."""
+
+    def __len__(self) -> int: ...
+
+    @overload
+    def __getitem__(self, place: int) -> Row_co: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Rows[Row_co]: ...
+
+    def __setitem__(self, place: int, row: Any) -> None: ...
+
+
+class Grid(Protocol[Row_co]):
+    """A two-dimensional structured array; ``Row_co`` names the fields."""
+
+    def __getitem__(self, place: tuple[int, int]) -> Row_co: ...
+
+
+def record_type(fields: type, **vectors: int) -> Any:
+    """Structured type with the annotated fields of a class, 8 bytes each and in their order.
+
+    Args:
+        fields: a class whose annotations are ``int``, ``float`` or ``Vector``.
+        vectors: length of every field annotated as ``Vector``.
+    """
+    columns: list[Any] = []
+    for name, kind in fields.__annotations__.items():
+        if name in vectors:
+            columns.append((name, np.float64, (vectors[name],)))
+        else:
+            columns.append((name, _KINDS[kind]))
+    return np.dtype((np.record, columns))
+
+
+def words(record: Any) -> int:
+    """Words of 8 bytes that a row takes."""
+    return int(record.itemsize) // 8

@@ -1,0 +1,206 @@
+"""What one sample reads and writes: state, estimate and scratch, by name.
+
+``advance`` writes one vector: the new state, the estimate, then its scratch.  This file alone says
+what lies where.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.cable import CONTACT, SOLVER_ELEMENT, Contact, SolverElement
+from cdrj_ros.model.compiled import usable_in_kernels
+from cdrj_ros.model.drum import DRUM, Drum
+from cdrj_ros.model.geometry import POSE, TWIST, Pose, Twist
+from cdrj_ros.model.packing import Sizes
+from cdrj_ros.model.records import Grid, Rows, words
+from cdrj_ros.model.views import grid, part, rows, table
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+_DRUM, _ELEMENT, _CONTACT = words(DRUM), words(SOLVER_ELEMENT), words(CONTACT)
+_POSE, _TWIST = words(POSE), words(TWIST)
+
+
+class StateViews(NamedTuple):
+    """What the past has left in the cables: views of a state, in its order."""
+
+    started: Vector
+    """0 until a first sample has been seen, then 1, shape (1,)."""
+    length: Vector
+    """Geometric length of every element with its share of the arcs [m], shape (elements,)."""
+    material: Vector
+    """Unstretched length of every element [m], shape (elements,)."""
+    bristle: Vector
+    """Bristle force of every pulley [N], shape (pulleys,)."""
+    slip_speed: Vector
+    """Material passing every pulley towards the last node [m/s], shape (pulleys,)."""
+    lagged_speed: Vector
+    """The slip speed that static friction has followed so far [m/s], shape (pulleys,)."""
+    angle: Vector
+    """Of every motor, then every joint [rad] or [m], shape (axes,)."""
+    bearing_friction: Vector
+    """Of every motor and joint [N m], shape (axes,)."""
+    drums: Rows[Drum]
+    """Of both ends of every cable, shape (2 cables,)."""
+
+
+class EstimateViews(NamedTuple):
+    """What is reported of a sample: views of an estimate, in its order."""
+
+    tension: Vector
+    """[N], shape (elements,)."""
+    status: Vector
+    """Bit flags, see ``cdrj_ros.model.status``, shape (elements,)."""
+    force_x: Vector
+    """Force of the cable on every pulley [N], shape (pulleys,)."""
+    force_y: Vector
+    """[N], shape (pulleys,)."""
+    magnitude: Vector
+    """Of the force on every pulley [N], (38), shape (pulleys,)."""
+    friction: Vector
+    """Tension after less tension before every pulley [N], shape (pulleys,)."""
+    slip_speed: Vector
+    """[m/s], positive towards the last node, shape (pulleys,)."""
+    motor_effort: Vector
+    """[N m], shape (motors,)."""
+    joint_effort: Vector
+    """[N m], shape (joints,)."""
+    iterations: Vector
+    """Newton iterations of every cable, shape (cables,)."""
+    residual: Vector
+    """Largest force imbalance at a pulley of every cable [N], shape (cables,)."""
+
+
+class ScratchViews(NamedTuple):
+    """What is worked with in a sample: views of the scratch, in its order."""
+
+    length_by_joint: Table
+    """Derivatives of the lengths by the joint angles, shape (elements, joints)."""
+    direction: Table
+    """Unit vectors of routed elements in the base frame, shape (elements, 2)."""
+    wrap: Vector
+    """Of every pulley [rad], shape (pulleys,)."""
+    elements: Rows[SolverElement]
+    contacts: Rows[Contact]
+    """Of every pulley, shape (pulleys,)."""
+    pose: Rows[Pose]
+    """Of every frame, shape (frames,)."""
+    twist: Grid[Twist]
+    """Of every frame by every joint, shape (frames, joints)."""
+
+
+@usable_in_kernels
+def _state_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int]:
+    """Where each part of a state ends, in the order of ``StateViews`` after ``started``."""
+    length = 1 + sizes.elements
+    material = length + sizes.elements
+    bristle = material + sizes.pulleys
+    slip_speed = bristle + sizes.pulleys
+    lagged_speed = slip_speed + sizes.pulleys
+    angle = lagged_speed + sizes.motors + sizes.joints
+    bearing_friction = angle + sizes.motors + sizes.joints
+    drums = bearing_friction + 2 * sizes.cables * _DRUM
+    return length, material, bristle, slip_speed, lagged_speed, angle, bearing_friction, drums
+
+
+@usable_in_kernels
+def state_size(sizes: Sizes) -> int:
+    """Floats of the state."""
+    return _state_ends(sizes)[7]
+
+
+@usable_in_kernels
+def state_views(sizes: Sizes, state: Vector) -> StateViews:
+    """Names for the parts of a state.
+
+    Args:
+        sizes: of the robot.
+        state: shape (state_size,) or longer; in Python also (states, state_size), and so the views.
+    """
+    (
+        length, material, bristle, slip_speed, lagged_speed, angle, bearing_friction, drums,
+    ) = _state_ends(sizes)  # fmt: skip
+    return StateViews(
+        part(state, 0, 1),
+        part(state, 1, length),
+        part(state, length, material),
+        part(state, material, bristle),
+        part(state, bristle, slip_speed),
+        part(state, slip_speed, lagged_speed),
+        part(state, lagged_speed, angle),
+        part(state, angle, bearing_friction),
+        rows(state, bearing_friction, drums, DRUM),
+    )
+
+
+@usable_in_kernels
+def estimate_size(sizes: Sizes) -> int:
+    """Floats of the estimate."""
+    per_axis = sizes.motors + sizes.joints
+    return 2 * sizes.elements + 5 * sizes.pulleys + per_axis + 2 * sizes.cables
+
+
+@usable_in_kernels
+def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
+    """Names for the parts of an estimate, shape (estimate_size,) or longer."""
+    status = 2 * sizes.elements
+    force_x = status + sizes.pulleys
+    force_y = force_x + sizes.pulleys
+    magnitude = force_y + sizes.pulleys
+    friction = magnitude + sizes.pulleys
+    slip_speed = friction + sizes.pulleys
+    motor_effort = slip_speed + sizes.motors
+    joint_effort = motor_effort + sizes.joints
+    iterations = joint_effort + sizes.cables
+    return EstimateViews(
+        part(estimate, 0, sizes.elements),
+        part(estimate, sizes.elements, status),
+        part(estimate, status, force_x),
+        part(estimate, force_x, force_y),
+        part(estimate, force_y, magnitude),
+        part(estimate, magnitude, friction),
+        part(estimate, friction, slip_speed),
+        part(estimate, slip_speed, motor_effort),
+        part(estimate, motor_effort, joint_effort),
+        part(estimate, joint_effort, iterations),
+        part(estimate, iterations, estimate_size(sizes)),
+    )
+
+
+@usable_in_kernels
+def _scratch_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int]:
+    """Where each part of the scratch ends, in the order of ``ScratchViews``."""
+    by_joint = sizes.elements * sizes.joints
+    direction = by_joint + 2 * sizes.elements
+    wrap = direction + sizes.pulleys
+    elements = wrap + sizes.elements * _ELEMENT
+    contacts = elements + sizes.pulleys * _CONTACT
+    pose = contacts + sizes.frames * _POSE
+    twist = pose + sizes.frames * sizes.joints * _TWIST
+    return by_joint, direction, wrap, elements, contacts, pose, twist
+
+
+@usable_in_kernels
+def scratch_size(sizes: Sizes) -> int:
+    """Floats of the scratch."""
+    return _scratch_ends(sizes)[6]
+
+
+@usable_in_kernels
+def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
+    """Names for the parts of the scratch, shape (scratch_size,)."""
+    by_joint, direction, wrap, elements, contacts, pose, _ = _scratch_ends(sizes)
+    return ScratchViews(
+        table(scratch, 0, sizes.elements, sizes.joints),
+        table(scratch, by_joint, sizes.elements, 2),
+        part(scratch, direction, wrap),
+        rows(scratch, wrap, elements, SOLVER_ELEMENT),
+        rows(scratch, elements, contacts, CONTACT),
+        rows(scratch, contacts, pose, POSE),
+        grid(scratch, pose, sizes.frames, sizes.joints, TWIST),
+    )

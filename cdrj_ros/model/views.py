@@ -1,0 +1,126 @@
+"""Names for stretches of one flat vector, which so holds numbers and rows of several kinds.
+
+Nothing is copied.  Python calls these functions as they are.  Inside kernels they become an address
+and a shape: there they neither check bounds nor count references, which would cost more than the
+sample itself.  The vector must outlive the view, as an argument of the kernel does.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from numba import types
+from numba.core import cgutils
+from numba.extending import lower_builtin, type_callable
+from numba.np import arrayobj
+from numpy.typing import NDArray
+
+from cdrj_ros.model.records import words
+
+# numba has no types of its own
+_arrays: Final[Any] = arrayobj
+_cgutils: Final[Any] = cgutils
+_lower: Final[Any] = lower_builtin
+
+
+def part(vector: NDArray[Any], begin: int, end: int) -> NDArray[Any]:
+    """The stretch of a vector from ``begin`` to ``end``; in Python of every vector of a table."""
+    return vector[..., begin:end]
+
+
+def rows(vector: NDArray[Any], begin: int, end: int, record: Any) -> Any:
+    """The same as rows of a record type, which take 8 bytes a field as the vector does."""
+    return vector[..., begin:end].view(record)
+
+
+def table(vector: NDArray[Any], begin: int, height: int, width: int) -> NDArray[Any]:
+    """``height`` rows of ``width`` numbers from ``begin`` on."""
+    return vector[begin : begin + height * width].reshape(height, width)
+
+
+def grid(vector: NDArray[Any], begin: int, height: int, width: int, record: Any) -> Any:
+    """``height`` by ``width`` rows of a record type from ``begin`` on."""
+    end = begin + height * width * words(record)
+    return vector[begin:end].view(record).reshape(height, width)
+
+
+def _view_type(vector: Any, dimensions: int, record: Any = None) -> Any:
+    """Type of a view in a kernel; None, which numba refuses, of what is no flat vector."""
+    if not isinstance(vector, types.Array) or vector.ndim != 1 or vector.layout != "C":
+        return None
+    dtype = vector.dtype if record is None else record.dtype
+    return types.Array(dtype, dimensions, "C", readonly=not vector.mutable, aligned=vector.aligned)
+
+
+def _address(context: Any, builder: Any, signature: Any, arguments: Any, shape: list[Any]) -> Any:
+    """A view as numba represents it: address of its beginning and shape, and no owner."""
+    word = context.get_constant(types.intp, 8)
+    vector = _arrays.make_array(signature.args[0])(context, builder, arguments[0])
+    begin = context.cast(builder, arguments[1], signature.args[1], types.intp)
+    view = _arrays.make_array(signature.return_type)(context, builder)
+    size = context.get_abi_sizeof(context.get_data_type(signature.return_type.dtype))
+    strides: list[Any] = []
+    step = context.get_constant(types.intp, size)
+    itemsize = step
+    for count in reversed(shape):
+        strides.insert(0, step)
+        step = builder.mul(step, count)
+    _arrays.populate_array(
+        view,
+        data=_cgutils.pointer_add(builder, vector.data, builder.mul(begin, word), view.data.type),
+        shape=shape,
+        strides=strides,
+        itemsize=itemsize,
+        meminfo=None,
+    )
+    return view._getvalue()
+
+
+@type_callable(part)
+def _part_type(_context: Any) -> Any:
+    def typer(vector: Any, _begin: Any, _end: Any) -> Any:
+        return _view_type(vector, 1)
+
+    return typer
+
+
+@type_callable(rows)
+def _rows_type(_context: Any) -> Any:
+    def typer(vector: Any, _begin: Any, _end: Any, record: Any) -> Any:
+        return _view_type(vector, 1, record)
+
+    return typer
+
+
+@type_callable(table)
+def _table_type(_context: Any) -> Any:
+    def typer(vector: Any, _begin: Any, _height: Any, _width: Any) -> Any:
+        return _view_type(vector, 2)
+
+    return typer
+
+
+@type_callable(grid)
+def _grid_type(_context: Any) -> Any:
+    def typer(vector: Any, _begin: Any, _height: Any, _width: Any, record: Any) -> Any:
+        return _view_type(vector, 2, record)
+
+    return typer
+
+
+@_lower(part, types.Array, types.Integer, types.Integer)
+@_lower(rows, types.Array, types.Integer, types.Integer, types.DType)
+def _lower_line(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    begin, end = (
+        context.cast(builder, arguments[k], signature.args[k], types.intp) for k in (1, 2)
+    )
+    size = context.get_abi_sizeof(context.get_data_type(signature.return_type.dtype))
+    count = builder.sdiv(builder.sub(end, begin), context.get_constant(types.intp, size // 8))
+    return _address(context, builder, signature, arguments, [count])
+
+
+@_lower(table, types.Array, types.Integer, types.Integer, types.Integer)
+@_lower(grid, types.Array, types.Integer, types.Integer, types.Integer, types.DType)
+def _lower_rectangle(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    shape = [context.cast(builder, arguments[k], signature.args[k], types.intp) for k in (2, 3)]
+    return _address(context, builder, signature, arguments, shape)
