@@ -12,6 +12,7 @@ import sqlite3
 import struct
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,6 +40,11 @@ _STEPS_AT_ONCE: Final = 1_000_000
 _HEAD: Final = struct.Struct(">16xH10xI")
 """Size and number of the pages, where a database says them."""
 _NEEDED: Final = ("topics", "messages")
+_SOUND: Final = (
+    "typeof(id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(topic_id) = 'integer' "
+    "AND typeof(data) = 'blob'"
+)
+"""Columns of SQLite hold values of any type."""
 
 
 class Db3File:
@@ -152,13 +158,12 @@ class Db3File:
     ) -> Iterator[Stretch]:
         """Stretches of messages as far as the file can be read, counted by topic in `counts`."""
         cursor = connection.execute(
-            "SELECT id, timestamp, topic_id, length(data) FROM messages NOT INDEXED ORDER BY id"
+            "SELECT id, timestamp, topic_id, length(data) FROM messages NOT INDEXED "
+            f"WHERE {_SOUND} ORDER BY id"
         )
         last = -(2**63)
         for rows in self._fetched(cursor):
-            table = np.array(
-                [row for row in rows if all(isinstance(value, int) for value in row)], np.int64
-            ).reshape(-1, 4)
+            table = np.array(rows, np.int64).reshape(-1, 4)
             if len(table) and ((table[1:, 0] <= table[:-1, 0]).any() or table[0, 0] <= last):
                 self._damaged("messages are out of order")
                 return
@@ -170,37 +175,27 @@ class Db3File:
 
     def _fetched(self, cursor: sqlite3.Cursor) -> Iterator[list[Any]]:
         """Rows, some at a time; what comes before an error is given."""
-        while True:
+        damaged = False
+        while not damaged:
             rows: list[Any] = []
             try:
-                for row in cursor:
-                    rows.append(row)
-                    if len(rows) == _AT_ONCE:
-                        break
+                rows.extend(islice(cursor, _AT_ONCE))
             except sqlite3.Error as error:
                 self._damaged(_line(error))
-                yield rows
-                return
+                damaged = True
             if not rows:
                 return
             yield rows
 
     def _load(self, connection: sqlite3.Connection, stretch: Stretch, unpacked: Unpacked) -> Batch:
         """The messages of one stretch; one that is too large is empty, and so malformed."""
-        channel: list[int] = []
-        log_ns: list[int] = []
-        payloads: list[bytes] = []
         cursor = connection.execute(
-            "SELECT topic_id, timestamp, iif(length(data) <= ?, data, x'') FROM messages "
-            "WHERE id >= ? AND id <= ? ORDER BY id",
+            "SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data ELSE x'' END "
+            f"FROM messages WHERE id >= ? AND id <= ? AND {_SOUND} ORDER BY id",
             (MESSAGE_BYTES, stretch.start, stretch.stop),
         )
-        for rows in self._fetched(cursor):
-            for topic, time, data in rows:
-                if topic in self.channels and isinstance(time, int) and isinstance(data, bytes):
-                    channel.append(topic)
-                    log_ns.append(time)
-                    payloads.append(data)
+        rows = [row for part in self._fetched(cursor) for row in part if row[0] in self.channels]
+        channel, log_ns, payloads = zip(*rows, strict=True) if rows else ((), (), ())
         length = np.array([len(data) for data in payloads], np.int64)
         return Batch(
             bytes(LEAD) + b"".join(payloads),

@@ -60,7 +60,7 @@ def a_chunk_of_1_gib(folder: Path) -> Path:
 
 def a_file_of_8_gib(folder: Path) -> Path:
     path = folder / "file.mcap.zstd"
-    path.write_bytes(packed_zeros(1024 * MIB, MAGIC) * 8)
+    path.write_bytes(packed_zeros(128 * MIB, MAGIC) + packed_zeros(128 * MIB) * 63)
     return path
 
 
