@@ -101,8 +101,42 @@ def measure() -> list[Row]:
     """Seconds for a bag of ``DURATION_S``."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "long")
-        write_long_bag(path, read_recording(BAG))
-        return _measure(path, Path(folder, "figures.json"))
+        recording = read_recording(BAG)
+        writing = seconds(lambda: write_long_bag(path, recording))
+        return [
+            *_measure(path, Path(folder, "figures.json")),
+            *_sqlite3(path, Path(folder, "database")),
+            Row("offline", "writing the bag, with mcap's writer", "s", Spread.of([writing])),
+        ]
+
+
+def _sqlite3(path: Path, copy: Path) -> list[Row]:
+    """The same messages in rosbag2's older storage."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    with (
+        AnyReader([path]) as reader,
+        Writer(copy, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer,
+    ):
+        topics = {
+            connection.id: writer.add_connection(
+                connection.topic, connection.msgtype, typestore=reader.typestore
+            )
+            for connection in reader.connections
+        }
+        for connection, log_ns, data in reader.messages():
+            writer.write(topics[connection.id], log_ns, data)
+    ours, theirs = [], []
+    for _ in range(ROUNDS):
+        ours.append(seconds(lambda: read_recording(copy)))
+        theirs.append(sum(deserialise(copy)))
+    return [
+        compared(
+            "offline", "reading and decoding alone, from sqlite3", "s", ours,
+            "rosbags: reading and deserialising", theirs,
+        )
+    ]  # fmt: skip
 
 
 def _measure(path: Path, figures: Path) -> list[Row]:

@@ -2,7 +2,8 @@
 
 The project has a reader of its own beside the one of `rosbags` because that one stops at the first
 damaged page, where this one gives what comes before it, and because it trusts the database: a view
-in place of a table, or a message of a gigabyte, is read without bound.  Both take as long.
+in place of a table, or a message of a gigabyte, is read without bound.  Reading and decoding takes
+0.35 of the time that `rosbags` takes (docs/speed.md).
 """
 
 from __future__ import annotations

@@ -5,11 +5,13 @@ import os
 import resource
 import subprocess
 import sys
+import tracemalloc
 
+import numpy as np
 import pytest
 from support.bombs import BOMBS, GOOD, MESSAGES, TOPICS, database
 
-from cdrj_ros.bag import Topics, read_recording
+from cdrj_ros.bag import BagWriter, Topics, read_recording
 from cdrj_ros.foundation.errors import BagError
 
 MOST_MEMORY = 1_500_000_000
@@ -97,6 +99,25 @@ def test_a_file_that_is_cut_while_it_is_read_gives_what_comes_before(make, tmp_p
     count, notes = done.stdout.split(" ", 1)
     assert 20_000 < int(count) < 31_000
     assert "was cut while it was read" in notes
+
+
+def test_reading_a_long_recording_takes_little_more_than_what_it_holds(tmp_path):
+    count = 150_000
+    stamps = np.arange(count, dtype=np.int64) * 1_000_000 + 1
+    angles = np.random.default_rng(9).normal(size=(count, 1))
+    with BagWriter(tmp_path / "bag", compression="lz4", chunk_bytes=1 << 16) as bag:
+        bag.write_joint_states("/motors", stamps, ["m"], angles)
+        bag.write_joint_states("/joints", stamps, ["j"], angles)
+    tracemalloc.start()
+    try:
+        read = read_recording(tmp_path / "bag", Topics("/motors", "/joints", ()))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    arrays = [(s.stamp_ns, s.log_ns, s.value) for s in (read.motors["m"], read.joints["j"])]
+    held = sum(array.nbytes for three in arrays for array in three)
+    assert held == 6 * 8 * count
+    assert peak < 2.25 * held
 
 
 def test_a_database_that_takes_more_steps_than_its_size_explains_is_left(tmp_path, monkeypatch):
