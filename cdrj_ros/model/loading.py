@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import build_robot, load_document
 
@@ -49,7 +51,14 @@ def robot_path(path: str) -> Path:
         for folder in _installed_robots():
             if (folder / f"{path}.yaml").exists():
                 return folder / f"{path}.yaml"
-        raise RobotFileError(f"there is no robot file {path}, and none of that name is installed")
+        names = sorted(
+            {file.stem for folder in _installed_robots() for file in folder.glob("*.yaml")}
+        )
+        close = get_close_matches(path, names, n=1)
+        nearest = f"; did you mean {close[0]}?" if close else ""
+        raise RobotFileError(
+            f"there is no robot file {printable(path)}, and none of that name is installed{nearest}"
+        )
     return Path(path)
 
 

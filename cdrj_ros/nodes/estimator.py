@@ -35,14 +35,15 @@ from cdrj_ros.messages.cdr import (
 )
 from cdrj_ros.messages.conversions import EstimateEncoder, marked_stale
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.nodes.diagnostics import Health, StepTimes, diagnostic_array, status_of
+from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
+from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.settings import SIMULATED, changed_options, declare, in_force, meant
-from cdrj_ros.nodes.silence import Silence, age_s
+from cdrj_ros.nodes.silence import Silence
 from cdrj_ros.nodes.spinning import starting
 from cdrj_ros.nodes.thinning import Thinning
-from cdrj_ros.nodes.words import TopicHeard, missing_inputs, refusal_rate
+from cdrj_ros.nodes.words import TopicHeard
 
 WATCHES: Final = 4
 """Looks at the inputs within the timeout."""
@@ -52,12 +53,6 @@ WATCH_S: Final = 1.0
 
 DIAGNOSIS_S: Final = 1.0
 """Time between two statuses on /diagnostics [s]."""
-
-PATIENCE_S: Final = 3.0
-"""Time without an estimate before the log says why [s]."""
-
-AGAIN_S: Final = 10.0
-"""Time between two equal warnings [s]."""
 
 
 class EstimatorNode(Node):
@@ -113,12 +108,6 @@ class EstimatorNode(Node):
         self._published = 0
         self._diagnosed = 0
         self._diagnosed_ns = self._now_ns()
-        self._refused: dict[str, int] = {}
-        self._refused_s = self._estimated_s = monotonic()
-        self._first = True
-        """No estimate has come since the start."""
-        self._quiet = True
-        """No estimate has come since the start, or for the timeout, and the log says so."""
         self._showing = False
 
     def _open(self) -> None:
@@ -160,18 +149,17 @@ class EstimatorNode(Node):
                 "motor_states": ("motors", layout.motors),
                 "joint_states": ("joints", layout.joints),
             }
-        self._angles: dict[str, InputTopic] = {}
+        inputs = []
         for topic, (kind, axes) in kinds.items():
             heard = TopicHeard(self.resolve_topic_name(topic), axes)
-            self._angles[kind] = InputTopic(
-                self, JointState, topic, self._listener(kind, heard), heard
-            )
-        self._inputs = list(self._angles.values())
+            inputs.append(InputTopic(self, JointState, topic, self._listener(kind, heard), heard))
         if self.live.options.tension_sensors:
             cells = TopicHeard(self.resolve_topic_name("tension_sensors"))
-            self._inputs.append(
+            inputs.append(
                 InputTopic(self, CableTensions, "tension_sensors", self._on_tensions, cells)
             )
+        self.inputs = inputs
+        self.watch = InputWatch(self, self.live, inputs, self.silence, self._now_ns)
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *a: Any, **k: Any
@@ -273,11 +261,7 @@ class EstimatorNode(Node):
                 self._publish(output._replace(estimate=marked_stale(estimate)))
             else:
                 self._publish(output)
-        now_s = monotonic()
-        self.silence.note(self._now_ns(), now_s)
-        if self._quiet:
-            self._wake(now_s - self._estimated_s)
-        self._estimated_s = now_s
+        self.watch.note()
 
     def _publish(self, output: Output) -> None:
         estimate, stddev = output
@@ -297,34 +281,14 @@ class EstimatorNode(Node):
 
     # --- time -------------------------------------------------------------------------------------
 
-    def _silence_s(self) -> float:
-        """Time since the last estimate [s]; infinite before the first."""
-        return self.silence.seconds(self._now_ns(), monotonic())
-
-    def _wake(self, since_s: float) -> None:
-        """Log that estimates come, for the first time or again."""
-        first, self._first, self._quiet = self._first, False, False
-        self.get_logger().info(
-            f"first estimate, {since_s:.1f} s after the start"
-            if first
-            else f"inputs are back after {since_s:.1f} s"
-        )
-
     def _on_watch(self) -> None:
         """Republish the last estimate as STALE once the inputs have been silent for the timeout."""
-        silence_s = self._silence_s()
-        if self.output is None or silence_s <= self.timeout_s:
-            return
-        if not self._quiet:
-            self._quiet = True
-            self.get_logger().warning(
-                f"inputs lost: no estimate for {silence_s:.2g} s; outputs are STALE"
-            )
-        self._publish_stale(self.output)
+        if self.output is not None and self.watch.lost():
+            self._publish_stale(self.output)
 
     def _on_steady(self) -> None:
         """Diagnose where the node's clock does not tell that it is time to."""
-        if monotonic() - self._refused_s > 1.5 * DIAGNOSIS_S:
+        if monotonic() - self.watch.looked_s > 1.5 * DIAGNOSIS_S:
             self._on_diagnostics()
 
     def _on_diagnostics(self) -> None:
@@ -332,53 +296,13 @@ class EstimatorNode(Node):
         elapsed = (now - self._diagnosed_ns) * 1e-9
         rate = (self._published - self._diagnosed) / elapsed if elapsed > 0.0 else 0.0
         self._diagnosed, self._diagnosed_ns = self._published, now
-        health = self._health(now, rate)
-        self._warn(health)
+        health = self.watch.health(self.output, rate, self.clock_refused)
+        self.watch.warn(health)
         status = status_of(
             self.get_fully_qualified_name().lstrip("/"), self.live, self.output, health, self.times
         )
         self.diagnostics.publish(diagnostic_array(self.get_clock().now().to_msg(), status))
         self.write_state()
-
-    def _health(self, now_ns: int, rate_hz: float) -> Health:
-        conditioner = self.live.conditioner
-        silence_s = self._silence_s()
-        steady_s = monotonic()
-        _, refusing = refusal_rate(conditioner.refused, self._refused, steady_s - self._refused_s)
-        self._refused, self._refused_s = dict(conditioner.refused), steady_s
-        age = float("inf")
-        if self.output is not None:
-            stamp_ns = self.output.estimate.stamp_ns
-            age = age_s(stamp_ns, now_ns, conditioner.lag_ns * 1e-9, silence_s)
-        waiting = ""
-        if self._quiet or self.output is None:
-            self._adapt()
-            waiting = missing_inputs(
-                [one.heard for one in self._angles.values()],
-                conditioner.unheard,
-                conditioner.refused,
-                self.live.model.robot,
-            )
-        return Health(
-            self.timeout_s, silence_s, age, rate_hz, waiting, refusing, self.clock_refused
-        )
-
-    def _adapt(self) -> None:
-        """Subscribe best-effort to topics whose publishers are, and log it."""
-        for one in self._inputs:
-            if words := one.look():
-                self.get_logger().warning(words, throttle_duration_sec=AGAIN_S)
-
-    def _warn(self, health: Health) -> None:
-        """Log why there is no estimate, or why many readings are refused; not every second."""
-        words = ""
-        if health.waiting and monotonic() - self._estimated_s > PATIENCE_S:
-            self._quiet = True
-            words = f"no estimate: {health.waiting}"
-        elif health.refusing and not self._quiet:
-            words = health.refusing
-        if words:
-            self.get_logger().warning(words, throttle_duration_sec=AGAIN_S)
 
     def _forget(self) -> None:
         """Republish the last estimate as STALE, then discard it."""
@@ -408,7 +332,7 @@ class EstimatorNode(Node):
 
     def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            if self.live.sample is not None and self._silence_s() > self.timeout_s:
+            if self.live.sample is not None and self.watch.silence_s() > self.timeout_s:
                 raise UsageError(
                     f"no estimate for {self.timeout_s:g} s: where the robot is now is not known"
                 )

@@ -3,35 +3,27 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from importlib import import_module
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from time import monotonic, perf_counter
 from typing import Any, Final
 
-from builtin_interfaces.msg import Time
-from cdrj_msgs.msg import CableTensions, NodalForces
-from rcl_interfaces.srv import GetParameters
-from rclpy.duration import Duration
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
-from cdrj_ros.bag import Topics
-from cdrj_ros.conditioning.time_line import MODES
-from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.bag import RawMessage
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.nodes.qos import default_profile
+from cdrj_ros.nodes.replay_node import NoEstimatorError, ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest
-from cdrj_ros.replay.answers import KINDS, Heard, Run, Tally
+from cdrj_ros.replay.agreement import NodeSettings, require_every_sample
+from cdrj_ros.replay.answers import Heard, Run, Tally
 from cdrj_ros.replay.controls import Controls
 from cdrj_ros.replay.display import Display
 from cdrj_ros.replay.keyboard import Keyboard
 from cdrj_ros.replay.playback import Playback
+
+Routes = dict[str, list[tuple[Any, Callable[[bytes], None] | None]]]
+"""By topic in the bag: what publishes its messages, and what foresees the answers."""
 
 WINDOW: Final = 64
 """Estimates under way at once: far fewer than any queue holds, so that none is lost."""
@@ -47,20 +39,13 @@ CHORES_S: Final = 0.02
 """Time between two looks at the keyboard and the display [s]."""
 
 PRESENCE_S: Final = 0.5
-"""Time between two looks at whether the estimator is still there [s]."""
+"""Time between two checks that the estimator is still there [s]."""
 
 NEWS_S: Final = 3.0
-"""Time between two lines of what is still missing [s]."""
+"""Time between two lines that name what is still missing [s]."""
 
 SETTLE_S: Final = 2.0
 """How long to wait for other listeners, so that they miss no message either [s]."""
-
-ANSWER_S: Final = 5.0
-"""How long a service of the estimator may take [s]."""
-
-
-class NoEstimatorError(CdrjError):
-    """No estimator node answered."""
 
 
 class Ending(enum.Enum):
@@ -70,31 +55,6 @@ class Ending(enum.Enum):
     SOUGHT = "by a seek"
     USER = "by the user"
     GONE = "as the estimator went away"
-
-
-@dataclass(frozen=True)
-class Extra:
-    """A topic that is played although the estimator does not listen to it."""
-
-    topic: str
-    msgtype: str
-    latched: bool = False
-
-
-@dataclass(frozen=True)
-class Wiring:
-    """What goes where."""
-
-    topics: Topics = field(default_factory=Topics)
-    extras: tuple[Extra, ...] = ()
-    remap: Mapping[str, str] = field(default_factory=dict)
-    """Names to publish under, by name in the bag."""
-    overrides: Mapping[str, QoSProfile] = field(default_factory=dict)
-    """By name in the bag, and for the answers by the name listened to."""
-    clock_hz: float = 0.0
-    clock_topics: frozenset[str] = frozenset()
-    """Topics whose messages are preceded by the clock."""
-    estimator: str = "/cdrj/estimator"
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,155 +75,8 @@ class Played:
     """Greatest delay of a message behind its due time [s]; 0 as fast as possible."""
 
 
-class ReplayNode(Node):
-    """Topics and clients beside an estimator's."""
-
-    def __init__(self, wiring: Wiring, **options: Any) -> None:
-        """Open them.
-
-        Raises:
-            UsageError: an extra topic whose type is not installed, or that would meet the answers.
-        """
-        super().__init__("replay", namespace="cdrj", **options)
-        self.wiring = wiring
-        topics, qos = wiring.topics, default_profile()
-
-        def publisher(message: Any, topic: str, default: str, other: QoSProfile = qos) -> Any:
-            name = wiring.remap.get(topic, default)
-            return self.create_publisher(message, name, wiring.overrides.get(topic, other))
-
-        self.motors = publisher(JointState, topics.motors, "motor_states")
-        self.joints = publisher(JointState, topics.joints, "joint_states")
-        self.inputs = tuple({p.topic_name: p for p in (self.motors, self.joints)}.values())
-        self.outputs = tuple(self.resolve_topic_name(kind.topic) for kind in KINDS)
-        self._ears: list[Callable[[bytes], None]] = [_ignore] * len(KINDS)
-        for number, message in enumerate((CableTensions, NodalForces, JointState)):
-            self.create_subscription(
-                message, KINDS[number].topic, self._listener(number),
-                wiring.overrides.get(self.outputs[number], qos), raw=True,
-            )  # fmt: skip
-        self.extras: dict[str, Any] = {}
-        for extra in wiring.extras:
-            name = self.resolve_topic_name(wiring.remap.get(extra.topic, extra.topic))
-            if name in self.outputs:
-                raise UsageError(
-                    f"{extra.topic} is where the estimator answers: give it another name with "
-                    f"--remap {extra.topic}:=/recorded{extra.topic}"
-                )
-            self.extras[extra.topic] = publisher(
-                message_class(extra.msgtype), extra.topic, extra.topic,
-                default_profile(latched=extra.latched),
-            )  # fmt: skip
-        wants_clock = wiring.clock_hz > 0 or wiring.clock_topics
-        self.clock = self.create_publisher(Clock, "/clock", 10) if wants_clock else None
-        self._reset = self.create_client(Trigger, wiring.estimator + "/reset")
-        self._ping = self.create_client(GetParameters, wiring.estimator + "/get_parameters")
-
-    def _listener(self, number: int) -> Callable[[bytes], None]:
-        ears = self._ears
-
-        def on_answer(payload: bytes) -> None:
-            ears[number](payload)
-
-        return on_answer
-
-    def listen(self, run: Run | None) -> None:
-        """From now on the answers are of this run."""
-        for number in range(len(KINDS)):
-            self._ears[number] = run.listener(number) if run else _ignore
-
-    def missing(self) -> list[str]:
-        """What of the estimator is not there, in words; empty when all is."""
-        gaps = [f"no subscriber of {p.topic_name}" for p in self.inputs if not _matched(p)]
-        gaps += [f"no publisher of {t}" for t in self.outputs if not self.count_publishers(t)]
-        for client in (self._reset, self._ping):
-            if not client.service_is_ready():
-                gaps.append(f"no service {client.srv_name}")
-        return gaps
-
-    def unconnected(self) -> list[str]:
-        """Topics played of which a listener is known but not connected yet."""
-        return [
-            p.topic_name
-            for p in (*self.inputs, *self.extras.values())
-            if p.get_subscription_count() < self.count_subscribers(p.topic_name)
-        ]
-
-    def rivals(self) -> list[str]:
-        """Topics of the answers on which more than one node publishes."""
-        return [topic for topic in self.outputs if self.count_publishers(topic) > 1]
-
-    def reset_estimator(self, executor: EventsExecutor) -> str:
-        """Let it forget all; returns what it said.
-
-        Raises:
-            NoEstimatorError: it does not answer, or refuses.
-        """
-        future = self._reset.call_async(Trigger.Request())
-        executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
-        if not future.done():
-            raise NoEstimatorError(
-                f"the estimator does not answer {self._reset.srv_name} within {ANSWER_S:g} s"
-            )
-        response = future.result()
-        if not response.success:
-            raise NoEstimatorError(f"the estimator refuses to start anew: {response.message}")
-        return str(response.message)
-
-    def is_through(self, executor: EventsExecutor) -> bool:
-        """Whether the estimator answers a question put to it now, behind all that was sent."""
-        future = self._ping.call_async(GetParameters.Request(names=[]))
-        executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
-        return bool(future.done())
-
-    def conditioning(self, executor: EventsExecutor) -> str:
-        """How the estimator brings its topics together: its parameter of that name."""
-        future = self._ping.call_async(GetParameters.Request(names=["conditioning"]))
-        executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
-        values = future.result().values if future.done() else []
-        mode = str(values[0].string_value) if values else ""
-        return mode if mode in MODES else MODES[0]
-
-    def publish_clock(self, time_ns: int) -> None:
-        """Say what time it is in the recording."""
-        if self.clock is not None:
-            sec, nanosec = divmod(max(time_ns, 0), 1_000_000_000)
-            self.clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
-
-    def wait_for_acknowledgements(self, timeout_s: float) -> list[str]:
-        """Names of the topics of which not all listeners have acknowledged everything by then."""
-        deadline = monotonic() + timeout_s
-        slow = []
-        for publisher in (*self.inputs, *self.extras.values()):
-            left = max(deadline - monotonic(), 0.0)
-            if not publisher.wait_for_all_acked(Duration(seconds=left)):
-                slow.append(str(publisher.topic_name))
-        return slow
-
-
-def _ignore(_payload: bytes) -> None:
-    """Nothing has been asked."""
-
-
-def _matched(publisher: Any) -> bool:
-    return bool(publisher.get_subscription_count())
-
-
-def message_class(msgtype: str) -> Any:
-    """The class of ``sensor_msgs/msg/Imu``.
-
-    Raises:
-        UsageError: it is not installed.
-    """
-    package, _, name = msgtype.replace("/msg/", "/").partition("/")
-    try:
-        return getattr(import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError, ValueError):
-        raise UsageError(f"messages of type {msgtype or '(none)'} are not installed here") from None
-
-
 class Player:
-    """Plays, listens, and attends to the user in between."""
+    """Plays recordings, collects the answers, and handles keys and services."""
 
     def __init__(
         self,
@@ -275,7 +88,7 @@ class Player:
         keyboard: Keyboard,
         display: Display,
     ) -> None:
-        """Bring together what is there; ``executor`` spins ``node``."""
+        """Keep the parts; ``executor`` spins ``node``."""
         self.model = model
         self.node = node
         self.executor = executor
@@ -291,7 +104,8 @@ class Player:
         self._presence_s = 0.0
         self._clock_s = 0.0
         self._gone = False
-        self._conditioning = MODES[0]
+        self.estimator = NodeSettings()
+        """How the estimator is set; known once it has been waited for."""
 
     @property
     def stopping(self) -> bool:
@@ -304,7 +118,7 @@ class Player:
         return self.before + self._run.tally()
 
     def wait_for_estimator(self, patience_s: float) -> bool:
-        """Until it listens and is heard; False where the user would rather stop.
+        """Wait until the estimator is connected both ways; False if the user stops.
 
         Raises:
             NoEstimatorError: after ``patience_s``.
@@ -333,7 +147,8 @@ class Player:
             self.executor.spin_once(timeout_sec=0.05)
         for topic in self.node.unconnected():
             self.display.say(f"warning: a listener of {topic} has a QoS that does not fit")
-        self._conditioning = self.node.conditioning(self.executor)
+        self.estimator = self.node.settings(self.executor)
+        require_every_sample(self.estimator)
         for topic in self.node.rivals():
             self.display.say(f"warning: several nodes publish {topic}; their answers mix")
         return True
@@ -362,7 +177,7 @@ class Player:
         return played
 
     def _play_run(self, playback: Playback) -> Played:
-        self._run = run = Run(self.model, self._conditioning)
+        self._run = run = Run(self.model, self.estimator.conditioning)
         self.node.listen(run)
         begin_ns = playback.position_ns(perf_counter())
         playback.behind_s = 0.0
@@ -389,10 +204,9 @@ class Player:
         )  # fmt: skip
 
     def _loop(self, playback: Playback, run: Run, watch: _Stopwatch) -> Ending:
-        """Send what is due, let answers in, until there is a reason to stop."""
+        """Send what is due and take answers until there is a reason to stop."""
         routes = self._routes(run)
         spin_once = self.executor.spin_once
-        stop, controls = self._stop, self.controls
         paced = 0
         self._reached_ns = playback.position_ns(perf_counter())
         self._gone = False
@@ -401,29 +215,22 @@ class Player:
             if now >= self._chores_s:
                 watch.tick(now, playback)
                 self._do_chores(now, playback, run)
-            if stop or controls.stopped or playback.sought or run.trouble or self._gone:
+            if self._broken_off(playback, run):
                 break
             if run.under_way > WINDOW:
                 self._let_answers_in(run, now)
-                continue
-            messages = playback.take(now, BATCH)
-            if messages:
-                for message in messages:
-                    for send, ask in routes[message.topic]:
-                        if ask is not None:
-                            ask(message.data)
-                        send(message.data)
-                self._reached_ns = messages[-1].log_ns
+            elif messages := playback.take(now, BATCH):
+                self._send(messages, routes)
                 if run.unanswerable - paced >= UNANSWERABLE:
                     paced = run.unanswerable
                     self._gone = not self.node.is_through(self.executor)
                 paced = min(paced, run.unanswerable)
                 spin_once(timeout_sec=0.0)
-                continue
-            wait = min(self._chores_s - now, playback.wait_s(now))
-            spin_once(timeout_sec=max(wait, 0.0))
+            else:
+                wait = min(self._chores_s - now, playback.wait_s(now))
+                spin_once(timeout_sec=max(wait, 0.0))
         ended = playback.ended
-        if stop and run.under_way:
+        if self._stop and run.under_way:
             self.display.say(
                 f"stopping: {run.under_way} answers are under way; Ctrl-C again ends at once"
             )
@@ -436,8 +243,21 @@ class Player:
             return Ending.SOUGHT
         return Ending.END if ended else Ending.USER
 
+    def _broken_off(self, playback: Playback, run: Run) -> bool:
+        """Whether the run ends before the recording does."""
+        return self.stopping or playback.sought or self._gone or run.trouble is not None
+
+    def _send(self, messages: Sequence[RawMessage], routes: Routes) -> None:
+        """Publish messages and note the answers that they make possible."""
+        for message in messages:
+            for send, ask in routes[message.topic]:
+                if ask is not None:
+                    ask(message.data)
+                send(message.data)
+        self._reached_ns = messages[-1].log_ns
+
     def _let_answers_in(self, run: Run, now: float) -> None:
-        """Until there is room for another batch, or something else to do."""
+        """Wait until another batch may be sent, or something else has to be done."""
         room: Future = Future()
         run.call_at(WINDOW - BATCH, lambda: room.set_result(None))
         # one call for many answers: spinning once for each takes longer than hearing it
@@ -445,7 +265,7 @@ class Player:
         self.executor.spin_until_future_complete(room, timeout_sec=left_s)
 
     def _drain(self, playback: Playback, run: Run, watch: _Stopwatch) -> None:
-        """Hear out what is under way."""
+        """Wait for the answers that are under way."""
         while run.under_way and not self._gone and run.trouble is None:
             now = perf_counter()
             if now >= self._chores_s:
@@ -453,10 +273,10 @@ class Player:
                 self._do_chores(now, playback, run)
             self.executor.spin_once(timeout_sec=max(self._chores_s - now, 0.0))
 
-    def _routes(self, run: Run) -> dict[str, list[tuple[Any, Callable[[bytes], None] | None]]]:
+    def _routes(self, run: Run) -> Routes:
         """By topic in the bag: what publishes its messages, and what foresees the answers."""
         node, topics, gate = self.node, self.node.wiring.topics, run.conditioner
-        routes: dict[str, list[tuple[Any, Callable[[bytes], None] | None]]] = {
+        routes: Routes = {
             topic: [(publisher.publish, None)] for topic, publisher in node.extras.items()
         }
         shared = len(node.inputs) == 1
@@ -477,7 +297,7 @@ class Player:
             self.node.publish_clock(playback.position_ns(perf_counter()))
 
     def _do_chores(self, now: float, playback: Playback, run: Run) -> None:
-        """What can wait for a hundredth of a second: keys, clock, display, missing answers."""
+        """Do what can wait for some milliseconds: keys, clock, display, missing answers."""
         self._chores_s = now + CHORES_S
         hertz = self.node.wiring.clock_hz
         if hertz > 0:
@@ -525,34 +345,3 @@ class _Stopwatch:
             self.seconds += now - self._last
         idle = playback.paused or playback.wait_s(now) > 1e6
         self._last = None if idle and not playback.ended else now
-
-
-def wiring_of(
-    topics: Topics,
-    extras: Sequence[Extra],
-    remap: Mapping[str, str],
-    overrides: Mapping[str, QoSProfile],
-    *,
-    clock_hz: float,
-    clock_topics: Sequence[str] | None,
-    estimator: str,
-) -> Wiring:
-    """Check what the user has asked for against what there is.
-
-    Args:
-        topics, extras, remap, overrides, clock_hz, estimator: see ``Wiring``.
-        clock_topics: None for every topic that is played.
-
-    Raises:
-        UsageError: a topic that is not played, or a clock beside a clock.
-    """
-    played = {topics.motors, topics.joints, *(extra.topic for extra in extras)}
-    stamped = played if clock_topics is None else frozenset(clock_topics)
-    for option, named in (("--remap", remap), ("--clock-topics", stamped)):
-        if unknown := sorted(set(named) - played):
-            raise UsageError(
-                f"{option}: {', '.join(unknown)} is not played, only {', '.join(sorted(played))}"
-            )
-    return Wiring(
-        topics, tuple(extras), dict(remap), dict(overrides), clock_hz, frozenset(stamped), estimator
-    )

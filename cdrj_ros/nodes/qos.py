@@ -1,4 +1,4 @@
-"""Quality of service from files: overrides by topic, and what a recording says was offered."""
+"""Quality of service: the default, overrides from a file, and what a recording says was offered."""
 
 from __future__ import annotations
 

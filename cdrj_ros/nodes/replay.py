@@ -19,9 +19,6 @@ from rclpy.experimental import EventsExecutor
 from cdrj_ros.bag import RawMessage, Recording, Topics, read_recording
 from cdrj_ros.commands.shared import (
     DONE,
-    add_result_options,
-    add_robot_option,
-    add_topic_options,
     print_results,
     run_command,
     topics_of,
@@ -33,28 +30,22 @@ from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.messages.cdr import BYTE_ORDER, Field, MessageError, read_layout
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.nodes.player import (
-    Ending,
-    Extra,
-    Player,
-    ReplayNode,
-    Wiring,
-    message_class,
-    wiring_of,
-)
+from cdrj_ros.nodes.player import Ending, Player
 from cdrj_ros.nodes.qos import read_overrides, was_latched
+from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, wiring_of
+from cdrj_ros.nodes.replay_options import CLOCK_TOPIC, replay_parser
 from cdrj_ros.nodes.services import offer_services
 from cdrj_ros.nodes.spinning import StopRequest, ros_context, starting
+from cdrj_ros.replay.agreement import preload_difference
 from cdrj_ros.replay.controls import KEYS, Controls, rate_in_words
 from cdrj_ros.replay.display import Display
 from cdrj_ros.replay.keyboard import Keyboard
 from cdrj_ros.replay.outcome import Outcome
 from cdrj_ros.replay.playback import (
-    MAX_RATE,
-    MIN_RATE,
     ORDERS,
     Playback,
     Reel,
+    check_span,
     checked_rate,
     log_order,
     merged_source,
@@ -64,8 +55,6 @@ from cdrj_ros.replay.playback import (
 INCOMPLETE: Final = 1
 """Exit code: played, but estimates were lost or the estimator went away."""
 
-CLOCK_HZ: Final = 40.0
-CLOCK_TOPIC: Final = "/clock"
 _STAMP: Final = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
 
 
@@ -80,131 +69,8 @@ class Bag:
     end_ns: int
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="replay",
-        description="Play a bag's recorded inputs to a running estimator node, listen to its "
-        "answers, compare them with the recorded references and report.",
-        epilog=f"Keys in a terminal: {KEYS}. Services under /cdrj/replay: pause, resume, "
-        "toggle_paused, is_paused, play_next, stop, set_rate, seek, burst, get_playback. "
-        "Exit code: 0 done, or ended at the user's wish; 1 estimates were lost or the estimator "
-        "went away; 2 bad usage or input, or no estimator; 130 interrupted before anything was "
-        "played.",
-    )
-    parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
-    add_robot_option(parser)
-    _add_time_options(parser.add_argument_group("time"))
-    _add_choice_options(parser.add_argument_group("what is played"))
-    group = parser.add_argument_group("estimator")
-    group.add_argument(
-        "--estimator", default="/cdrj/estimator", metavar="NAME",
-        help="full name of the estimator node (default %(default)s)",
-    )  # fmt: skip
-    group.add_argument(
-        "--patience", type=_seconds, default=120.0, metavar="S",
-        help="how long to wait for the estimator [s] (default %(default)g)",
-    )  # fmt: skip
-    group.add_argument(
-        "--wait-for-all-acked", type=_seconds, metavar="S",
-        help="in the end, wait so long for every listener to acknowledge every message [s]",
-    )  # fmt: skip
-    group.add_argument(
-        "--disable-keyboard-controls", action="store_true", help="leave the terminal alone"
-    )
-    add_topic_options(parser)
-    add_result_options(parser)
-    return parser
-
-
-def _add_time_options(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "-r", "--rate", type=float, metavar="X",
-        help=f"times real time, {MIN_RATE:g} to {MAX_RATE:g} "
-        "(default: as fast as the estimator keeps up)",
-    )  # fmt: skip
-    repeat = group.add_mutually_exclusive_group()
-    repeat.add_argument(
-        "-l", "--loop", action="store_true",
-        help="start over at the end, until stopped; the estimator starts anew each time",
-    )  # fmt: skip
-    repeat.add_argument("--passes", type=int, default=1, metavar="N", help="play N times over")
-    group.add_argument(
-        "-d", "--delay", type=_seconds, default=0.0, metavar="S", help="wait before each pass [s]"
-    )
-    group.add_argument(
-        "--start-offset", type=_seconds, default=0.0, metavar="S",
-        help="begin so far into the bag [s]",
-    )  # fmt: skip
-    end = group.add_mutually_exclusive_group()
-    end.add_argument(
-        "--playback-duration", type=_seconds, metavar="S", help="end after so much of the bag [s]"
-    )
-    end.add_argument(
-        "--playback-until-sec", type=_seconds, metavar="T",
-        help="end at this time, in seconds since the epoch",
-    )  # fmt: skip
-    end.add_argument("--playback-until-nsec", type=int, metavar="T", help="the same in nanoseconds")
-    group.add_argument("-p", "--start-paused", action="store_true", help="begin paused")
-    group.add_argument(
-        "--message-order", choices=ORDERS, default=ORDERS[0],
-        help="by the time a message was recorded, or by its header stamp (default %(default)s)",
-    )  # fmt: skip
-    clock = group.add_mutually_exclusive_group()
-    clock.add_argument(
-        "--clock", type=_hertz, nargs="?", const=CLOCK_HZ, default=0.0, metavar="HZ",
-        help=f"publish the recording's time on {CLOCK_TOPIC} (default {CLOCK_HZ:g} Hz)",
-    )  # fmt: skip
-    clock.add_argument(
-        "--clock-topics", nargs="+", default=[], metavar="TOPIC",
-        help=f"publish {CLOCK_TOPIC} just before every message of these",
-    )  # fmt: skip
-    clock.add_argument(
-        "--clock-topics-all", action="store_true",
-        help=f"publish {CLOCK_TOPIC} just before every message",
-    )  # fmt: skip
-
-
-def _add_choice_options(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--merge", action="store_true",
-        help="play several bags as one, in order of time (default: one after the other)",
-    )  # fmt: skip
-    group.add_argument(
-        "--topics", nargs="+", default=[], metavar="TOPIC",
-        help="play these as well, beside the estimator's inputs",
-    )  # fmt: skip
-    group.add_argument("-a", "--all", action="store_true", help="play every topic of the bag")
-    group.add_argument("-e", "--regex", metavar="R", help="play topics that match R as well")
-    group.add_argument(
-        "--exclude-topics", nargs="+", default=[], metavar="TOPIC", help="do not play these"
-    )
-    group.add_argument("-x", "--exclude-regex", metavar="R", help="nor those that match R")
-    group.add_argument(
-        "-m", "--remap", nargs="+", default=[], metavar="OLD:=NEW",
-        help="publish topic OLD of the bag as NEW",
-    )  # fmt: skip
-    group.add_argument(
-        "--qos-profile-overrides-path", metavar="FILE",
-        help="YAML of QoS by topic, as for ros2 bag play",
-    )  # fmt: skip
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value < 1e10:
-        raise argparse.ArgumentTypeError(f"must be seconds, 0 or more, got {text}")
-    return value
-
-
-def _hertz(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value <= 1e4:
-        raise argparse.ArgumentTypeError(f"must be in (0, 10000] Hz, got {text}")
-    return value
-
-
 def _extras(arguments: argparse.Namespace, topics: Topics) -> list[Extra]:
-    """What is played beside the inputs.
+    """Topics that are played beside the inputs.
 
     Raises:
         UsageError: a topic that is not there, or one that cannot be left out.
@@ -294,10 +160,7 @@ def _open(arguments: argparse.Namespace, model: Model, wiring: Wiring, paths: li
             f"--start-offset: {name} is {(last - first) * 1e-9:.3f} s long, "
             f"got {arguments.start_offset:g} s"
         )
-    if end < begin:
-        raise UsageError(
-            f"nothing to play: the end lies {(begin - end) * 1e-9:.3f} s before the start"
-        )
+    check_span(begin, end)
     return Bag(name, recording, reel, begin, end)
 
 
@@ -377,12 +240,23 @@ def _play_and_report(
         if not player.wait_for_estimator(arguments.patience):
             announce_interruption("replay")
             return INTERRUPTED
+        model = player.model = _agreed(arguments, player)
         with display.bar():
             outcomes, ending = _play_all(arguments, player, bags)
             if arguments.wait_for_all_acked is not None:
                 for topic in node.wait_for_acknowledgements(arguments.wait_for_all_acked):
                     display.say(f"not every listener of {topic} has acknowledged every message")
     return _report(arguments, model, bags, outcomes, ending)
+
+
+def _agreed(arguments: argparse.Namespace, player: Player) -> Model:
+    """The robot with the node's preloads if asked for; else a warning if they differ."""
+    words = preload_difference(player.model, player.estimator)
+    if words and arguments.use_node_preload:
+        return load_model(arguments.robot, player.estimator.preload)
+    if words:
+        player.display.say(f"warning: {words}")
+    return player.model
 
 
 @contextmanager
@@ -398,7 +272,7 @@ def _report(
     arguments: argparse.Namespace, model: Model, bags: Sequence[Bag],
     outcomes: Sequence[Outcome], ending: Ending,
 ) -> int:  # fmt: skip
-    """Say what was played and how it compares; returns the exit code."""
+    """Print what was played and how it compares; returns the exit code."""
     comparisons = []
     for bag, outcome in zip(bags, outcomes, strict=True):
         if not outcome.tally.sent:
@@ -458,7 +332,7 @@ def _divided(argv: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def _body(argv: Sequence[str]) -> int:
     own, ros = _divided(argv)
-    arguments = _parser().parse_args(own)
+    arguments = replay_parser().parse_args(own)
     if arguments.rate is not None:
         try:
             checked_rate(arguments.rate)

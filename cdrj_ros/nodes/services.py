@@ -16,7 +16,7 @@ from cdrj_ros.replay.display import counters
 
 
 def offer_services(node: Node, controls: Controls, player: Player) -> None:
-    """Open them all."""
+    """Create all services."""
     for name, act in (
         ("pause", controls.pause),
         ("resume", controls.resume),

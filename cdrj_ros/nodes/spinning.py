@@ -1,4 +1,4 @@
-"""How the nodes start, spin and end: cleanly on Ctrl-C, also in the middle of a callback."""
+"""Starts and ends nodes: cleanly on Ctrl-C, also in the middle of a callback."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ REACH: Final = (
     "FASTDDS_DEFAULT_PROFILES_FILE",
     "CYCLONEDDS_URI",
 )
-"""Variables that say with whom nodes speak."""
+"""Variables that choose the computers that nodes talk to."""
 
 
 class RosError(CdrjError):
@@ -41,7 +41,7 @@ class RosError(CdrjError):
 
 
 class StopRequest:
-    """True once the process has been asked to end."""
+    """True once the process has been asked to stop."""
 
     def __init__(self) -> None:
         self._asked = False
@@ -73,10 +73,10 @@ class StopRequest:
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> bool:
-    """Let nodes find others on this machine only, unless something in the environment says whom.
+    """Limit discovery to this machine, unless a variable of ``REACH`` is set.
 
     Returns:
-        Whether that was left to us.
+        Whether it was limited.
     """
     if any(environment.get(name) for name in REACH):
         return False
@@ -86,10 +86,10 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> bool:
 
 @contextmanager
 def starting() -> Iterator[None]:
-    """Around the making of a context or a node: what ROS objects to, in one line.
+    """Turn what ROS objects to while a context or a node is made into one line.
 
     Raises:
-        RosError: an argument, a parameter, a name, a QoS or a middleware that cannot be.
+        RosError: an argument, a parameter, a name, a QoS or a middleware that is not possible.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""What was asked of an estimator and what it answered.  No ROS here.
+"""Which estimates an estimator owes for its inputs, and which it has sent.  No ROS here.
 
 The inputs go through the same gate as the estimator's own, so that every estimate to come is known
 the moment its inputs are sent: its stamp, its order, the time it was asked for.
@@ -33,7 +33,8 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 STALLED_S: Final = 10.0
-"""With no answer for so long, what is under way counts as lost; if it comes after all, as late.
+"""Without an answer for this time, what is under way counts as lost, and as late if it comes after
+all [s].
 
 Fast DDS may notice only with its next heartbeat, up to 3 s later, that the last message did not get
 through, and the repair may fail too.
@@ -83,7 +84,7 @@ def channels_of(layout: Layout) -> list[str]:
 
 @dataclass(frozen=True)
 class Tally:
-    """How many, so far."""
+    """Counters so far."""
 
     sent: int = 0
     """Inputs published."""
@@ -94,9 +95,9 @@ class Tally:
     lost: int = 0
     """Expected, and given up or overtaken by a later one."""
     late: int = 0
-    """Received after having been given up; not among the lost."""
+    """Received after having been counted as lost; no longer among the lost."""
     strange: int = 0
-    """Answers that no input explains: of another estimator, or of what was before."""
+    """Answers that belong to no input: of another estimator, or of an earlier run."""
 
     @property
     def under_way(self) -> int:
@@ -162,7 +163,7 @@ class _Line:
     """Values and their standard deviations, shape (2, m, names) each."""
 
     def fold(self) -> None:
-        """Decode the waiting payloads; what is of no known shape becomes NaN."""
+        """Decode the waiting payloads; one of unknown shape becomes NaN."""
         if not self.payloads:
             return
         block = np.full((2, len(self.payloads), len(self.names)), np.nan)
@@ -189,13 +190,13 @@ class _Line:
 
 
 class Run:
-    """One run of the estimator: tell it what is sent and what is heard; ask it how things stand."""
+    """Keeps track of one run of the estimator: what was sent, and what was answered."""
 
     def __init__(self, model: Model, conditioning: str = "wait") -> None:
-        """Nothing sent yet; ``conditioning`` is the estimator's."""
+        """Begin with nothing sent; ``conditioning`` is the estimator's."""
         self.conditioner = Conditioner(model.robot, conditioning)
         self.trouble: CdrjError | None = None
-        """Why going on makes no sense."""
+        """Why the run cannot continue."""
         self.sent = 0
         self.strange = 0
         self.heard_s = 0.0
@@ -309,7 +310,7 @@ class Run:
                 f"{_listed(names)}, expected {_listed(line.names)} as in the robot file"
             )
 
-    # -- how things stand ----------------------------------------------------------------------
+    # -- state ---------------------------------------------------------------------------------
 
     @property
     def under_way(self) -> int:
@@ -323,7 +324,7 @@ class Run:
         self._room_at = len(self._expected) - 1 - under_way
 
     def give_up_stalled(self, now_s: float, patience_s: float = STALLED_S) -> int:
-        """Count what is under way as lost where nothing has come for so long; returns how many."""
+        """Count what is under way as lost after ``patience_s`` of silence; returns how many."""
         waiting = self.under_way
         if not waiting:
             return 0
@@ -345,7 +346,7 @@ class Run:
         )
 
     def finish(self) -> Heard:
-        """Everything of this run as arrays; what is not complete by now is lost."""
+        """Return the whole run as arrays; what is not complete by now counts as lost."""
         n = len(self._expected)
         columns: list[Floats] = []
         last_s = np.zeros(n)
@@ -381,7 +382,7 @@ class Run:
 
 
 def _nothing() -> None:
-    """Nobody waits."""
+    """Do nothing."""
 
 
 def _listed(names: Sequence[str]) -> str:

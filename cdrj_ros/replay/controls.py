@@ -1,4 +1,4 @@
-"""What a user may ask of a replay, by key or by service; each answered in words.  No ROS here."""
+"""Requests to a replay, by key or by service; each is answered in words.  No ROS here."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RATES: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0
 
 
 class Reply(NamedTuple):
-    """What came of a request."""
+    """The answer to a request."""
 
     done: bool
     words: str
@@ -41,7 +41,7 @@ class Controls:
     def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
         self.playback: Playback | None = None
         self.stopped = False
-        """The user wants no more."""
+        """The user has asked to stop."""
         self._clock = clock
         self._keys: dict[str, Callable[[], Reply]] = {
             " ": self.toggle_paused,
@@ -60,12 +60,12 @@ class Controls:
         }
 
     def press(self, key: str) -> Reply | None:
-        """A key of the keyboard; None for one without a meaning."""
+        """Act on a key; None for one without a meaning."""
         act = self._keys.get(key)
         return act() if act else None
 
     def pause(self) -> Reply:
-        """Stop the time."""
+        """Pause the playback."""
         if self.playback is None:
             return IDLE
         already = self.playback.paused
@@ -73,7 +73,7 @@ class Controls:
         return Reply(True, f"{'already paused' if already else 'paused'} at {self._where()}")
 
     def resume(self) -> Reply:
-        """Let it go on."""
+        """Continue."""
         if self.playback is None:
             return IDLE
         already = not self.playback.paused
@@ -87,7 +87,7 @@ class Controls:
         return self.resume() if paused else self.pause()
 
     def is_paused(self) -> Reply:
-        """``done`` says whether."""
+        """Whether it is paused, as ``done``."""
         if self.playback is None:
             return IDLE
         if self.playback.paused:
@@ -106,7 +106,7 @@ class Controls:
         return Reply(True, f"next message after {self._where()}")
 
     def burst(self, number: int) -> Reply:
-        """Send so many messages at once; 0 for all that are left."""
+        """Send this number of messages at once; 0 for all that are left."""
         if self.playback is None:
             return IDLE
         if self.playback.ended:
@@ -147,7 +147,7 @@ class Controls:
         return self.set_rate(above[0] if above else 0.0)
 
     def slower(self) -> Reply:
-        """The rate before; from as fast as possible to real time."""
+        """The next lower rate of ``RATES``; real time after as fast as possible."""
         if self.playback is None:
             return IDLE
         rate = self.playback.rate

@@ -1,4 +1,4 @@
-"""How a replay looks while it runs: a bar with counters in a terminal, lines elsewhere."""
+"""Progress of a replay: a bar with counters in a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cdrj_ros.replay.playback import Playback
 REFRESH_S: Final = 0.1
 
 PACE_S: Final = 1.0
-"""The pace is known after this much wall time [s]."""
+"""The remaining time is shown after this much wall time [s]."""
 
 
 def counters(tally: Tally) -> str:
@@ -29,7 +29,7 @@ def counters(tally: Tally) -> str:
 
 
 class Display:
-    """Progress on standard error, words on standard output."""
+    """Shows progress on standard error and messages on standard output."""
 
     def __init__(self) -> None:
         self._progress: Any = None
@@ -38,7 +38,7 @@ class Display:
         self._pace_from: tuple[Playback, float, float] | None = None
 
     def say(self, words: str) -> None:
-        """A line above the bar."""
+        """Print a line above the bar."""
         if self._progress is not None:
             self._progress.console.print(words, markup=False, highlight=False)
         else:
@@ -46,7 +46,7 @@ class Display:
 
     @contextmanager
     def bar(self) -> Iterator[None]:
-        """Show the state while this lasts."""
+        """Show the progress bar while inside."""
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn
 
@@ -70,7 +70,7 @@ class Display:
     def show(
         self, playback: Playback, controls: Controls, before: Tally, run: Run, now: float
     ) -> None:
-        """The state, if it is time to show it again."""
+        """Show the state, at most every ``REFRESH_S``, or ``LINE_S`` without a terminal."""
         if now < self._next_s:
             return
         duration, offset = controls.duration_s(), controls.offset_s()
@@ -89,7 +89,7 @@ class Display:
         self._progress.refresh()
 
     def _left(self, playback: Playback, offset: float, duration: float, now: float) -> str:
-        """How long it will take at the pace since it began, was paused or went elsewhere."""
+        """Remaining wall time, from the pace since the start, the last pause or the last seek."""
         before = self._pace_from
         if before is None or before[0] is not playback or playback.paused or offset < before[2]:
             self._pace_from = (playback, now, offset)

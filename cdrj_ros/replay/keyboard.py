@@ -1,4 +1,4 @@
-"""Single keys from a terminal, without Enter; the terminal is always given back as it was."""
+"""Single keys from a terminal, without Enter; the terminal's settings are always restored."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SEQUENCES: Final = {
     b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
     b"\x1bOA": "up", b"\x1bOB": "down", b"\x1bOC": "right", b"\x1bOD": "left",
 }  # fmt: skip
-"""What terminals send for the arrow keys."""
+"""Byte sequences of the arrow keys."""
 
 
 class Keyboard:
-    """Keys pressed since the last look; none where standard input is no terminal of ours."""
+    """Keys pressed since the last ``read``; none unless standard input is our terminal."""
 
     def __init__(self, descriptor: int | None = None) -> None:
         """Leave the terminal alone; ``listening`` sets it up."""
@@ -79,7 +79,7 @@ class Keyboard:
         return keys
 
     def _is_ours(self) -> bool:
-        """A terminal, and this process in its foreground: else changing it would stop us."""
+        """Whether it is a terminal with this process in its foreground; no other may be changed."""
         try:
             return os.isatty(self._descriptor) and os.tcgetpgrp(self._descriptor) == os.getpgrp()
         except OSError:

@@ -1,4 +1,4 @@
-"""From what was heard, run by run, to a comparison with the recorded references.  No ROS here."""
+"""Collects the answers run by run and compares them with the recorded references.  No ROS here."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.replay.answers import STALLED_S, Floats, Heard, Stamps, Tally, channels_of
 
 KEPT: Final = 1_000_000
-"""Latencies kept, the latest: an endless loop must not fill the memory."""
+"""Latest latencies that are kept: an endless loop must not fill the memory."""
 
 
 @dataclass(eq=False)
 class Outcome:
-    """All that became of one recording, over all passes.
+    """All answers to one recording, over all passes.
 
-    Where two runs answer for the same stamp, the later counts.
+    If two runs answer for the same stamp, the later one counts.
     """
 
     model: Model
@@ -60,7 +60,7 @@ class Outcome:
         self.angle: Floats = np.empty((0, len(layout.motors) + len(layout.joints)))
 
     def add(self, heard: Heard, *, whole: bool) -> None:
-        """Take in one run; ``whole`` where it went from the beginning to the end."""
+        """Add one run; ``whole`` if it went from the beginning to the end."""
         self.runs += 1
         self.tally += heard.tally
         self.refused.update(heard.refused)
@@ -118,7 +118,7 @@ class Outcome:
         return rows
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the reader; none where all went as it should."""
+        """Remarks for the report; none if nothing went wrong."""
         tally = self.tally
         found = []
         if tally.lost:
@@ -145,7 +145,7 @@ class Outcome:
         return tuple(found)
 
     def comparison(self, path: str, recording: Recording) -> BagComparison:
-        """Beside the references recorded in the bag; without channels where it has none."""
+        """Compare with the references in the bag; without channels if it has none."""
         layout = self.model.layout
         motors = len(layout.motors)
         samples = Samples(self.stamp_ns, self.angle[:, :motors], self.angle[:, motors:])

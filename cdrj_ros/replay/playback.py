@@ -42,8 +42,20 @@ def checked_rate(rate: float) -> float:
     return rate
 
 
+def check_span(begin_ns: int, end_ns: int) -> None:
+    """Check that there is something between two times [ns].
+
+    Raises:
+        UsageError: the end lies before the beginning.
+    """
+    if end_ns < begin_ns:
+        raise UsageError(
+            f"nothing to play: the end lies {(begin_ns - end_ns) * 1e-9:.3f} s before the start"
+        )
+
+
 class Playback:
-    """What is due now, and what the user asked for in between.
+    """Gives out the messages that are due, and takes the user's requests.
 
     Time runs from ``begin_ns`` to ``end_ns``, both included, at ``rate`` times real time, or jumps
     from message to message where the rate is None (as fast as possible).
@@ -58,11 +70,8 @@ class Playback:
         rate: float | None = None,
         paused: bool = False,
     ) -> None:
-        """Nothing is due before ``start``."""
-        if end_ns < begin_ns:
-            raise UsageError(
-                f"nothing to play: the end lies {(begin_ns - end_ns) * 1e-9:.3f} s before the start"
-            )
+        """Prepare; nothing is due before ``start``."""
+        check_span(begin_ns, end_ns)
         self.begin_ns, self.end_ns = begin_ns, end_ns
         self.rate = None if rate is None else checked_rate(rate)
         self.paused = paused
@@ -89,7 +98,7 @@ class Playback:
         self._set_anchor(self._position_ns, now_s + delay_s)
 
     def resume_after_seek(self, now_s: float) -> None:
-        """Go on at the place sought; the time spent in between does not count."""
+        """Continue at the position sought; the time spent in between does not count."""
         self.sought = False
         self._set_anchor(self._position_ns, now_s)
 
@@ -143,14 +152,14 @@ class Playback:
     # -- the controls --------------------------------------------------------------------------
 
     def pause(self, now_s: float) -> None:
-        """Stop the time; what is left of a burst is dropped."""
+        """Pause; the rest of a burst is dropped."""
         if not self.paused:
             self._position_ns = self.position_ns(now_s)
             self.paused = True
         self._burst = 0.0
 
     def resume(self, now_s: float) -> None:
-        """Let the time go on from where it is."""
+        """Continue at the present position."""
         if self.paused:
             self.paused = False
             self._set_anchor(self._position_ns, now_s)
@@ -210,7 +219,7 @@ class Playback:
         return self._anchor_ns + int((now_s - self._anchor_s) * self.rate * 1e9)
 
     def _set_anchor(self, time_ns: int, now_s: float) -> None:
-        """From now on time runs from here."""
+        """Let time run from here on."""
         self._anchor_ns, self._anchor_s = time_ns, now_s
 
     def _open(self, time_ns: int) -> None:
@@ -219,7 +228,7 @@ class Playback:
         self._position_ns = time_ns
 
     def _bounded(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
-        """Up to ``end_ns``."""
+        """The messages up to ``end_ns``."""
         for message in messages:
             if message.log_ns > self.end_ns:
                 return

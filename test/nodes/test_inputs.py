@@ -60,7 +60,7 @@ def diagnosed(node: Any) -> Any:
     """The status that the node publishes now, a second after the last one."""
     kept: list[Any] = []
     node.diagnostics = SimpleNamespace(publish=kept.append)
-    node._refused_s -= 1.0
+    node.watch.looked_s -= 1.0
     node._on_diagnostics()
     return kept[0].status[0]
 
@@ -71,7 +71,7 @@ def diagnosed(node: Any) -> Any:
 def test_a_name_that_no_message_carries_is_said_with_what_came_instead(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
-    from cdrj_ros.nodes import estimator
+    from cdrj_ros.nodes.input_watch import PATIENCE_S
 
     node = bench.estimator()
     assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
@@ -84,7 +84,7 @@ def test_a_name_that_no_message_carries_is_said_with_what_came_instead(
         "winch_motor, not winch. /cdrj/joint_states: 20 messages. refused: 20 unstamped "
         "(message with a stamp that is not after zero); 20 unknown_name "
     )
-    node._estimated_s -= estimator.PATIENCE_S
+    node.watch.estimated_s -= PATIENCE_S
     status = diagnosed(node)
     assert status.level == status.WARN
     assert words in status.message
@@ -142,11 +142,9 @@ def test_a_best_effort_publisher_is_heard_and_the_log_says_what_it_costs(
 
     assert bench.until(answered)
     assert logged(bench, log, "WARN", "subscribed best-effort as well. Readings may be lost")
-    reliability = {kind: one.reliability for kind, one in node._angles.items()}
-    assert reliability == {
-        "motors": ReliabilityPolicy.BEST_EFFORT,
-        "joints": ReliabilityPolicy.RELIABLE,
-    }
+    motors_heard, joints_heard = node.inputs
+    assert motors_heard.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert joints_heard.reliability == ReliabilityPolicy.RELIABLE
 
 
 def test_an_explicit_reliability_is_kept_and_the_log_says_the_remedy(
@@ -160,7 +158,7 @@ def test_an_explicit_reliability_is_kept_and_the_log_says_the_remedy(
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     bench.node.create_publisher(JointState, "/cdrj/motor_states", best_effort)
     assert logged(bench, log, "WARN", "Set it to best_effort")
-    assert node._angles["motors"].reliability == ReliabilityPolicy.RELIABLE
+    assert node.inputs[0].reliability == ReliabilityPolicy.RELIABLE
 
 
 # parameters ------------------------------------------------------------------------------------

@@ -211,6 +211,19 @@ def test_replay_judges_the_node_and_writes_figures_and_report(
     assert "rate achieved" in report.read_text()
 
 
+def test_preloads_of_the_node_that_differ_are_a_warning_or_taken_over(
+    estimator: Any, replay: Any, short_bag: str
+) -> None:
+    short = ("--playback-duration", "0.2", "--preload", "30,20")
+    code, out = replay(short_bag, *short).finish()
+    assert code == 0, out
+    differ = "preloads differ: upper 36.85 N in the estimator, 30 N here"
+    assert differ in " ".join(out.split())
+    code, out = replay(short_bag, *short, "--use-node-preload").finish()
+    assert code == 0, out
+    assert differ not in " ".join(out.split())
+
+
 def test_passes_repeat_themselves_bit_for_bit(
     estimator: Any, replay: Any, short_bag: str, tmp_path: Path
 ) -> None:

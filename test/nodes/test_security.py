@@ -53,7 +53,7 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
 
     from cdrj_ros.nodes.estimator import EstimatorNode
     from cdrj_ros.nodes.feed import Choice
-    from cdrj_ros.nodes.player import ReplayNode, Wiring
+    from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
     from cdrj_ros.nodes.services import offer_services
     from cdrj_ros.nodes.watch import WatchNode
 

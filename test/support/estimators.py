@@ -66,7 +66,8 @@ class Bench:
 
         node._publish = remember
         node.motor, node.joint = (
-            node._listener(kind, node._angles[kind].heard) for kind in ("motors", "joints")
+            node._listener(kind, one.heard)
+            for kind, one in zip(("motors", "joints"), node.inputs, strict=False)
         )
         self.executor.add_node(node)
         self.estimators.append(node)

@@ -1,0 +1,73 @@
+"""Whether the running estimator is set as the replay expects.  No ROS here."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cdrj_ros.conditioning.time_line import MODES
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import Model
+
+EVERY_SAMPLE: Final = "every_sample"
+
+TOLERANCE: Final = 1e-6
+"""Share of a preload by which two may differ and still be the same."""
+
+
+class NodeSettings(NamedTuple):
+    """Parameters of an estimator node."""
+
+    conditioning: str = MODES[0]
+    preload: tuple[float, ...] = ()
+    """In force, of every cable [N]; empty if unknown."""
+    output: str = EVERY_SAMPLE
+    max_rate_hz: float = 0.0
+    """0: no limit."""
+
+
+def require_every_sample(settings: NodeSettings) -> None:
+    """Check that the node publishes every estimate.
+
+    Raises:
+        UsageError: it does not; the replay would count the others as lost.
+    """
+    if settings.output != EVERY_SAMPLE or settings.max_rate_hz > 0.0:
+        raise UsageError(
+            f"the estimator publishes only some of its estimates (output = {settings.output}, "
+            f"max_rate = {settings.max_rate_hz:g} Hz); for a replay start it with "
+            f"output:={EVERY_SAMPLE} and max_rate:=0"
+        )
+
+
+def preload_difference(model: Model, settings: NodeSettings) -> str:
+    """What to do about preloads of the node that differ from the replay's robot.
+
+    Args:
+        model: the robot of the replay's ``--robot`` and ``--preload``.
+        settings: of the node.
+
+    Returns:
+        One line with both values; empty if they agree or the node's are unknown.
+    """
+    cables = model.robot.cables
+    ours = [cable.preload for cable in cables]
+    theirs = settings.preload
+    if not theirs or (len(ours) == len(theirs) and np.allclose(ours, theirs, rtol=TOLERANCE)):
+        return ""
+    names = [cable.name for cable in cables]
+    if len(ours) != len(theirs):
+        return (
+            f"the estimator has {len(theirs)} preloads, {model.robot.name} has {len(ours)}: "
+            "it is of another robot"
+        )
+    text = ", ".join(
+        f"{name} {node:g} N in the estimator, {own:g} N here"
+        for name, node, own in zip(names, theirs, ours, strict=True)
+    )
+    return (
+        f"preloads differ: {text}. The estimates are those of the estimator; start it with "
+        f"-p preload:=[{','.join(f'{own:g}' for own in ours)}], call its ~/set_preload, or give "
+        "--use-node-preload"
+    )
