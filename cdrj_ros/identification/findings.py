@@ -1,4 +1,4 @@
-"""What the data cannot tell, in plain words."""
+"""Sentences on what the data cannot determine."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ CLOSE: Final = 0.05
 two numbers, a correlation beyond 0.95."""
 
 MATTERS: Final = 0.02
-"""Relative uncertainty below which it does not matter how it comes about."""
+"""Relative uncertainty below which its cause does not matter."""
 
 UNKNOWN: Final = 0.5
-"""Relative uncertainty from which a number counts as not seen by the data."""
+"""Relative uncertainty from which the data count as saying nothing about a number."""
 
 MEMBER: Final = 0.3
 """Share in a direction, relative to the largest, from which a number belongs to it."""

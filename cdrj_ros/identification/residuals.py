@@ -1,7 +1,7 @@
-"""Recordings against the estimator: residuals of all reference channels for given parameters.
+"""Residuals of all reference channels for given parameters.
 
-What is fitted is the estimator itself: conditioned samples through ``run``, causally, from the
-first one on, the estimates brought to the references' stamps as in every comparison.
+The estimator itself is fitted: ``run`` over conditioned samples, causally, from the first one on.
+The estimates are interpolated at the references' stamps as in every comparison.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ Table = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 CHUNK: Final = 20_000
-"""Samples that are estimated in one go: what is not compared need not be kept."""
+"""Samples estimated at a time, so that only compared columns stay in memory."""
 
 CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period", "correction")
-"""Keys of motors and joints that change the samples themselves."""
+"""Keys of motors and joints that change the conditioned samples."""
 
 Weights = Literal["spread", "noise"]
 WEIGHTS: Final[tuple[Weights, ...]] = get_args(Weights)
@@ -44,7 +44,7 @@ TENSION, NODAL_FORCE, EFFORT = "tension", "nodal_force", "effort"
 
 @dataclass(frozen=True)
 class Recorded:
-    """One recording: readings in, references out."""
+    """One recording: readings and references."""
 
     name: str
     motors: Mapping[str, Readings]
@@ -55,11 +55,11 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Channel:
-    """One reference of one recording, as it is fitted."""
+    """One fitted reference of one recording."""
 
     name: str
     column: int
-    """In the estimate."""
+    """Index in the estimate."""
     stamp_ns: Stamps
     """[ns], shape (n,)."""
     reference: Vector
@@ -74,14 +74,14 @@ class Observations:
 
     recorded: Recorded
     stride: int
-    """Every how manieth sample is estimated."""
+    """Only every n-th sample is estimated."""
     samples: Samples | None
-    """Conditioned; None where the unknowns change them."""
+    """Conditioned samples; None if the unknowns change them."""
     channels: tuple[Channel, ...]
 
     @property
     def size(self) -> int:
-        """Residuals."""
+        """Number of residuals."""
         return sum(channel.reference.size for channel in self.channels)
 
 
@@ -101,10 +101,10 @@ def channel_columns(layout: Layout) -> dict[str, int]:
 def chosen_channels(
     layout: Layout, recordings: Sequence[Recorded], patterns: Sequence[str]
 ) -> tuple[str, ...]:
-    """Channels that are estimated, recorded somewhere, and wanted.
+    """Channels that are estimated, recorded in some bag, and asked for.
 
     Raises:
-        UsageError: a pattern matches none of them; says which there are.
+        UsageError: a pattern matches none of them; names those that exist.
     """
     recorded = {name for one in recordings for name in one.references}
     there = [name for name in channel_columns(layout) if name in recorded]
@@ -122,7 +122,7 @@ def chosen_channels(
 
 
 def samples_of(model: Model, recorded: Recorded) -> Samples:
-    """The recording's conditioned samples; after a jump of the clock, those that came last.
+    """The recording's conditioned samples; after jumps of the clock, the last segment.
 
     Raises:
         UsageError: none was acceptable.
@@ -141,9 +141,9 @@ def spreads(
     Args:
         recordings: all of them.
         channels: their names.
-        rule: ``spread``: how much the references of its kind vary, so that a fit explains as much
-            of the variance of each kind as it can; ``noise``: of the channel's own sensor, from
-            its second differences.
+        rule: ``spread``: standard deviation of the references of the channel's kind, so that a fit
+            explains as much of the variance of each kind as it can; ``noise``: standard deviation
+            of the sensor's noise, from second differences.
     """
     values = {
         name: [one.references[name][1] for one in recordings if name in one.references]
@@ -163,7 +163,7 @@ def spreads(
 
 
 def _noise(values: Vector) -> float:
-    """Standard deviation of white noise on a smooth signal, a sensor's count at least."""
+    """Standard deviation of white noise on a smooth signal, at least that of the quantisation."""
     steps = np.abs(np.diff(values))
     count = float(steps[steps > 0.0].min()) if np.any(steps > 0.0) else 0.0
     bend = np.abs(np.diff(values, 2))
@@ -189,8 +189,8 @@ class Problem:
         self.begin = prepare(build_robot(document, source))
         """The model of the document's own numbers."""
         self.prior_scale = 1.0
-        """What a prior's residual is multiplied by: the standard deviation of a residual as if
-        all were independent."""
+        """Factor of a prior's residual: the standard deviation of a residual as if all residuals
+        were independent."""
         self.evaluations = 0
         """Runs of all recordings so far."""
         self._pool = pool
@@ -215,7 +215,7 @@ class Problem:
         return self.residuals_of([coordinates])[0]
 
     def residuals_of(self, many: Sequence[Vector]) -> list[Vector]:
-        """Residuals at several coordinates, worked on side by side."""
+        """Residuals at several coordinates, computed in parallel."""
         models: list[Model | None] = []
         for coordinates in many:
             try:
@@ -300,9 +300,9 @@ def observe(
         model: of the robot at the start.
         recorded: the recording.
         sigmas: unit of the residual of every channel that is fitted.
-        stride: every how manieth sample is estimated.
-        most_residuals: references are thinned until they are no more.
-        settle_s: time from the first sample that is not compared [s].
+        stride: only every n-th sample is estimated.
+        most_residuals: largest number of residuals; references are thinned to stay below it.
+        settle_s: length of the beginning that is not compared [s].
         moving: whether the unknowns change the samples.
 
     Raises:

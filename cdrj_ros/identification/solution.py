@@ -1,4 +1,4 @@
-"""Bounded least squares over rounds of ever more samples; several starts; robust losses."""
+"""Bounded least squares with several starts and robust losses."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ Loss = Literal["linear", "soft_l1", "huber"]
 LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
 
 STEP: Final = 2e-3
-"""Step of the differences that make the Jacobian, in coordinates."""
+"""Step of the finite differences of the Jacobian, in coordinates."""
 
 DRAWS: Final = 12
-"""Random points that are looked at for each start that is made."""
+"""Random points evaluated for each random start."""
 
 INSIDE: Final = 1e-3
-"""How far from its bounds a start is kept, in coordinates."""
+"""Distance of a start from its bounds, in coordinates."""
 
 HUBER: Final = 1.345
-"""Where a robust loss bends, in standard deviations of a channel's residual."""
+"""Threshold of a robust loss, in standard deviations of a channel's residual."""
 
 TOLERANCE: Final = 3e-5
 """Relative change of the cost, or of the coordinates, that ends a round."""
 
 LAST_TOLERANCE: Final = 1e-3
-"""The same for the last round, which starts close to its end."""
+"""The same for the last round, which starts close to its solution."""
 
 Progress = Callable[[str], None]
 
 
 class Solved(NamedTuple):
-    """Where a round ended."""
+    """Solution of a round."""
 
     coordinates: Vector
     cost: float
@@ -65,8 +65,8 @@ def solve(
         most_steps: evaluations of the residuals beside those of the Jacobian.
         say: called with a line for every step.
         tolerance: relative change of cost or coordinates that ends it.
-        slopes: the same references with fewer samples, to take the Jacobian from: nearly the same,
-            and many times cheaper.
+        slopes: the same references with fewer samples, whose Jacobian is nearly the same and many
+            times cheaper.
 
     Raises:
         RobotFileError: the start describes no possible robot.
@@ -76,7 +76,7 @@ def solve(
     lower, upper = limits(problem)
     margin = np.minimum(INSIDE, 0.25 * (upper - lower))
     begin = np.clip(begin, lower + margin, upper - margin)
-    problem.model(begin)  # raises the error that says why, where an infinite residual would not
+    problem.model(begin)  # raises an error with the reason; an infinite residual has none
     size = sum(one.size for one in problem.observations)
     steps = 0
 
@@ -123,7 +123,7 @@ def with_priors(problem: Problem, coordinates: Vector, residuals: Vector) -> Vec
 
 
 def jacobian(problem: Problem, coordinates: Vector, central: bool = False) -> Table:
-    """Differences of the residuals, all columns side by side, priors included.
+    """Finite differences of the residuals, priors included, all columns in parallel.
 
     A column whose step leaves the bounds, or describes no possible robot, steps the other way.
     """
@@ -174,7 +174,7 @@ def _beside(coordinates: Vector, k: int, step: float) -> Vector:
 
 
 def thresholds(problem: Problem, residuals: Vector) -> Vector:
-    """Where the robust loss bends for every residual: at ``HUBER`` robust sigmas of its channel."""
+    """Threshold of the robust loss for every residual: ``HUBER`` robust sigmas of its channel."""
     by_name: dict[str, list[Vector]] = {}
     at = 0
     spans = []
@@ -205,7 +205,7 @@ def robust_weights(loss: Loss, residuals: Vector, bend: Vector) -> Vector:
 
 
 def _robust(loss: Loss, problem: Problem, residuals: Vector) -> Callable[[Vector], Any]:
-    """The loss for ``least_squares``, bending for each channel where its own noise ends."""
+    """The loss for ``least_squares``, with the threshold of each channel."""
     bend2 = thresholds(problem, residuals) ** 2
 
     def shape(squares: Vector) -> Table:
@@ -231,9 +231,9 @@ def _robust(loss: Loss, problem: Problem, residuals: Vector) -> Callable[[Vector
 
 
 def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
-    """The best of ``DRAWS`` times as many random points, by their residuals alone.
+    """The points with the smallest cost among ``DRAWS`` times as many random ones.
 
-    They lie within a factor of e, or by the number itself, around the file's numbers.
+    They lie within a factor of e of the file's numbers, or within the size of the number.
     """
     if count < 1:
         return []

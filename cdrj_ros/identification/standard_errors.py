@@ -1,14 +1,15 @@
-"""How well the numbers are known: standard errors, correlations, and what cannot be told apart.
+"""Standard errors and correlations of the numbers, and what cannot be told apart.
 
-Residuals of a fitted mechanism are no white noise: most of them is what the model leaves out, it
-lasts for a good part of a stroke, it shows in many references at once, and it comes back in every
-cycle of the motion.  The usual errors, sigma^2 (J'J)^-1, would count each of a million samples as
-news and be wrong by orders of magnitude.  Blocks of time (or a bootstrap over them) would count
-every cycle as news, which it is not; and neither sees an error that pulls the same way everywhere,
-because the fit has already bent the parameters to take it in.
+Residuals of a fitted mechanism are not white noise.  Most of them is model error, which lasts for
+a good part of a stroke, appears in many references at once and repeats in every cycle of the
+motion.  The usual errors, sigma^2 (J'J)^-1, would treat each of a million samples as independent
+and be wrong by orders of magnitude.  Blocks of time (or a bootstrap over them) would treat every
+cycle as independent, which it is not; and neither shows an error that acts the same way
+everywhere, because the fit has already absorbed it in the parameters.
 
-So the residuals are counted by what they are worth.  Their power is that of the sensors' noise,
-seen in their second differences, where every sample is news, and a rest, of which there are only
+Residuals are therefore counted by the information they carry.  Their power is that of the sensors'
+noise, estimated from second differences, in which every sample is independent, and a rest, in which
+there are only
 
     D = min((sum lambda)^2 / sum lambda^2,  G)
 
@@ -41,24 +42,24 @@ STRETCHES: Final = 4
 """Stretches of the main motion, each forward and back."""
 
 VISITED: Final = 0.01
-"""Share of a recording from which a state counts as gone through."""
+"""Share of a recording from which a state counts as visited."""
 
 AT_BOUND: Final = 1e-6
-"""A number is at a bound that is no further away than this share of the range."""
+"""Distance from a bound at which a number counts as at the bound, as a share of the range."""
 
 RATE_WINDOW_S: Final = 0.05
-"""Half the time over which the direction of motion is looked at [s]."""
+"""Half the window in which the direction of motion is determined [s]."""
 
 
 class Certainty(NamedTuple):
-    """What the data say about the numbers."""
+    """Accuracy of the numbers."""
 
     stddev: Vector
     """[SI], shape (p,)."""
     correlation: Table
     """Shape (p, p)."""
     findings: tuple[str, ...]
-    """What they do not say, in sentences."""
+    """Sentences on what the data cannot determine."""
 
 
 def certainty(
@@ -200,8 +201,8 @@ def _moves_forward(stamp_ns: NDArray[np.int64], position: Vector) -> NDArray[np.
 def _known_beforehand(problem: Problem, coordinates: Vector) -> Vector:
     """Information of the priors and of the bounds, in coordinates.
 
-    A number lies between its bounds, whatever the data say: that is a variance of a twelfth of
-    their squared distance, and all that remains of a number that the data do not see.
+    A number between bounds has a variance of at most a twelfth of their squared distance, which is
+    all that is known of a number without influence on the data.
     """
     lower, upper = limits(problem)
     known = 12.0 / (upper - lower) ** 2

@@ -1,8 +1,8 @@
-"""What is identified: numbers of the robot file, alone or tied, each with its own coordinate.
+"""Numbers of the robot file to identify, alone or tied, each with a coordinate of its own.
 
-The optimiser sees a coordinate ``u`` for every unknown, 0 at its start, in which a step of 1 is a
-step worth trying: a fifth of the number.  Numbers that cannot be zero or change their sign use
-the logarithm, so that they never will; all others a straight line.
+The optimiser works on a coordinate ``u`` for every unknown, which is 0 at its start and in which a
+step of 1 is a fifth of the number.  The coordinate is logarithmic for numbers that can be neither
+zero nor of the other sign, and linear for all others.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from cdrj_ros.robot.parameters import Number, find_number, matching_paths, split
 Vector = NDArray[np.float64]
 
 STEP_SHARE: Final = 0.2
-"""A coordinate of 1 is this share of the number."""
+"""Share of the number to which a coordinate step of 1 corresponds."""
 
 LOG_REACH: Final = 30.0
-"""A number without other bounds may grow or shrink by this factor."""
+"""Factor by which a number without other bounds may grow or shrink."""
 
 SIGNED_REACH: Final = 20.0
-"""A number of either sign may move by this many times its step."""
+"""Steps by which a number of either sign may move."""
 
 TYPICAL: Final[Mapping[str, float]] = {
     "mu_c": 0.05,
@@ -55,7 +55,7 @@ TYPICAL: Final[Mapping[str, float]] = {
     "position": 1e-3,
     "value": 1e-3,
 }
-"""Smallest step worth trying of a number that may be zero [SI], by key."""
+"""Smallest coordinate step of a number that may be zero [SI], by key."""
 
 SHORT_FORMS: Final[Mapping[str, str]] = {
     **{
@@ -76,12 +76,12 @@ SHORT_FORMS: Final[Mapping[str, str]] = {
     "joint_scale": "joints.{*}.scale",
     "clock_offset": "joints.{*}.clock_offset",
 }  # fmt: skip
-"""Names for what is asked for most: of every cable (joint, motor) its own."""
+"""Short names for common patterns: a number for every cable, joint or motor."""
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number that is identified, at one place of the robot file or tied at several."""
+    """One number to identify, at one place of the robot file or tied at several."""
 
     paths: tuple[str, ...]
     signs: tuple[int, ...]
@@ -93,13 +93,13 @@ class Unknown:
     upper: float
     """[SI]."""
     step: float
-    """What a coordinate of 1 adds [SI]; 0: the coordinate is a logarithm."""
+    """Change of the number per unit of the coordinate [SI]; 0: the coordinate is logarithmic."""
     prior: tuple[float, float] | None = None
-    """Mean and standard deviation of what is known beforehand [SI]."""
+    """Mean and standard deviation of prior knowledge [SI]."""
 
     @property
     def name(self) -> str:
-        """How it is called in tables: its first path, and how many more are tied to it."""
+        """Its first path, and the number of further paths tied to it."""
         return (
             self.paths[0] if len(self.paths) == 1 else f"{self.paths[0]} (+{len(self.paths) - 1})"
         )

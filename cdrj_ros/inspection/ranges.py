@@ -1,7 +1,7 @@
-"""What a robot's cables do over the joint ranges: lengths, wraps, moment arms, losses, tension.
+"""Lengths, wraps, moment arms, losses and tensions of a robot's cables over the joint ranges.
 
-Geometry and statics only, no samples: it is what ``check_robot`` prints.  The motors are taken to
-follow the joints so that every cable keeps its preload as well as the winches allow.
+Geometry and statics only, no samples: ``check_robot`` prints it.  The motors are assumed to follow
+the joints so that every cable keeps its preload as well as the winches allow.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ POSES_PER_JOINT: Final = (81, 21, 9, 5)
 """Poses along every joint of a robot with one, two, three, four joints."""
 
 RANDOM_POSES: Final = 1000
-"""Poses of a robot with more joints than that, beside the corners of its range."""
+"""Random poses of a robot with more joints, in addition to the corners of its range."""
 
 MOST_CORNERS: Final = 10
 """Joints up to which every corner of the range is visited."""
 
 LOOSEST: Final = 1e-7
-"""Tolerance of balance and of tension that counts as none, relative to the load."""
+"""Moment arms below this count as none [m]."""
 
 
 @dataclass(frozen=True)
 class Extent:
-    """Smallest and largest value over the poses, and where."""
+    """Smallest and largest value over the poses, and their poses."""
 
     low: float
     high: float
@@ -74,11 +74,11 @@ class PulleyCheck:
     wrap: Extent
     """[rad]."""
     transmission_at_rest: Extent
-    """eta for v -> 0 [-], what must be overcome to move."""
+    """eta for v -> 0 [-], which must be overcome to move."""
     transmission_sliding: Extent
     """eta for v far above the Stribeck speed [-]."""
     passing: float
-    """Length of cable that runs over it as the joints go through their ranges [m]."""
+    """Length of cable that runs over it as the joints move through their ranges [m]."""
     needed: float
     """Length of cable that must run over it before it is known to slip: twice break-away [m]."""
 
@@ -105,8 +105,8 @@ class CableCheck:
     worst: Extent
     """Tension at the pulling end when every pulley has to slip, under the given loads [N]."""
     slack_after: tuple[float, ...]
-    """Motion of every joint from the reference pose, motors still, that takes all preload away
-    [rad] or [m]; infinite where the cable does not move the joint."""
+    """Motion of every joint from the reference pose that takes all preload away while the motors
+    are at rest [rad] or [m]; infinite if the cable does not move the joint."""
 
 
 @dataclass(frozen=True)
@@ -179,12 +179,12 @@ def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[floa
 
 
 def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Inspection:
-    """Look at a prepared robot in many poses of its joints' ranges.
+    """Inspect a prepared robot in many poses of its joint ranges.
 
     Args:
         model: the robot.
         loads: effort that the cables must exert on a joint, in every pose [N m], or [N] for a
-            prismatic joint; joints that are not named take what comes.
+            prismatic joint; other joints take any effort.
 
     Raises:
         UsageError: a load on a joint that does not exist.
@@ -229,7 +229,7 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
 
 
 def _parts(robot: Robot) -> Iterator[slice]:
-    """Places of every cable's elements."""
+    """Slices of every cable's elements."""
     at = 0
     for cable in robot.cables:
         yield slice(at, at + len(cable.nodes) - 1)
@@ -248,7 +248,7 @@ def _drums(robot: Robot) -> Matrix:
 
 
 def _follow(robot: Robot, whole: Matrix, stiffness: Vector, drums: Matrix) -> tuple[Matrix, Matrix]:
-    """Motor angles that keep the preloads, in the sense of least squares, and what is then left.
+    """Motor angles that keep the preloads in the least-squares sense, and the tensions that result.
 
     Returns:
         Motor angles from the reference [rad], (poses, motors), and tensions [N], (poses, cables).
@@ -269,10 +269,10 @@ def _loaded(
     stiffness: Vector,
     drums: Matrix,
 ) -> tuple[Matrix, list[tuple[float, ...]]]:
-    """Tensions without friction that exert the loads and stay closest to those without.
+    """Tensions without friction that exert the loads and stay closest to those without loads.
 
     The motors turn by d more: t = t_follow + k B d >= 0, and -A^T t = load on the named joints;
-    the largest |t - t_follow| is made smallest, a linear program in d and that largest change.
+    minimising the largest |t - t_follow| is a linear program in d and that largest change.
     """
     from scipy.optimize import linprog  # slow to import, so only where used
 
@@ -402,7 +402,7 @@ def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:
 
 
 def _travel_to_slip(cable: Cable, p: int, eta: Vector, tension: Vector) -> float:
-    """From the bound on one side to that on the other: 2 g / sigma0, g = (1 - eta) T [m]."""
+    """Travel from one friction bound to the other: 2 g / sigma0, g = (1 - eta) T [m]."""
     if cable.law == "none":
         return 0.0
     stiffness = cable.pulleys[p].friction.bristle_stiffness
@@ -420,7 +420,7 @@ def _extent(values: Vector, poses: Matrix) -> Extent:
 
 
 def _scaled(arms: Matrix) -> Matrix:
-    """Columns of unit length, so that [m] and [-] can stand side by side in a rank."""
+    """Columns of unit length, so that a rank does not depend on the units [m] and [-]."""
     norm = np.linalg.norm(arms, axis=0)
     scaled: Matrix = arms / np.where(norm > LOOSEST, norm, np.inf)
     return scaled

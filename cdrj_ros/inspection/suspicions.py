@@ -1,4 +1,4 @@
-"""What looks wrong in a robot file that is formally right, in words."""
+"""Sentences on what looks wrong in a robot file that is formally right."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from cdrj_ros.inspection.ranges import (
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Robot, Winch
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
-"""A cable that wraps less than this is about to leave its pulley [rad]."""
+"""Wrap below which a cable is about to leave its pulley [rad]."""
 
 WRONG_SENSE: Final = 1.5 * pi
-"""Wrap of a pulley given by its position, beyond which its sense of turning is doubtful [rad]."""
+"""Wrap beyond which the sense of a pulley given by its position is doubtful [rad]."""
 
 SHORTEST_SHARE: Final = 0.1
-"""Of its longest span, to which an element should not shrink [-]."""
+"""Share of its longest span below which an element should not shrink [-]."""
 
 MOST_TURNS: Final = 10.0
-"""Turns of a drum beyond which cable lies in several layers, usually."""
+"""Turns of a drum beyond which the cable usually lies in several layers."""
 
 LARGEST_LOSS: Final = 0.5
-"""Share of the tension that pulleys may take before friction rules the answer [-]."""
+"""Loss of tension beyond which errors of friction dominate the estimate [-]."""
 
 LARGEST_STRAIN: Final = 0.03
-"""Strain at which cables break or yield, usually [-]."""
+"""Strain at which cables usually break or yield [-]."""
 
 LEAST_BENDING: Final = 5.0
 """Diameter of a pulley or drum over that of the cable; wire ropes need 16 or more."""
@@ -47,19 +47,19 @@ LOST_PRELOAD: Final = 0.05
 """Share of the preload below which a cable counts as having lost it [-]."""
 
 SMALL_ARM: Final = 1e-3
-"""Of the largest moment arm of a joint, that counts as none [-]."""
+"""Share of a joint's largest moment arm that counts as none [-]."""
 
 
 @dataclass(frozen=True)
 class Suspicion:
-    """One thing to look at."""
+    """One remarkable fact about a robot."""
 
     where: str
     """Name of the cable, pulley, element, motor or joint."""
     text: str
-    """What is odd, with numbers, and what it means."""
+    """The fact, with numbers, and its meaning."""
     grave: bool = True
-    """False for a remark: usual in some mechanisms, good to know."""
+    """False for a remark on what is usual in some mechanisms."""
 
 
 def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
@@ -117,7 +117,7 @@ def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspici
     for joint, arm in zip(robot.joints, check.moment_arm, strict=True):
         size = max(abs(arm.low), abs(arm.high))
         if arm.low < -SMALL_ARM * size and arm.high > SMALL_ARM * size and size > 1e-9:
-            # a platform's cables do so as it passes by; on a joint with an axis it is a dead point
+            # usual for the cables of a platform; a dead point of a joint with an axis
             yield Suspicion(
                 cable.name,
                 f"its moment arm about {joint.name} changes sign ({_arm(robot, joint.name, arm)}): "
@@ -160,7 +160,7 @@ def _swing(cable: Cable, check: CableCheck, k: int, pulley: PulleyCheck) -> str:
 
 
 def _friction(cable: Cable) -> Iterator[Suspicion]:
-    """Keys without effect; once for a cable."""
+    """Keys without effect, grouped by cable."""
     groups: dict[str, list[str]] = {}
     for name, pulley in zip(cable.pulley_names, cable.pulleys, strict=True):
         for text in _without_effect(cable, pulley):
@@ -218,7 +218,7 @@ def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Ite
             cable.name,
             f"its pulleys may take {100.0 * lost:.0f} % of the tension"
             f"{_at(robot, check.transmission_at_rest.low_at)}: errors of the friction parameters "
-            "will rule the estimate of the far elements",
+            "will dominate the estimate of the far elements",
         )
     if check.worst.high > cable.maximum_tension:
         yield Suspicion(

@@ -39,9 +39,6 @@ from cdrj_ros.reproduction.study import (
 
 Vector = NDArray[np.float64]
 
-SINGLE: Final = 3.5
-"""Width of a column [in]."""
-
 DOUBLE: Final = 7.16
 """Width of both columns [in]."""
 

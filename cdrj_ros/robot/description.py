@@ -25,9 +25,9 @@ TABLE_INTERVALS: Final = 256
 
 @dataclass(frozen=True)
 class Sensor:
-    """How readings of an angle sensor become angles, and how well: angle = scale reading + offset.
+    """Conversion of an angle sensor's readings, angle = scale reading + offset, and its accuracy.
 
-    Its clock may differ from the others', its reading may start again after a turn.
+    Its clock may differ from other clocks, and its reading may wrap around after a turn.
     """
 
     scale: float = 1.0
@@ -35,29 +35,29 @@ class Sensor:
     offset: float = 0.0
     """[rad]."""
     period: float = float("inf")
-    """The reading starts again after this much [rad]."""
+    """The reading wraps around after this angle [rad]."""
     clock_offset_ns: int = 0
     """Added to the stamps of its readings [ns]."""
     resolution: float = 0.0
     """Size of a count [rad]."""
     noise: float = 0.0
-    """Standard deviation of a reading beside its resolution [rad]."""
+    """Standard deviation of a reading in addition to its resolution [rad]."""
     tracking_bandwidth: float = 0.0
     """Of the filter that finds the angle between counts [Hz]; 0 for none."""
     corrected_at: tuple[float, ...] = ()
     """Angles at which ``correction`` is given, increasing [rad]; empty for none."""
     correction: tuple[float, ...] = ()
-    """Added to the angle: straight between these values, the outermost beyond them [rad]."""
+    """Added to the angle; linear between these values, constant beyond them [rad]."""
 
 
 @dataclass(frozen=True)
 class PassiveTorque:
-    """Torque of an axis itself, beside the cables: (E13) in docs/model.md."""
+    """Torque of the axis itself, in addition to that of the cables: (E13) in docs/model.md."""
 
     bearing_torque: float = 0.0
     """Coulomb friction [N m]."""
     bearing_stiffness: float = 0.0
-    """Its slope where the motion turns [N m/rad]; positive where there is friction."""
+    """Slope of the friction torque at reversals [N m/rad]; positive if there is friction."""
     spring_stiffness: float = 0.0
     """[N m/rad]."""
     spring_rest: float = 0.0
@@ -66,7 +66,7 @@ class PassiveTorque:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How well some numbers of the robot file are known."""
+    """Covariance of numbers of the robot file."""
 
     parameters: tuple[str, ...]
     """Paths, see ``cdrj_ros.robot.parameters``, length p."""
@@ -84,7 +84,7 @@ class Motor:
     max_speed: float = float("inf")
     """Faster readings are refused [rad/s]."""
     effort_sign: int = 1
-    """+1: efforts are what the cables exert on the motor; -1: what the motor must supply."""
+    """+1: efforts are those of the cables on the motor; -1: those that the motor must supply."""
     passive: PassiveTorque = PassiveTorque()
     sensor: Sensor = Sensor()
 
@@ -103,7 +103,7 @@ class Joint:
     max_speed: float = float("inf")
     """Faster readings are refused [rad/s]."""
     effort_sign: int = 1
-    """+1: efforts are what the cables exert on the joint; -1: what balances them."""
+    """+1: efforts are those of the cables on the joint; -1: those that balance them."""
     passive: PassiveTorque = PassiveTorque()
     sensor: Sensor = Sensor()
 
@@ -121,7 +121,7 @@ class Friction:
     stribeck_lag: float = 0.02
     """Time by which static friction lags behind the slip speed [s], positive."""
     rho: float = 1.0
-    """Share of sliding friction in the blend, 1 - rho is the bearing's [-]."""
+    """Share of sliding friction in the blend; the bearing's share is 1 - rho [-]."""
     bearing_friction: float = 0.0
     """f_d of (39) [-]: half of the usual bearing coefficient."""
     bristle_stiffness: float = 1e6
@@ -159,7 +159,7 @@ class Place:
     y: float
     """In the frame [m]."""
     turn: int
-    """+1 where the cable goes round counter-clockwise on its way from node 1, -1 clockwise, 0 for
+    """+1 if the cable goes around counter-clockwise on its way from node 1, -1 if clockwise, 0 for
     a point."""
 
 
@@ -190,7 +190,7 @@ class Pulley:
     """Wrap angle [rad] as a sum of functions; empty for pulleys described by positions."""
     place: Place | None = None
     cells: int = 1
-    """Number of equal contact cells of which this node is one; 1 is a whole, lumped pulley."""
+    """Number of equal contact cells of which this node is one; 1 for a whole pulley."""
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ class Cable:
 
 @dataclass(frozen=True)
 class Robot:
-    """Everything the estimator knows of a robot before it runs."""
+    """Everything that the estimator knows about a robot before it runs."""
 
     name: str
     motors: tuple[Motor, ...]
@@ -280,7 +280,7 @@ class Robot:
     """The file it was read from."""
     uncertainty: Uncertainty | None = None
     document: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
-    """What the file says, in SI; empty for robots made otherwise."""
+    """The file's document in SI; empty for robots that were not read from a file."""
 
     @property
     def prismatic_joints(self) -> frozenset[str]:

@@ -1,12 +1,12 @@
 """The numbers of a robot file by name: ``cables.upper.friction.rho``, ``motors.spindle.offset``.
 
-A path leads through the document as it is after reading: SI, no unit suffixes, names instead of
-indices.  Entries without a name count from 1, as elements and pulleys do in every message:
+A path leads through the document after reading: SI, no unit suffixes, names instead of indices.
+Entries without a name count from 1, as elements and pulleys do in every message:
 ``cables.b.nodes.3.bearing_torque`` is pulley ``b/3``, ``cables.b.spans.3.slope`` element ``b/3``.
 
-A path may name a number that the file leaves out: it then has the value that leaving it out
-means, and setting it writes it where the path says.  ``cables.upper.friction.mu_c`` is what the
-cable's pulleys use, unless a pulley has its own, wherever that comes from.
+A path may name a number that the file leaves out.  It then has its default, and setting it adds it
+where the path leads.  ``cables.upper.friction.mu_c`` is what the cable's pulleys use, unless a
+pulley has its own value, whether the cable or the whole robot gives it.
 
 The axial stiffness of a cable that is given by modulus and diameter is a number too; setting it
 scales the modulus.
@@ -56,7 +56,7 @@ DEFAULTS: Final[Mapping[str, Mapping[str, float]]] = {
     "frame": {"angle": 0.0},
     "term": {"offset": 0.0, "slope": 0.0, "sine": 0.0},
 }
-"""What it means to leave a number out, by kind of entry; others must be there."""
+"""Defaults by kind of entry; numbers without one must be given."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def allowed_range(rules: Mapping[str, Any]) -> Range:
 
 @dataclass(frozen=True)
 class Number:
-    """A number of a document, there or left out."""
+    """A number of a document, given or left out."""
 
     path: str
     keys: Keys
@@ -102,26 +102,26 @@ class Number:
     value: float
     """[SI]."""
     given: bool
-    """Whether the document has it; False: it is left out and this is what that means."""
+    """Whether the document has it; False: ``value`` is its default."""
     factor: float
-    """``value`` over the document's number; not 1 for a stiffness that stands as a modulus."""
+    """``value`` over the document's number; not 1 for a stiffness given by its modulus."""
     rules: Mapping[str, Any]
     """Its part of the schema."""
 
     @property
     def key(self) -> str:
-        """Its last name in words: ``preload``; ``span`` or ``wrap_angle`` for plain entries."""
+        """The last name of its path: ``preload``; ``spans`` or ``wrap_angle`` for plain entries."""
         named = [key for key in self.keys if isinstance(key, str)]
         return self.path.rsplit(".", 1)[-1] if self.factor != 1.0 else named[-1]
 
 
 @dataclass(frozen=True)
 class _Spot:
-    """A place in the document while a path is followed."""
+    """A place in the document, reached by the first segments of a path."""
 
     keys: Keys
     value: Any
-    """None where the document has nothing here."""
+    """None if the document has nothing there."""
     rules: Mapping[str, Any]
     kind: str
     """Name of its definition in the schema, or empty."""
@@ -131,8 +131,8 @@ def find_number(document: Document, path: str) -> Number:
     """The number that a path leads to.
 
     Raises:
-        UsageError: the path leads nowhere, or not to a number, or to one that is left out and has
-            no default; says what there is instead.
+        UsageError: the path leads nowhere, or to something that is no number, or to a number that
+            is left out and has no default; names the alternatives.
     """
     number = _find(document, path)
     if isnan(number.value):
@@ -141,7 +141,7 @@ def find_number(document: Document, path: str) -> Number:
 
 
 def _find(document: Document, path: str) -> Number:
-    """The number that a path leads to, NaN where it must be given and is not."""
+    """The number that a path leads to; its value is NaN without a default."""
     spot = parent = _Spot((), document, schema(), "")
     for segment in path.split("."):
         spot, parent = _step(document, spot, segment, path), spot
@@ -160,8 +160,8 @@ def number_at(document: Document, path: str) -> float:
 def with_numbers(document: Document, values: Mapping[str, float]) -> Document:
     """A copy of the document with other numbers, by path [SI].
 
-    What is left out in the document is written where the path says.  The document is not checked
-    anew; ``build_robot`` does.
+    A number that the document leaves out is added where the path leads.  The result is not
+    checked; ``build_robot`` does that.
 
     Raises:
         UsageError: as ``find_number``, but what has no default may be set.
@@ -177,10 +177,10 @@ def with_numbers(document: Document, values: Mapping[str, float]) -> Document:
 
 
 def matching_paths(document: Document, pattern: str) -> tuple[tuple[str, ...], ...]:
-    """Groups of paths that a pattern stands for.
+    """Groups of paths that a pattern matches.
 
-    ``*`` or ``[a,b]`` in place of a name stand for several at once: one group.  In braces, ``{*}``
-    or ``{a,b}``, each is a group of its own.
+    ``*`` or ``[a,b]`` in place of a name match several paths as one group.  With braces, ``{*}`` or
+    ``{a,b}``, each path is a group of its own.
 
     Raises:
         UsageError: as ``find_number``, or nothing matches.
@@ -209,7 +209,7 @@ def split_outside(text: str, separator: str) -> list[str]:
 def _expanded(
     document: Document, spot: _Spot, segments: list[str], pattern: str
 ) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """(what keeps groups apart, path) of everything below a place that a pattern stands for."""
+    """(names in braces, path) of everything below a place that a pattern matches."""
     if not segments:
         return [((), ())]
     segment, rest = segments[0], segments[1:]
@@ -241,7 +241,7 @@ def _expanded(
 
 
 def _named(document: Document, spot: _Spot) -> list[str]:
-    """The path of a place, with names and counts from 1."""
+    """The path of a place: names, and counts from 1."""
     names: list[str] = []
     value: Any = document
     for key in spot.keys:
@@ -256,7 +256,7 @@ def _named(document: Document, spot: _Spot) -> list[str]:
 
 
 def _names(spot: _Spot) -> list[str]:
-    """What a path may go on with."""
+    """Names that may follow in a path."""
     if isinstance(spot.value, list):
         if spot.value and all(isinstance(one, dict) and "name" in one for one in spot.value):
             return [one["name"] for one in spot.value]
@@ -272,7 +272,7 @@ def _leads_on(rules: Mapping[str, Any]) -> bool:
 
 
 def _step(document: Document, spot: _Spot, segment: str, path: str) -> _Spot:
-    """One segment further."""
+    """The place that the next segment leads to."""
     names = _names(spot)
     if segment not in names:
         raise _unknown(document, spot, segment, names, path)
@@ -284,7 +284,7 @@ def _step(document: Document, spot: _Spot, segment: str, path: str) -> _Spot:
 
 
 def _spot(keys: Keys, value: Any, rules: Mapping[str, Any], outer: str) -> _Spot:
-    """A place with the schema's references followed."""
+    """A place, with the references of its rules resolved."""
     kind = ""
     definitions = schema()["$defs"]
     while "$ref" in rules:
@@ -342,7 +342,7 @@ def _default(document: Document, parent: _Spot, key: str) -> float:
 
 
 def _friction_default(document: Document, keys: Keys, key: str) -> float:
-    """From the pulley's, the cable's, then the robot's friction; mu_s is mu_c where left out."""
+    """The value of the pulley, else the cable, else the robot; mu_s defaults to mu_c."""
     layers: list[Document] = [document.get("friction", {})]
     place: Any = document
     for step in keys[:-1]:

@@ -1,8 +1,8 @@
-"""New numbers into the text of a robot file; every comment, unit and blank stays where it is.
+"""Numbers replaced in the text of a robot file; comments, units and blanks stay where they are.
 
-The text is not written anew: the scalars that change are replaced in place, at the marks that the
-YAML parser leaves.  A number keeps the unit of its key: ``radius_mm: 5`` becomes
-``radius_mm: 5.02``.  What the file leaves out is added in SI to the mapping that it belongs to.
+The text is not generated anew: scalars are replaced in place, at the positions that the YAML
+parser reports.  A number keeps the unit of its key: ``radius_mm: 5`` becomes ``radius_mm: 5.02``.
+Numbers that the file leaves out are added in SI to the mapping they belong to.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from typing import Any, Final
 from ruamel.yaml import YAML
 
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, Document, parse_document
+from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, parse_document
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
 
 DIGITS: Final = 7
-"""Significant digits that are written."""
+"""Significant digits of a written number."""
 
 _PLAIN_KEY: Final = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*\s*:")
 
 
 def yaml_number(value: float, digits: int = DIGITS) -> str:
-    """A number as every YAML reader understands it: ``0.11``, ``1.0e-06``."""
+    """A number in a form that every YAML reader understands: ``0.11``, ``1.0e-06``."""
     text = f"{value:.{digits}g}"
     mantissa, exponent, power = text.partition("e")
     if "." not in mantissa and (exponent or len(mantissa.lstrip("-")) >= digits):
@@ -45,7 +45,7 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
     wanted = with_numbers(document, values)
     for path, value in values.items():
         at = parse_document(text, source)
-        # numbers that are left out still need their places: find them in the changed document
+        # a number that is left out has a place only in the changed document
         number = find_number(with_numbers(at, {path: value}), path)
         text = _with_number(text, number)
     if not _alike(parse_document(text, source), wanted):
@@ -56,7 +56,7 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
 
 
 def with_section(text: str, key: str, section: str | None) -> str:
-    """The text with a top-level entry put at its end, in place of the one that was there.
+    """The text with a top-level entry at its end, which replaces an entry of the same key.
 
     Args:
         text: YAML, a block mapping at its top.
@@ -95,7 +95,7 @@ def _with_number(text: str, number: Number) -> str:
 
 
 def _entry(mapping: Any, key: str) -> tuple[str, Any] | None:
-    """The key as written, with its unit, and the value's node."""
+    """The key as written, with its unit suffix, and the node of its value."""
     for name, value in mapping.value:
         if name.value == key or any(name.value == key + suffix for suffix in UNIT_SUFFIXES):
             return str(name.value), value
@@ -103,7 +103,7 @@ def _entry(mapping: Any, key: str) -> tuple[str, Any] | None:
 
 
 def _replaced(text: str, begin: int, end: int, new: str) -> str:
-    """The scalar replaced; a comment on its line stays in its column where there is room."""
+    """The text with one scalar replaced; a comment on its line keeps its column if it can."""
     rest = text[end:]
     gap = re.match(r"( *)(?=#)", rest)
     if gap and len(gap.group(1)) > 1:
@@ -122,8 +122,8 @@ def _inserted(text: str, mapping: Any, keys: Keys | list[str | int], value: floa
         end = mapping.end_mark.index - 1
         before: str = text[:end].rstrip()
         return before + (", " if mapping.value else "") + entry + text[len(before) :]
-    # A block ends where the next one begins; its first key gives the column, and the new entry
-    # stands before the second, or behind the only one.
+    # The first key of the block gives the column.  The new entry goes before the second key, or
+    # after the only entry.
     first_key, _ = mapping.value[0]
     column: int = first_key.start_mark.column
     if len(mapping.value) > 1:
@@ -137,7 +137,7 @@ def _inserted(text: str, mapping: Any, keys: Keys | list[str | int], value: floa
 
 
 def _alike(one: Any, other: Any) -> bool:
-    """Whether two documents say the same, numbers within the digits that are written."""
+    """Whether two documents are equal, numbers to within the digits that are written."""
     if isinstance(one, dict) and isinstance(other, dict):
         return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
     if isinstance(one, list) and isinstance(other, list):
@@ -145,8 +145,3 @@ def _alike(one: Any, other: Any) -> bool:
     if isinstance(one, float) or isinstance(other, float):
         return isclose(one, other, rel_tol=10.0 ** (1 - DIGITS), abs_tol=1e-12)
     return bool(one == other)
-
-
-def sections_of(document: Document) -> tuple[str, ...]:
-    """Top-level keys that hold results."""
-    return tuple(key for key in ("uncertainty", "identified") if key in document)
