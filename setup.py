@@ -61,7 +61,7 @@ setup(
     entry_points={
         "console_scripts": [
             *scripts("commands", "check_robot", "identify", "reproduce", "simulate", "validate"),
-            *([] if AS_WHEEL else scripts("nodes", "estimator", "replay", "watch")),
+            *([] if AS_WHEEL else scripts("nodes", "estimator", "replay", "rig", "watch")),
         ],
     },
     zip_safe=False,

@@ -39,3 +39,14 @@ def watch() -> NoReturn:
         return main
 
     run_interruptibly("watch", load)
+
+
+def rig() -> NoReturn:
+    """Run the rig node."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.nodes.rig import main
+
+        return main
+
+    run_interruptibly("rig", load)

@@ -94,26 +94,33 @@ class LiveRig:
         self.reset()
 
     def reset(self) -> None:
-        """Repair everything and start anew at time 0; load and stops stay as they are."""
-        self._rig = self._sound
-        robot, fine = self.robot, self._rig.fine
-        self._coefficients = self.load.coefficients()
+        """Repair everything and start anew at time 0; load and stops stay as they are.
+
+        Raises:
+            UsageError: the cables hold the load in no pose; nothing has changed then.
+        """
+        robot, fine = self.robot, self._sound.fine
+        motors = np.array([motor.reference_angle for motor in robot.motors])
+        joints = np.array([[joint.reference_angle for joint in robot.joints]])
+        drums = self._sound.drums(motors[None], self._sound.wiring.offset(np.zeros(1)))
+        coefficients = self.load.coefficients()
+        start = self.settings.start
+        if start is None:
+            start = balanced_start(
+                self._sound, drums[0], joints[0], self.settings.joint, coefficients
+            )
+            start = min(max(start, self.lower), self.upper)
+        joints[0, self.settings.joint] = start
+        self._rig: Rig = self._sound
+        self._coefficients = coefficients
         self._free: tuple[str, ...] = ()
         self.pushes: tuple[Push, ...] = ()
         self.steps = 0
         self.unsolved = 0
         self.stalled = 0
         self.at_stop = False
-        self.motor_angle = np.array([motor.reference_angle for motor in robot.motors])
-        self._joints = np.array([[joint.reference_angle for joint in robot.joints]])
-        drums = self._drums(self.motor_angle, 0.0)
-        start = self.settings.start
-        if start is None:
-            start = balanced_start(
-                self._rig, drums[0], self._joints[0], self.settings.joint, self._coefficients
-            )
-            start = min(max(start, self.lower), self.upper)
-        self._joints[0, self.settings.joint] = start
+        self.motor_angle = motors
+        self._joints = joints
         self._state = np.zeros(fine.state_size)
         self._course = np.zeros(COURSE_SIZE)
         self._course[COURSE_ANGLE] = start

@@ -120,6 +120,10 @@ class LiveEncoders:
         self._frozen[index] = float(self._last[index])
         return True
 
+    def thaw(self) -> None:
+        """Let all encoders read again."""
+        self._frozen.clear()
+
     @property
     def frozen(self) -> tuple[str, ...]:
         """Axes whose encoders stand still."""

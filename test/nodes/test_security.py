@@ -46,7 +46,7 @@ def allowed(node: str) -> dict[tuple[str, str], set[str]]:
 
 @pytest.fixture
 def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
-    """An onlooker beside an estimator, a replay and a watch with all of their topics."""
+    """An onlooker beside an estimator, a replay, a watch and a rig with all of their topics."""
     from rclpy.experimental import EventsExecutor
     from rclpy.node import Node
     from rclpy.parameter import Parameter
@@ -54,6 +54,7 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     from cdrj_ros.nodes.estimator import EstimatorNode
     from cdrj_ros.nodes.feed import Choice
     from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
+    from cdrj_ros.nodes.rig import RigNode
     from cdrj_ros.nodes.services import offer_services
     from cdrj_ros.nodes.watch import WatchNode
 
@@ -63,13 +64,17 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     offer_services(replay, MagicMock(), MagicMock())  # nobody calls them here
     clock = [Parameter("use_sim_time", value=True)]
     watch = WatchNode(forces=True, choice=Choice(), parameter_overrides=clock)
+    given = {"robot": ROBOT, "cells": 1, "truth_rate": 1.0, "drive_clock": True}
+    asked = [Parameter("load_cells", value=["upper/8"])]
+    asked += [Parameter(name, value=value) for name, value in given.items()]
+    rig = RigNode(parameter_overrides=asked)
     onlooker = Node("onlooker")
     executor = EventsExecutor()
-    for node in (estimator, replay, watch, onlooker):
+    for node in (estimator, replay, watch, rig, onlooker):
         executor.add_node(node)
     yield onlooker, executor
     executor.shutdown()
-    for node in (estimator, replay, watch, onlooker):
+    for node in (estimator, replay, watch, rig, onlooker):
         node.destroy_node()
 
 
@@ -85,7 +90,7 @@ def test_the_policy_allows_exactly_what_the_nodes_have(
             for key, method in GRAPH.items()
         }
 
-    for node in ("estimator", "replay", "watch"):
+    for node in ("estimator", "replay", "watch", "rig"):
         wanted = allowed(node)
         wait_until(lambda: wanted == graph(node), 10.0)  # noqa: B023
         real = graph(node)
@@ -98,7 +103,7 @@ def test_the_policy_is_of_the_form_that_sros2_reads() -> None:
     assert (policy.tag, policy.attrib) == ("policy", {"version": "0.2.0"})
     enclaves = policy.findall("./enclaves/enclave")
     assert {e.get("path") for e in enclaves} == {
-        f"/cdrj/{node}" for node in ("estimator", "replay", "watch")
+        f"/cdrj/{node}" for node in ("estimator", "replay", "watch", "rig")
     }
     for profile in policy.iter("profile"):
         for group in profile:

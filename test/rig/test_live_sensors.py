@@ -92,6 +92,9 @@ def test_a_frozen_encoder_repeats_its_last_reading_and_leaves_the_others(robots:
     assert np.ptp(values[:, 0]) == 0.0
     assert values[0, 0] == pytest.approx(ANGLE[99, 0], abs=0.01)
     assert np.ptp(values[:, 1]) > 0.5
+    sensor.thaw()
+    (reading,) = sensor.take(float(TIME[2_000]), ANGLE[2_000])
+    assert reading.values[0] == pytest.approx(ANGLE[2_000, 0], abs=0.01)
 
 
 def test_load_cells_read_the_truth_with_their_noise_and_resolution() -> None:

@@ -1,0 +1,313 @@
+"""The rig node: a simulated robot in real time; motor commands in, encoder readings out."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import os
+import sys
+from collections.abc import Sequence
+from time import monotonic_ns, perf_counter, time_ns
+from typing import Any, Final, NoReturn
+
+from cdrj_msgs.srv import InjectFault, Push
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.utilities import remove_ros_args
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import Trigger
+
+from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.nodes.diagnostics import diagnostic_array
+from cdrj_ros.nodes.rig_commands import CommandListener
+from cdrj_ros.nodes.rig_declaring import declare_numbers, declare_text
+from cdrj_ros.nodes.rig_outputs import RigOutputs
+from cdrj_ros.nodes.rig_settings import changed_load, declare_rig_options, meant
+from cdrj_ros.nodes.spinning import RANGE, STOP_POLL_S, ros_context, starting
+from cdrj_ros.rig.live import LiveRig
+from cdrj_ros.rig.live_commands import Command, Trajectory
+from cdrj_ros.rig.live_drives import Drives
+from cdrj_ros.rig.live_faults import FAULT_NAMES
+from cdrj_ros.rig.live_motion import program_of
+
+MOST_BEHIND_S: Final = 0.1
+"""Where the rig is further behind than this, it leaves the time out [s]."""
+
+AT_ONCE: Final = 20
+"""Steps between two looks at commands and services."""
+
+CLOCK_HZ: Final = 200.0
+"""Messages on /clock per second of the rig [Hz]."""
+
+WARNING_S: Final = 10.0
+"""That it cannot keep up, the node says no more often than this [s]."""
+
+
+class RigNode(Node):
+    """Steps the rig as time goes by."""
+
+    def __init__(self, **options: Any) -> None:
+        """Read the parameters and the robot file, then open topics and services.
+
+        Args:
+            options: of rclpy's Node.
+
+        Raises:
+            CdrjError: the robot file or a parameter is wrong.
+        """
+        super().__init__("rig", namespace="cdrj", **options)
+        path = declare_text(self, "robot", "", "Robot file (YAML), or the name of an installed one")
+        if not path:
+            raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
+        if self.get_parameter("use_sim_time").value:
+            raise UsageError(
+                "the rig keeps its own time: leave use_sim_time out; drive_clock:=true publishes it"
+            )
+        model = load_model(
+            path, declare_numbers(self, "preload", "Of every cable [N]; unset: the robot file's")
+        )
+        self.options = declare_rig_options(self, model)
+        settings = self.options.settings
+        self.rig = LiveRig(model.robot, settings)
+        program = program_of(model, settings.joint, settings.rate, self.options.demonstration)
+        self.drives = Drives(self.options.limits, program)
+        self._period_s = 1.0 / settings.rate
+        self._time_s = 0.0
+        self._base_s = 0.0
+        self._zero_ns = time_ns()
+        self._origin_ns: int | None = None
+        self._done = 0
+        self._left_out_s = 0.0
+        self._busy_s = 0.0
+        self._reported = (monotonic_ns(), 0, 0.0)
+        self._open(model)
+        gc.collect()
+        gc.freeze()  # what lives as long as the node is not looked at again and again
+        self.get_logger().info(
+            f"{model.robot.name}: {settings.cells} contact cells a pulley, "
+            f"{model.robot.joints[settings.joint].name} moves freely, motion "
+            f"{self.options.demonstration.kind}"
+        )
+
+    def _open(self, model: Any) -> None:
+        """Topics, services, timers."""
+        self.outputs = RigOutputs(self, model, self.options)
+        self.commands = CommandListener(self, self.options.limits, self._on_command)
+        self._clock_publisher = (
+            self.create_publisher(ClockMessage, "/clock", 10) if self.options.drive_clock else None
+        )
+        self._clock_every = max(round(self.options.settings.rate / CLOCK_HZ), 1)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_service(InjectFault, "~/inject_fault", self._on_fault)
+        self.create_service(Push, "~/push", self._on_push)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.add_pre_set_parameters_callback(meant)
+        self.add_on_set_parameters_callback(self._on_parameters)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        period_s = max(self._period_s / self.options.speed, 5e-4)
+        self.create_timer(period_s, self._on_tick, clock=steady)
+        self.create_timer(1.0, self._on_diagnostics, clock=steady)
+
+    def _on_tick(self) -> None:
+        """Take the steps that are due."""
+        now_ns = monotonic_ns()
+        if self._origin_ns is None:
+            self._origin_ns = now_ns
+        speed = self.options.speed
+        due = int((now_ns - self._origin_ns) * 1e-9 * speed / self._period_s)
+        behind = due - self._done
+        if behind * self._period_s > MOST_BEHIND_S * speed:
+            self._leave_out(behind)
+            behind = 1
+        begin = perf_counter()
+        for _ in range(min(behind, AT_ONCE)):
+            self._step()
+        self._busy_s += perf_counter() - begin
+
+    def _leave_out(self, steps: int) -> None:
+        """The machine is too slow: go on from here, and say so."""
+        lost_s = steps * self._period_s
+        self._left_out_s += lost_s
+        self._origin_ns = monotonic_ns() - round(
+            self._done * self._period_s / self.options.speed * 1e9
+        )
+        if self._clock_publisher is None:  # stamps stay near the machine's clock
+            self._zero_ns += round(lost_s * 1e9)
+        cells = self.options.settings.cells
+        fewer = f"fewer contact cells (cells:={cells // 2}) or " if cells > 1 else ""
+        self.get_logger().warning(
+            f"cannot keep up: {self._left_out_s:.3g} s left out so far; {fewer}a lower rate would "
+            "help",
+            throttle_duration_sec=WARNING_S,
+        )
+
+    def _step(self) -> None:
+        """Advance by one step and publish what is to be read then."""
+        rig, drives = self.rig, self.drives
+        now_s = (rig.steps + 1) * self._period_s
+        angle = drives.next(rig.steps + 1, now_s, self._period_s, rig.motor_effort)
+        if not rig.step(angle):
+            drives.stopped(rig.motor_angle)
+        self._done += 1
+        self._time_s = self._base_s + rig.time_s
+        self.outputs.emit(rig, drives.speed, self._time_s, self._zero_ns)
+        if self._clock_publisher is not None and self._done % self._clock_every == 0:
+            message = ClockMessage()
+            stamp_ns = self._zero_ns + round(self._time_s * 1e9)
+            message.clock.sec, message.clock.nanosec = divmod(stamp_ns, 1_000_000_000)
+            self._clock_publisher.publish(message)
+
+    def _on_command(self, command: Command | Trajectory) -> None:
+        self.drives.command(command, self.rig.time_s)
+
+    def _on_fault(
+        self, request: InjectFault.Request, response: InjectFault.Response
+    ) -> InjectFault.Response:
+        try:
+            if request.fault == "freeze":
+                response.message = self._freeze(request.name, request.amount)
+            elif request.fault in FAULT_NAMES:
+                amount = None if request.amount == 0.0 else request.amount
+                response.message = self.rig.break_cable(request.fault, request.name, amount)
+            else:
+                raise UsageError(
+                    f"fault must be one of {', '.join((*FAULT_NAMES, 'freeze'))}, got "
+                    f"{request.fault[:60]!r}"
+                )
+            response.success = True
+            self.get_logger().info(response.message)
+        except CdrjError as error:
+            response.success, response.message = False, f"nothing changed: {error}"
+        return response
+
+    def _freeze(self, name: str, amount: float) -> str:
+        if amount != 0.0:
+            raise UsageError(f"freeze takes no amount, got {amount:g}")
+        done = self.outputs.freeze(name)
+        if done is None:
+            names = (*self.options.limits.motors, *(one.name for one in self.rig.robot.joints))
+            raise UsageError(f"name must be one of {', '.join(names)}, got {name[:60]!r}")
+        if not done:
+            raise UsageError(f"the encoder of {name} has not read anything yet")
+        return f"freeze of {name}: its encoder repeats its last reading"
+
+    def _on_push(self, request: Push.Request, response: Push.Response) -> Push.Response:
+        try:
+            self.rig.push(request.torque, request.duration)
+            response.success = True
+            response.message = f"{request.torque:g} N m for {request.duration:g} s"
+        except CdrjError as error:
+            response.success, response.message = False, f"nothing changed: {error}"
+        return response
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self.rig.reset()
+        except CdrjError as error:  # the load was changed, and nothing holds it at the start
+            response.success, response.message = False, f"nothing changed: {error}"
+            return response
+        self._base_s = self._time_s
+        self.drives.reset()
+        self.outputs.thaw()
+        response.success = True
+        response.message = "everything repaired, at rest in the reference pose; time goes on"
+        return response
+
+    def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        try:
+            load = changed_load(self.options, self.rig.load, changes)
+        except CdrjError as error:
+            return SetParametersResult(successful=False, reason=f"nothing changed: {error}")
+        if load is not None:
+            self.rig.set_load(load)
+        return SetParametersResult(successful=True)
+
+    def _on_diagnostics(self) -> None:
+        now_ns = monotonic_ns()
+        before_ns, done, busy_s = self._reported
+        elapsed_s = (now_ns - before_ns) * 1e-9
+        self._reported = (now_ns, self._done, self._busy_s)
+        simulated_s = (self._done - done) * self._period_s
+        busy = (self._busy_s - busy_s) / simulated_s if simulated_s > 0.0 else 0.0
+        factor = simulated_s / elapsed_s if elapsed_s > 0.0 else 0.0
+        status = self._status(factor, busy)
+        self._diagnostics.publish(diagnostic_array(self.get_clock().now().to_msg(), status))
+
+    def _status(self, factor: float, busy: float) -> DiagnosticStatus:
+        rig = self.rig
+        faults = [f"{fault.kind} of {fault.cable}" for fault in rig.faults]
+        faults += [f"{name} frozen" for name in self.outputs.frozen]
+        level, message = DiagnosticStatus.OK, "running"
+        if factor < 0.95 * self.options.speed:
+            level, message = DiagnosticStatus.WARN, f"cannot keep up: {factor:.2f} of real time"
+        elif faults:
+            level, message = DiagnosticStatus.WARN, f"broken: {', '.join(faults)}"
+        modes = zip(self.options.limits.motors, self.drives.modes, strict=True)
+        values = {
+            "real-time factor": f"{factor:.3f}",
+            "computing time per second of the rig [s]": f"{busy:.3f}",
+            "time left out [s]": f"{self._left_out_s:.3f}",
+            "steps": str(self._done),
+            "motors": ", ".join(f"{name} {mode}" for name, mode in modes),
+            "at the stop": "yes" if rig.at_stop else "no",
+            "faults": ", ".join(faults) or "none",
+            "steps not solved": str(rig.unsolved),
+            "steps in which cables stalled the motors": str(rig.stalled),
+            "commands": str(self.commands.accepted),
+            "commands not renewed in time": str(self.drives.timeouts),
+            **{f"refused: {cause}": str(count) for cause, count in self.commands.refused.items()},
+        }
+        return DiagnosticStatus(
+            level=level,
+            name=self.get_fully_qualified_name().lstrip("/"),
+            message=message,
+            hardware_id=rig.robot.name,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}; see --help")
+
+
+def _body(argv: Sequence[str]) -> int:
+    arguments = ["rig", *argv]
+    with starting():
+        _Parser(
+            prog="rig",
+            usage="rig --ros-args -p robot:=FILE [-p motion:=sine] [-p NAME:=VALUE] ...",
+            description="A simulated robot in real time. Topics in the namespace /cdrj: in "
+            "commands/position, commands/velocity, commands/effort, motor_commands, "
+            "motor_trajectory; out motor_states, joint_states, on request tension_sensors, "
+            "truth/tensions, truth/states and /clock; /diagnostics. Services: ~/inject_fault, "
+            "~/push, ~/reset. Parameters: docs/rig_node.md.",
+        ).parse_args(remove_ros_args(arguments)[1:])
+    with ros_context(arguments) as stop:
+        with starting():
+            node = RigNode()
+        if os.environ.get(RANGE) == "LOCALHOST":
+            node.get_logger().info(f"heard on this machine only; {RANGE}=SUBNET opens the network")
+        executor = EventsExecutor()
+        executor.add_node(node)
+        with stop.listening():
+            try:
+                while not stop:
+                    executor.spin_once(timeout_sec=STOP_POLL_S)
+            finally:
+                executor.shutdown()
+                node.destroy_node()
+    return DONE
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return run_command("rig", _body, sys.argv[1:] if argv is None else argv)

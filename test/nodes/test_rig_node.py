@@ -1,0 +1,398 @@
+"""The rig as a node: beside a real estimator, and under commands good and bad."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.status import SLACK
+
+PAGE = Path(__file__).parents[2] / "docs" / "rig_node.md"
+ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+PATIENCE_S = 60.0
+COMPILING_S = 600.0
+"""A first start compiles the kernels."""
+
+
+def overrides(**given: Any) -> list[Any]:
+    from rclpy.parameter import Parameter
+
+    return [Parameter(name, value=value) for name, value in {"robot": ROBOT, **given}.items()]
+
+
+def spin_until(
+    executor: Any, condition: Callable[[], bool], patience_s: float = PATIENCE_S
+) -> bool:
+    deadline = monotonic() + patience_s
+    while not condition():
+        if monotonic() > deadline:
+            return False
+        executor.spin_once(timeout_sec=0.05)
+    return True
+
+
+@dataclass
+class Bench:
+    """A rig in this process, and a node that commands and listens."""
+
+    rig: Any
+    user: Any
+    executor: Any
+    heard: dict[str, list[Any]] = field(default_factory=dict)
+    publishers: dict[str, Any] = field(default_factory=dict)
+
+    def listen(self, kind: Any, topic: str) -> list[Any]:
+        heard = self.heard.setdefault(topic, [])
+        self.user.create_subscription(kind, topic, heard.append, 1000)
+        return heard
+
+    def spin_until(self, condition: Callable[[], bool]) -> bool:
+        return spin_until(self.executor, condition)
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Once, to a rig that hears it."""
+        if topic not in self.publishers:
+            self.publishers[topic] = self.user.create_publisher(type(message), topic, 10)
+            assert self.spin_until(lambda: self.publishers[topic].get_subscription_count() > 0)
+        self.publishers[topic].publish(message)
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.user.create_client(kind, name)
+        assert self.spin_until(client.service_is_ready)
+        future = client.call_async(request)
+        assert self.spin_until(future.done)
+        self.user.destroy_client(client)
+        return future.result()
+
+    def refused(self) -> int:
+        return sum(self.rig.commands.refused.values())
+
+
+@pytest.fixture
+def bench(ros: None) -> Iterator[Callable[..., Bench]]:
+    """Make rigs in this process; they end with the test."""
+    from rclpy.experimental import EventsExecutor
+    from rclpy.node import Node
+
+    from cdrj_ros.nodes.rig import RigNode
+
+    opened: list[Bench] = []
+
+    def open_bench(**given: Any) -> Bench:
+        rig = RigNode(parameter_overrides=overrides(**{"cells": 1, **given}))
+        user = Node("user", namespace="cdrj")
+        executor = EventsExecutor()
+        executor.add_node(rig)
+        executor.add_node(user)
+        opened.append(Bench(rig, user, executor))
+        return opened[-1]
+
+    yield open_bench
+    for one in opened:
+        one.executor.shutdown()
+        one.user.destroy_node()
+        one.rig.destroy_node()
+
+
+def array_of(*values: float) -> Any:
+    from std_msgs.msg import Float64MultiArray
+
+    return Float64MultiArray(data=list(values))
+
+
+def states(name: list[str], **fields: list[float]) -> Any:
+    from sensor_msgs.msg import JointState
+
+    return JointState(name=name, **fields)
+
+
+def trajectory(*points: tuple[float, float]) -> Any:
+    from builtin_interfaces.msg import Duration
+    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+    return JointTrajectory(
+        joint_names=["winch"],
+        points=[
+            JointTrajectoryPoint(
+                positions=[angle],
+                time_from_start=Duration(sec=int(at), nanosec=round(at % 1.0 * 1e9)),
+            )
+            for at, angle in points
+        ],
+    )
+
+
+def stamp_ns(message: Any) -> int:
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def test_an_estimator_beside_the_rig_finds_its_true_tensions(start_node: Any, node: Any) -> None:
+    from cdrj_msgs.msg import CableTensions
+    from rclpy.experimental import EventsExecutor
+
+    estimates: dict[int, np.ndarray] = {}
+    truths: dict[int, np.ndarray] = {}
+    for topic, kept in (("tensions", estimates), ("truth/tensions", truths)):
+        node.create_subscription(
+            CableTensions, f"/cdrj/{topic}",
+            lambda m, kept=kept: kept.__setitem__(stamp_ns(m), np.array(m.tension)), 1000,
+        )  # fmt: skip
+    executor = EventsExecutor()
+    executor.add_node(node)
+    try:
+        start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}")
+        heard = partial(node.count_subscribers, "/cdrj/motor_states")
+        assert spin_until(executor, lambda: heard() > 0, COMPILING_S)
+        start_node(
+            "rig", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "motion:=sine", "-p", "cells:=4",
+            "-p", "motion_frequency:=0.5", "-p", "truth_rate:=100.0", "-p", "motor_rate:=250.0",
+            "-p", "joint_rate:=125.0",
+        )  # fmt: skip
+        # the estimator has begun in the rig's rest of a second
+        assert spin_until(executor, lambda: bool(truths and estimates), COMPILING_S)
+        first = min(truths)
+        wanted = first + 3_000_000_000
+        assert spin_until(executor, lambda: max(estimates) > wanted < max(truths))
+    finally:
+        executor.shutdown()
+    times = np.array(sorted(estimates))
+    found = np.array([estimates[time] for time in times.tolist()])
+    pairs = [
+        (found[np.argmin(np.abs(times - stamp))], tension)
+        for stamp, tension in truths.items()
+        if first < stamp < times[-1] and np.abs(times - stamp).min() < 4_500_000
+    ]
+    assert len(pairs) > 150
+    told, true = (np.array(column) for column in zip(*pairs, strict=True))
+    assert np.ptp(true[:, 0]) > 5.0, "the rig moved"
+    assert np.mean(np.abs(told - true) / true) < 0.03
+    assert np.all(np.abs(told - true).mean(axis=0) < 0.05 * true.mean(axis=0))
+
+
+def test_every_kind_of_command_moves_the_motor(bench: Any) -> None:
+    one = bench(command_timeout=30.0)
+    angle = one.rig.rig
+    one.publish("commands/position", array_of(0.3))
+    assert one.spin_until(lambda: angle.motor_angle[0] == 0.3)
+    one.publish("motor_commands", states(["winch"], position=[0.2]))
+    assert one.spin_until(lambda: angle.motor_angle[0] == 0.2)
+    one.publish("motor_trajectory", trajectory((0.05, 0.1), (0.1, 0.25)))
+    assert one.spin_until(lambda: angle.motor_angle[0] == 0.25)
+    one.publish("commands/velocity", array_of(1.0))
+    assert one.spin_until(lambda: angle.motor_angle[0] > 0.35)
+    one.publish("commands/effort", array_of(1.0))
+    assert one.spin_until(lambda: one.rig.drives.modes == ["effort"])
+    before = angle.motor_angle[0]
+    assert one.spin_until(lambda: angle.motor_angle[0] > before + 0.05)
+    one.publish("motor_trajectory", trajectory())
+    assert one.spin_until(lambda: one.rig.drives.modes == ["position"])
+    assert one.rig.commands.accepted == 6
+    assert one.refused() == 0
+
+
+def test_commands_that_cannot_be_are_refused_and_counted_and_nothing_moves(bench: Any) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    one = bench()
+    heard = one.listen(DiagnosticArray, "/diagnostics")
+    nan, inf = float("nan"), float("inf")
+    hostile = [
+        ("commands/position", array_of(nan)),
+        ("commands/position", array_of(0.1, 0.2)),
+        ("commands/position", array_of()),
+        ("commands/velocity", array_of(inf)),
+        ("commands/velocity", array_of(1e12)),
+        ("commands/effort", array_of(-1e12)),
+        ("motor_commands", states(["thumb"], position=[0.1])),
+        ("motor_commands", states(["winch"])),
+        ("motor_commands", states(["winch"], position=[0.1], velocity=[0.1])),
+        ("motor_trajectory", trajectory((0.2, 0.1), (0.1, 0.2))),
+        ("motor_trajectory", trajectory((0.2, nan))),
+    ]
+    for topic, message in hostile:
+        one.publish(topic, message)
+    assert one.spin_until(lambda: one.refused() == len(hostile))
+    wanted = {"malformed": 2, "wrong length": 2, "unknown name": 1, "not finite": 3,
+              "out of range": 3}  # fmt: skip
+    assert one.rig.commands.refused == wanted
+    assert one.rig.rig.motor_angle[0] == 0.0
+    said = {f"refused: {cause}": str(count) for cause, count in wanted.items()}
+
+    def told() -> bool:
+        return any(
+            said.items() <= {v.key: v.value for v in message.status[0].values}.items()
+            for message in heard
+        )
+
+    assert one.spin_until(told)
+
+
+def test_a_motor_that_is_no_longer_commanded_holds(bench: Any) -> None:
+    one = bench(command_timeout=0.1)
+    one.publish("commands/velocity", array_of(2.0))
+    assert one.spin_until(lambda: one.rig.drives.timeouts == 1)
+    held = one.rig.rig.motor_angle[0]
+    assert 0.0 < held < 0.3
+    steps = one.rig.rig.steps
+    assert one.spin_until(lambda: one.rig.rig.steps > steps + 100)
+    assert one.rig.rig.motor_angle[0] == held
+
+
+def test_faults_by_service_break_and_a_reset_repairs(bench: Any) -> None:
+    from cdrj_msgs.msg import CableTensions
+    from cdrj_msgs.srv import InjectFault, Push
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import Trigger
+
+    one = bench(truth_rate=100.0)
+    tensions = one.listen(CableTensions, "truth/tensions")
+    angles = one.listen(JointState, "motor_states")
+    assert one.spin_until(lambda: tensions and angles)
+
+    def inject(fault: str, name: str, amount: float = 0.0) -> Any:
+        request = InjectFault.Request(fault=fault, name=name, amount=amount)
+        return one.call(InjectFault, "rig/inject_fault", request)
+
+    for wrong in (
+        ("melt", "upper", 0.0), ("snap", "middle", 0.0), ("snap", "upper", float("nan")),
+        ("freeze", "thumb", 0.0), ("freeze", "winch", 1.0), ("cut", "upper", 1.0),
+    ):  # fmt: skip
+        answer = inject(*wrong)
+        assert not answer.success
+        assert answer.message.startswith("nothing changed: ")
+    assert one.rig.rig.faults == ()
+
+    assert inject("freeze", "winch").success
+    one.publish("commands/position", array_of(0.2))
+    assert one.spin_until(lambda: one.rig.rig.motor_angle[0] == 0.2)
+    angles.clear()
+    assert one.spin_until(lambda: len(angles) > 50)
+    assert {message.position[0] for message in angles[10:]} == {0.0}
+
+    for fault in ("slip", "snap", "slack", "cut"):
+        answer = inject(fault, "lower")
+        assert answer.success
+        assert answer.message.startswith(f"{fault} of lower: ")
+    assert one.spin_until(lambda: tensions[-1].tension[8] == 0.0)
+    assert tensions[-1].status[8] & SLACK
+    assert not one.call(Push, "rig/push", Push.Request(torque=float("inf"), duration=1.0)).success
+    assert one.call(Push, "rig/push", Push.Request(torque=20.0, duration=60.0)).success
+    assert one.spin_until(lambda: one.rig.rig.at_stop)
+
+    before = stamp_ns(tensions[-1])
+    assert one.call(Trigger, "rig/reset", Trigger.Request()).success
+    assert one.spin_until(lambda: tensions[-1].tension[8] > 20.0)
+    assert stamp_ns(tensions[-1]) > before, "time goes on"
+    assert (one.rig.rig.faults, one.rig.outputs.frozen) == ((), ())
+
+
+def test_load_cells_clock_and_payload(bench: Any) -> None:
+    from cdrj_msgs.msg import CableTensions
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
+
+    one = bench(load_cells=["upper/8", "lower/1"], drive_clock=True, speed=3,
+                motor_efforts=True)  # fmt: skip
+    cells = one.listen(CableTensions, "tension_sensors")
+    clock = one.listen(Clock, "/clock")
+    motors = one.listen(JointState, "motor_states")
+    assert one.spin_until(lambda: len(cells) > 30 and len(clock) > 30)
+    assert list(cells[-1].name) == ["upper/8", "lower/1"]
+    settled = np.array([message.tension for message in cells])
+    np.testing.assert_allclose(settled.mean(axis=0), one.rig.rig.tension[[7, 8]], atol=0.1)
+    assert 0.0 < np.std(settled) < 20.0
+    stamps = [m.clock.sec * 1_000_000_000 + m.clock.nanosec for m in clock]
+    assert set(np.diff(stamps)) == {5_000_000}
+    effort = np.array([message.effort[0] for message in motors])
+    np.testing.assert_allclose(effort.mean(), one.rig.rig.motor_effort[0], atol=5e-3)
+
+    def set_one(name: str, value: Any) -> bool:
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        answer = one.call(SetParameters, "rig/set_parameters", request)
+        return bool(answer.results[0].successful)
+
+    before = one.rig.rig.joint_angle[0]
+    assert set_one("payload", 2), "a whole number is meant as 2.0"
+    assert one.spin_until(lambda: one.rig.rig.joint_angle[0] < before - 1e-3)
+    assert not set_one("payload", -1.0)
+    assert not set_one("preload", [1.0, 2.0])
+    assert not set_one("cells", 4)
+
+
+def test_the_documents_table_lists_every_parameter_topic_and_service(bench: Any) -> None:
+    one = bench(truth_rate=1.0, drive_clock=True, load_cells=["upper/8"])
+    rows = re.findall(r"^\| (in|out|service|parameter) \| (.+?) \|", PAGE.read_text(), re.MULTILINE)
+    listed: dict[str, set[str]] = {}
+    for kind, names in rows:
+        listed.setdefault(kind, set()).update(re.findall(r"`([^`]+)`", names))
+    declared = set(one.rig.list_parameters([], 0).names)
+    assert listed["parameter"] == declared - {"use_sim_time", "start_type_description_service"}
+
+    def relative(found: list[tuple[str, list[str]]]) -> set[str]:
+        names = {name.removeprefix("/cdrj/").replace("rig/", "~/") for name, _ in found}
+        return {name for name in names if name not in ("/rosout", "/parameter_events")}
+
+    def graph() -> dict[str, set[str]]:
+        who = ("rig", "/cdrj")
+        return {
+            "in": relative(one.user.get_subscriber_names_and_types_by_node(*who)),
+            "out": relative(one.user.get_publisher_names_and_types_by_node(*who)),
+        }
+
+    assert one.spin_until(lambda: graph() == {"in": listed["in"], "out": listed["out"]}), graph()
+    services = relative(one.user.get_service_names_and_types_by_node("rig", "/cdrj"))
+    assert listed["service"] == {name for name in services if "param" not in name} - {
+        "~/get_type_description"
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"robot": ""}, "the parameter robot is missing"),
+        ({"use_sim_time": True}, "the rig keeps its own time"),
+        ({"joint": "knee"}, "joint must be one of elbow, got 'knee'"),
+        ({"stop": [0.1]}, "stop needs two numbers"),
+        ({"stop": [0.2, 0.1]}, "the stops of elbow must lie within its range"),
+        ({"load": "feather"}, "load must be one of rolling, pendulum, lift"),
+        ({"motion": "waltz"}, "motion must be one of none, sine"),
+        ({"speed": 2.0}, "speed 2 needs drive_clock"),
+        ({"load_cells": ["upper/99"]}, "load_cells must be of upper/1"),
+        ({"rotor_inertia": 1e-9}, "rotor_inertia must be at least"),
+        ({"payload": 5000.0}, "the cables hold the load in no pose of elbow"),
+    ],
+)
+def test_a_parameter_that_cannot_be_is_refused_at_the_start(
+    ros: None, given: dict[str, Any], words: str
+) -> None:
+    from rclpy.node import Node
+
+    from cdrj_ros.nodes.rig import RigNode
+
+    made: list[Node] = []
+    with pytest.raises(UsageError, match=words):
+        made.append(RigNode(parameter_overrides=overrides(**given)))
+    assert not made
+
+
+def test_the_command_says_what_is_missing_in_one_line(executables: Path) -> None:
+    ended = subprocess.run(
+        [executables / "rig"], capture_output=True, text=True, check=False, timeout=COMPILING_S
+    )
+    assert ended.returncode == 2
+    last = ended.stderr.strip().splitlines()
+    assert last == ["rig: the parameter robot is missing: --ros-args -p robot:=FILE"]
