@@ -66,7 +66,7 @@ class Batch:
     declared: tuple[tuple[int, bytes], ...] = ()
     """Schema and channel records found among the messages: (code, content)."""
     note: str = ""
-    """What was wrong with the stretch, in plain words."""
+    """What was wrong with the stretch, as a sentence; empty where nothing was."""
 
     @property
     def octets(self) -> Octets:

@@ -1,7 +1,7 @@
 """Bounds on everything that a bag may claim, each with its reason.
 
-A bag is data from anywhere.  A few kilobytes of it can claim, or unpack to, more than a machine
-has.  No honest recording comes near these bounds; `docs/reliability.md` lists them.
+A bag may come from anywhere.  A few kilobytes can claim, or unpack to, more memory than a machine
+has.  No ordinary recording comes near these bounds; `docs/reliability.md` lists them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ CHUNK_BYTES: Final = 1 << 26
 """Of one chunk of an MCAP file, unpacked, and of what is unpacked ahead of its use.  Writers make
 chunks of 1 to 4 MB."""
 UNPACKED_FREE: Final = 1 << 28
-"""Bytes that every file may unpack to in one pass: chunks, single messages or the whole file."""
+"""Bytes that any file may unpack to in one pass: chunks, single messages or the whole file."""
 UNPACKED_RATIO: Final = 1000
 """Beyond `UNPACKED_FREE`, how many bytes may stand for each byte on the disk.  Joint states of a
 robot at rest reach some 100; a file made to fill the memory reaches 30 000."""

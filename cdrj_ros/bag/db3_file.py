@@ -103,7 +103,7 @@ class Db3File:
         return connection
 
     def _bounded(self, uri: str) -> sqlite3.Connection:
-        """A connection that gives up after more work than an honest file of this size needs."""
+        """A connection that gives up after more work than a sound file of this size needs."""
         connection = sqlite3.connect(uri, uri=True, check_same_thread=False)
         connection.text_factory = lambda data: data.decode(errors="replace")
         left = (DATABASE_STEPS_FREE + DATABASE_STEPS * self._size) // _STEPS_AT_ONCE

@@ -109,7 +109,7 @@ class McapFile:
                 pass
 
     def state(self) -> str:
-        """What is unusual about the file's end, for a reader of notes; empty where it is whole."""
+        """A note on how the file ends; empty where it is complete and indexed."""
         if not self.complete:
             return (
                 f"{self.path.name} is cut at byte {self._cut_at} (no footer): "

@@ -1,4 +1,4 @@
-"""A bag as messages in order of time, still as bytes; and what topics it has."""
+"""The messages of a bag in order of time, still as bytes, and its topics."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class TopicInfo:
 
 
 def list_topics(path: Path | str) -> tuple[TopicInfo, ...]:
-    """The topics of a bag by name; reads messages only where no statistics tell their number."""
+    """The topics of a bag by name; messages are read only where the file has no statistics."""
     source = open_source(path)
     found: dict[str, TopicInfo] = {}
     for file in source.files:
@@ -61,8 +61,8 @@ def read_messages(
     """The messages of these topics in order of log time, across topics and split files.
 
     Only those with start_ns ≤ log_ns < end_ns, where given.  Equal times keep the order of the
-    file.  Topics that are not there give nothing; BagError at once where none is there.  Holds no
-    more than the parts of the bag that overlap in time.
+    file.  Missing topics are ignored, but BagError is raised at once where all are missing.  Only
+    the parts of the bag that overlap in time are in memory.
     """
     source = path if isinstance(path, Source) else open_source(path)
     for file in source.files:
@@ -94,7 +94,7 @@ def _counts(file: BagFile) -> dict[int, int]:
 
 
 class _Waiting(NamedTuple):
-    """Messages of one batch not yet given, in order of log time."""
+    """Messages of one batch that are still to be yielded, in order of log time."""
 
     rank: int
     """Place of the batch among all of the bag; decides the order of equal times."""
@@ -106,7 +106,7 @@ class _Waiting(NamedTuple):
 
 
 def _in_order(source: Source, topics: set[str], low: int, high: int) -> Iterator[RawMessage]:
-    """Merge: a message is given once no later stretch can hold an earlier one."""
+    """Merge: a message is yielded once no later stretch can hold an earlier one."""
     parts = [(stretch, file) for file in source.files for stretch in file.stretches]
     plan = [
         (rank, stretch, file)
@@ -133,7 +133,7 @@ def _in_order(source: Source, topics: set[str], low: int, high: int) -> Iterator
 
 
 def _split(waiting: list[_Waiting], until: int) -> tuple[list[_Waiting], list[_Waiting]]:
-    """What must wait, and what may be given: log times before `until`."""
+    """Split into messages from `until` on, which must wait, and those before."""
     later: list[_Waiting] = []
     ready: list[_Waiting] = []
     for part in waiting:

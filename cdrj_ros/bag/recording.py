@@ -1,4 +1,4 @@
-"""A bag as channels of numbers over time: what was measured, and what it is to be compared with."""
+"""A bag as channels of numbers over time: measured inputs and the references beside them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REFERENCE_ARRAYS: Final[Mapping[str, tuple[str, str]]] = {
 
 @dataclass(frozen=True)
 class Topics:
-    """Where things are in a bag."""
+    """Names of the topics that are read."""
 
     motors: str = "/cdrj/motor_states"
     joints: str = "/cdrj/joint_states"
@@ -37,7 +37,7 @@ class Topics:
         "/reference/nodal_forces",
         "/reference/efforts",
     )
-    """Each holds CableTensions, NodalForces or efforts in a JointState; need not be there."""
+    """Each holds CableTensions, NodalForces or efforts in a JointState; all may be missing."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Recording:
     malformed: Mapping[str, int]
     """Messages refused whole, by topic: not decodable, or not as many values as names."""
     notes: tuple[str, ...]
-    """What was unusual about the bag, in plain words."""
+    """Anything unusual about the bag, as sentences."""
 
 
 def read_recording(

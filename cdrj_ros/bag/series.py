@@ -1,4 +1,4 @@
-"""What a recording holds of one channel, and how it is put together from decoded messages."""
+"""One channel of a recording over time, and how it is assembled from decoded messages."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cdrj_ros.bag.batch import Int64s
 from cdrj_ros.foundation.text import printable
 
-Int64s = npt.NDArray[np.int64]
 Float64s = npt.NDArray[np.float64]
 
 
@@ -80,7 +80,7 @@ class Table:
         self.rows = rows
 
     def trim(self) -> None:
-        """Give back what is not used."""
+        """Release unused capacity."""
         self._resize(self.rows)
 
     def _resize(self, capacity: int) -> None:
@@ -90,7 +90,7 @@ class Table:
 
 
 def series_by_name(parts: Iterable[Decoded]) -> dict[str, Series]:
-    """Put together what was decoded of one topic; the tables of `parts` are taken out.
+    """Assemble the channels of one topic; the tables of `parts` are removed from them.
 
     Equal log times keep the order of the file.  Arrays are contiguous and read-only; channels
     whose messages are the same share their times.

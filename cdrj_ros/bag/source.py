@@ -143,7 +143,7 @@ def _file_names(text: str) -> list[str]:
 
 
 def _found(folder: Path, notes: list[str]) -> list[Path]:
-    """The MCAP files of a folder whose metadata does not tell: the parts of one recording."""
+    """The files of a folder without usable metadata: the parts of one recording."""
     recordings: dict[str, list[tuple[int, Path]]] = {}
     try:
         paths = sorted(folder.iterdir())

@@ -86,7 +86,7 @@ class BagWriter:
     def __init__(
         self, path: Path | str, *, compression: str = "zstd", chunk_bytes: int = _CHUNK_BYTES
     ) -> None:
-        """`path` is the folder to be made; `compression` of the chunks is zstd, lz4 or empty."""
+        """`path` is the folder to create; `compression` of the chunks is zstd, lz4 or empty."""
         self.path = Path(path)
         if self.path.exists():
             raise BagError(f"{self.path} exists already; a bag is written to a new folder")
@@ -128,7 +128,7 @@ class BagWriter:
         log_ns: ArrayLike | None = None,
         frame_id: str = "",
     ) -> None:
-        """sensor_msgs/JointState; stamps (n,), arrays (n, len(names)); None is sent as empty."""
+        """sensor_msgs/JointState; stamps (n,), arrays (n, len(names)); None is written as empty."""
         arrays = {"position": position, "velocity": velocity, "effort": effort}
         self._write(JOINT_STATE.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
 
@@ -146,7 +146,7 @@ class BagWriter:
     ) -> None:
         """cdrj_msgs/CableTensions [N]; stamps (n,), arrays (n, len(names)).
 
-        `stddev` of None is sent as empty (not known), `status` of None as OK.
+        `stddev` of None is written as empty (not known), `status` of None as OK.
         """
         status = np.zeros(np.shape(tension), np.uint8) if status is None else status
         arrays = {"tension": tension, "stddev": stddev, "status": status}
@@ -171,7 +171,8 @@ class BagWriter:
     ) -> None:
         """cdrj_msgs/NodalForces [N, m/s]; stamps (n,), arrays (n, len(names)).
 
-        `status` of None is sent as OK, any other array of None as empty (not known).
+        `status` of None is written as OK, any other array of None as empty (not known).
+        Takes 14 arguments because the message has eight arrays and each may be missing.
         """
         status = np.zeros(np.shape(magnitude), np.uint8) if status is None else status
         arrays = {

@@ -35,7 +35,7 @@ TEXT: Final = "text"
 
 
 class MessageError(BagError):
-    """A payload that is not the message it is said to be."""
+    """A payload that does not decode as a message of its type."""
 
 
 @dataclass(frozen=True)
@@ -169,9 +169,10 @@ class _Walk:
 
 
 def read_layout(payload: bytes, fields: Sequence[Field]) -> Layout:
-    """Work out where each of `fields` lies in `payload`; allocates nothing a payload merely claims.
+    """Work out where each of `fields` lies in `payload`.
 
-    Bytes behind the last field are allowed: some senders pad to four.
+    Nothing is allocated for lengths that a payload only claims.  Bytes behind the last field are
+    allowed: some senders pad to four.
     """
     walk = _Walk(payload)
     numbers: dict[str, Span] = {}
@@ -192,7 +193,7 @@ def read_layout(payload: bytes, fields: Sequence[Field]) -> Layout:
 
 @dataclass(frozen=True)
 class _KnownJointState:
-    """What `JointStateDecoder` remembers of a layout."""
+    """A layout in the form in which `JointStateDecoder` compares it."""
 
     representation: bytes
     head: bytes
@@ -215,10 +216,10 @@ class JointStateDecoder:
     """
 
     KEPT: Final = 8
-    """Layouts remembered for each payload length: several senders may share a topic."""
+    """Layouts remembered for each payload length; several senders may share a topic."""
 
     KEPT_BYTES: Final = 4_000_000
-    """Of payloads whose layouts are remembered, together."""
+    """Total size of the payloads whose layouts are remembered."""
 
     def __init__(self) -> None:
         """Nothing is remembered yet."""
@@ -245,7 +246,7 @@ class JointStateDecoder:
         return self(payload)
 
     def _learn(self, payload: bytes) -> None:
-        """Remember the layout of a payload unlike those before, or say what is wrong with it."""
+        """Remember the layout of a payload that differs from those before, or raise."""
         layout = read_layout(payload, JOINT_STATE.fields)
         names, span = layout.texts["name"], layout.numbers["position"]
         if len(names) != span.count:
@@ -290,7 +291,7 @@ def cable_tensions(
 def joint_state_efforts(payload: bytes) -> tuple[int, tuple[str, ...], npt.NDArray[np.float64]]:
     """The efforts of a JointState: (stamp_ns, names, effort [N m], shape (n,)); n is 0 without any.
 
-    Not for every message: it reads the whole layout.
+    The whole layout is read each time, where `JointStateDecoder` remembers it.
 
     Raises:
         MessageError: not a JointState, or some but not as many efforts as names.

@@ -171,7 +171,7 @@ def test_a_message_that_unpacks_without_end_is_malformed(make, tmp_path):
     np.testing.assert_array_equal(read.motors["motor"].value, [0, 1, 2])
 
 
-def test_a_message_of_many_megabytes_is_read_or_refused_but_not_feared(make, tmp_path):
+def test_a_message_of_many_megabytes_is_read(make, tmp_path):
     names = [f"joint_{i:06d}" for i in range(100_000)]
     values = np.arange(len(names), dtype=float)
     messages = [(make.topic, k + 1, make.joint_state(k + 1, names, values + k)) for k in range(2)]
