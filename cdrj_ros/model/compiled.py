@@ -10,14 +10,25 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numba
 from numba.extending import register_jitable
 
+from cdrj_ros.model.kernel_cache import KernelCache, kernel_cache
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 _FOLDER = Path(__file__).parent
+
+_NEEDED: Final = (
+    "cdrj_ros.model.shape.shape",
+    "cdrj_ros.model.mechanism.advance",
+    "cdrj_ros.estimation.ensemble._update",
+)
+"""Kernels that are called first; those within them are compiled before them."""
+
+_CACHES: Final[dict[str, KernelCache | None]] = {}
 
 
 def source_digest(*more: Path) -> str:
@@ -34,15 +45,30 @@ def compiled(function: F, inline: bool = False) -> F:
     IEEE arithmetic is kept (no ``fastmath``): the node and the offline tools must agree bit for
     bit.  A division by zero yields inf or NaN, as in NumPy.  Kernels release the interpreter's
     lock, so that threads run them side by side.
+
+    Args:
+        function: of scalars and arrays, in the part of Python that numba compiles.
+        inline: whether it becomes part of each of its callers.
     """
     if getattr(numba.config, "DISABLE_JIT", 0):  # NUMBA_DISABLE_JIT=1, for a debugger
         return function
-    dispatcher: Any = numba.njit(cache=True, error_model="numpy", nogil=True, forceinline=inline)(
-        function
-    )
-    stamp = source_digest(Path(function.__code__.co_filename))
-    dispatcher._cache._cache_file._source_stamp = stamp
+    dispatcher: Any = numba.njit(error_model="numpy", nogil=True, forceinline=inline)(function)
+    cache = kernel_cache(function, source_digest(Path(function.__code__.co_filename)))
+    if cache is not None:
+        dispatcher._cache = cache
+    _CACHES[f"{function.__module__}.{function.__qualname__}"] = cache
     return dispatcher
+
+
+def kernels_are_compiled() -> bool:
+    """Whether what an estimator needs is on disk, so that its first sample is taken at once.
+
+    Cheap: nothing is loaded.  Otherwise the first call of ``step`` compiles for up to a minute;
+    whoever calls this says so before.  Import what will run first: kernels of modules that have
+    not been imported are not asked for.
+    """
+    caches = [_CACHES[name] for name in _NEEDED if name in _CACHES]
+    return all(cache is not None and cache.is_filled() for cache in caches)
 
 
 def usable_in_kernels(function: F) -> F:

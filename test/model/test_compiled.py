@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import cdrj_ros.model
+from cdrj_ros.model import compiled
 from cdrj_ros.model.compiled import source_digest
 
 MODEL = Path(cdrj_ros.model.__file__).resolve().parent
@@ -86,3 +87,106 @@ def test_the_stamp_covers_every_source_and_those_named(tmp_path: Path) -> None:
     assert first != stamp
     more.write_text("x = 2\n", encoding="utf-8")
     assert source_digest(more) not in (first, stamp)
+
+
+# the smallest program that compiles a kernel, on a copy of the package
+LEAST = """
+import logging, sys
+logging.basicConfig(format="%(message)s")
+{before}
+from cdrj_ros.model.compiled import kernels_are_compiled
+from cdrj_ros.model.friction import capstan_transmission, sliding_transmission
+print(sliding_transmission(0.0, 0.1, 0.1, 1.0, 1.0, 0), kernels_are_compiled())
+print(sum(sliding_transmission.stats.cache_hits.values()) if hasattr(
+    sliding_transmission.stats, "cache_hits") else 0)
+"""
+
+
+def run_least(folder: Path, before: str = "", **environment: str) -> subprocess.CompletedProcess:
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "PYTHONDONTWRITE"))}
+    return subprocess.run(
+        [sys.executable, "-c", LEAST.format(before=before)],
+        cwd=folder,
+        env={**kept, "PYTHONPATH": str(folder), **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture
+def copied(tmp_path: Path) -> Path:
+    """A copy of the package without compiled kernels."""
+    ignored = shutil.ignore_patterns("__pycache__", "assets", "msg")
+    shutil.copytree(MODEL.parent, tmp_path / "cdrj_ros", ignore=ignored)
+    shutil.copy(MODEL.parents[1] / "package.xml", tmp_path)
+    return tmp_path
+
+
+NOWHERE = {"HOME": "/dev/null/home", "XDG_CACHE_HOME": "/dev/null/cache"}
+
+
+def test_without_a_place_for_kernels_they_are_compiled_in_memory_and_it_is_said(
+    copied: Path,
+) -> None:
+    (copied / "cdrj_ros" / "model" / "__pycache__").touch()  # a file: nobody can write into it
+    done = run_least(copied, **NOWHERE)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("0.9048374180359595")
+    assert done.stderr.count("there is no place for compiled kernels") == 1
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_full_disk_does_not_stop_a_kernel(copied: Path) -> None:
+    full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))"
+    done = run_least(copied, full)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("0.9048374180359595")
+    assert done.stderr.count("compiled kernels cannot be kept in") == 1
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_installed_kernels_run_where_nothing_can_be_written(copied: Path) -> None:
+    assert run_least(copied).returncode == 0
+    refused = """
+import tempfile
+def refuse(*_, **__): raise PermissionError("read-only")
+tempfile.TemporaryFile = refuse
+"""
+    done = run_least(copied, refused, **NOWHERE)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[1] == "1", "loaded, not compiled"
+    assert not done.stderr
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+@pytest.mark.parametrize("left", [0, 40])
+def test_a_damaged_kernel_is_discarded_and_compiled_anew(
+    copied: Path, ending: str, left: int
+) -> None:
+    assert run_least(copied).returncode == 0
+    folder = copied / "cdrj_ros" / "model" / "__pycache__"
+    (damaged,) = folder.glob(f"friction.sliding_transmission-*.{ending}")
+    damaged.write_bytes(damaged.read_bytes()[:left])
+    done = run_least(copied)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("0.9048374180359595")
+    assert done.stderr.count("is discarded and compiled anew") == 1
+    assert len(done.stderr.splitlines()) == 1
+    again = run_least(copied)
+    assert again.stdout.splitlines()[1] == "1"
+    assert not again.stderr
+
+
+def test_whether_kernels_are_compiled_is_asked_of_kernels_that_exist(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import cdrj_ros.estimation.ensemble  # noqa: F401 - registers its kernels
+
+    caches = [compiled._CACHES[name] for name in compiled._NEEDED]
+    assert len(caches) == 3
+    for cache in caches:
+        monkeypatch.setattr(cache, "is_filled", lambda: True)
+    assert compiled.kernels_are_compiled()
+    monkeypatch.setattr(caches[-1], "is_filled", lambda: False)
+    assert not compiled.kernels_are_compiled()
