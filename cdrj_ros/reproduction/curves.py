@@ -1,4 +1,4 @@
-"""Features of curves: what the source says of its figures in words, in numbers.
+"""Features of curves: numbers for what the source says of its figures in words.
 
 A cycle goes from one upper limit of the joint to the next: a stroke down, a stroke up.
 """
@@ -34,7 +34,7 @@ def smooth(values: Vector, share: float = LIGHT) -> Vector:
 def humps(values: Vector) -> int:
     """Maxima of a closed cycle after light smoothing: 2 for an M, as for a W upside down."""
     once = smooth(values)
-    start = int(np.argmin(once))  # from the lowest point, so that no hump lies across the ends
+    start = int(np.argmin(once))  # begins at the lowest point, so that no hump is cut in two
     turned = np.concatenate([once[start:], once[: start + 1]])
     return len(
         find_peaks(
@@ -91,6 +91,6 @@ def at_mid_range(angle: Vector, values: Vector) -> tuple[float, float]:
 
 
 def near_turns(time: Vector, turns: tuple[float, ...], within: float) -> NDArray[np.bool_]:
-    """Which times [s] lie at most ``within`` [s] after a turn of the joint, or as much before."""
+    """Whether each time [s] is at most ``within`` [s] from a turn of the joint."""
     distance = np.min(np.abs(time[:, None] - np.asarray(turns)[None, :]), axis=1)
     return np.asarray(distance <= within)

@@ -1,10 +1,9 @@
-"""The source's figures 8, 9, 12, 13 and 14, and what its choices change.
+"""The source's figures 8, 9, 12, 13 and 14, and the effects of its choices.
 
-Two widths, one set of fonts and colours.  The upper cable is blue, the lower vermilion (Okabe and
-Ito: told apart by colour-blind readers); what the rig measured is a thick pale line, what is
-estimated a thin dark one on top.
+The upper cable is blue, the lower vermilion (Okabe and Ito, distinguishable by colour-blind
+readers).  Measurements of the rig are thick pale lines, estimates thin dark ones on top.
 
-Importing this module imports matplotlib, which is slow; import it where pictures are made.
+This module imports matplotlib, which is slow; import it only where pictures are drawn.
 """
 
 from __future__ import annotations
@@ -175,7 +174,7 @@ def sensitivity() -> Figure:
 
 
 def effect_of_rho(study: Study) -> Figure:
-    """Figure 9: what sliding and bearing friction do to a cycle and along the cables."""
+    """Figure 9: effects of sliding and bearing friction on a cycle and along the cables."""
     figure = Figure(figsize=(DOUBLE, 5.6), layout="constrained")
     panels = figure.subplots(3, len(study.free), sharey="row")
     for column, (rho, run) in enumerate(study.free.items()):

@@ -1,4 +1,4 @@
-"""The source's experiments on the simulated rig: what was measured, what is estimated.
+"""The source's experiments on the simulated rig: measurements and estimates.
 
 The rig is made with the values of rho that the source identified on its own rig, cable by cable
 and preload by preload.  Figures 12 and 13 are estimated with the one rho = 0.2 that the source
@@ -51,7 +51,7 @@ FREE_RHOS: Final = (0.0, 0.2, 1.0)
 """rho in figure 9: bearings alone, the source's common value, sliding alone."""
 
 EPOCH_NS: Final = 1_000_000_000
-"""Stamp of a run's start [ns]."""
+"""Stamp of the start of a run [ns]."""
 
 MAX_GAP_NS: Final = 100_000_000
 """References are compared only between estimates at most this far apart [ns]."""
@@ -83,7 +83,7 @@ class Motion:
     frequency: float = 0.1
     """[Hz]."""
     cycles: int = 2
-    """Cycles that are looked at, from upper limit to upper limit."""
+    """Cycles that are evaluated, from upper limit to upper limit."""
     dwell: float = 1.0
     """Rest in the reference pose before [s]."""
     rate: float = 1000.0
@@ -96,14 +96,14 @@ class Motion:
 
     @property
     def begin(self) -> float:
-        """Time of the first cycle that is looked at [s]: the first full upper limit."""
+        """Time of the first evaluated cycle [s]: the first full upper limit."""
         return self.dwell + 1.25 * self.period
 
     def path(self) -> tuple[Vector, Vector, Vector, Vector]:
         """Time [s], angle [rad], speed [rad/s] and acceleration [rad/s^2] of the joint.
 
-        The sine grows over its first period.  Half a second more than the cycles need is there
-        because the joint waits at each reversal.
+        The amplitude grows over the first period.  The path is half a second longer than the
+        cycles, because the joint waits at each reversal.
         """
         end = self.begin + self.cycles * self.period + 0.5
         time = np.arange(round(end * self.rate) + 1) / self.rate
@@ -117,7 +117,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Recording:
-    """What an experiment gave: encoder readings and load cells, and the truth behind them."""
+    """Result of an experiment: encoder and load cell readings, and the truth."""
 
     truth: Truth
     samples: Samples
@@ -127,14 +127,14 @@ class Recording:
     readings: Mapping[str, Vector]
     """Of the load cells by channel name [N], shape (n,) each."""
     noiseless: Mapping[str, Vector]
-    """The truth that those cells read, shape (n,) each."""
+    """The true values at the same stamps [N], shape (n,) each."""
     turns: tuple[float, ...]
     """Times at which the joint turns, from an upper limit to an upper limit [s]."""
 
 
 @dataclass(frozen=True)
 class Free:
-    """A motion without measurements: what the model gives for a prescribed joint motion."""
+    """The model's tensions for a prescribed joint motion, without measurements."""
 
     time: Vector
     """From the first upper limit [s], shape (n,)."""
@@ -213,7 +213,7 @@ def record(
     Args:
         robot: with the preloads and the friction of the rig.
         motion: of the joint.
-        cells: contact cells a pulley.
+        cells: contact cells per pulley.
         seed: of the load cells' noise.
         progress: called with the share that is done, in [0, 1].
     """
@@ -257,7 +257,7 @@ def estimate(recording: Recording, robot: Robot) -> dict[str, Channel]:
 
     Args:
         recording: from ``record``.
-        robot: what the estimator believes: its preloads, rho, law.
+        robot: the estimator's preloads, rho and law.
 
     Returns:
         Channels ``tension/cable/element``, ``nodal_force/cable/node`` and ``friction/cable/node``.
@@ -293,7 +293,7 @@ def move_freely(
     lever: float = 1.0,
     progress: Progress | None = None,
 ) -> Free:
-    """Tensions that the lumped model gives for a joint motion: the source's simulation.
+    """Tensions of the lumped model for a prescribed joint motion: the source's simulation.
 
     Args:
         robot: with its preloads and friction.
@@ -346,10 +346,10 @@ def _stamps(times: Vector) -> NDArray[np.int64]:
 
 
 def _turns(time: Vector, angle: Vector, motion: Motion) -> tuple[float, ...]:
-    """When the joint really turned: it waits at reversals, so a little later than prescribed.
+    """Times at which the joint turned, a little later than prescribed since it waits at reversals.
 
     Raises:
-        UsageError: it fell behind altogether.
+        UsageError: it did not reach a limit.
     """
     turns = []
     for k in range(2 * motion.cycles + 1):

@@ -22,7 +22,7 @@ CENTRE: Final = {
     "radius_mm": 11.0,
     "wrap_deg": 105.4,
 }
-"""What is not varied: Table II, pulley 3 of Table I, slip at the Stribeck speed."""
+"""Parameters that are not varied: Table II, pulley 3 of Table I, slip at the Stribeck speed."""
 
 WRAPS_DEG: Final = (32.1, 105.4, 180.0)
 """Pulleys 4, 3 and 7 of Table I."""

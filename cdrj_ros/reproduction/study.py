@@ -1,4 +1,4 @@
-"""Everything that the figures and tables are drawn from, computed once."""
+"""All runs and numbers behind the figures and tables."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from cdrj_ros.robot.description import Robot
 Vector = NDArray[np.float64]
 
 NEAR_S: Final = 0.5
-"""Within this of a turn of the joint an error counts as one of the reversal [s]."""
+"""Time from a turn of the joint within which an error counts as one of the reversal [s]."""
 
 CHOICES: Final[Mapping[str, Callable[[Robot], Robot]]] = {
     "law steady, (24) and (37) with the sign of motion": lambda r: with_friction(r, law="steady"),
@@ -54,7 +54,7 @@ CHOICES: Final[Mapping[str, Callable[[Robot], Robot]]] = {
     "rho = 0.2 for both cables": lambda r: with_friction(r, rho=COMMON_RHO),
     "arcs constant, (3)": with_constant_wraps,
 }
-"""Estimators that differ from ours in one choice, most of them the source's."""
+"""Estimators that differ from ours in one choice; most choices are the source's."""
 
 STEADY, LUGRE = tuple(CHOICES)[:2]
 
@@ -73,7 +73,7 @@ TOLD: Final = ("tension/{}/8", "nodal_force/{}/3", "friction/{}/3")
 
 @dataclass(frozen=True)
 class Result:
-    """One experiment: the rig, and what several estimators make of it."""
+    """One experiment: the rig's recording and the estimates of several estimators."""
 
     experiment: Experiment
     recording: Recording
@@ -84,7 +84,7 @@ class Result:
     choices: Mapping[str, Mapping[str, Channel]]
     """As ``identified``, with one of ``CHOICES``."""
     forward: Mapping[str, Free | None]
-    """The prescribed motion by each of ``FORWARD``; None where a cable would have to push."""
+    """The prescribed motion with each of ``FORWARD``; None if a cable would have to push."""
 
     @property
     def label(self) -> str:
@@ -92,7 +92,7 @@ class Result:
         return "{:.2f} / {:.2f} N".format(*self.experiment.preload)
 
     def used(self, channel: str) -> Channel:
-        """What the figure of this channel shows: friction with rho identified, else rho = 0.2."""
+        """The estimate in the figures: friction with rho identified, others with rho = 0.2."""
         return (self.identified if channel.startswith("friction") else self.common)[channel]
 
     def seconds(self, channel: Channel) -> Vector:
@@ -101,7 +101,7 @@ class Result:
         return np.asarray((channel.stamp_ns - origin) * 1e-9)
 
     def true_error(self, channel: Channel) -> Vector:
-        """Estimate less the truth that the load cells read with noise [N]."""
+        """Estimate less true value, without the noise of the load cells [N]."""
         at = np.searchsorted(self.recording.stamp_ns, channel.stamp_ns)
         return np.asarray(channel.estimate - self.recording.noiseless[channel.name][at])
 
@@ -118,7 +118,7 @@ class Study:
     robot: Robot
     motion: Motion
     cells: int
-    """Contact cells a pulley of the rig."""
+    """Contact cells per pulley of the rig."""
     results: tuple[Result, ...]
     free: Mapping[float, Free]
     """Figure 9: by rho."""
@@ -130,7 +130,7 @@ def work(robot: Robot, motion: Motion, *, cells: int, progress: Progress) -> Stu
     Args:
         robot: the prototype.
         motion: of the joint.
-        cells: contact cells a pulley of the rig.
+        cells: contact cells per pulley of the rig.
         progress: called with the share that is done, in [0, 1].
     """
     weights = [float(cells)] * len(EXPERIMENTS) + [1.0] * (len(FREE_RHOS) + 2 * len(FORWARD))
@@ -195,13 +195,13 @@ def _taut(
 
 
 def errors_of(channels: Mapping[str, Channel], pattern: str) -> ChannelError:
-    """A pattern's error, mean over both cables as in the source."""
+    """Errors of a pattern of channels, averaged over both cables as in the source."""
     named = (channels[pattern.format(cable)] for cable in CABLES)
     return mean_over_channels(channel_error(c.estimate, c.reference) for c in named)
 
 
 def change_of(result: Result, choice: str, pattern: str) -> tuple[float, float]:
-    """What a choice of ``CHOICES`` changes in our estimate: mean and largest, both cables [N]."""
+    """Change of our estimate by one of ``CHOICES``: mean and largest over both cables [N]."""
     changes = [
         np.abs(result.choices[choice][name].estimate - result.identified[name].estimate)
         for name in (pattern.format(cable) for cable in CABLES)
@@ -210,10 +210,10 @@ def change_of(result: Result, choice: str, pattern: str) -> tuple[float, float]:
 
 
 def forward_change(result: Result, name: str, element: int) -> tuple[float, float] | None:
-    """What a printed equation changes in the tensions of a prescribed motion: mean, largest [N].
+    """Change of the tensions of a prescribed motion by a printed equation: mean and largest [N].
 
-    The joint waits a little longer or shorter at a reversal, so a tenth of a second before and
-    after each is left out.  None where the motion asks for a slack cable.
+    The joint waits for different times at reversals, so a tenth of a second before and after each
+    is left out.  None if a cable would have to push.
     """
     ours, theirs = result.forward[CORRECTED], result.forward[name]
     if ours is None or theirs is None:

@@ -54,7 +54,7 @@ WHY_NOT: Final = {
     "bristle_damping": "a constant sigma1 chatters where mu_s > mu_c; key bristle_damping",
     "viscous": "the source leaves it out of (36); 5 N a pulley at 10 mm/s; key viscous",
 }
-"""Why a value of Table II is not the prototype's, by field."""
+"""Why the prototype file differs from a value of Table II, by field."""
 
 PUBLISHED: Final = (
     ("tension of element 8", (1.34, 13.65), (1.10, 4.44)),
@@ -81,7 +81,7 @@ REASONS: Final = (
         "is about 0.3 N on average, ours 1 to 2 N with the same tables and rho."
     ),
 )
-"""Why theirs and ours differ, in the order of ``TOLD``."""
+"""Why the source's errors and ours differ, in the order of ``TOLD``."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Table:
 
 
 def tables(study: Study) -> tuple[Table, ...]:
-    """All of them, in the order of the source."""
+    """All tables, in the order of the source."""
     return (
         pulleys(study.robot),
         friction_parameters(study.robot),
@@ -206,7 +206,7 @@ def errors(study: Study) -> Table:
 
 
 def choices(study: Study) -> Table:
-    """What single choices change in the estimate, in newtons."""
+    """Changes of the estimate by single choices [N]."""
     rows = []
     for choice in CHOICES:
         cells = [choice]
@@ -234,7 +234,7 @@ def choices(study: Study) -> Table:
 
 
 def equations(study: Study) -> Table:
-    """What the printed equations of the joint change in a prescribed motion, in newtons."""
+    """Changes of the tensions of a prescribed motion by the joint's printed equations [N]."""
     rows = []
     for name in list(FORWARD)[1:]:
         cells = [name]
