@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from math import degrees, isfinite, pi
 from typing import TYPE_CHECKING, Any, Final
 
+from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.shared import DONE, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, write_text
@@ -56,6 +57,7 @@ def _body(argv: Sequence[str]) -> int:
         {"--json": None if to_terminal else arguments.json, "--png": arguments.png},
         [robot_path(arguments.robot)],
     )
+    announce_compilation()
     model = load_model(arguments.robot, arguments.preload)
     inspection = inspect_robot(model, _loads(arguments.load))
     suspicions = find_suspicions(inspection)

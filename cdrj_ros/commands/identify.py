@@ -13,6 +13,7 @@ from time import monotonic, perf_counter
 from typing import Any
 
 from cdrj_ros.bag import Recording, Topics
+from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.identify_results import (
     COVARIANCE_LIMIT,
     Compared,
@@ -155,6 +156,7 @@ def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     task = _task(arguments)
     begin = perf_counter()
+    announce_compilation()
     model = prepare(build_robot(task.document, task.source))
     recordings = _read(task.bags, task.topics, model)
     read = perf_counter()

@@ -10,6 +10,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Final
 
+from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.shared import DONE, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
@@ -59,9 +60,9 @@ def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     folder = _output_folder(Path(arguments.out), arguments.force)
     begin = monotonic()
+    announce_compilation()
     robot = load_model("prototype").robot
     motion, cells = QUICK if arguments.quick else WHOLE
-    print("the first run compiles the kernels, up to a minute", file=sys.stderr, flush=True)
     with progress_bar("running the rig", 1.0) as report:
         study = work(robot, motion, cells=cells, progress=report)
     drawn = _draw(study, folder, quick=arguments.quick)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.bag import BagWriter, Topics
+from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.shared import DONE, run_command
 from cdrj_ros.commands.simulate_motion import (
     TRUTH_RATE,
@@ -52,6 +53,7 @@ def _body(argv: Sequence[str]) -> int:
     arguments = parser().parse_args(argv)
     check_ranges(arguments)
     _check_output(Path(arguments.out))
+    announce_compilation()
     model = load_model(arguments.robot, arguments.preload)
     sensors = encoders(arguments)
     plan, truth, reason = _simulated(model, arguments)

@@ -17,6 +17,7 @@ from time import perf_counter
 import numpy as np
 
 from cdrj_ros.bag import Topics, size_of
+from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.shared import (
     DONE,
     OUTSIDE_LIMITS,
@@ -295,6 +296,7 @@ def _body(argv: Sequence[str]) -> int:
     _check_files(arguments)
     limits = load_limits(arguments.limits) if arguments.limits else None
     preloads = _preloads(arguments)
+    announce_compilation()
     model = _prepared(arguments.robot, preloads[0])
     tasks = _tasks(arguments, model.robot)
     for task in tasks:

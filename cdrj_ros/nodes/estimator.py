@@ -21,6 +21,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from cdrj_ros.commands.compilation import COMPILING, kernels_are_compiled
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.tracking import new_track, track
 from cdrj_ros.estimation.session import LiveEstimator, Output
@@ -76,6 +77,8 @@ class EstimatorNode(Node):
         if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
         self.timeout_s = started.timeout_s
+        if not kernels_are_compiled():
+            self.get_logger().info(COMPILING)
         model = load_model(started.robot, started.preload)
         self.live = LiveEstimator(model, started.options)
         if started.friction:
@@ -188,14 +191,10 @@ class EstimatorNode(Node):
             np.array([motor.reference_angle for motor in robot.motors]),
             np.array([joint.reference_angle for joint in robot.joints]),
         )
-        begin = perf_counter()
         self.live.take(reference)
         self.live.take(reference._replace(stamp_ns=1_001_000_000))
         self.live.reset()
         track(new_track(), 1_000_000, 0.0, 1.0, 1.0)
-        took = perf_counter() - begin
-        if took > 2.0:
-            self.get_logger().info(f"kernels compiled in {took:.0f} s; kept for the next start")
 
     def _read_state(self, path: Path) -> None:
         try:

@@ -362,7 +362,7 @@ def test_a_wrong_start_is_one_clear_line_and_exit_code_2(
     _, errors = process.communicate(timeout=COMPILING_S)
     assert process.returncode == 2
     assert words in errors.decode()
-    apart = ("[rcl]", "kernels compiled")
+    apart = ("[rcl]", "compiling the numerical kernels")
     lines = errors.decode().strip().splitlines()
     assert len([line for line in lines if not any(part in line for part in apart)]) == 1
 
