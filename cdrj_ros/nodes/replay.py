@@ -27,6 +27,7 @@ from cdrj_ros.commands.shared import (
 )
 from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
+from cdrj_ros.foundation.output import say
 from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.messages.cdr import BYTE_ORDER, Field, MessageError, read_layout
 from cdrj_ros.model.loading import load_model
@@ -101,7 +102,7 @@ def _extras(arguments: argparse.Namespace, topics: Topics) -> list[Extra]:
         except UsageError as error:
             if topic in arguments.topics:
                 raise UsageError(f"--topics: {topic}: {error}") from None
-            print(f"left out: {topic}: {error}", flush=True)
+            say(f"left out: {topic}: {error}", flush=True)
             continue
         latched = was_latched(dict(channel.metadata).get("offered_qos_profiles", ""))
         extras.append(Extra(topic, channel.msgtype, latched))
@@ -279,9 +280,9 @@ def _report(
         if not outcome.tally.sent:
             continue
         comparison = outcome.comparison(bag.path, bag.recording)
-        print(f"{bag.path}:")
+        say(f"{bag.path}:")
         for name, value in comparison.facts.items():
-            print(f"  {name}: {value}")
+            say(f"  {name}: {value}")
         comparisons.append(comparison)
     sys.stdout.flush()
     if not comparisons:
