@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import pairwise
+from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
 
+from cdrj_ros.conditioning.motion import Leap, Motion
 from cdrj_ros.conditioning.tracking import Vector, half_width, new_track, track
 from cdrj_ros.robot.description import Robot, Sensor
 
@@ -16,6 +19,15 @@ MAX_GAP_NS: Final = 1_000_000_000
 
 CONFIRMATIONS: Final = 5
 """Consecutive readings that must agree before a channel follows a jump of the clock."""
+
+LATE_INTERVALS: Final = 3
+"""A reading may be late by this many of the channel's usual intervals."""
+
+REGULAR: Final = 2
+"""Intervals that differ by less than this factor make a rate."""
+
+UNSEEN_FLOOR: Final = 2e-5
+"""Deviations between readings below this are not reported, however fine the sensor [rad]."""
 
 LARGEST: Final = 1e12
 """No axis turns as far [rad]."""
@@ -71,6 +83,17 @@ class Limits:
         """How far that angle may be from the reading [rad]."""
         return half_width(self.sensor)
 
+    @property
+    def negligible(self) -> float:
+        """What a reading may be off in any case [rad], as a standard deviation."""
+        sensor = self.sensor
+        count = sensor.resolution / sqrt(12.0)
+        return max(abs(sensor.scale) * hypot(count, sensor.noise), UNSEEN_FLOOR)
+
+    def motion(self) -> Motion:
+        """Of an axis that nothing has been seen of."""
+        return Motion(self.band, self.negligible)
+
 
 def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]:
     """Limits of all motors, then all joints, in the robot's order.
@@ -119,8 +142,17 @@ class Channel:
     limits: Limits
     last_stamp: int = -1
     last_value: float = 0.0
-    readings: deque[tuple[int, float]] = field(default_factory=deque)
-    """Accepted; the first one is the newest at or before the last sample that was given out."""
+    readings: deque[tuple[int, float, float]] = field(default_factory=deque)
+    """Accepted, with the curvature of the bridge from the reading before (``Motion.curvature``).
+
+    The first one is the newest at or before the last sample that was given out.
+    """
+    motion: Motion = field(init=False)
+    """What has been seen of the axis's speed and acceleration."""
+    leap: Leap | None = None
+    """A change of reading of which it is not known yet whether it is a step of the sensor."""
+    usual_ns: int = 0
+    """Longest of the latest intervals between readings [ns]; 0 before there is one."""
     held: list[tuple[int, float]] = field(default_factory=list)
     """Readings from a clock that may have jumped."""
     last_reading: float | None = None
@@ -138,6 +170,8 @@ class Channel:
     """Readings refused as implausible one after the other that are plausible beside each other."""
     step: float = 0.0
     """From the last accepted reading to the first of these [rad]."""
+    step_ns: int = -1
+    """Stamp of that first one [ns]."""
     displaced: float = 0.0
     """Sum of the steps by which the readings have been displaced since the last reset [rad]."""
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
@@ -147,6 +181,30 @@ class Channel:
     left_behind: int = -1
     """Last stamp before the clock went back, until a reading of the new time has come [ns]."""
     stragglers: int = 0
+
+    def __post_init__(self) -> None:
+        """Begin without knowing how the axis moves."""
+        self.motion = self.limits.motion()
+
+    @property
+    def patience_ns(self) -> int:
+        """Readings at most this far apart follow each other [ns]."""
+        return max(MAX_GAP_NS, LATE_INTERVALS * self.usual_ns)
+
+    def follows(self, stamp: int) -> bool:
+        """Whether a reading of another time follows those that are held."""
+        before = self.held[-2][0] if len(self.held) > 1 else self.last_stamp
+        interval = self.held[-1][0] - before
+        longest = max(MAX_GAP_NS, REGULAR * interval) if interval > 0 else MAX_GAP_NS
+        return 0 < stamp - self.held[-1][0] <= longest
+
+    def is_regular(self) -> bool:
+        """Whether the readings held go on in a rate that the first accepted one began."""
+        if self.usual_ns or len(self.held) < 2:
+            return False
+        stamps = [self.last_stamp, *(stamp for stamp, _ in self.held)]
+        intervals = [after - before for before, after in pairwise(stamps)]
+        return 0 < max(intervals) < REGULAR * min(intervals)
 
     def turns_at(self, reading: float) -> int:
         """How often the reading has started again if it is the next one."""
@@ -189,7 +247,7 @@ class Channel:
             self.turns, self.last_reading = before.turns, before.last_reading
 
     def note_implausible(self, stamp: int, reading: float) -> None:
-        """A reading that is further away than the axis can be: a glitch, or a lasting step?"""
+        """Remember a reading that is further away than the axis can be: a glitch or a step."""
         if not abs(reading) <= LARGEST:
             self.agreeing = 0
             return
@@ -197,19 +255,42 @@ class Channel:
         since = (stamp - self.refused_stamp) * 1e-9
         near = abs(value - self.refused_value) <= self.limits.max_speed * since
         if not (self.agreeing and near):
-            self.agreeing, self.step = 0, value - self.last_value
+            self.agreeing, self.step, self.step_ns = 0, value - self.last_value, stamp
         self.agreeing += 1
         self.refused_stamp, self.refused_value = stamp, value
 
-    def note_plausible(self, value: float) -> bool:
-        """An angle that is accepted; True where it is the far side of a step that lasts."""
-        stepped = self.agreeing >= CONFIRMATIONS and abs(value - self.refused_value) < abs(
-            value - self.last_value
-        )
-        if stepped:
-            self.displaced += self.step
+    def note_plausible(self, stamp: int, value: float) -> bool:
+        """Look for a step of the sensor before an accepted angle; True where one is confirmed.
+
+        Either readings were refused before it and it goes on from them, or the reading before it
+        was too close in time (``Motion.leap``) and later ones bear it out.
+        """
+        if self.last_stamp < 0:
+            return False
+        leap, stepped = self.leap, False
+        if leap is not None:
+            verdict = leap.judge(stamp, value)
+            if verdict:
+                self.leap = None
+            if verdict == "step":
+                self.displaced += leap.after - leap.before
+                stepped = True
+        elif self.agreeing:
+            beyond = abs(value - self.refused_value) < abs(value - self.last_value)
+            least = self.motion.reach((stamp - self.last_stamp) * 1e-9)
+            lasted = self.agreeing >= CONFIRMATIONS or abs(self.step) > least
+            if beyond and lasted:
+                self.displaced += self.step
+                stepped = True
+        else:
+            self.leap = self.motion.leap(self.last_stamp, self.last_value, stamp, value)
         self.agreeing = 0
         return stepped
+
+    @property
+    def recent_ns(self) -> int:
+        """Time over which the velocity is taken [ns]."""
+        return self.last_stamp - self.recent[0][0]
 
     def velocity(self) -> float:
         """Over the last ``SPEED_WINDOW_NS`` [rad/s]; 0 where there is one reading."""

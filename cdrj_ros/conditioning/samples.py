@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
+
+ALL_SEEN: Vector = np.empty((0, 0))
+"""``Sample.unseen`` where every axis was read at, and shortly before, the sample's time."""
+
+ALL_SEEN_OVER_TIME: Vector = np.empty((0, 0, 0))
+"""``Samples.unseen`` where that holds for every sample."""
 
 
 class Sample(NamedTuple):
@@ -20,6 +26,12 @@ class Sample(NamedTuple):
     """[rad], shape (motors,), in the robot's order."""
     joint_angle: Vector
     """[rad], shape (joints,), in the robot's order."""
+    unseen: Vector = ALL_SEEN
+    """Standard deviations [rad] of motors, then joints, for lack of readings, shape (2, axes).
+
+    Row 0: of the angles at the sample's time; row 1: of the way from the sample before, at its
+    middle.  Shape (0, 0) where all are zero.
+    """
 
 
 @dataclass(frozen=True)
@@ -32,3 +44,17 @@ class Samples:
     """[rad], shape (n, motors)."""
     joint_angle: NDArray[np.float64]
     """[rad], shape (n, joints)."""
+    unseen: NDArray[np.float64] = field(default_factory=lambda: ALL_SEEN_OVER_TIME)
+    """As ``Sample.unseen``, shape (n, 2, axes); (0, 0, 0) where all are zero."""
+
+    def part(self, where: slice) -> Samples:
+        """Some of them, views."""
+        unseen = self.unseen[where] if len(self.unseen) else self.unseen
+        return Samples(
+            self.stamp_ns[where], self.motor_angle[where], self.joint_angle[where], unseen
+        )
+
+    def at(self, k: int) -> Sample:
+        """One of them, views."""
+        unseen = self.unseen[k] if len(self.unseen) else ALL_SEEN
+        return Sample(int(self.stamp_ns[k]), self.motor_angle[k], self.joint_angle[k], unseen)

@@ -24,7 +24,7 @@ from cdrj_ros.conditioning.gate import (
     Channel,
     limits_of,
 )
-from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.conditioning.samples import ALL_SEEN, Sample
 from cdrj_ros.conditioning.tracking import Vector, new_track
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Robot
@@ -119,6 +119,11 @@ class Conditioner:
     def unheard(self) -> list[str]:
         """Motors and joints of which no reading has been accepted since the last reset."""
         return [c.limits.name for c in self._channels if c.last_stamp < 0]
+
+    @property
+    def suspected(self) -> bool:
+        """Whether a reading has leapt, and whether to a step of the sensor is not decided yet."""
+        return any(channel.leap is not None for channel in self._channels)
 
     @property
     def displaced(self) -> dict[str, float]:
@@ -230,7 +235,7 @@ class Conditioner:
             if ahead == 0:
                 refused["repeated"] += 1
                 return False
-            if ahead > MAX_GAP_NS or ahead < -MAX_GAP_NS or (ahead < 0 and channel.held):
+            if ahead > channel.patience_ns or ahead < -MAX_GAP_NS or (ahead < 0 and channel.held):
                 return self._hold(k, stamp, reading)
             if ahead < 0:
                 refused["late"] += 1
@@ -262,18 +267,24 @@ class Conditioner:
 
     def _append(self, channel: Channel, stamp: int, reading: float) -> None:
         value = angle = channel.angle_at(reading)
-        if channel.agreeing:
-            self.steps += channel.note_plausible(value)
+        self.steps += channel.note_plausible(stamp, value)
         if channel.limits.bandwidth > 0.0:
             angle = channel.between_counts(stamp, value)
         channel.turns = channel.turns_at(reading)
+        motion = channel.motion
+        motion.take(stamp, value)
+        curvature = 0.0
         if channel.last_stamp < 0:
             self._missing -= 1
+        else:
+            interval = stamp - channel.last_stamp
+            curvature = motion.curvature(interval)
+            channel.usual_ns = max(interval, channel.usual_ns // 2)
         channel.last_stamp = stamp
         channel.last_value = value
         channel.last_reading = reading
         readings = channel.readings
-        readings.append((stamp, angle))
+        readings.append((stamp, angle, curvature))
         if len(readings) > WAITING:
             readings.popleft()
             self.crowded += 1
@@ -296,21 +307,26 @@ class Conditioner:
         """Keep a reading of another time until enough others follow it."""
         channel = self._channels[k]
         held = channel.held
-        if held and not 0 < stamp - held[-1][0] <= MAX_GAP_NS:
+        if held and not channel.follows(stamp):
             self._drop_held(channel)
         held.append((stamp, reading))
-        if len(held) < CONFIRMATIONS:
+        regular = channel.is_regular()
+        if len(held) < CONFIRMATIONS and not regular:
             return False
         confirmed = list(held)
         held.clear()
+        if regular:
+            return self._append_held(channel, confirmed)
         if confirmed[0][0] < channel.last_stamp:
             self._jump_back()
-            channel = self._channels[k]
-        else:
-            self.gaps += 1
-            if self._given_out >= 0:  # nobody knows the way that the axis has come since
-                self._given_out = max(self._given_out, confirmed[0][0] - 1)
-        return self._append_held(channel, confirmed)
+            return self._append_held(self._channels[k], confirmed)
+        self.gaps += 1
+        if self._given_out >= 0:  # the way that the axis has come since is unknown
+            self._given_out = max(self._given_out, confirmed[0][0] - 1)
+        usual = channel.usual_ns
+        used = self._append_held(channel, confirmed[:1])
+        channel.usual_ns = usual  # a gap is no rate
+        return self._append_held(channel, confirmed[1:]) or used
 
     def _append_held(self, channel: Channel, confirmed: Sequence[tuple[int, float]]) -> bool:
         """Use readings of another time, one after the other; True where one can be used."""
@@ -354,24 +370,27 @@ class Conditioner:
         given_out = self._given_out
         motors = self._motor_count
         samples: list[Sample] = []
-        if given_out < 0:
+        began = given_out >= 0
+        if not began:
             given_out = max(channel.readings[0][0] for channel in channels) - 1
         elif given_out >= until and not self._predict:
             return samples
         while given_out < until:
             stamp = until
             for channel in channels:
-                for when, _ in channel.readings:
+                for when, _, _ in channel.readings:
                     if when > given_out:
                         stamp = min(stamp, when)
                         break
             values = np.array([_value_at(channel.readings, stamp) for channel in channels])
-            samples.append(Sample(stamp, values[:motors], values[motors:]))
-            given_out = stamp
+            unseen = _unseen_at(channels, stamp, given_out if began else stamp)
+            samples.append(Sample(stamp, values[:motors], values[motors:], unseen))
+            given_out, began = stamp, True
         newest = max(channel.last_stamp for channel in channels)
         if self._predict and given_out < newest <= until + self._horizon:
             values = np.array([_predicted(channel, newest) for channel in channels])
-            samples.append(Sample(newest, values[:motors], values[motors:]))
+            unseen = _unseen_ahead(channels, newest, given_out)
+            samples.append(Sample(newest, values[:motors], values[motors:], unseen))
             given_out = newest
             for channel in channels:  # nobody asks for what lies behind
                 while len(channel.readings) > 1 and channel.readings[1][0] <= given_out:
@@ -388,12 +407,62 @@ def _predicted(channel: Channel, stamp: int) -> float:
     return min(max(value, channel.limits.lower), channel.limits.upper)
 
 
-def _value_at(readings: deque[tuple[int, float]], stamp: int) -> float:
+def _value_at(readings: deque[tuple[int, float, float]], stamp: int) -> float:
     """Linear interpolation; drops readings that no later sample needs."""
     while len(readings) > 1 and readings[1][0] <= stamp:
         readings.popleft()
-    before, value = readings[0]
+    before, value, _ = readings[0]
     if before == stamp:
         return value
-    after, following = readings[1]
+    after, following, _ = readings[1]
     return value + (following - value) * ((stamp - before) / (after - before))
+
+
+def _unseen_at(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
+    """``Sample.unseen`` of an interpolated sample, (C3), after ``_value_at`` of every channel.
+
+    Args:
+        channels: all of them.
+        stamp: the sample's [ns].
+        previous: stamp of the sample before [ns]; the same where there is none.
+    """
+    unseen: Vector | None = None
+    for k, channel in enumerate(channels):
+        readings = channel.readings
+        before, _, curvature = readings[0]
+        after = before
+        if before != stamp:
+            after, _, curvature = readings[1]
+        if curvature == 0.0:
+            continue
+        way = way_between(curvature, stamp - previous, channel.limits.negligible)
+        if before != stamp or way > 0.0:
+            if unseen is None:
+                unseen = np.zeros((2, len(channels)))
+            unseen[0, k] = curvature * (stamp - before) * (after - stamp)
+            unseen[1, k] = way
+    return ALL_SEEN if unseen is None else unseen
+
+
+def _unseen_ahead(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
+    """``Sample.unseen`` of a predicted sample, (C4)."""
+    unseen: Vector | None = None
+    for k, channel in enumerate(channels):
+        horizon = stamp - channel.last_stamp
+        deviation = channel.motion.ahead(horizon, channel.recent_ns) if horizon > 0 else 0.0
+        way = 0.0
+        if horizon == 0:
+            curvature = channel.readings[-1][2]
+            way = way_between(curvature, stamp - previous, channel.limits.negligible)
+        if deviation > channel.limits.negligible or way > 0.0:
+            if unseen is None:
+                unseen = np.zeros((2, len(channels)))
+            unseen[0, k] = deviation
+            unseen[1, k] = way
+    return ALL_SEEN if unseen is None else unseen
+
+
+def way_between(curvature: float, interval_ns: int, negligible: float) -> float:
+    """Standard deviation midway between two samples [rad], (C3); 0 where negligible."""
+    way = curvature * interval_ns * interval_ns * 0.25
+    return way if way > negligible else 0.0

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.gate import LARGEST, MAX_GAP_NS, RANGE_MARGIN, Limits, limits_of
-from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.conditioning.motion import curvatures
+from cdrj_ros.conditioning.samples import ALL_SEEN_OVER_TIME, Sample, Samples
 from cdrj_ros.conditioning.time_line import REFUSALS, Conditioner
 from cdrj_ros.conditioning.tracking import Vector, track_all
 from cdrj_ros.robot.description import Robot
@@ -70,12 +71,19 @@ def condition(
     if clean:
         angles = [_angles(readings, limit) for readings, limit in zip(known, limits, strict=True)]
         clean = all(map(_is_clean, angles, limits))
-    if clean and mode == "wait" and all(readings.stamp_ns[0] > 0 for readings in known):
+    clean = clean and mode == "wait" and all(readings.stamp_ns[0] > 0 for readings in known)
+    bridges = [
+        curvatures(limit.motion(), readings.stamp_ns, readings.value) if clean else None
+        for readings, limit in zip(angles if clean else known, limits, strict=True)
+    ]
+    curved = [bridge for bridge in bridges if bridge is not None]
+    if clean and len(curved) == len(known):
         refused = dict.fromkeys(REFUSALS, 0)
         refused["unknown_name"] = sum(readings.stamp_ns.size for readings in strangers)
         accepted = sum(readings.stamp_ns.size for readings in known)
         angles = list(map(_between_counts, angles, limits))
-        return Conditioned((_merge(angles, len(robot.motors)),), refused, accepted, 0, 0)
+        samples = _merge(angles, curved, limits, len(robot.motors))
+        return Conditioned((samples,), refused, accepted, 0, 0)
     return _replay(robot, motors, joints, mode)
 
 
@@ -122,7 +130,12 @@ def _is_clean(readings: Readings, limits: Limits) -> bool:
     )
 
 
-def _merge(channels: Sequence[Readings], motor_count: int) -> Samples:
+def _merge(
+    channels: Sequence[Readings],
+    curved: Sequence[Vector],
+    limits: Sequence[Limits],
+    motor_count: int,
+) -> Samples:
     """The time line of clean channels, without a loop over samples."""
     begin = max(int(readings.stamp_ns[0]) for readings in channels)
     until = min(int(readings.stamp_ns[-1]) for readings in channels)
@@ -138,7 +151,30 @@ def _merge(channels: Sequence[Readings], motor_count: int) -> Samples:
         np.ascontiguousarray(stamps),
         np.ascontiguousarray(values[:, :motor_count]),
         np.ascontiguousarray(values[:, motor_count:]),
+        _unseen(channels, curved, limits, stamps),
     )
+
+
+def _unseen(
+    channels: Sequence[Readings],
+    curved: Sequence[Vector],
+    limits: Sequence[Limits],
+    stamps: Stamps,
+) -> NDArray[np.float64]:
+    """``Samples.unseen``, in the arithmetic of the time line."""
+    if not any(np.any(curvature) for curvature in curved):
+        return ALL_SEEN_OVER_TIME
+    unseen = np.zeros((stamps.size, 2, len(channels)))
+    passed = np.diff(stamps, prepend=stamps[:1])
+    for k, (readings, curvature, limit) in enumerate(zip(channels, curved, limits, strict=True)):
+        own = readings.stamp_ns
+        after = np.searchsorted(own, stamps, side="left")
+        before = np.where(own[after] == stamps, after, after - 1)
+        bridge = curvature[after]
+        unseen[:, 0, k] = bridge * (stamps - own[before]) * (own[after] - stamps)
+        way = bridge * passed * passed * 0.25
+        unseen[:, 1, k] = np.where(way > limit.negligible, way, 0.0)
+    return unseen if np.any(unseen) else ALL_SEEN_OVER_TIME
 
 
 def _values_at(readings: Readings, stamps: Stamps) -> Vector:
@@ -186,8 +222,15 @@ def _replay(
 
 def _stacked(samples: Sequence[Sample], motors: int, joints: int) -> Samples:
     n = len(samples)
+    unseen = ALL_SEEN_OVER_TIME
+    if any(sample.unseen.size for sample in samples):
+        unseen = np.zeros((n, 2, motors + joints))
+        for k, sample in enumerate(samples):
+            if sample.unseen.size:
+                unseen[k] = sample.unseen
     return Samples(
         np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
         np.array(list(chain.from_iterable(s.motor_angle for s in samples))).reshape(n, motors),
         np.array(list(chain.from_iterable(s.joint_angle for s in samples))).reshape(n, joints),
+        unseen,
     )

@@ -14,7 +14,7 @@ docs/uncertainty.md.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import sqrt
+from math import ceil, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -58,6 +58,12 @@ MOVED: Final = 0.01
 
 UNSEEN_NS: Final = 1_000_000_000
 """So long a time between two samples is a gap in which nobody has looked [ns]."""
+
+ROUND_NS: Final = 4_000_000
+"""Time in which all members are brought up to date while an axis is not seen [ns]."""
+
+WAYS: Final = 61
+"""Rows of deviations that members take in turn from interval to interval."""
 
 WOUND_SPREAD: Final = 0.3
 """Spread of the logarithm of the tension at which the cable on a drum was wound."""
@@ -137,6 +143,86 @@ def _was_unseen(
 
 
 @compiled
+def _is_on_the_way(unseen: Table) -> bool:
+    """Whether an axis may have been elsewhere between the sample before and this one."""
+    return unseen.shape[0] > 0 and bool(np.any(unseen[1] > 0.0))
+
+
+@compiled
+def _note_unseen(unseen: Table, intervals: NDArray[np.int64]) -> bool:
+    """Count every axis's intervals without readings; whether one is not seen now.
+
+    Twice the number of intervals, and one more during one of them.
+    """
+    hidden = False
+    for a in range(intervals.size):
+        if unseen.shape[0] and unseen[0, a] > 0.0:
+            intervals[a] |= 1
+            hidden = True
+        else:
+            intervals[a] += intervals[a] & 1
+            if unseen.shape[0] and unseen[1, a] > 0.0:
+                intervals[a] += 2
+    return hidden
+
+
+@compiled
+def _deviate(
+    readings: Vector,
+    deviation: Vector,
+    ways: NDArray[np.float64],
+    intervals: NDArray[np.int64],
+    member: int,
+    span: Table,
+) -> None:
+    """Move a member's readings by its share of what has not been seen, within the axes' ranges.
+
+    A member keeps its sense and size over a whole interval between readings: its way is a smooth
+    one, and what slips on it slips.
+    """
+    for a in range(readings.size):
+        if deviation[a] > 0.0:
+            way = ways[(intervals[a] >> 1) % ways.shape[0], member, a]
+            moved = readings[a] + deviation[a] * way
+            low, high = min(span[0, a], readings[a]), max(span[1, a], readings[a])
+            readings[a] = min(max(moved, low), high)
+
+
+@compiled
+def _take_deviation(
+    columns: NDArray[np.int64],
+    element_of: NDArray[np.int64],
+    elements: int,
+    all_solved: bool,
+    estimate: Vector,
+    own: Vector,
+    deviation: Table,
+    variance: Vector,
+    member: int,
+) -> None:
+    """Take over a member's difference from the estimate, and its part in the variance (U1).
+
+    What was not solved in either keeps its last difference.
+    """
+    members = deviation.shape[0]
+    for c in range(columns.size):
+        if not all_solved and (
+            _is_invalid(estimate, elements, element_of[c])
+            or _is_invalid(own, elements, element_of[c])
+        ):
+            continue
+        d = own[columns[c]] - estimate[columns[c]]
+        variance[c] += (d * d - deviation[member, c] * deviation[member, c]) / members
+        deviation[member, c] = d
+    if member == members - 1:  # rounding does not add up
+        for c in range(columns.size):
+            total = 0.0
+            for i in range(members):
+                total += deviation[i, c] * deviation[i, c]
+            variance[c] = total / members
+
+
+@compiled
 def _update(
     plan: NDArray[np.int64],
     numbers: Table,
@@ -152,18 +238,23 @@ def _update(
     stamp: int,
     motor_angle: Vector,
     joint_angle: Vector,
+    unseen: Table,
     estimate: Vector,
     deviation: Table,
     variance: Vector,
     last_angle: Vector,
+    intervals: NDArray[np.int64],
+    ways: NDArray[np.float64],
+    span: Table,
     readings: Vector,
     out: Vector,
     stddev: Vector,
 ) -> None:
     """Bring the next ``count`` members up to date and write the standard deviations.
 
-    All members where they have seen nothing yet, where an axis moved while nobody looked (their
-    histories start anew then), and after samples of which something was not solved.
+    All members where they have seen nothing yet, where an axis moved during a gap (their
+    histories start anew then), after samples of which something was not solved, and where an axis
+    may have been elsewhere since the sample before: each member then comes a way of its own, (U3).
     """
     members, size = states.shape
     motors, joints = motor_angle.size, joint_angle.size
@@ -172,6 +263,21 @@ def _update(
         deviation[:] = 0.0
         variance[:] = 0.0
         progress[TURN] = 0
+        intervals[:] = 0
+    last_stamp = progress[LAST_STAMP]
+    new = stamp != last_stamp
+    on_the_way = new and progress[TURN] > 0 and _is_on_the_way(unseen)
+    if new and _note_unseen(unseen, intervals) and progress[TURN] > 0:
+        passed = (stamp - last_stamp) / ROUND_NS
+        count = max(count, min(members, ceil(members * passed)))
+    sizes = plan_views(plan).sizes
+    middle_angle = 0.5 * last_angle
+    half = 0.0
+    if on_the_way:
+        count = members
+        middle_angle[:motors] += 0.5 * motor_angle
+        middle_angle[motors:] += 0.5 * joint_angle
+        half = (stamp - last_stamp) * 0.5e-9
     progress[LAST_STAMP] = stamp
     last_angle[:motors] = motor_angle
     last_angle[motors:] = joint_angle
@@ -183,33 +289,33 @@ def _update(
         k = progress[TURN] % members
         errors = reading_errors[progress[TURN] % reading_errors.shape[0]]
         progress[TURN] += 1
+        dt = (stamp - stamps[k]) * 1e-9
+        started = state_views(sizes, states[k]).started[0] != 0.0
+        if on_the_way and started:
+            for a in range(readings.size):
+                readings[a] = middle_angle[a] + errors[a]
+            _deviate(readings, unseen[1], ways, intervals, k, span)
+            _advance_member(
+                plan, numbers[k], states[k], shares[k], readings[:motors], readings[motors:],
+                dt - half, estimate.size, out,
+            )  # fmt: skip
+            dt = half
         for m in range(motors):
             readings[m] = motor_angle[m] + errors[m]
         for j in range(joints):
             readings[motors + j] = joint_angle[j] + errors[motors + j]
-        dt = (stamp - stamps[k]) * 1e-9
+        if unseen.shape[0]:
+            _deviate(readings, unseen[0], ways, intervals, k, span)
         solved = _advance_member(
             plan, numbers[k], states[k], shares[k], readings[:motors], readings[motors:],
             dt, estimate.size, out,
         )  # fmt: skip
         stamps[k] = stamp
         own = out[size : size + estimate.size]
-        all_good = solved and not unsolved
-        for c in range(columns.size):
-            if not all_good and (
-                _is_invalid(estimate, elements, element_of[c])
-                or _is_invalid(own, elements, element_of[c])
-            ):
-                continue
-            d = own[columns[c]] - estimate[columns[c]]
-            variance[c] += (d * d - deviation[k, c] * deviation[k, c]) / members
-            deviation[k, c] = d
-        if k == members - 1:  # rounding does not add up
-            for c in range(columns.size):
-                total = 0.0
-                for i in range(members):
-                    total += deviation[i, c] * deviation[i, c]
-                variance[c] = total / members
+        _take_deviation(
+            columns, element_of, elements, solved and not unsolved, estimate, own, deviation,
+            variance, k,
+        )  # fmt: skip
     for c in range(columns.size):
         stddev[c] = sqrt(max(variance[c], 0.0))
 
@@ -231,10 +337,14 @@ def _run(
     sample_stamps: NDArray[np.int64],
     motor_angles: Table,
     joint_angles: Table,
+    unseen: NDArray[np.float64],
     dt: Vector,
     deviation: Table,
     variance: Vector,
     last_angle: Vector,
+    intervals: NDArray[np.int64],
+    ways: NDArray[np.float64],
+    span: Table,
     readings: Vector,
     out: Vector,
     estimates: Table,
@@ -243,14 +353,16 @@ def _run(
     """``advance`` and ``_update`` over many samples, the very same functions."""
     size = state.size
     wanted = estimates.shape[1]
+    seen = np.empty((0, 0))
     for k in range(dt.size):
         advance(plan, nominal, state, motor_angles[k], joint_angles[k], dt[k], out)
         state[:] = out[:size]
         estimates[k] = out[size : size + wanted]
         _update(
             plan, numbers, states, stamps, shares, reading_errors, progress, 1, columns,
-            element_of, elements, sample_stamps[k], motor_angles[k], joint_angles[k], estimates[k],
-            deviation, variance, last_angle, readings, out, stddevs[k],
+            element_of, elements, sample_stamps[k], motor_angles[k], joint_angles[k],
+            unseen[k] if unseen.shape[0] else seen, estimates[k],
+            deviation, variance, last_angle, intervals, ways, span, readings, out, stddevs[k],
         )  # fmt: skip
 
 
@@ -315,6 +427,12 @@ class Spread:
         self._out = np.empty(model.out_size)
         self._readings = np.empty(len(robot.motors) + len(robot.joints))
         self._last_angle = np.zeros(len(robot.motors) + len(robot.joints))
+        self._intervals = np.zeros(self._last_angle.size, dtype=np.int64)
+        self._ways = unseen_ways(members, self._last_angle.size, np.random.default_rng((seed, 1)))
+        self._span = np.array(
+            [(-np.inf, np.inf) for _ in robot.motors]
+            + [(joint.lower, joint.upper) for joint in robot.joints]
+        ).T.copy()
         self.deviation = np.zeros((members, self.columns.size))
         self.variance = np.zeros(self.columns.size)
         self.generator = generator
@@ -324,6 +442,7 @@ class Spread:
         """Forget what the members have seen; the next sample starts them anew."""
         self.states[:] = 0.0
         self._progress[:] = (0, -1, 0)
+        self._intervals[:] = 0
         self.deviation[:] = 0.0
         self.variance[:] = 0.0
 
@@ -335,6 +454,7 @@ class Spread:
             "member_numbers": self.numbers,
             "progress": self._progress,
             "last_angle": self._last_angle,
+            "intervals": self._intervals,
             "deviation": self.deviation,
         }
 
@@ -379,8 +499,8 @@ class Spread:
             self.model.plan, read_only(self.numbers), self.states, self.stamps, self._shares,
             self._errors, self._progress, count, self.columns, self._element_of,
             self._elements, sample.stamp_ns, sample.motor_angle, sample.joint_angle,
-            estimate.values, self.deviation, self.variance, self._last_angle, self._readings,
-            self._out, stddev,
+            sample.unseen, estimate.values, self.deviation, self.variance, self._last_angle,
+            self._intervals, self._ways, self._span, self._readings, self._out, stddev,
         )  # fmt: skip
 
     def run(
@@ -406,9 +526,9 @@ class Spread:
         _run(
             model.plan, model.numbers, values, read_only(self.numbers), self.states, self.stamps,
             self._shares, self._errors, self._progress, self.columns,
-            self._element_of, self._elements, stamps, samples.motor_angle, samples.joint_angle, dt,
-            self.deviation, self.variance, self._last_angle, self._readings, self._out, estimates,
-            stddev,
+            self._element_of, self._elements, stamps, samples.motor_angle, samples.joint_angle,
+            samples.unseen, dt, self.deviation, self.variance, self._last_angle, self._intervals,
+            self._ways, self._span, self._readings, self._out, estimates, stddev,
         )  # fmt: skip
         return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout, stddev)
 
@@ -524,3 +644,10 @@ def reading_errors(robot: Robot, generator: np.random.Generator) -> Table:
     shape = (PERTURBATIONS, len(sensors))
     errors = noise * generator.standard_normal(shape) + count * (generator.random(shape) - 0.5)
     return np.ascontiguousarray(errors)
+
+
+def unseen_ways(members: int, axes: int, generator: np.random.Generator) -> NDArray[np.float64]:
+    """Deviations of unit variance and zero mean over the members, shape (WAYS, members, axes)."""
+    half = generator.standard_normal((WAYS, members // 2, axes))
+    half /= np.sqrt((half**2).mean(axis=1, keepdims=True))
+    return np.ascontiguousarray(np.concatenate([half, -half], axis=1))

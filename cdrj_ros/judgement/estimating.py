@@ -29,10 +29,7 @@ def pieces_of(model: Model, samples: Samples, *, spread: bool = False) -> Iterat
     state = initial_state(model)
     ensemble = Spread(model) if spread else None
     for begin in range(0, samples.stamp_ns.size, AT_ONCE):
-        part = slice(begin, begin + AT_ONCE)
-        piece = Samples(
-            samples.stamp_ns[part], samples.motor_angle[part], samples.joint_angle[part]
-        )
+        piece = samples.part(slice(begin, begin + AT_ONCE))
         if ensemble is None:
             state, estimates = run(model, state, piece)
         else:
