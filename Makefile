@@ -48,6 +48,7 @@ bench: setup $(BENCH)
 
 MINUTES ?= 30
 soak: setup
+	@$(IN_ENV) CDRJ_CAMPAIGN=300 python -m pytest -q -s test/estimation/test_campaign.py
 	@$(IN_ENV) CDRJ_HOSTILE=2000000 python -m pytest -q -s test/nodes/test_hostile.py
 	@$(IN_ENV) python tools/soak.py --minutes $(MINUTES)
 

@@ -48,6 +48,18 @@ OUTLIER: Final = 100.0
 STIFF: Final = 4.0
 """A reading that stands still while the estimate moves by more deviations than this is frozen."""
 
+RESPONSE: Final = (0.3, 3.0)
+"""A sensor is used once its readings move this many times as far as the estimate does."""
+
+TRIAL_STEP: Final = 0.25
+"""Between readings on trial the estimate must move by this share of their deviation."""
+
+PROOF: Final = 0.05
+"""A motion must change the estimate by this share of its greatest value to prove a sensor."""
+
+TRIED: Final = 400
+"""Latest readings, each after some motion, by which that is found out."""
+
 HISTORY_NS: Final = 200_000_000
 """A measurement may be this old [ns]."""
 
@@ -60,20 +72,29 @@ LARGEST: Final = 1e9
 
 @dataclass
 class SensorHealth:
-    """Whether one sensor is still believed."""
+    """Whether one sensor is used: on trial at first, then trusted, dropped for good if it fails."""
 
     name: str
     dropped: str = ""
-    """Why it is believed no more; empty while it is."""
+    """Why it is not used any more; empty while it is."""
+    trusted: bool = False
+    """Whether its readings have followed a motion in proportion; before, none is used."""
     used: int = 0
-    """Readings taken so far."""
+    """Readings used so far."""
     refused: int = 0
     """Readings refused: not finite, too old, far off, or of a sensor that has been dropped."""
+    tried: int = 0
+    """Readings taken on trial, which correct nothing."""
     _squares: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     _values: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     _unaided: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    _in_motion: int = 0
+    """Readings on trial while the estimate moved."""
+    _trial: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRIED))
 
-    def judge(self, value: float, expected: float, unaided: float, variance: float) -> bool:
+    def judge(
+        self, value: float, expected: float, unaided: float, variance: float, own: float
+    ) -> bool:
         """Take a reading; True where it may be used.
 
         Args:
@@ -81,6 +102,7 @@ class SensorHealth:
             expected: estimated for the same time.
             unaided: the same without what was corrected so far: how it moves by itself.
             variance: of value less expected, if all is as assumed.
+            own: the sensor's and the model's part of it.
         """
         if self.dropped:
             self.refused += 1
@@ -89,21 +111,53 @@ class SensorHealth:
         self._values.append(value)
         self._unaided.append(unaided)
         if len(self._squares) == JUDGED:
-            mean = sum(self._squares) / JUDGED
-            if max(self._values) == min(self._values) and (
-                max(self._unaided) - min(self._unaided) > STIFF * variance**0.5
-            ):
-                self.dropped = f"frozen at {value:.4g} while the estimate moves"
-            elif mean > TOO_FAR:
-                self.dropped = (
-                    f"{mean**0.5:.1f} standard deviations from the estimate over {JUDGED} readings "
-                    f"(measured {value:.4g}, expected {expected:.4g})"
-                )
+            self.dropped = self._fault(value, expected, variance)
+        if not self.dropped and not self.trusted:
+            return self._try(value, unaided, own)
         if self.dropped or self._squares[-1] > OUTLIER:
             self.refused += 1
             return False
         self.used += 1
         return True
+
+    def _fault(self, value: float, expected: float, variance: float) -> str:
+        """What the last ``JUDGED`` readings have against the sensor; empty where nothing."""
+        mean = sum(self._squares) / JUDGED
+        if max(self._values) == min(self._values) and (
+            max(self._unaided) - min(self._unaided) > STIFF * variance**0.5
+        ):
+            return f"frozen at {value:.4g} while the estimate moves"
+        if mean > TOO_FAR:
+            return (
+                f"{mean**0.5:.1f} standard deviations from the estimate over {JUDGED} readings "
+                f"(measured {value:.4g}, expected {expected:.4g})"
+            )
+        return ""
+
+    def _try(self, value: float, unaided: float, own: float) -> bool:
+        """A reading on trial: whether, with those before it, it follows the motion, (U4)."""
+        self.tried += 1
+        if self._trial and abs(unaided - self._trial[-1][1]) < TRIAL_STEP * own**0.5:
+            return False
+        self._trial.append((value, unaided))
+        pairs = np.array(self._trial)
+        moved = pairs[:, 1] - pairs[:, 1].mean()
+        large = max(STIFF * own**0.5, PROOF * float(np.abs(pairs[:, 1]).max()))
+        if np.ptp(moved) <= large:
+            return False
+        response = float(moved @ pairs[:, 0] / (moved @ moved))
+        self.trusted = RESPONSE[0] <= response <= RESPONSE[1]
+        self._in_motion += 1
+        if not self.trusted and self._in_motion == TRIED:
+            self.dropped = (
+                f"moves {response:.2g} times as far as the estimate over {TRIED} readings, "
+                f"where {RESPONSE[0]:g} to {RESPONSE[1]:g} is accepted"
+            )
+        if self.trusted:
+            self.tried -= 1
+            self.used += 1
+            self._trial.clear()
+        return self.trusted
 
 
 class Fusion:
@@ -143,10 +197,20 @@ class Fusion:
         self._last_ns: dict[str, int] = {}
 
     def reset(self) -> None:
-        """Forget what was measured; sensors are believed again."""
+        """Forget what was measured; every sensor is on trial again."""
         self.health.clear()
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what was measured, but not which sensors are trusted or dropped."""
         self._history.clear()
         self._last_ns.clear()
+        self._corrected = np.zeros(self.spread.columns.size)
+
+    @property
+    def dropped(self) -> int:
+        """How many sensors have been dropped."""
+        return sum(bool(one.dropped) for one in self.health.values())
 
     def remember(self, estimate: Estimate) -> None:
         """Keep an estimate for measurements that are yet to come."""
@@ -217,7 +281,7 @@ class Fusion:
         own = noise**2 + (MODEL_ERROR * value) ** 2
         variance = float(h @ h) / members + own
         unaided = expected - float(self._corrected[column])
-        if not health.judge(value, expected, unaided, variance):
+        if not health.judge(value, expected, unaided, variance, own):
             return state
         gain = deviation.T @ h / (members * variance)
         concerned = np.zeros(gain.size, dtype=bool)

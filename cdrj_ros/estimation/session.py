@@ -5,6 +5,7 @@ No ROS here: a node converts messages, calls this, publishes what comes out.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import Conditioner
+from cdrj_ros.conditioning.tracking import half_width
 from cdrj_ros.estimation.ensemble import MOVED, Spread, mark_unsure
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
@@ -36,6 +38,15 @@ DOUBT: Final = 0.2
 SMALLEST_NOISE: Final = 1e-6
 LARGEST_NOISE: Final = 1e6
 """A load cell whose message gives a noise outside of these has the robot file's [N]."""
+
+REST_NS: Final = 300_000_000
+"""Time for which every axis must have stood still before a tare [ns]."""
+
+REST_STEP_NS: Final = 10_000_000
+"""Samples further apart than this are looked at for that [ns]."""
+
+REST_FLOOR: Final = 1e-3
+"""An axis whose sensor has neither resolution nor noise stands still within this [rad]."""
 
 UNWATCHED_NS: Final = 100_000_000
 """So long a time between two runs counts as nobody looking [ns]."""
@@ -94,6 +105,7 @@ class LiveEstimator:
         """Readings of load cells at elements that the robot does not have."""
         self.overlooked = 0
         """Readings of load cells and efforts that no sample came for."""
+        self.fusion: Fusion | None = None
         self._pending: list[tuple[int, str, float, float]] = []
         self._efforts_ns: dict[str, int] = {}
         self.started = model
@@ -122,6 +134,8 @@ class LiveEstimator:
             spread = Spread(model, preload_share=DOUBT if measured else 0.0)
         if spread is not None and measured:
             fusion = Fusion(spread, FREE_DRIFT if options.track_preload else SLOW_DRIFT)
+            if self.fusion is not None:  # a sensor that was dropped stays dropped
+                fusion.health = self.fusion.health
         self.model, self.spread, self.fusion = model, spread, fusion
         self._clock_offset_ns = {
             motor.name: motor.sensor.clock_offset_ns for motor in model.robot.motors
@@ -141,10 +155,14 @@ class LiveEstimator:
         self._jumps = self.conditioner.clock_jumps
         self._steps = self.conditioner.steps
         self.state: State = initial_state(self.model)
+        self._unaided: State = self.state
+        """What the state would be without other sensors."""
         self.sample: Sample | None = None
         self.overlooked += len(self._pending)
         self._pending.clear()
         self._efforts_ns.clear()
+        self._latest: deque[Sample] = deque()
+        """Samples of the last ``REST_NS``, thinned out."""
         if self.spread is not None:
             self.spread.reset()
         if self.fusion is not None:
@@ -167,7 +185,7 @@ class LiveEstimator:
             state = State(sample.stamp_ns - 1_000_000, state.values)
             if self.spread is not None:
                 self.spread.shift_clock(late - 1_000_000)
-        self.state = state
+        self.state = self._unaided = state
         moved = 0.0
         for before, now in ((motor, sample.motor_angle), (joint, sample.joint_angle)):
             if before is not None and before.shape == now.shape and now.size:
@@ -176,7 +194,11 @@ class LiveEstimator:
             self.spread.reset()  # how it got there nobody has seen
 
     def feed(
-        self, kind: str, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
+        self,
+        kind: str,
+        stamp_ns: int,
+        names: Sequence[str],
+        positions: Sequence[float] | Vector,
     ) -> tuple[bool, list[Output]]:
         """Take a message of angles.
 
@@ -205,7 +227,14 @@ class LiveEstimator:
         if self._restart_from is not None:
             self._take_up(sample)
         self.state, estimate = step(self.model, self.state, sample)
+        if self.fusion is not None:
+            self._unaided = step(self.model, self._unaided, sample)[0]
         self.sample = sample
+        latest = self._latest
+        if not latest or sample.stamp_ns - latest[-1].stamp_ns >= REST_STEP_NS:
+            latest.append(sample)
+            while len(latest) > 2 and sample.stamp_ns - latest[1].stamp_ns >= REST_NS:
+                latest.popleft()
         if not estimate.solved:
             self.unsolved += 1
         stddev = None
@@ -213,7 +242,7 @@ class LiveEstimator:
         if spread is not None:
             stddev = spread.update(sample, estimate)
             mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
-        if self._steps != self.conditioner.steps:
+        if self._steps != self.conditioner.steps or self.conditioner.suspected:
             mark_all_unsure(estimate)
         if self.fusion is not None and estimate.solved:
             self.fusion.remember(estimate)
@@ -286,9 +315,24 @@ class LiveEstimator:
                 else:
                     self.overlooked += 1
                 continue
+            dropped = fusion.dropped
             correct = fusion.tension if "/" in name else fusion.motor_effort
             self.state = correct(sample, self.state, stamp, name, value, noise)
+            if fusion.dropped != dropped and fusion.health[name].used:
+                self._take_back(fusion)
+                return
         self._pending = later
+
+    def _take_back(self, fusion: Fusion) -> None:
+        """Undo what other sensors have taught: one of them was wrong.
+
+        The state goes back to the one without corrections, the ensemble to its spread at the start.
+        The sensors that are still trusted teach both anew.
+        """
+        self._pending.clear()
+        self.state = self._unaided
+        fusion.spread.reset()
+        fusion.forget()
 
     def tare(self) -> str:
         """Take the present angles for the reference pose.
@@ -297,10 +341,12 @@ class LiveEstimator:
             What was done, in words and numbers.
 
         Raises:
-            UsageError: no sample yet.
+            UsageError: no sample yet, or the robot is not at rest.
         """
         if self.sample is None:
             raise UsageError("no angles yet: every motor and joint must have been heard")
+        if reason := self.in_motion():
+            raise UsageError(reason)
         values, words = {}, []
         for kind, names, angles in (
             ("motor", self.model.layout.motors, self.sample.motor_angle),
@@ -312,6 +358,28 @@ class LiveEstimator:
         self.change(values)
         preloads = ", ".join(f"{c.name} {c.preload:g} N" for c in self.model.robot.cables)
         return f"reference is now {', '.join(words)}; there the preloads are {preloads}"
+
+    def in_motion(self) -> str:
+        """Why the robot does not count as at rest: the axis, its movement and what is allowed.
+
+        Empty where every axis has stayed within its sensor's errors for ``REST_NS``.
+        """
+        samples = [*self._latest, *([self.sample] if self.sample else [])]
+        watched = samples[-1].stamp_ns - samples[0].stamp_ns if samples else 0
+        if watched < REST_NS:
+            return (
+                f"the axes must be seen at rest for {REST_NS * 1e-9:g} s; so far there are "
+                f"readings of {watched * 1e-9:.3g} s"
+            )
+        angles = np.array([np.concatenate([one.motor_angle, one.joint_angle]) for one in samples])
+        for axis, moved in zip(self.model.robot.axes, np.ptp(angles, axis=0), strict=True):
+            allowed = 4.0 * half_width(axis.sensor) or REST_FLOOR
+            if moved > allowed:
+                return (
+                    f"not at rest: {axis.name} moved by {moved:.3g} rad within the last "
+                    f"{watched * 1e-9:.2g} s, where {allowed:.3g} rad is allowed"
+                )
+        return ""
 
     def set_preload(self, preloads: Mapping[str, float]) -> str:
         """Set the preloads of cables in the reference pose [N]; starts anew.
@@ -336,9 +404,7 @@ class LiveEstimator:
         Raises:
             UsageError, RobotFileError: what cannot be; nothing has changed then.
         """
-        state, sample = self.state, self.sample
         self.use(with_other_numbers(self.model, values))
-        self.state, self.sample = state, sample
         return ", ".join(f"{path} = {value:g}" for path, value in values.items())
 
     def change(self, values: Mapping[str, float]) -> None:

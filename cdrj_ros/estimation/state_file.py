@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
-import tempfile
+import zipfile
+import zlib
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -18,7 +18,12 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.estimator import State
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.files import write_bytes
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model
+
+HEADER: Final = b"cdrj_ros state 3\n"
+"""How a state file begins."""
 
 MAXIMUM_BYTES: Final = 50_000_000
 """A state file is small; more is not one."""
@@ -37,6 +42,29 @@ def _digest(model: Model) -> NDArray[np.uint8]:
     digest.update(model.plan.tobytes())
     digest.update(model.numbers.tobytes())
     return np.frombuffer(digest.digest(), dtype=np.uint8)
+
+
+def with_checksum(content: bytes) -> bytes:
+    """The content of a state file: a line of its format, a checksum, then the arrays."""
+    return HEADER + hashlib.sha256(content).digest() + content
+
+
+def _arrays(content: bytes, path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays in a state file.
+
+    Raises:
+        StateFileError: the file is something else, or has changed since it was written.
+    """
+    body = content[len(HEADER) + hashlib.sha256().digest_size :]
+    if not content.startswith(HEADER):
+        raise StateFileError(f"{path} is not a state file of this version")
+    if with_checksum(body) != content:
+        raise StateFileError(f"{path} is damaged: its checksum does not fit its content")
+    try:
+        with np.load(BytesIO(body), allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        raise StateFileError(f"{path} is not a state file: {printable(str(error))}") from error
 
 
 def write_state(live: LiveEstimator, path: Path) -> bool:
@@ -70,16 +98,7 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
     buffer = BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(buffer.getvalue())
-                file.flush()
-                os.fsync(file.fileno())
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        write_bytes(path, with_checksum(buffer.getvalue()))
     except OSError as error:
         raise StateFileError(f"cannot write the state file {path}: {error.strerror}") from error
     return True
@@ -97,16 +116,12 @@ def read_state(live: LiveEstimator, path: Path) -> str:
     try:
         if path.stat().st_size > MAXIMUM_BYTES:
             raise StateFileError(f"{path} is too large for a state file")
-        with np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        content = path.read_bytes()
     except FileNotFoundError:
         return ""
-    except (OSError, ValueError, EOFError, KeyError) as error:
-        raise StateFileError(f"{path} is not a state file: {error}") from error
-    except Exception as error:  # a damaged archive raises what it likes
-        if type(error).__module__ not in ("zipfile", "zlib"):
-            raise
-        raise StateFileError(f"{path} is not a state file: {error}") from error
+    except OSError as error:
+        raise StateFileError(f"cannot read the state file {path}: {error.strerror}") from error
+    arrays = _arrays(content, path)
     if arrays.get("robot", np.empty(0)).tobytes() != _digest(live.started).tobytes():
         raise StateFileError(f"{path} is of another robot, or of other parameters")
     words = _take_up_changes(live, arrays, path)

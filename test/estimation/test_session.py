@@ -117,17 +117,24 @@ def test_load_cells_that_come_late_do_not_tell_the_same_news_twice(
     tension = values[:, true.layout.tension]
     column = true.layout.elements.index("upper/8")
 
+    on_trial = []
+
     def measure(live: LiveEstimator, k: int) -> None:
+        assert live.fusion is not None
+        if "upper/8" not in live.fusion.health or not live.fusion.health["upper/8"].used:
+            on_trial.append(k)
         if k >= late:
             stamp = int(readings.stamp_ns[k - late])
             live.feed_tensions(stamp, ["upper/8"], [tension[k - late, column]], [0.05])
 
-    part = Samples(*(values[:1000] for values in vars(readings).values()))
+    part = Samples(*(values[:2500] for values in vars(readings).values()))
     course = _run_beside(model, part, tension, Options(tension_sensors=True), measure)
     assert course.error[0, column] > 10.0
-    assert np.abs(course.error[late + 1 : late + 50, column]).max() < 0.1
+    used = on_trial[-1] + 1
+    assert late < used < 2000
+    assert np.abs(course.error[used : used + 50, column]).max() < 0.15
     # where the motion turns, what the far elements still have wrong arrives, for a moment
-    assert np.abs(course.error[late + 1 :, column]).mean() < 0.2
+    assert np.abs(course.error[used:, column]).mean() < 0.2
     assert course.live.fusion is not None
     assert course.live.fusion.health["upper/8"].dropped == ""
     assert course.live.fusion.health["upper/8"].refused == 0
@@ -183,7 +190,8 @@ def test_a_load_cell_that_freezes_drifts_or_lies_is_found_and_dropped(
     assert course.live.fusion is not None
     health = course.live.fusion.health["upper/8"]
     assert words in health.dropped
-    assert health.used >= broken // 4
+    assert health.used > 0
+    assert health.used + health.tried >= broken // 4
     # what it said before it was found has not carried the estimate far
     assert np.abs(course.error[broken:]).max() < 0.25 * tension.max()
 
@@ -394,8 +402,10 @@ def test_tare_makes_the_present_pose_the_reference(model: Model, readings: Sampl
     with pytest.raises(UsageError, match="no angles yet"):
         live.tare()
     sample = _sample(readings, 1200)
-    live.take(sample)
+    for k in range(32):
+        live.take(sample._replace(stamp_ns=sample.stamp_ns + k * 10_000_000))
     words = live.tare()
+    sample = sample._replace(stamp_ns=sample.stamp_ns + 320_000_000)
     assert f"{sample.motor_angle[0]:.6g} rad" in words
     tension = live.take(sample).estimate.tension
     assert np.allclose(tension[:8], 36.85)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import deepcopy
+from io import BytesIO
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,13 @@ from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.conditioning.time_line import Conditioner
 from cdrj_ros.conditioning.whole_recording import Readings, condition
 from cdrj_ros.estimation.session import LiveEstimator, Options, Output
-from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
+from cdrj_ros.estimation.state_file import (
+    HEADER,
+    StateFileError,
+    read_state,
+    with_checksum,
+    write_state,
+)
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.model.loading import load_model
@@ -56,6 +63,13 @@ def send(live: LiveEstimator, readings: Samples, k: int, begin: int = 0) -> list
     stamp = begin or int(readings.stamp_ns[k])
     outputs = live.feed("joints", stamp, ("elbow",), readings.joint_angle[k])[1]
     return outputs + live.feed("motors", stamp, ("winch",), readings.motor_angle[k])[1]
+
+
+def paused(readings: Samples, at: int) -> Samples:
+    """The same motion with a rest of 0.4 s before the reading ``at``, where a tare is possible."""
+    k = np.arange(readings.stamp_ns.size)
+    rest = np.where(k < at - 400, k, np.maximum(k - 400, at - 400))
+    return Samples(readings.stamp_ns, readings.motor_angle[rest], readings.joint_angle[rest])
 
 
 def all_unsure(output: Output) -> bool:
@@ -155,7 +169,8 @@ def test_turns_are_counted_on_whatever_is_set(
     far = 7.0
     here = {"motors": lambda d: d["motors"][0].update(reference_angle=far)}["motors"]
     plain, period = variant(model, here), variant(turning, here)
-    there = Samples(readings.stamp_ns, readings.motor_angle + far, readings.joint_angle)
+    resting = paused(readings, 1500)
+    there = Samples(resting.stamp_ns, resting.motor_angle + far, resting.joint_angle)
     one, other = LiveEstimator(plain), LiveEstimator(period)
     wrapping = wrapped(there)
     assert np.ptp(wrapping.motor_angle - there.motor_angle) > 0.0
@@ -226,11 +241,12 @@ def test_a_step_that_stays_is_followed_and_makes_everything_unsure(
 ) -> None:
     """Half a radian of lost counts: 25 ms at the most that the motor can do."""
     live = LiveEstimator(stepping(model))
+    readings = paused(readings, 2200)
     for k in range(1500):
         outputs = send(live, readings, k)
     assert not all_unsure(outputs[0])
     jumped = Samples(readings.stamp_ns, readings.motor_angle + 0.5, readings.joint_angle)
-    outputs = [output for k in range(1500, 1700) for output in send(live, jumped, k)]
+    outputs = [output for k in range(1500, 2200) for output in send(live, jumped, k)]
     conditioner = live.conditioner
     assert conditioner.steps == 1
     assert 10 <= conditioner.refused["implausible"] <= 30
@@ -239,7 +255,7 @@ def test_a_step_that_stays_is_followed_and_makes_everything_unsure(
     assert len(after) > 150
     assert all(map(all_unsure, after))
     live.tare()
-    outputs = [output for k in range(1700, 2000) for output in send(live, jumped, k)]
+    outputs = [output for k in range(2200, 2500) for output in send(live, jumped, k)]
     assert conditioner.displaced == {}
     assert not all_unsure(outputs[-1])
 
@@ -322,6 +338,7 @@ def test_reference_and_preloads_that_were_set_are_in_the_state_file(
 ) -> None:
     path = tmp_path / "state"
     live = LiveEstimator(model, UNFILTERED)
+    readings = paused(readings, 500)
     for k in range(500):
         send(live, readings, k)
     live.tare()
@@ -381,11 +398,12 @@ def test_changes_that_no_service_makes_are_refused(
     for k in range(10):
         send(live, readings, k)
     write_state(live, path)
-    with np.load(path) as file:
+    with np.load(BytesIO(path.read_bytes().removeprefix(HEADER)[32:])) as file:
         arrays = {name: file[name] for name in file.files}
     arrays["changes"] = np.frombuffer(changes, np.uint8)
-    with path.open("wb") as file:
-        np.savez(file, **arrays)
+    buffer = BytesIO()
+    np.savez(buffer, **arrays)
+    path.write_bytes(with_checksum(buffer.getvalue()))
     again = LiveEstimator(model)
     with pytest.raises(StateFileError, match="no usable changes"):
         read_state(again, path)
@@ -409,7 +427,7 @@ def test_a_motors_efforts_are_moved_by_its_clock_offset(
         live.feed("motors", motor, ("winch",), readings.motor_angle[k])
     assert live.fusion is not None
     (health,) = live.fusion.health.values()
-    assert health.used + health.refused >= 5
+    assert health.tried + health.used + health.refused >= 5
     assert live.overlooked == 0
 
 
@@ -424,3 +442,62 @@ def test_a_stamp_that_no_header_can_say_is_refused(model: Model, stamp: int) -> 
 def test_a_tare_needs_a_sample(model: Model) -> None:
     with pytest.raises(UsageError, match="no angles yet"):
         LiveEstimator(model).tare()
+
+
+# -- a tare is for a robot at rest -------------------------------------------------------------
+
+
+def test_a_tare_in_motion_is_refused_with_the_axis_and_changes_nothing(
+    model: Model, readings: Samples
+) -> None:
+    live, untouched = LiveEstimator(model), LiveEstimator(model)
+    for k in range(1200):
+        send(live, readings, k)
+        send(untouched, readings, k)
+    with pytest.raises(UsageError, match=r"not at rest: winch moved by .* where .* is allowed"):
+        live.tare()
+    one, other = send(live, readings, 1200), send(untouched, readings, 1200)
+    assert np.array_equal(one[0].estimate.values, other[0].estimate.values)
+    assert live.model is untouched.model
+
+
+def test_a_tare_is_refused_until_rest_has_been_seen_for_long_enough(
+    model: Model, readings: Samples
+) -> None:
+    live = LiveEstimator(model)
+    count = model.robot.motors[0].sensor.resolution
+    for k in range(301):
+        if k < 300:
+            stamp = START + k * MS
+            live.feed("joints", stamp, ("elbow",), (0.1,))
+            live.feed("motors", stamp, ("winch",), (0.8 + count * (k % 2),))  # a count's flicker
+            with pytest.raises(UsageError, match=r"at rest for 0\.3 s"):
+                live.tare()
+    live.feed("joints", START + 300 * MS, ("elbow",), (0.1,))
+    live.feed("motors", START + 300 * MS, ("winch",), (0.8,))
+    assert "winch 0.8" in live.tare()
+
+
+# -- damage -----------------------------------------------------------------------------------
+
+
+def test_a_state_file_with_any_bit_flipped_is_refused_by_name(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    path = tmp_path / "state"
+    live = LiveEstimator(model)
+    for k in range(10):
+        send(live, readings, k)
+    write_state(live, path)
+    content = path.read_bytes()
+    again = LiveEstimator(model)
+    generator = np.random.default_rng(0)
+    ends = range(8 * 120)
+    for bit in (*ends, *generator.integers(0, 8 * len(content), 400).tolist()):
+        damaged = bytearray(content)
+        damaged[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(damaged)
+        with pytest.raises(StateFileError, match=r"state is (damaged|not a state file)"):
+            read_state(again, path)
+    path.write_bytes(content)
+    assert "goes on" in read_state(again, path)

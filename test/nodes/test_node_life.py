@@ -20,6 +20,7 @@ from support.estimators import (
     expected,
     feed,
     hear_diagnostics,
+    hold,
     sample_at,
     tensions,
     values_of,
@@ -166,6 +167,10 @@ def test_the_services_answer_with_what_they_did(bench: Bench) -> None:
     assert "no angles yet" in early.message
     feed(node, 0, 100)
 
+    moving = bench.call(Trigger, tare, Trigger.Request())
+    assert not moving.success
+    assert "at rest" in moving.message
+    hold(node, 99)
     done = bench.call(Trigger, tare, Trigger.Request())
     assert done.success
     angle = sample_at(99).motor_angle[0]
@@ -348,20 +353,22 @@ def test_what_was_said_before_a_change_does_not_stand_as_the_last_word(
 
     node = bench.estimator()
     heard: list[Any] = []
-    bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 100)
+    bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 1000)
     assert bench.until(lambda: node.tensions.get_subscription_count() > 0)
     feed(node, 0, 10)
-    assert bench.until(lambda: len(heard) == 10)
+    hold(node, 9)
+    count = len(node.outputs)
+    assert bench.until(lambda: len(heard) == count)
     assert not any(flags & STALE for flags in heard[-1].status)
     kind, request = Trigger, Trigger.Request()
     if service == "set_preload":
         kind = SetPreload
         request = SetPreload.Request(cable=["upper"], preload=[30.0])
     assert bench.call(kind, f"/cdrj/estimator/{service}", request).success
-    assert bench.until(lambda: len(heard) == 11)
+    assert bench.until(lambda: len(heard) == count + 1)
     assert all(flags & STALE for flags in heard[-1].status)
     feed(node, 10, 20)
-    assert bench.until(lambda: len(heard) == 21)
+    assert bench.until(lambda: len(heard) == count + 11)
     assert not any(flags & STALE for flags in heard[-1].status)
 
 
@@ -379,6 +386,7 @@ def test_a_tare_is_refused_while_the_inputs_are_silent(bench: Bench) -> None:
     assert answer.message.startswith("nothing changed: no estimate for 0.5 s")
     assert node.live.model is before
     feed(node, 500, 600)
+    hold(node, 599)
     assert bench.call(Trigger, "/cdrj/estimator/tare", Trigger.Request()).success
     assert node.live.model.robot.motors[0].reference_angle == sample_at(599).motor_angle[0]
 
@@ -450,6 +458,7 @@ def test_a_step_of_an_encoder_is_said_until_the_reference_is_set_anew(bench: Ben
     assert "winch by 0." in values_of(status())["readings stepped"]
     assert status().level != status().OK
     assert all(int(flags) & UNSURE for flags in node.output.estimate.status)
+    hold(node, 1699, 0.9)
     node.live.tare()
     assert values_of(status())["readings stepped"] == "none"
 

@@ -104,6 +104,15 @@ def feed(node: Any, first: int, last: int, begin: int = BEGIN) -> None:
         node.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
 
 
+def hold(node: Any, k: int, displaced: float = 0.0) -> None:
+    """Go on with the readings of one sample until the robot counts as at rest."""
+    sample = sample_at(k)
+    for ahead in range(1, 320):
+        stamp = sample.stamp_ns + ahead * MILLISECOND
+        node.joint(JOINT.encode(stamp, position=sample.joint_angle))
+        node.motor(MOTOR.encode(stamp, position=sample.motor_angle + displaced))
+
+
 def tensions(node: Any) -> np.ndarray:
     return np.array([output.estimate.tension for output in node.outputs])
 

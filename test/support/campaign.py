@@ -1,0 +1,315 @@
+"""Faults of the inputs, composed at random, beside an uninterrupted run of the same motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.session import LiveEstimator, Options, Output
+from cdrj_ros.estimation.state_file import read_state, write_state
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import Model, shape_at
+
+Stamps = NDArray[np.int64]
+Vector = NDArray[np.float64]
+
+START = 1_700_000_000 * 10**9
+MS = 1_000_000
+SECOND = 1_000_000_000
+SMALLEST = 1e-3
+"""Standard deviations below this are rounding [N]."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """True angles at 1 kHz, and the uninterrupted estimates of them."""
+
+    winch: Vector
+    elbow: Vector
+    tension: Vector
+    """[N], shape (n, elements)."""
+
+    @property
+    def duration_ns(self) -> int:
+        return self.winch.size * MS
+
+    def angle(self, name: str, stamps: Stamps) -> Vector:
+        """Of an axis at stamps since the start [rad]."""
+        return np.interp(stamps, MS * np.arange(self.winch.size), getattr(self, name))
+
+
+@dataclass
+class Faults:
+    """What happens to the inputs of one run; the default is nothing."""
+
+    period_ns: dict[str, int] = field(default_factory=lambda: {"winch": MS, "elbow": MS})
+    gaps: list[tuple[str, int, int]] = field(default_factory=list)
+    """Axis, begin and end [ns]."""
+    late_ns: dict[str, int] = field(default_factory=dict)
+    """How late an axis's messages arrive [ns]."""
+    slip: tuple[int, float] | None = None
+    """When [ns] and by how much [rad] the winch's encoder slips."""
+    wrap: bool = False
+    """Whether the winch's encoder starts again after a turn of which the robot file is silent."""
+    restart_ns: int | None = None
+    """When the estimator is stopped and started again from its state file."""
+    stop_ns: int = 0
+    """For how long it was stopped then [ns]."""
+    clock_ns: tuple[int, int] | None = None
+    """When, and by how much, the clock of the inputs is set [ns]."""
+    cell: float | None = None
+    """What a load cell at ``upper/8`` that is stuck says [N]."""
+    effort: float | None = None
+    """What the motor's driver says of its effort [N m]."""
+    tare_ns: int | None = None
+    """When somebody calls for a tare."""
+    mode: str = "wait"
+
+    def words(self) -> str:
+        """The faults there are, for the message of a failed test."""
+        return ", ".join(f"{k}={v}" for k, v in vars(self).items() if v != getattr(Faults(), k))
+
+
+def courses(model: Model, seconds: float, kinds: Sequence[int]) -> list[Course]:
+    """Smooth motions of the robot with their uninterrupted estimates."""
+    return [_course(model, seconds, kind) for kind in kinds]
+
+
+def _course(model: Model, seconds: float, kind: int) -> Course:
+    time = 0.001 * np.arange(round(1000 * seconds))
+    hertz, amplitude = ((0.1, 0.6), (0.3, 0.45), (0.2, 0.6))[kind]
+    elbow = amplitude * np.sin(2.0 * np.pi * hertz * time)
+    if kind == 2:  # two frequencies
+        elbow = 0.75 * elbow + 0.05 * np.sin(2.0 * np.pi * 0.7 * time)
+    winch = follow(model, elbow)
+    course = Course(winch, elbow, np.empty(0))
+    outputs = run(model, course, Faults())
+    stamps = [output.estimate.stamp_ns - START for output in outputs]
+    assert stamps == (MS * np.arange(winch.size)).tolist()
+    return Course(winch, elbow, np.array([output.estimate.tension for output in outputs]))
+
+
+def follow(model: Model, elbow: Vector) -> Vector:
+    """Winch angles that keep the cables of the prototype about as long as the joint asks for."""
+    grid = np.linspace(elbow.min(), elbow.max(), 41)
+    cable = model.robot.cables[0]
+    count = len(cable.element_names)
+    lengths = np.array([shape_at(model, np.array([angle])).length[:count].sum() for angle in grid])
+    node = cable.nodes[0]
+    reference = shape_at(model, np.zeros(1)).length[:count].sum()
+    turned = -node.winding * (lengths - reference) / node.radius  # type: ignore[union-attr]
+    return np.interp(elbow, grid, turned)
+
+
+def stamps_of(course: Course, faults: Faults, name: str) -> Stamps:
+    """Of the readings of an axis since the start [ns]."""
+    stamps = np.arange(0, course.duration_ns, faults.period_ns[name], dtype=np.int64)
+    for axis, begin, end in faults.gaps:
+        if axis == name:
+            stamps = stamps[(stamps < begin) | (stamps > end)]
+    if faults.restart_ns is not None:
+        begin, end = faults.restart_ns, faults.restart_ns + faults.stop_ns
+        stamps = stamps[(stamps < begin) | (stamps > end)]
+    return stamps
+
+
+def readings_of(course: Course, faults: Faults, name: str) -> tuple[Stamps, Vector]:
+    """Stamps since the start [ns] and readings [rad] of an axis."""
+    stamps = stamps_of(course, faults, name)
+    values = course.angle(name, stamps)
+    if name == "winch":
+        if faults.slip is not None:
+            values = values + faults.slip[1] * (stamps >= faults.slip[0])
+        if faults.wrap:
+            values = np.mod(values + np.pi, 2.0 * np.pi) - np.pi
+    return stamps, values
+
+
+def run(
+    model: Model,
+    course: Course,
+    faults: Faults,
+    options: Options | None = None,
+    scratch: Path | None = None,
+    watch: Callable[[LiveEstimator], object] | None = None,
+) -> list[Output]:
+    """Feed the course with its faults; the stamps of what comes out are those of the course.
+
+    Args:
+        model: the robot.
+        course: its motion.
+        faults: what happens to the inputs.
+        options: of the estimator.
+        scratch: a folder for the state file of a restart.
+        watch: called with the estimator at the end.
+    """
+    if options is None:
+        options = Options(
+            conditioning=faults.mode,
+            tension_sensors=faults.cell is not None,
+            track_preload=faults.effort is not None,
+        )
+    live = LiveEstimator(model, options)
+    events = []
+    for name, kind in (("winch", "motors"), ("elbow", "joints")):
+        stamps, values = readings_of(course, faults, name)
+        late = faults.late_ns.get(name, 0)
+        events += [
+            (stamp + late, kind, name, stamp, value)
+            for stamp, value in zip(stamps.tolist(), values.tolist(), strict=True)
+        ]
+    events.sort()
+    outputs: list[Output] = []
+    for now, kind, name, stamp, value in events:
+        if faults.restart_ns is not None and now > faults.restart_ns and scratch is not None:
+            write_state(live, scratch / "state")
+            live, faults = LiveEstimator(model, options), _once(faults, "restart_ns")
+            read_state(live, scratch / "state")
+        if faults.tare_ns is not None and now > faults.tare_ns:
+            faults = _once(faults, "tare_ns")
+            _try_tare(live)
+        set_by = 0
+        if faults.clock_ns is not None and stamp >= faults.clock_ns[0]:
+            set_by = faults.clock_ns[1]
+        if name == "winch" and faults.effort is not None:
+            live.feed_efforts(START + stamp + set_by, ("winch",), (faults.effort,))
+        if name == "winch" and faults.cell is not None and stamp % (10 * MS) == 0:
+            live.feed_tensions(START + stamp + set_by, ("upper/8",), (faults.cell,), (0.05,))
+        made = live.feed(kind, START + stamp + set_by, (name,), (value,))[1]
+        if set_by:
+            made = [_moved(output, set_by) for output in made]
+        outputs += made
+    if watch is not None:
+        watch(live)
+    return outputs
+
+
+def _once(faults: Faults, name: str) -> Faults:
+    return Faults(**{**vars(faults), name: None})
+
+
+def _try_tare(live: LiveEstimator) -> None:
+    with suppress(UsageError):
+        live.tare()
+
+
+def _moved(output: Output, by: int) -> Output:
+    """An estimate whose clock was set, at the time of the course."""
+    estimate = output.estimate
+    return output._replace(estimate=estimate._replace(stamp_ns=estimate.stamp_ns - by))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How estimates with status 0 lie beside the truth, element by element and sample by sample."""
+
+    ratio: Vector
+    """|error| over the standard deviation of all that had status 0."""
+    worst: float
+    """Largest of these errors [N]."""
+    judged: int
+    """Elements times samples, whatever their status."""
+
+    def beyond(self, sigmas: float) -> float:
+        """Share of what had status 0 that was further off."""
+        return float(np.mean(self.ratio > sigmas)) if self.ratio.size else 0.0
+
+
+def judge(course: Course, outputs: Sequence[Output], begin_ns: int, end_ns: int) -> Verdict:
+    """Judge the estimates whose stamps lie between two times since the start."""
+    inside = [o for o in outputs if begin_ns <= o.estimate.stamp_ns - START < end_ns]
+    if not inside:
+        return Verdict(np.empty(0), 0.0, 0)
+    elements = course.tension.shape[1]
+    since = np.array([o.estimate.stamp_ns - START for o in inside])
+    low = np.minimum(since // MS, course.winch.size - 1)
+    high = np.minimum(low + 1, course.winch.size - 1)
+    share = ((since - low * MS) / MS)[:, None]
+    truth = course.tension[low] + share * (course.tension[high] - course.tension[low])
+    error = np.abs(np.array([o.estimate.tension for o in inside]) - truth)
+    stddev = np.array([o.stddev[:elements] for o in inside if o.stddev is not None])
+    good = np.array([o.estimate.status for o in inside]) == 0
+    ratio = error / np.maximum(stddev, SMALLEST)
+    worst = float(error[good].max()) if good.any() else 0.0
+    return Verdict(ratio[good], worst, error.size)
+
+
+def draw_faults(generator: np.random.Generator, duration_ns: int) -> Faults:
+    """One to three faults of a run; each kind at a random time and of a random size."""
+    faults = Faults()
+    kinds = ["gap", "slow", "late", "slip", "cell", "effort", "tare", "restart", "clock", "wrap"]
+    chosen = generator.choice(len(kinds), size=int(generator.integers(1, 4)), replace=False)
+    for kind in (kinds[k] for k in chosen):
+        _FAULTS[kind](faults, generator, duration_ns)
+    if generator.random() < 0.2:
+        faults.mode = "predict"
+    return faults
+
+
+def _time(generator: np.random.Generator, duration_ns: int) -> int:
+    """In the middle half of the run [ns]."""
+    return int(generator.uniform(0.35, 0.8) * duration_ns)
+
+
+def _gap(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
+    for _ in range(int(generator.integers(1, 4))):
+        begin = _time(generator, duration_ns)
+        end = begin + int(10.0 ** generator.uniform(-1.5, 0.3) * SECOND)
+        for axis in (("winch",), ("elbow",), ("winch", "elbow"))[generator.integers(0, 3)]:
+            faults.gaps.append((axis, begin, end))
+
+
+def _slow(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
+    period = int(SECOND / 10.0 ** generator.uniform(0.2, 2.3))
+    for axis in (("winch",), ("elbow",), ("winch", "elbow"))[generator.integers(0, 3)]:
+        faults.period_ns[axis] = period
+
+
+def _late(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
+    axis = ("winch", "elbow")[generator.integers(0, 2)]
+    faults.late_ns[axis] = int(10.0 ** generator.uniform(-3.0, 0.5) * SECOND)
+
+
+def _slip(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
+    sign = generator.choice((-1.0, 1.0))
+    faults.slip = _time(generator, duration_ns), float(sign * generator.uniform(0.4, 3.0))
+    # further apart, a slip cannot be told from a motion
+    faults.period_ns["winch"] = min(faults.period_ns["winch"], SECOND // 50)
+
+
+def _wrap(faults: Faults, _generator: np.random.Generator, _duration_ns: int) -> None:
+    faults.wrap = True
+    faults.period_ns["winch"] = min(faults.period_ns["winch"], SECOND // 20)
+
+
+def _cell(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
+    faults.cell = float(generator.choice((0.0, 15.0, 30.0, 60.0)))
+
+
+def _effort(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
+    faults.effort = float(generator.choice((0.0, 0.05, -0.1)))
+
+
+def _tare(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
+    faults.tare_ns = _time(generator, duration_ns)
+
+
+def _restart(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
+    faults.restart_ns = _time(generator, duration_ns)
+    faults.stop_ns = int(10.0 ** generator.uniform(-2.0, 0.5) * SECOND)
+
+
+def _clock(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
+    by = int(generator.choice((-3600, -5, 5, 3600))) * SECOND
+    faults.clock_ns = _time(generator, duration_ns), by
+
+
+_FAULTS: Mapping[str, Callable[[Faults, np.random.Generator, int], None]] = {
+    "gap": _gap, "slow": _slow, "late": _late, "slip": _slip, "cell": _cell, "effort": _effort,
+    "tare": _tare, "restart": _restart, "clock": _clock, "wrap": _wrap,
+}  # fmt: skip
