@@ -237,7 +237,7 @@ def _print_once(node: WatchNode, executor: EventsExecutor, wait_s: float, out: T
 
 
 def _print_lines(node: WatchNode, executor: EventsExecutor, out: TextIO) -> None:
-    while True:
+    while _is_read(out):
         _spin(executor, LINE_S)
         print(plain_line(node.view()), file=out, flush=True)
 
@@ -245,10 +245,15 @@ def _print_lines(node: WatchNode, executor: EventsExecutor, out: TextIO) -> None
 def _draw(node: WatchNode, executor: EventsExecutor, console: Console) -> None:
     plain = _is_plain(console.file)
     with Live(console=console, auto_refresh=False, vertical_overflow="crop") as live:
-        while True:
+        while _is_read(console.file):
             table = live_table(node.view(), console.width, console.height, plain)
             live.update(table, refresh=True)
             _spin(executor, DRAW_S)
+
+
+def _is_read(stream: Any) -> bool:
+    """Whether nothing has gone wrong with an output that remembers its failure."""
+    return getattr(stream, "failure", None) is None
 
 
 def _is_plain(stream: Any) -> bool:

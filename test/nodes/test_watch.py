@@ -69,14 +69,18 @@ def source(node: Any) -> Source:
     return Source(node)
 
 
-def test_once_prints_one_table_and_ends_with_code_0(start_node: Any, source: Source) -> None:
+def test_once_prints_one_table_in_the_encoding_of_its_output_and_ends_with_code_0(
+    start_node: Any, source: Source, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    source.message.name[0] = "über/1"
     process = start_node("watch", "--once", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     source.publish_until(lambda: process.poll() is not None)
     output, errors = (stream.decode() for stream in process.communicate())
     assert (process.returncode, errors) == (0, "")
     assert output.count("/cdrj/tensions") == 1
-    assert re.search(r"upper/1 +40\.00 +3\.00 .*OK", output)
-    assert re.search(r"lower/1 +12\.50 +0\.50 .*UNSURE", output)
+    assert re.search(r"\\xfcber/1 .* 40\.00 .* 3\.00 .*OK", output)
+    assert re.search(r"lower/1 .* 12\.50 .* 0\.50 .*####.*UNSURE", output)
     assert "\x1b" not in output
 
 
@@ -131,6 +135,15 @@ def test_a_terminal_gets_a_table_and_its_cursor_back(
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")
     assert text.endswith(last)
     assert "Traceback" not in text
+
+
+def test_it_ends_when_nobody_reads_any_more(start_node: Any, ros: None) -> None:
+    process = start_node("watch", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout.readline().startswith(b"/cdrj/tensions")
+    process.stdout.close()
+    assert process.wait(PATIENCE_S) == 0
+    with process.stderr as errors:
+        assert errors.read() == b""
 
 
 def test_once_without_a_publisher_ends_with_code_2_and_one_line(start_node: Any, ros: None) -> None:
