@@ -196,6 +196,9 @@ def swing_steps(
 ) -> int:
     """Steps of a free joint; returns how many stayed within its range.
 
+    Takes 15 arguments because compiled kernels take arrays and numbers; longer than a screen
+    because it is one loop over the steps.
+
     ``course`` holds angle, speed, acceleration and torque of the cables, and is carried on.
     """
     size = state.size
