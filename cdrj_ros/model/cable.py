@@ -95,7 +95,7 @@ class Contact:
     """Force imbalance at ``trial`` [N]."""
     lower: float
     """Derivative of the residual by the slip of the pulley before [N/m]."""
-    diagonal: float
+    middle: float
     """Derivative of the residual by this pulley's slip [N/m]."""
     upper: float
     """Derivative of the residual by the slip of the pulley after [N/m]."""
@@ -214,7 +214,7 @@ def _imbalance(
             diagonal -= by_pull * k_left
             lower += by_pull * k_left
         contacts[i].lower = lower
-        contacts[i].diagonal = diagonal
+        contacts[i].middle = diagonal
         contacts[i].upper = upper
         t_left, k_left = t_right, k_right
         slip = following
@@ -225,11 +225,11 @@ def _imbalance(
 def _newton_step(contacts: Rows[Contact]) -> None:
     """Solve the tridiagonal system J step = -residual in place (Thomas), O(n)."""
     n = len(contacts)
-    scale = 1.0 / contacts[0].diagonal
+    scale = 1.0 / contacts[0].middle
     contacts[0].upper *= scale
     contacts[0].step = -contacts[0].residual * scale
     for i in range(1, n):
-        scale = 1.0 / (contacts[i].diagonal - contacts[i].lower * contacts[i - 1].upper)
+        scale = 1.0 / (contacts[i].middle - contacts[i].lower * contacts[i - 1].upper)
         contacts[i].upper *= scale
         contacts[i].step = (
             -contacts[i].residual - contacts[i].lower * contacts[i - 1].step

@@ -45,6 +45,8 @@ def record_type(fields: type, **vectors: int) -> Any:
     """
     columns: list[Any] = []
     for name, kind in fields.__annotations__.items():
+        if hasattr(np.record, name):
+            raise TypeError(f"{fields.__name__}.{name} is hidden by NumPy's own attribute")
         if name in vectors:
             columns.append((name, np.float64, (vectors[name],)))
         else:

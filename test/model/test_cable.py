@@ -345,7 +345,7 @@ def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
         problem["stiffness"], problem["elements"].copy(), work, problem["pulleys"],
         1e-6, -2e-6, law, 1e-3,
     )  # fmt: skip
-    matrix = np.diag(work["diagonal"])
+    matrix = np.diag(work["middle"])
     matrix += np.diag(work["lower"][1:], -1) + np.diag(work["upper"][:-1], 1)
     return np.array(matrix)
 
