@@ -119,6 +119,7 @@ class RigNode(Node):
         now_ns = monotonic_ns()
         if self._origin_ns is None:
             self._origin_ns = now_ns
+            self._reported = (now_ns, 0, 0.0)
         speed = self.options.speed
         due = int((now_ns - self._origin_ns) * 1e-9 * speed / self._period_s)
         behind = due - self._done

@@ -6,7 +6,6 @@ import re
 import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -139,6 +138,7 @@ def stamp_ns(message: Any) -> int:
 def test_an_estimator_beside_the_rig_finds_its_true_tensions(start_node: Any, node: Any) -> None:
     from cdrj_msgs.msg import CableTensions
     from rclpy.experimental import EventsExecutor
+    from trajectory_msgs.msg import JointTrajectory
 
     estimates: dict[int, np.ndarray] = {}
     truths: dict[int, np.ndarray] = {}
@@ -151,17 +151,17 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(start_node: Any, no
     executor.add_node(node)
     try:
         start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}")
-        heard = partial(node.count_subscribers, "/cdrj/motor_states")
-        assert spin_until(executor, lambda: heard() > 0, COMPILING_S)
         start_node(
-            "rig", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "motion:=sine", "-p", "cells:=4",
-            "-p", "motion_frequency:=0.5", "-p", "truth_rate:=100.0", "-p", "motor_rate:=250.0",
-            "-p", "joint_rate:=125.0",
+            "rig", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "cells:=4", "-p", "truth_rate:=100",
+            "-p", "motor_rate:=250", "-p", "joint_rate:=125",
         )  # fmt: skip
-        # the estimator has begun in the rig's rest of a second
-        assert spin_until(executor, lambda: bool(truths and estimates), COMPILING_S)
-        first = min(truths)
-        wanted = first + 3_000_000_000
+        # nothing has slipped before the first command: the estimator knows the friction's history
+        commands = node.create_publisher(JointTrajectory, "/cdrj/motor_trajectory", 10)
+        heard = commands.get_subscription_count
+        assert spin_until(executor, lambda: bool(truths and estimates and heard()), COMPILING_S)
+        first = max(truths)
+        commands.publish(trajectory((0.8, 1.5), (2.0, -1.0), (2.4, -0.5)))
+        wanted = first + 2_500_000_000
         assert spin_until(executor, lambda: max(estimates) > wanted < max(truths))
     finally:
         executor.shutdown()
@@ -331,6 +331,34 @@ def test_load_cells_clock_and_payload(bench: Any) -> None:
     assert not set_one("payload", -1.0)
     assert not set_one("preload", [1.0, 2.0])
     assert not set_one("cells", 4)
+
+
+def test_a_rig_that_cannot_keep_up_leaves_time_out_and_says_so(bench: Any) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    one = bench(drive_clock=True, speed=100.0, cells=8)  # 10 us a step: out of reach
+    heard = one.listen(DiagnosticArray, "/diagnostics")
+    assert one.spin_until(
+        lambda: any(message.status[0].message.startswith("cannot keep up") for message in heard)
+    )
+    values = {v.key: v.value for v in heard[-1].status[0].values}
+    assert float(values["time left out [s]"]) > 0.0
+    steps = one.rig.rig.steps
+    assert one.spin_until(lambda: one.rig.rig.steps > steps + 100)
+
+
+def test_after_a_pause_the_stamps_go_on_at_the_machines_time(bench: Any) -> None:
+    from sensor_msgs.msg import JointState
+
+    one = bench()
+    heard = one.listen(JointState, "motor_states")
+    assert one.spin_until(lambda: len(heard) > 10)
+    one.rig._origin_ns -= 2_000_000_000  # as if the process had been stopped for two seconds
+    count = len(heard)
+    assert one.spin_until(lambda: len(heard) > count + 100)
+    between = np.diff([stamp_ns(message) for message in heard])
+    assert (between > 0).all()
+    assert between.max() > 1_900_000_000
 
 
 def test_the_documents_table_lists_every_parameter_topic_and_service(bench: Any) -> None:
