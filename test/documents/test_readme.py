@@ -13,6 +13,8 @@ import pytest
 
 from cdrj_ros.bag import BagWriter, Topics, read_recording
 from cdrj_ros.commands.reproduce import _parser as reproduce_parser
+from cdrj_ros.inspection.ranges import inspect_robot
+from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
@@ -24,6 +26,7 @@ def test_the_robot_file_of_the_readme_is_a_possible_robot() -> None:
     (text,) = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
     model = prepare(parse_robot(text, "README.md"))
     assert model.layout.elements == ("flexor/1", "flexor/2")
+    assert not [each for each in find_suspicions(inspect_robot(model)) if each.grave]
 
 
 def test_every_file_that_the_readme_names_is_there() -> None:
