@@ -228,10 +228,10 @@ def test_a_bag_without_references_is_refused_before_any_bag_is_read(
 def test_names_in_a_bag_do_not_control_the_terminal(
     second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "\x1b[2Jbag"
-    with BagWriter(out) as bag:
+    with BagWriter(tmp_path / "bag") as bag:
         bag.copy(second)
         bag.write_tensions("/truth", [1, 2], ["\x1b[31mupper/9"], np.ones((2, 1)), log_ns=[1, 2])
+    out = (tmp_path / "bag").rename(tmp_path / "\x1b[2Jbag")
     topics = ["--reference", "/truth", "--reference", "/reference/tensions"]
     assert run(tmp_path, out, *topics)[0] == 0
     printed = capsys.readouterr()
