@@ -12,15 +12,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.estimation.ensemble import (
-    MEMBERS,
-    Spread,
-    draw_members,
-    friction_shares,
-    reading_errors,
-    spread_columns,
-)
+from cdrj_ros.estimation.ensemble import MEMBERS, Spread, spread_columns
 from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.estimation.members import draw_members, friction_shares, reading_errors
 from cdrj_ros.judgement.validation import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare

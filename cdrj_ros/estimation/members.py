@@ -1,0 +1,158 @@
+"""What the members of the ensemble are drawn from: everything that is not known of a robot.
+
+Parameters from their covariance, preloads, the tension of the cable on the drums, friction
+histories at the start, reading errors, and ways between readings.  docs/uncertainty.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.model.packing import number_views
+from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.parameters import find_number, with_numbers
+from cdrj_ros.robot.reader import build_robot
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+PERTURBATIONS: Final = 1021
+"""Rows of random reading errors that members take in turn; a prime, so that none has its own."""
+
+SATURATED: Final = 0.7
+"""Share of cables whose pulleys start at their bounds, as after a long motion."""
+
+FRONTS: Final = (0.6, 0.25, 0.15)
+"""Chances that the sense of friction changes nowhere along a cable, at one place, at two."""
+
+WAYS: Final = 61
+"""Rows of deviations that members take in turn from interval to interval."""
+
+WOUND_SPREAD: Final = 0.3
+"""Spread of the logarithm of the tension at which the cable on a drum was wound."""
+
+
+def draw_members(robot: Robot, members: int, generator: np.random.Generator) -> list[Robot]:
+    """Robots whose parameters are drawn from their covariance; empty where all are exact.
+
+    In pairs to both sides of the mean, and where there are fewer parameters than pairs with
+    exactly the given covariance, so that what depends linearly on them has exactly its spread.
+    """
+    known = robot.uncertainty
+    if known is None or not robot.document:
+        return []
+    values, vectors = np.linalg.eigh(known.covariance)
+    factor = vectors * np.sqrt(np.maximum(values, 0.0))
+    pairs, p = members // 2, len(known.parameters)
+    normal = generator.standard_normal((pairs, p))
+    if pairs >= p:
+        normal = np.linalg.qr(normal)[0] * np.sqrt(pairs)
+    draws = np.concatenate([normal, -normal]) @ factor.T
+    return [_drawn(robot, known.parameters, draw) for draw in draws]
+
+
+def _drawn(robot: Robot, parameters: tuple[str, ...], draw: Vector) -> Robot:
+    """The robot with its parameters moved by ``draw``, less far where no robot is there."""
+    document: Any = robot.document
+    for share in (1.0, 0.5, 0.25):
+        values = {}
+        for path, change in zip(parameters, draw * share, strict=True):
+            number = find_number(document, path)
+            values[path] = _within(number.value + float(change), number.rules, number.value)
+        try:
+            return build_robot(with_numbers(document, values), robot.source)
+        except CdrjError:
+            continue
+    return robot
+
+
+def _within(value: float, rules: Mapping[str, Any], given: float) -> float:
+    """The value within the range that the schema allows."""
+    value = max(value, rules.get("minimum", value))
+    value = min(value, rules.get("maximum", value))
+    if value <= rules.get("exclusiveMinimum", -np.inf) or value >= rules.get(
+        "exclusiveMaximum", np.inf
+    ):
+        return given
+    return value
+
+
+def wind_differently(model: Model, numbers: Table, generator: np.random.Generator) -> None:
+    """Let the cable on the drums have been wound at tensions of which nothing is known.
+
+    It lies there at the tension of the moment in which it was wound (E3), not at the preload.
+
+    Args:
+        model: the prepared robot.
+        numbers: of all members, shape (members, numbers), changed.
+        generator: of the draws.
+    """
+    half = len(numbers) // 2
+    cables: Any = number_views(model.sizes, numbers).cables
+    for c in range(len(model.robot.cables)):
+        normal = generator.standard_normal(half)
+        spread = np.exp(WOUND_SPREAD * np.concatenate([normal, -normal]))
+        cables["wound_tension"][:, c] *= spread
+
+
+def preload_differently(
+    model: Model, numbers: Table, share: float, generator: np.random.Generator
+) -> None:
+    """Let the members' preloads differ, cable by cable, by ``share`` of them."""
+    shape = shape_at(model, np.array([joint.reference_angle for joint in model.robot.joints]))
+    half = len(numbers) // 2
+    cables: Any = number_views(model.sizes, numbers).cables
+    elements: Any = number_views(model.sizes, numbers).elements
+    element = 0
+    for c, cable in enumerate(model.robot.cables):
+        normal = generator.standard_normal(half)
+        change = 1.0 + share * np.concatenate([normal, -normal])
+        preload = cables["preload"][:, c] * np.maximum(change, 0.0)
+        cables["preload"][:, c] = preload
+        stretch = 1.0 + preload / cables["axial_stiffness"][:, c]
+        for _ in cable.element_names:
+            elements["material"][:, element] = shape.length[element] / stretch
+            element += 1
+
+
+def friction_shares(members: int, pulleys: int, generator: np.random.Generator) -> Table:
+    """Friction histories that motions before the start may have left behind.
+
+    Returns:
+        Share of every pulley's bound that its friction holds, shape (members, pulleys): of one
+        sense as far as the last motion has come along the cable, of the other beyond, mostly all
+        of the bound; as many members with one sense as with the other.
+    """
+    half = members // 2
+    fronts = generator.integers(0, pulleys + 1, (half, len(FRONTS) - 1))
+    there = generator.choice(len(FRONTS), (half, 1), p=FRONTS) > np.arange(len(FRONTS) - 1)
+    behind = np.arange(pulleys)[None, :, None] >= fronts[:, None, :]
+    passed = (behind & there[:, None, :]).sum(axis=2)
+    shares = np.where(passed % 2 == 0, 1.0, -1.0)
+    partly = generator.random(half) > SATURATED
+    shares[partly] *= generator.random((int(partly.sum()), pulleys))
+    return np.concatenate([shares, -shares])
+
+
+def reading_errors(robot: Robot, generator: np.random.Generator) -> Table:
+    """Errors of motor and joint angles [rad] from noise and resolution, (PERTURBATIONS, axes)."""
+    sensors = [axis.sensor for axis in robot.axes]
+    scale = np.array([abs(sensor.scale) for sensor in sensors])
+    noise = scale * np.array([sensor.noise for sensor in sensors])
+    count = scale * np.array([sensor.resolution for sensor in sensors])
+    shape = (PERTURBATIONS, len(sensors))
+    errors = noise * generator.standard_normal(shape) + count * (generator.random(shape) - 0.5)
+    return np.ascontiguousarray(errors)
+
+
+def unseen_ways(members: int, axes: int, generator: np.random.Generator) -> NDArray[np.float64]:
+    """Deviations of unit variance and zero mean over the members, shape (WAYS, members, axes)."""
+    half = generator.standard_normal((WAYS, members // 2, axes))
+    half /= np.sqrt((half**2).mean(axis=1, keepdims=True))
+    return np.ascontiguousarray(np.concatenate([half, -half], axis=1))
