@@ -156,7 +156,9 @@ def _figures(
         values["refused: unknown element"] = str(live.unknown_elements)
         values["sensor readings not used in time"] = str(live.overlooked)
         for one in live.fusion.health.values():
-            state = f"dropped: {one.dropped}" if one.dropped else "used"
+            state = "used" if one.trusted else "on trial until it follows a motion"
+            if one.dropped:
+                state = f"dropped: {one.dropped}"
             values[f"sensor {one.name}"] = (
                 f"{state}; {one.used} readings used, {one.refused} refused"
             )
