@@ -6,7 +6,7 @@ No ROS here: a node converts messages, calls this, publishes what comes out.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -151,12 +151,14 @@ class LiveEstimator:
         self._restart()
 
     def _restart(self) -> None:
-        self._restart_from: tuple[State, Any, Any] | None = None
+        self._restart_from: tuple[State, Any, Any, Any] | None = None
         self._jumps = self.conditioner.clock_jumps
         self._steps = self.conditioner.steps
         self.state: State = initial_state(self.model)
-        self._unaided: State = self.state
+        self.unaided: State = self.state
         """What the state would be without other sensors."""
+        self.taught: set[str] = set()
+        """Sensors that make the difference between ``state`` and ``unaided``."""
         self.sample: Sample | None = None
         self.overlooked += len(self._pending)
         self._pending.clear()
@@ -168,24 +170,40 @@ class LiveEstimator:
         if self.fusion is not None:
             self.fusion.reset()
 
-    def resume(self, state: State, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from a state of an earlier run, the next sample telling what happened since."""
+    def resume(
+        self,
+        state: State,
+        arrays: Mapping[str, NDArray[Any]],
+        unaided: Vector | None = None,
+        taught: Iterable[str] = (),
+    ) -> None:
+        """Continue from the state of an earlier run; the next sample shows what happened since.
+
+        Args:
+            state: of the earlier run.
+            arrays: ``motor_angle`` and ``joint_angle``, as far as they are known.
+            unaided: values of the state without other sensors; None: of the state itself.
+            taught: the sensors that make the difference.
+        """
         motor, joint = arrays.get("motor_angle"), arrays.get("joint_angle")
-        self._restart_from = (state, motor, joint)
+        self._restart_from = (state, motor, joint, unaided)
+        self.taught = set(taught)
         if motor is not None and joint is not None:
             self.conditioner.expect(np.concatenate([motor, joint]))
 
     def _take_up(self, sample: Sample) -> None:
         """Join an earlier run's state to the first sample of this one."""
         assert self._restart_from is not None
-        state, motor, joint = self._restart_from
+        state, motor, joint, unaided = self._restart_from
         self._restart_from = None
         late = sample.stamp_ns - state.stamp_ns
         if late <= 0:  # the clock has been set back since
             state = State(sample.stamp_ns - 1_000_000, state.values)
             if self.spread is not None:
                 self.spread.shift_clock(late - 1_000_000)
-        self.state = self._unaided = state
+        self.state = self.unaided = state
+        if unaided is not None:
+            self.unaided = State(state.stamp_ns, unaided)
         moved = 0.0
         for before, now in ((motor, sample.motor_angle), (joint, sample.joint_angle)):
             if before is not None and before.shape == now.shape and now.size:
@@ -228,7 +246,7 @@ class LiveEstimator:
             self._take_up(sample)
         self.state, estimate = step(self.model, self.state, sample)
         if self.fusion is not None:
-            self._unaided = step(self.model, self._unaided, sample)[0]
+            self.unaided = step(self.model, self.unaided, sample)[0]
         self.sample = sample
         latest = self._latest
         if not latest or sample.stamp_ns - latest[-1].stamp_ns >= REST_STEP_NS:
@@ -246,8 +264,8 @@ class LiveEstimator:
             mark_all_unsure(estimate)
         if self.fusion is not None and estimate.solved:
             self.fusion.remember(estimate)
-            if self._pending:
-                self._use_pending(self.fusion, sample)
+            if self._pending and self._use_pending(self.fusion, sample):
+                mark_all_unsure(estimate)
         return Output(estimate, stddev)
 
     def feed_tensions(
@@ -306,7 +324,8 @@ class LiveEstimator:
             self.overlooked += 5_000
         self._pending.append((stamp_ns, name, value, noise))
 
-    def _use_pending(self, fusion: Fusion, sample: Sample) -> None:
+    def _use_pending(self, fusion: Fusion, sample: Sample) -> bool:
+        """Correct by what the sample has reached; True where corrections were undone."""
         later = []
         for stamp, name, value, noise in self._pending:
             if stamp > sample.stamp_ns:
@@ -317,20 +336,25 @@ class LiveEstimator:
                 continue
             dropped = fusion.dropped
             correct = fusion.tension if "/" in name else fusion.motor_effort
-            self.state = correct(sample, self.state, stamp, name, value, noise)
-            if fusion.dropped != dropped and fusion.health[name].used:
+            state = correct(sample, self.state, stamp, name, value, noise)
+            if state is not self.state:
+                self.taught.add(name)
+            self.state = state
+            if fusion.dropped != dropped and name in self.taught:
                 self._take_back(fusion)
-                return
+                return True
         self._pending = later
+        return False
 
     def _take_back(self, fusion: Fusion) -> None:
-        """Undo what other sensors have taught: one of them was wrong.
+        """Undo all corrections by other sensors, since one of those sensors was wrong.
 
-        The state goes back to the one without corrections, the ensemble to its spread at the start.
-        The sensors that are still trusted teach both anew.
+        The state becomes the uncorrected one, and the ensemble starts anew.  The sensors that are
+        still trusted correct both from there.
         """
         self._pending.clear()
-        self.state = self._unaided
+        self.taught.clear()
+        self.state = self.unaided
         fusion.spread.reset()
         fusion.forget()
 

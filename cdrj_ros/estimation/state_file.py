@@ -22,7 +22,7 @@ from cdrj_ros.foundation.files import write_bytes
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model
 
-HEADER: Final = b"cdrj_ros state 3\n"
+HEADER: Final = b"cdrj_ros state 4\n"
 """How a state file begins."""
 
 MAXIMUM_BYTES: Final = 50_000_000
@@ -67,6 +67,11 @@ def _arrays(content: bytes, path: Path) -> dict[str, NDArray[Any]]:
         raise StateFileError(f"{path} is not a state file: {printable(str(error))}") from error
 
 
+def _packed(value: Any) -> NDArray[np.uint8]:
+    """A value as JSON, in an array that a state file can hold."""
+    return np.frombuffer(json.dumps(value).encode(), dtype=np.uint8)
+
+
 def write_state(live: LiveEstimator, path: Path) -> bool:
     """Write what an estimator knows, all or nothing: a crash leaves the old file or the new one.
 
@@ -83,13 +88,15 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
         return False
     arrays: dict[str, NDArray[Any]] = {
         "robot": _digest(live.started),
-        "changes": np.frombuffer(json.dumps(live.changes).encode(), dtype=np.uint8),
+        "changes": _packed(live.changes),
     }
     if live.sample is not None:
         arrays |= {
             "digest": _digest(live.model),
             "stamp": np.array([live.state.stamp_ns]),
             "state": live.state.values,
+            "unaided": live.unaided.values if live.fusion is not None else live.state.values,
+            "taught": _packed(sorted(live.taught)),
             "motor_angle": live.sample.motor_angle,
             "joint_angle": live.sample.joint_angle,
         }
@@ -130,15 +137,31 @@ def read_state(live: LiveEstimator, path: Path) -> str:
     if arrays.get("digest", np.empty(0)).tobytes() != _digest(live.model).tobytes():
         said = f"{words} taken up; " if words else ""
         raise StateFileError(f"{said}the state in {path} is of other friction")
+    _take_up_state(live, arrays, path)
+    return f"goes on from {path}" + (f", with {words}" if words else "")
+
+
+def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
+    """State, ensemble, and what other sensors have taught the state.
+
+    Raises:
+        StateFileError: what the file holds is unusable; nothing has changed then.
+    """
     values, stamp = arrays["state"], arrays.get("stamp")
-    if values.shape != (live.model.state_size,) or not np.all(np.isfinite(values)):
-        raise StateFileError(f"{path} holds no usable state")
+    unaided = arrays.get("unaided", values)
+    for one in (values, unaided):
+        if one.shape != (live.model.state_size,) or not np.all(np.isfinite(one)):
+            raise StateFileError(f"{path} holds no usable state")
     if stamp is None or stamp.shape != (1,):
         raise StateFileError(f"{path} holds no stamp")
+    try:
+        taught = [str(name) for name in json.loads(arrays["taught"].tobytes())]
+    except (KeyError, TypeError, ValueError) as error:
+        raise StateFileError(f"{path} holds no usable list of sensors: {error}") from error
     if live.spread is not None and not live.spread.recall(arrays):
         live.spread.reset()
-    live.resume(State(int(stamp[0]), values.astype(np.float64)), arrays)
-    return f"goes on from {path}" + (f", with {words}" if words else "")
+    state = State(int(stamp[0]), values.astype(np.float64))
+    live.resume(state, arrays, unaided.astype(np.float64), taught)
 
 
 def _take_up_changes(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> str:

@@ -37,7 +37,7 @@ def course(model: Model) -> Course:
 
 @pytest.fixture(scope="module")
 def all_courses(model: Model) -> list[Course]:
-    return courses(model, 12.0 if RUNS < 50 else 30.0, (0, 1, 2))
+    return courses(model, 12.0 if RUNS < 50 else 20.0, (0, 1, 2))
 
 
 def test_whatever_happens_to_the_inputs_status_0_means_what_it_says(

@@ -1,0 +1,157 @@
+"""What a trusted sensor has taught is undone once it proves wrong, and does not return."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+import pytest
+
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.estimation.state_file import read_state, write_state
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.status import UNSURE
+
+ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+CELL: Final = "upper/8"
+MEASURED = Options(tension_sensors=True)
+CALM: Final = 1500
+"""Samples after which the cell begins to lie."""
+SCALE: Final = 1.2
+"""Before, it reads so much too high: in proportion to the motion, so that it is trusted."""
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return load_model(ROBOT)
+
+
+class Beside(NamedTuple):
+    """A motion, and what the estimator makes of it without sensors."""
+
+    samples: Samples
+    tension: np.ndarray
+    """Shape (n, elements)."""
+    cell: np.ndarray
+    """Tension of the cell's element, shape (n,)."""
+
+
+@pytest.fixture(scope="module")
+def beside(model: Model, recorded: Callable[[Model, int], Samples]) -> Beside:
+    """Recorded angles at 100 Hz with the uncorrected estimates."""
+    samples = recorded(model, 15)
+    samples = Samples(*(column[:3000].copy() for column in vars(samples).values()))
+    live = LiveEstimator(model)
+    tension = np.array([live.take(_sample(samples, k)).estimate.tension for k in range(3000)])
+    return Beside(samples, tension, tension[:, model.layout.elements.index(CELL)])
+
+
+def _sample(samples: Samples, k: int) -> Sample:
+    return Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])
+
+
+Lie = Callable[[Beside, int], float]
+
+LIES: dict[str, Lie] = {
+    "freezes": lambda beside, _k: SCALE * float(beside.cell[CALM]),
+    "says zero": lambda _beside, _k: 0.0,
+    "doubles": lambda beside, k: 2.0 * SCALE * float(beside.cell[k]),
+}
+
+
+def _feed_cell(live: LiveEstimator, beside: Beside, k: int, lie: Lie) -> None:
+    """Every second sample a reading of the cell, in proportion at first."""
+    if k % 2 == 0:
+        value = SCALE * float(beside.cell[k]) + 0.02 * (k % 8 - 3)
+        if k >= CALM:
+            value = lie(beside, k)
+        live.feed_tensions(int(beside.samples.stamp_ns[k]), [CELL], [value], [0.05])
+
+
+def _dropped(live: LiveEstimator) -> str:
+    assert live.fusion is not None
+    health = live.fusion.health.get(CELL)
+    return health.dropped if health is not None else ""
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_what_a_trusted_load_cell_taught_is_undone_once_it_is_dropped(
+    lie: str, model: Model, beside: Beside
+) -> None:
+    live = LiveEstimator(model, MEASURED)
+    taught = 0.0
+    found = -1
+    for k in range(beside.cell.size):
+        _feed_cell(live, beside, k, LIES[lie])
+        output = live.take(_sample(beside.samples, k))
+        off = np.abs(output.estimate.tension - beside.tension[k])[:8].max()
+        if k < CALM:
+            taught = off
+        if found >= 0:
+            assert off < 1e-9, "as without the cell"
+        elif _dropped(live):
+            found = k
+            assert np.all(output.estimate.status.astype(int) & UNSURE)
+    assert live.fusion is not None
+    health = live.fusion.health[CELL]
+    assert taught > 3.0, "it was trusted, and moved the preload"
+    assert health.used > 100
+    assert CALM <= found < CALM + 700
+    used, refused = health.used, health.refused
+    assert refused > 200, "it stays dropped"
+    _feed_cell(live, beside, 2998, LIES[lie])
+    live.take(_sample(beside.samples, 2999)._replace(stamp_ns=int(beside.samples.stamp_ns[-1]) + 1))
+    assert (health.used, health.refused) == (used, refused + 1)
+    assert np.array_equal(live.state.values, live.unaided.values)
+
+
+def test_the_standard_deviation_opens_where_corrections_are_undone(
+    model: Model, beside: Beside
+) -> None:
+    """The preload is then known as at the start: every element says so by its status."""
+    live = LiveEstimator(model, MEASURED)
+    before = np.empty(0)
+    for k in range(beside.cell.size):
+        was_dropped = bool(_dropped(live))
+        _feed_cell(live, beside, k, LIES["says zero"])
+        output = live.take(_sample(beside.samples, k))
+        assert output.stddev is not None
+        if k == CALM - 1:
+            before = output.stddev[:8]
+            assert not np.any(output.estimate.status[:8].astype(int) & UNSURE)
+        if was_dropped:
+            break
+    else:
+        pytest.fail("the cell was not dropped")
+    assert np.all(output.stddev[:8] > 3.0 * before)
+    assert np.all(output.estimate.status.astype(int) & UNSURE)
+
+
+@pytest.mark.parametrize("break_at", [CALM - 100, CALM + 20])
+def test_what_a_load_cell_taught_before_a_restart_is_undone_after_it(
+    break_at: int, model: Model, beside: Beside, tmp_path: Path
+) -> None:
+    """Restarted while the cell is good, or while it lies unnoticed; after that it only lies."""
+    lie = LIES["freezes"]
+    path = tmp_path / "state"
+    live = LiveEstimator(model, MEASURED)
+    for k in range(break_at):
+        _feed_cell(live, beside, k, lie)
+        live.take(_sample(beside.samples, k))
+    assert not _dropped(live)
+    assert np.abs(live.state.values - live.unaided.values).max() > 0.0
+    write_state(live, path)
+    live = LiveEstimator(model, MEASURED)
+    assert "goes on" in read_state(live, path)
+    offs = []
+    for k in range(break_at, beside.cell.size):
+        _feed_cell(live, beside, k, lie)
+        output = live.take(_sample(beside.samples, k))
+        offs.append(np.abs(output.estimate.tension - beside.tension[k])[:8].max())
+    assert offs[0] > 3.0, "what it taught was taken up"
+    assert _dropped(live)
+    assert offs[-1] < 1e-9, "as without the cell"
