@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -16,14 +15,7 @@ from cdrj_ros.bag.definitions import message_type
 from cdrj_ros.bag.series import Decoded, Series, series_by_name
 from cdrj_ros.bag.source import BagFile, Source, open_source
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
-
-REFERENCE_ARRAYS: Final[Mapping[str, tuple[str, str]]] = {
-    CABLE_TENSIONS.name: ("tension", "tension"),
-    NODAL_FORCES.name: ("nodal_force", "magnitude"),
-    JOINT_STATE.name: ("effort", "effort"),
-}
-"""By message type: what its channels are called, and the array they come from."""
+from cdrj_ros.messages.cdr import JOINT_STATE, REFERENCE_ARRAYS
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from cdrj_ros.conditioning.whole_recording import Readings, condition
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
+from cdrj_ros.model.channels import EFFORT, channel_columns
 from cdrj_ros.model.prepared import Layout, Model, prepare
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import with_numbers
@@ -38,8 +39,6 @@ CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period", "correc
 
 Weights = Literal["spread", "noise"]
 WEIGHTS: Final[tuple[Weights, ...]] = get_args(Weights)
-
-TENSION, NODAL_FORCE, EFFORT = "tension", "nodal_force", "effort"
 
 
 @dataclass(frozen=True)
@@ -83,19 +82,6 @@ class Observations:
     def size(self) -> int:
         """Number of residuals."""
         return sum(channel.reference.size for channel in self.channels)
-
-
-def channel_columns(layout: Layout) -> dict[str, int]:
-    """Column of the estimate by name of channel."""
-    named: dict[str, int] = {}
-    for prefix, names, where in (
-        (TENSION, layout.elements, layout.tension),
-        (NODAL_FORCE, layout.pulleys, layout.magnitude),
-        (EFFORT, layout.motors, layout.motor_effort),
-        (EFFORT, layout.joints, layout.joint_effort),
-    ):
-        named |= {f"{prefix}/{name}": where.start + k for k, name in enumerate(names)}
-    return named
 
 
 def chosen_channels(

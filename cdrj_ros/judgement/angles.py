@@ -6,6 +6,7 @@ import numpy as np
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.judgement.channels import Angle
+from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.model.prepared import Model, shape_at
 
 
@@ -39,12 +40,12 @@ def telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
             by_cable[cable.name] = angles[winches[0]]
         elif layout.joints:
             by_cable[cable.name] = angles[layout.joints[0]]
-    told = {f"effort/{name}": angle for name, angle in angles.items()}
-    for prefix, names in (("tension", layout.elements), ("nodal_force", layout.pulleys)):
+    told = {f"{EFFORT}/{name}": angle for name, angle in angles.items()}
+    for prefix, names in ((TENSION, layout.elements), (NODAL_FORCE, layout.pulleys)):
         for name in names:
             cable_name = name.rpartition("/")[0]
             if cable_name in by_cable:
                 told[f"{prefix}/{name}"] = by_cable[cable_name]
     if len(layout.joints) == 1:  # friction delays the motor: the joint shows the loop
-        told |= {f"effort/{name}": angles[layout.joints[0]] for name in layout.motors}
+        told |= {f"{EFFORT}/{name}": angles[layout.joints[0]] for name in layout.motors}
     return told

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
+from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION, channel_columns
 from cdrj_ros.model.prepared import Layout
 
 Floats = NDArray[np.float64]
@@ -28,10 +29,10 @@ class Quantity(NamedTuple):
 
 QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
     {
-        "tension": Quantity("Tension", "N"),
-        "nodal_force": Quantity("Nodal force", "N"),
+        TENSION: Quantity("Tension", "N"),
+        NODAL_FORCE: Quantity("Nodal force", "N"),
         "friction": Quantity("Friction", "N"),
-        "effort": Quantity("Effort", "N·m"),
+        EFFORT: Quantity("Effort", "N·m"),
     }
 )
 """Every quantity that can be compared, by prefix, in the order in which it is shown."""
@@ -58,16 +59,7 @@ def estimate_channels(layout: Layout, values: Floats) -> dict[str, Floats]:
         layout: places in the estimate.
         values: shape (n, layout.size).
     """
-    named = {}
-    for prefix, names, where in (
-        ("tension", layout.elements, layout.tension),
-        ("nodal_force", layout.pulleys, layout.magnitude),
-        ("effort", layout.motors, layout.motor_effort),
-        ("effort", layout.joints, layout.joint_effort),
-    ):
-        for k, name in enumerate(names):
-            named[f"{prefix}/{name}"] = values[:, where.start + k]
-    return named
+    return {name: values[:, column] for name, column in channel_columns(layout).items()}
 
 
 def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
@@ -79,10 +71,7 @@ def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
     """
     if stddev is None:
         return {}
-    names = [f"tension/{name}" for name in layout.elements]
-    names += [f"nodal_force/{name}" for name in layout.pulleys]
-    names += [f"effort/{name}" for name in (*layout.motors, *layout.joints)]
-    return {name: stddev[:, k] for k, name in enumerate(names)}
+    return {name: stddev[:, k] for k, name in enumerate(channel_columns(layout))}
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,6 @@ from cdrj_ros.judgement.channels import (
     Channel,
     Floats,
     estimate_channels,
-    quantity_of,
     stddev_channels,
 )
 from cdrj_ros.judgement.comparison import Comparing, summed_up, unknown_references
@@ -28,6 +27,7 @@ from cdrj_ros.judgement.estimating import pieces_of
 from cdrj_ros.judgement.passes import one_after_another, references_of_passes
 from cdrj_ros.judgement.pulley_friction import FrictionSums
 from cdrj_ros.judgement.reversals import reversal_zones
+from cdrj_ros.model.channels import TENSION
 from cdrj_ros.model.prepared import Model
 
 MAX_GAP_NS: Final = 100_000_000
@@ -312,8 +312,7 @@ def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
         ratios = [
             float(np.sum(channel.reference) / np.sum(channel.estimate))
             for channel in channels
-            if quantity_of(channel.name) == "tension"
-            and channel.name.startswith(f"tension/{cable.name}/")
+            if channel.name.startswith(f"{TENSION}/{cable.name}/")
             and np.sum(channel.estimate) > 0.0
         ]
         if ratios and (min(ratios) > 1.0 + PRELOAD_DIFFERS or max(ratios) < 1.0 - PRELOAD_DIFFERS):

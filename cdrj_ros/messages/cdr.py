@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 
 ENCAPSULATION: Final = 4
 """Bytes before the first field: representation (2) and options (2)."""
@@ -83,6 +84,12 @@ MESSAGE_TYPES: Final[Mapping[str, MessageType]] = {
     message.name: message for message in (JOINT_STATE, CABLE_TENSIONS, NODAL_FORCES)
 }
 """The messages of this project, by name; a test holds them against the .msg files."""
+REFERENCE_ARRAYS: Final[Mapping[str, tuple[str, str]]] = {
+    CABLE_TENSIONS.name: (TENSION, "tension"),
+    NODAL_FORCES.name: (NODAL_FORCE, "magnitude"),
+    JOINT_STATE.name: (EFFORT, "effort"),
+}
+"""By message type: the prefix of its channels' names and the array that holds their values."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, ENCAPSULATION, JOINT_STATE, NODAL_FORCES, Template
+from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.model.prepared import Layout
 from cdrj_ros.model.status import STALE
 
@@ -124,15 +125,15 @@ class AnswerReader:
         self.layout = layout
         tensions, forces = ("tension", "status"), FORCE_ARRAYS
         self._templates = {
-            "tension": [
+            TENSION: [
                 Template(CABLE_TENSIONS, layout.elements, (*tensions, "stddev")),
                 Template(CABLE_TENSIONS, layout.elements, tensions),
             ],
-            "nodal_force": [
+            NODAL_FORCE: [
                 Template(NODAL_FORCES, layout.pulleys, (*forces, "stddev")),
                 Template(NODAL_FORCES, layout.pulleys, forces),
             ],
-            "effort": [Template(JOINT_STATE, layout.motors + layout.joints, ("effort",))],
+            EFFORT: [Template(JOINT_STATE, layout.motors + layout.joints, ("effort",))],
         }
 
     def stamp(self, payload: bytes) -> int:

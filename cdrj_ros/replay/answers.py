@@ -27,6 +27,7 @@ from cdrj_ros.messages.cdr import (
     MessageType,
     read_layout,
 )
+from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import Layout, Model
 
 Floats = NDArray[np.float64]
@@ -74,12 +75,7 @@ def names_of(layout: Layout) -> tuple[tuple[str, ...], ...]:
 
 def channels_of(layout: Layout) -> list[str]:
     """The compared channels, in the order of the columns of ``Heard.value``."""
-    prefixes = ("tension", "nodal_force", "effort")
-    return [
-        f"{prefix}/{name}"
-        for prefix, names in zip(prefixes, names_of(layout), strict=True)
-        for name in names
-    ]
+    return list(channel_columns(layout))
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.judgement.channels import Angle, Channel
 from cdrj_ros.judgement.comparison import compare
+from cdrj_ros.model.channels import NODAL_FORCE, TENSION
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.assembly import Truth
@@ -236,8 +237,8 @@ def record(
     generator = np.random.default_rng(seed)
     readings, noiseless = {}, {}
     for prefix, names, values in (
-        ("tension", layout.elements, truth.tension),
-        ("nodal_force", layout.pulleys, truth.nodal_force),
+        (TENSION, layout.elements, truth.tension),
+        (NODAL_FORCE, layout.pulleys, truth.nodal_force),
     ):
         read = read_cells(values, truth.time, times, cell.force_noise, cell.force_step, generator)
         for k, name in enumerate(names):
@@ -246,7 +247,7 @@ def record(
     for name in layout.pulleys:
         cable, node = name.split("/")
         for forces in (readings, noiseless):
-            before, after = (forces[f"tension/{cable}/{int(node) - k}"] for k in (1, 0))
+            before, after = (forces[f"{TENSION}/{cable}/{int(node) - k}"] for k in (1, 0))
             forces[f"friction/{name}"] = after - before
     turns = _turns(truth.time, _column(truth.joint_angle), motion)
     return Recording(truth, conditioned.segments[0], _stamps(times), readings, noiseless, turns)
@@ -268,8 +269,8 @@ def estimate(recording: Recording, robot: Robot) -> dict[str, Channel]:
     named = {
         f"{prefix}/{name}": values[:, part.start + k]
         for prefix, names, part in (
-            ("tension", layout.elements, layout.tension),
-            ("nodal_force", layout.pulleys, layout.magnitude),
+            (TENSION, layout.elements, layout.tension),
+            (NODAL_FORCE, layout.pulleys, layout.magnitude),
             ("friction", layout.pulleys, layout.friction),
         )
         for k, name in enumerate(names)

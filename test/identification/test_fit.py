@@ -15,7 +15,7 @@ from cdrj_ros.conditioning.whole_recording import Readings
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.fit import Identification, Settings, identify
-from cdrj_ros.identification.residuals import Recorded, channel_columns
+from cdrj_ros.identification.residuals import Recorded
 from cdrj_ros.identification.standard_errors import remaining_step
 from cdrj_ros.identification.unknowns import (
     parse_unknowns,
@@ -23,6 +23,7 @@ from cdrj_ros.identification.unknowns import (
     with_bounds,
     with_priors,
 )
+from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import number_at, with_numbers
