@@ -189,7 +189,8 @@ def _in_processes(tasks: Sequence[Task], jobs: int, report: Progress) -> Iterato
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="validate",
-        description=__doc__.split(": ", 1)[1],
+        description="Run bags through the estimator offline, in lock-step, and compare the "
+        "estimates with the recorded references.",
         epilog="Exit code: 0 done, 1 outside the limits, 2 bad usage or input.",
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
@@ -326,3 +327,7 @@ def _body(argv: Sequence[str]) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     return run_command("validate", _body, argv)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -317,7 +317,9 @@ def test_an_output_that_cannot_be_is_refused_before_anything_is_inspected(
     assert robot.read_text() == PLAIN
 
 
-@pytest.mark.parametrize("command", ["check_robot", "identify", "reproduce", "simulate"])
+@pytest.mark.parametrize(
+    "command", ["check_robot", "identify", "reproduce", "simulate", "validate"]
+)
 def test_the_commands_run_without_docstrings_and_as_modules(command: str) -> None:
     module = f"cdrj_ros.commands.{command}"
     done = subprocess.run(
