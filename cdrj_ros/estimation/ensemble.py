@@ -57,6 +57,11 @@ ROUND_NS: Final = 4_000_000
 """Time in which all members are brought up to date while an axis is not seen [ns]."""
 
 
+# A literal in a call has a type of its own, for which numba compiles the callee once more.
+ONE: Final[Any] = np.int64(1)
+ANY: Final[Any] = np.int64(-1)
+
+
 def spread_columns(layout: Layout) -> NDArray[np.int64]:
     """Where the quantities with a standard deviation lie in the estimate.
 
@@ -98,13 +103,13 @@ def _elements_of(layout: Layout) -> NDArray[np.int64]:
     cables = [name.rsplit("/", 1)[0] for name in layout.elements]
     elements = [cables.index(cable) for cable in cables]
     pulleys = [cables.index(name.rsplit("/", 1)[0]) for name in layout.pulleys]
-    efforts = [-1] * (len(layout.motors) + len(layout.joints))
+    efforts = [int(ANY)] * (len(layout.motors) + len(layout.joints))
     return np.array(elements + pulleys + efforts, dtype=np.int64)
 
 
 @compiled
 def _is_invalid(estimate: Vector, elements: int, element: int) -> bool:
-    """Whether an estimate says nothing of an element, or of any for -1."""
+    """Whether an estimate says nothing of an element, or of some element for ``ANY``."""
     if element >= 0:
         return int(estimate[elements + element]) & INVALID != 0
     flags = 0
@@ -211,7 +216,7 @@ def _take_deviation(
 
 
 @compiled
-def _update(
+def update_members(
     plan: NDArray[np.int64],
     numbers: Table,
     states: Table,
@@ -269,7 +274,7 @@ def _update(
     progress[LAST_STAMP] = stamp
     last_angle[:motors] = motor_angle
     last_angle[motors:] = joint_angle
-    unsolved = _is_invalid(estimate, elements, -1)
+    unsolved = _is_invalid(estimate, elements, ANY)
     if progress[TURN] == 0 or (progress[BEHIND] and not unsolved):
         count = members
     progress[BEHIND] = unsolved
@@ -338,7 +343,7 @@ def _run(
     estimates: Table,
     stddevs: Table,
 ) -> None:
-    """``advance`` and ``_update`` over many samples, the very same functions."""
+    """``advance`` and ``update_members`` over many samples, the very same functions."""
     size = state.size
     wanted = estimates.shape[1]
     seen = np.empty((0, 0))
@@ -346,8 +351,8 @@ def _run(
         advance(plan, nominal, state, motor_angles[k], joint_angles[k], dt[k], out)
         state[:] = out[:size]
         estimates[k] = out[size : size + wanted]
-        _update(
-            plan, numbers, states, stamps, shares, reading_errors, progress, 1, columns,
+        update_members(
+            plan, numbers, states, stamps, shares, reading_errors, progress, ONE, columns,
             element_of, elements, sample_stamps[k], motor_angles[k], joint_angles[k],
             unseen[k] if unseen.shape[0] else seen, estimates[k],
             deviation, variance, last_angle, intervals, ways, span, readings, out, stddevs[k],
@@ -483,7 +488,7 @@ class Spread:
         self._advance(sample, estimate, len(self.states), np.empty(self.columns.size))
 
     def _advance(self, sample: Sample, estimate: Estimate, count: int, stddev: Vector) -> None:
-        _update(
+        update_members(
             self.model.plan, read_only(self.numbers), self.states, self.stamps, self._shares,
             self._errors, self._progress, count, self.columns, self._element_of,
             self._elements, sample.stamp_ns, sample.motor_angle, sample.joint_angle,

@@ -6,7 +6,7 @@ No ROS here: a node converts messages, calls this, publishes what comes out.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import Conditioner
 from cdrj_ros.conditioning.tracking import half_width
-from cdrj_ros.estimation.ensemble import MOVED, Spread, mark_unsure
+from cdrj_ros.estimation.ensemble import MOVED, Spread, mark_unsure, update_members
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.shape import shape
 from cdrj_ros.model.status import INVALID, UNSURE
 from cdrj_ros.robot.document import LARGEST, document_complaints
 from cdrj_ros.robot.parameters import with_numbers
@@ -70,6 +72,11 @@ class Options:
     """Standard deviation of a motor's effort [N m]."""
     tracking: float | None = None
     """Bandwidth of the filters between counts [Hz], 0 for none; None: the robot file's."""
+
+
+def kernels_of(options: Options) -> tuple[Callable[..., Any], ...]:
+    """Outermost kernels of a live estimator, of which compilation takes noticeable time."""
+    return (shape, advance, update_members) if options.uncertainty else (shape, advance)
 
 
 class Output(NamedTuple):

@@ -7,7 +7,7 @@ unstretched material that moves past it towards the last node.  docs/model.md, s
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -403,7 +403,7 @@ def solve_cable(
         axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
     )
     iterations += count
-    pieces = 4
+    pieces: Any = np.int64(4)  # the literal has a type of its own: _walk would be compiled twice
     while not worst <= enough and pieces <= MAX_SUBSTEPS:
         count, worst = _walk(
             pieces, axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt

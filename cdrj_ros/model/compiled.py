@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import numba
 from numba.extending import register_jitable
@@ -20,15 +20,6 @@ from cdrj_ros.model.kernel_cache import KernelCache, kernel_cache
 F = TypeVar("F", bound=Callable[..., Any])
 
 _FOLDER = Path(__file__).parent
-
-_NEEDED: Final = (
-    "cdrj_ros.model.shape.shape",
-    "cdrj_ros.model.mechanism.advance",
-    "cdrj_ros.estimation.ensemble._update",
-)
-"""Kernels that are called first; those within them are compiled before them."""
-
-_CACHES: Final[dict[str, KernelCache | None]] = {}
 
 
 def source_digest(*more: Path) -> str:
@@ -56,19 +47,17 @@ def compiled(function: F, inline: bool = False) -> F:
     cache = kernel_cache(function, source_digest(Path(function.__code__.co_filename)))
     if cache is not None:
         dispatcher._cache = cache
-    _CACHES[f"{function.__module__}.{function.__qualname__}"] = cache
     return dispatcher
 
 
-def kernels_are_compiled() -> bool:
-    """Whether what an estimator needs is on disk, so that its first sample is taken at once.
+def kernels_are_compiled(*kernels: Callable[..., Any]) -> bool:
+    """Whether the machine code of kernels is on disk, so that their first call does not compile.
 
-    Cheap: nothing is loaded.  Otherwise the first call of ``step`` compiles for up to a minute;
-    whoever calls this says so before.  Import what will run first: kernels of modules that have
-    not been imported are not asked for.
+    Nothing is loaded.  Name the outermost kernels: those that they call are compiled with them.
+    Where compilation is switched off, kernels are plain functions and count as compiled.
     """
-    caches = [_CACHES[name] for name in _NEEDED if name in _CACHES]
-    return all(cache is not None and cache.is_filled() for cache in caches)
+    caches = [kernel._cache for kernel in kernels if hasattr(kernel, "_cache")]
+    return all(isinstance(cache, KernelCache) and cache.is_filled() for cache in caches)
 
 
 def usable_in_kernels(function: F) -> F:

@@ -21,10 +21,10 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_ros.commands.compilation import COMPILING, kernels_are_compiled
+from cdrj_ros.commands.compilation import COMPILING
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.tracking import new_track, track
-from cdrj_ros.estimation.session import LiveEstimator, Output
+from cdrj_ros.estimation.session import LiveEstimator, Output, kernels_of
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.text import counted
@@ -35,6 +35,7 @@ from cdrj_ros.messages.cdr import (
     joint_state_efforts,
 )
 from cdrj_ros.messages.conversions import EstimateEncoder, marked_stale
+from cdrj_ros.model.compiled import kernels_are_compiled
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
 from cdrj_ros.nodes.input_watch import InputWatch
@@ -77,7 +78,7 @@ class EstimatorNode(Node):
         if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
         self.timeout_s = started.timeout_s
-        if not kernels_are_compiled():
+        if not kernels_are_compiled(*kernels_of(started.options)):
             self.get_logger().info(COMPILING)
         model = load_model(started.robot, started.preload)
         self.live = LiveEstimator(model, started.options)

@@ -13,7 +13,10 @@ import pytest
 from cdrj_ros.commands import compilation
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.model.compiled import kernels_are_compiled
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.mechanism import advance
+from cdrj_ros.model.shape import shape
 
 ROOT = Path(__file__).parents[2]
 
@@ -22,7 +25,7 @@ def test_nothing_is_said_if_the_kernels_are_there(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for there, words in ((True, ""), (False, compilation.COMPILING + "\n")):
-        monkeypatch.setattr(compilation, "kernels_are_compiled", lambda there=there: there)
+        monkeypatch.setattr(compilation, "kernels_are_compiled", lambda *_, there=there: there)
         compilation.announce_compilation()
         assert capsys.readouterr().err == words
 
@@ -48,4 +51,4 @@ def test_without_compiled_kernels_the_first_line_says_so_before_the_wait(tmp_pat
 def test_a_kernel_is_known_to_be_compiled_once_it_is_kept() -> None:
     model = load_model("prototype")
     step(model, initial_state(model), Sample(1_000_000_000, np.zeros(1), np.zeros(1)))
-    assert compilation.kernels_are_compiled()
+    assert kernels_are_compiled(shape, advance)

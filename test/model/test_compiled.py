@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 import cdrj_ros.model
-from cdrj_ros.model import compiled
 from cdrj_ros.model.compiled import source_digest
 
 MODEL = Path(cdrj_ros.model.__file__).resolve().parent
@@ -95,23 +94,34 @@ import logging, sys
 logging.basicConfig(format="%(message)s")
 {before}
 from cdrj_ros.model.compiled import kernels_are_compiled
-from cdrj_ros.model.friction import capstan_transmission, sliding_transmission
-print(sliding_transmission(0.0, 0.1, 0.1, 1.0, 1.0, 0), kernels_are_compiled())
+from cdrj_ros.model.friction import sliding_transmission
+before = kernels_are_compiled(sliding_transmission)
+print(
+    sliding_transmission(0.0, 0.1, 0.1, 1.0, 1.0, 0),
+    before, kernels_are_compiled(sliding_transmission),
+)
 print(sum(sliding_transmission.stats.cache_hits.values()) if hasattr(
     sliding_transmission.stats, "cache_hits") else 0)
 """
 
 
-def run_least(folder: Path, before: str = "", **environment: str) -> subprocess.CompletedProcess:
+def run_program(folder: Path, program: str, **environment: str) -> subprocess.CompletedProcess[str]:
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "PYTHONDONTWRITE"))}
     return subprocess.run(
-        [sys.executable, "-c", LEAST.format(before=before)],
+        [sys.executable, "-c", program],
         cwd=folder,
         env={**kept, "PYTHONPATH": str(folder), **environment},
         capture_output=True,
         text=True,
         check=False,
     )
+
+
+def run_least(
+    folder: Path, before: str = "", **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run ``LEAST``: the transmission, whether it was and is compiled, kernels found on disk."""
+    return run_program(folder, LEAST.format(before=before), **environment)
 
 
 @pytest.fixture
@@ -178,15 +188,77 @@ def test_a_damaged_kernel_is_discarded_and_compiled_anew(
     assert not again.stderr
 
 
-def test_whether_kernels_are_compiled_is_asked_of_kernels_that_exist(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    import cdrj_ros.estimation.ensemble  # noqa: F401 - registers its kernels
+def test_kernels_are_compiled_once_all_of_them_are_on_disk(copied: Path) -> None:
+    assert run_least(copied).stdout.splitlines()[0].split()[1:] == ["False", "True"]
+    assert run_least(copied).stdout.splitlines()[0].split()[1:] == ["True", "True"]
+    more = "from cdrj_ros.model.mechanism import advance, advance_all"
+    missing = "kernels_are_compiled(sliding_transmission, advance)"
+    program = LEAST.replace("kernels_are_compiled(sliding_transmission)", missing)
+    done = run_program(copied, program.format(before=more))
+    assert done.stdout.splitlines()[0].split()[1:] == ["False", "False"]
 
-    caches = [compiled._CACHES[name] for name in compiled._NEEDED]
-    assert len(caches) == 3
-    for cache in caches:
-        monkeypatch.setattr(cache, "is_filled", lambda: True)
-    assert compiled.kernels_are_compiled()
-    monkeypatch.setattr(caches[-1], "is_filled", lambda: False)
-    assert not compiled.kernels_are_compiled()
+
+def test_kernels_without_a_place_on_disk_do_not_count_as_compiled(copied: Path) -> None:
+    (copied / "cdrj_ros" / "model" / "__pycache__").touch()
+    done = run_least(copied, **NOWHERE)
+    assert done.stdout.splitlines()[0].split()[1:] == ["False", "False"]
+
+
+def test_without_compilation_nothing_is_left_to_compile(copied: Path) -> None:
+    done = run_least(copied, NUMBA_DISABLE_JIT="1")
+    assert done.stdout.splitlines()[0].split()[1:] == ["True", "True"], done.stderr
+
+
+# everything that runs kernels while estimating, in one process and with nothing on disk
+EVERYTHING = """
+import sys
+import numpy as np
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import shape_at
+from cdrj_ros.rig.follow import follow_joints
+from cdrj_ros.rig.truth import follow
+
+model = load_model("prototype")
+time = np.arange(40) * 1e-3
+joint = 0.1 * np.sin(40.0 * time)[:, None]
+motor = follow_joints(model, joint).motor_angle
+stamps = (1e9 * (1.0 + time)).astype(np.int64)
+unseen = np.zeros((time.size, 2, 2))
+unseen[20:, :, 0] = 1e-3
+shape_at(model, joint[1])
+for samples in (Samples(stamps, motor, joint), Samples(stamps, motor, joint, unseen)):
+    state, spread = initial_state(model), Spread(model)
+    for k in range(time.size):
+        state, estimate = step(model, state, samples.at(k))
+        spread.update(samples.at(k), estimate)
+    spread.catch_up(samples.at(time.size - 1), estimate)
+    run(model, initial_state(model), samples)
+    spread.run(initial_state(model), samples)
+follow(model.robot, time, joint, cells=2)
+kernels = {
+    f"{kernel.__module__}.{kernel.__name__}": kernel.nopython_signatures
+    for name, module in list(sys.modules.items())
+    if name.startswith("cdrj_ros.")
+    for kernel in vars(module).values()
+    if hasattr(kernel, "nopython_signatures")
+}
+for name, signatures in kernels.items():
+    print(name, len(signatures))
+"""
+
+
+def test_every_kernel_is_compiled_for_one_signature(tmp_path: Path) -> None:
+    environment = {  # optimised or not, types are the same
+        "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": "0", "PYTHONWARNINGS": "ignore",
+    }  # fmt: skip
+    done = run_program(MODEL.parents[1], EVERYTHING, **environment)
+    assert done.returncode == 0, done.stderr
+    counts = {name: int(count) for name, count in map(str.split, done.stdout.splitlines())}
+    compiled_twice = {name: count for name, count in counts.items() if count > 1}
+    assert not compiled_twice
+    outermost = ("model.mechanism.advance_all", "model.shape.shape", "estimation.ensemble._run")
+    for name in (*outermost, "estimation.ensemble.update_members", "model.cable._walk"):
+        assert counts[f"cdrj_ros.{name}"] == 1
