@@ -216,7 +216,8 @@ def curvatures(motion: Motion, stamps: Stamps, angles: Vector) -> Vector | None:
         for k in np.flatnonzero(spans[begin:end] > motion.seen_ns).tolist():
             result[begin + k] = motion.curvature(int(spans[begin + k]))
         motion.take(int(stamps[end]), float(angles[end]))
-        result[end] = motion.curvature(int(spans[end]))
+        if spans[end] > motion.seen_ns:  # zeros that are never written to take no memory
+            result[end] = motion.curvature(int(spans[end]))
         begin = end + 1
     return result
 

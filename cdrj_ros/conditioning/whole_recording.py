@@ -1,10 +1,11 @@
-"""A whole recording through the gates at once: the same samples as message by message."""
+"""Condition a whole recording: the same samples as message by message, in vector operations."""
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from cdrj_ros.conditioning.tracking import Vector, track_all
 from cdrj_ros.robot.description import Robot
 
 Stamps = NDArray[np.int64]
+
+PIECE: Final = 65_536
+"""Readings or samples processed at a time; the results do not depend on it."""
 
 
 @dataclass(frozen=True)
@@ -54,37 +58,45 @@ def condition(
 
     Args:
         robot: names, sensors and limits of the channels.
-        motors, joints: readings by name; every name of the robot must be there.
+        motors: readings by name; every motor of the robot must be there.
+        joints: readings by name; every joint of the robot must be there.
         mode: one of ``MODES``.
 
     Returns:
-        The samples and what was refused.
+        The samples, and how many readings were refused.
     """
     known = [motors[motor.name] for motor in robot.motors]
     known += [joints[joint.name] for joint in robot.joints]
-    limits = limits_of(robot)
+    samples = _at_once(robot, known) if mode == "wait" else None
+    if samples is None:
+        return _replay(robot, motors, joints, mode)
     names = {*(motor.name for motor in robot.motors), *(joint.name for joint in robot.joints)}
-    strangers = [
-        r for channels in (motors, joints) for name, r in channels.items() if name not in names
-    ]
-    clean = all(bool(np.all(np.abs(readings.value) <= LARGEST)) for readings in known)
-    if clean:
-        angles = [_angles(readings, limit) for readings, limit in zip(known, limits, strict=True)]
-        clean = all(map(_is_clean, angles, limits))
-    clean = clean and mode == "wait" and all(readings.stamp_ns[0] > 0 for readings in known)
-    bridges = [
-        curvatures(limit.motion(), readings.stamp_ns, readings.value) if clean else None
-        for readings, limit in zip(angles if clean else known, limits, strict=True)
-    ]
-    curved = [bridge for bridge in bridges if bridge is not None]
-    if clean and len(curved) == len(known):
-        refused = dict.fromkeys(REFUSALS, 0)
-        refused["unknown_name"] = sum(readings.stamp_ns.size for readings in strangers)
-        accepted = sum(readings.stamp_ns.size for readings in known)
-        angles = list(map(_between_counts, angles, limits))
-        samples = _merge(angles, curved, limits, len(robot.motors))
-        return Conditioned((samples,), refused, accepted, 0, 0)
-    return _replay(robot, motors, joints, mode)
+    refused = dict.fromkeys(REFUSALS, 0)
+    refused["unknown_name"] = sum(
+        readings.stamp_ns.size
+        for channels in (motors, joints)
+        for name, readings in channels.items()
+        if name not in names
+    )
+    accepted = sum(readings.stamp_ns.size for readings in known)
+    return Conditioned((samples,), refused, accepted, 0, 0)
+
+
+def _at_once(robot: Robot, channels: Sequence[Readings]) -> Samples | None:
+    """All samples without a loop over them; None unless the gates would accept every reading."""
+    if not all(np.all(np.abs(readings.value) <= LARGEST) for readings in channels):
+        return None
+    limits = limits_of(robot)
+    angles = [_angles(readings, limit) for readings, limit in zip(channels, limits, strict=True)]
+    if not all(map(_is_clean, channels, angles, limits)):
+        return None
+    curved = []
+    for readings, limit in zip(angles, limits, strict=True):
+        curvature = curvatures(limit.motion(), readings.stamp_ns, readings.value)
+        if curvature is None:
+            return None
+        curved.append(curvature)
+    return _merge(list(map(_between_counts, angles, limits)), curved, limits, len(robot.motors))
 
 
 def _angles(readings: Readings, limits: Limits) -> Readings:
@@ -115,10 +127,18 @@ def _between_counts(readings: Readings, limits: Limits) -> Readings:
     )
 
 
-def _is_clean(readings: Readings, limits: Limits) -> bool:
-    """Whether the gate would accept every reading of the channel."""
-    stamps, value = readings.stamp_ns, readings.value
-    if stamps.size == 0 or stamps[0] <= 0 or not np.all(np.isfinite(value)):
+def _is_clean(readings: Readings, angles: Readings, limits: Limits) -> bool:
+    """Whether the gate would accept every reading of a channel.
+
+    Args:
+        readings: as received.
+        angles: the same as angles, see ``_angles``.
+        limits: of the channel.
+    """
+    stamps, value = angles.stamp_ns, angles.value
+    if stamps.size == 0 or readings.stamp_ns[0] <= 0 or stamps[0] <= 0:
+        return False
+    if not np.all(np.isfinite(value)):
         return False
     ahead = np.diff(stamps)
     return bool(
@@ -143,14 +163,12 @@ def _merge(
     for readings in channels[1:]:
         if readings.stamp_ns is not stamps and not np.array_equal(readings.stamp_ns, stamps):
             stamps = np.union1d(stamps, readings.stamp_ns)
-    stamps = stamps[(stamps >= begin) & (stamps <= until)]
-    values = np.empty((stamps.size, len(channels)))
-    for k, readings in enumerate(channels):
-        values[:, k] = _values_at(readings, stamps)
+    first, end = np.searchsorted(stamps, begin), np.searchsorted(stamps, until, side="right")
+    stamps = np.ascontiguousarray(stamps[first:end])
     return Samples(
-        np.ascontiguousarray(stamps),
-        np.ascontiguousarray(values[:, :motor_count]),
-        np.ascontiguousarray(values[:, motor_count:]),
+        stamps,
+        _interpolated(channels[:motor_count], stamps),
+        _interpolated(channels[motor_count:], stamps),
         _unseen(channels, curved, limits, stamps),
     )
 
@@ -162,19 +180,38 @@ def _unseen(
     stamps: Stamps,
 ) -> NDArray[np.float64]:
     """``Samples.unseen``, in the arithmetic of the time line."""
-    if not any(np.any(curvature) for curvature in curved):
-        return ALL_SEEN_OVER_TIME
-    unseen = np.zeros((stamps.size, 2, len(channels)))
-    passed = np.diff(stamps, prepend=stamps[:1])
+    found = []
     for k, (readings, curvature, limit) in enumerate(zip(channels, curved, limits, strict=True)):
+        if not np.any(curvature):
+            continue
         own = readings.stamp_ns
         after = np.searchsorted(own, stamps, side="left")
-        before = np.where(own[after] == stamps, after, after - 1)
+        rows = np.flatnonzero(curvature[after])
+        after, stamp = after[rows], stamps[rows]
+        before = np.where(own[after] == stamp, after, after - 1)
+        passed = stamp - stamps[np.maximum(rows - 1, 0)]
         bridge = curvature[after]
-        unseen[:, 0, k] = bridge * (stamps - own[before]) * (own[after] - stamps)
+        deviation = bridge * (stamp - own[before]) * (own[after] - stamp)
         way = bridge * passed * passed * 0.25
-        unseen[:, 1, k] = np.where(way > limit.negligible, way, 0.0)
-    return unseen if np.any(unseen) else ALL_SEEN_OVER_TIME
+        way[way <= limit.negligible] = 0.0
+        if np.any(deviation) or np.any(way):
+            found.append((rows, k, deviation, way))
+    if not found:
+        return ALL_SEEN_OVER_TIME
+    unseen = np.zeros((stamps.size, 2, len(channels)))
+    for rows, k, deviation, way in found:
+        unseen[rows, 0, k], unseen[rows, 1, k] = deviation, way
+    return unseen
+
+
+def _interpolated(channels: Sequence[Readings], stamps: Stamps) -> NDArray[np.float64]:
+    """Angles of some channels at ``stamps``, shape (n, channels) [rad]."""
+    values = np.empty((stamps.size, len(channels)))
+    for begin in range(0, stamps.size, PIECE):
+        piece = slice(begin, begin + PIECE)
+        for k, readings in enumerate(channels):
+            values[piece, k] = _values_at(readings, stamps[piece])
+    return values
 
 
 def _values_at(readings: Readings, stamps: Stamps) -> Vector:
@@ -193,25 +230,32 @@ def _replay(
 ) -> Conditioned:
     """Reading by reading, in order of arrival."""
     conditioner = Conditioner(robot, mode)
-    feeds = [(conditioner.feed_motors, name, r) for name, r in motors.items()]
-    feeds += [(conditioner.feed_joints, name, r) for name, r in joints.items()]
-    arrival = np.concatenate([readings.arrival_ns for _, _, readings in feeds])
-    source = np.repeat(np.arange(len(feeds)), [r.stamp_ns.size for _, _, r in feeds])
-    place = np.concatenate([np.arange(r.stamp_ns.size) for _, _, r in feeds])
-    order = np.lexsort((source, arrival))
-    columns = [(feed, (name,), r.stamp_ns.tolist(), r.value.tolist()) for feed, name, r in feeds]
-    segments: list[list[Sample]] = [[]]
-    jumps = 0
-    for k, n in zip(source[order].tolist(), place[order].tolist(), strict=True):
-        feed, name, stamps, values = columns[k]
-        samples = feed(stamps[n], name, (values[n],))
-        if conditioner.clock_jumps != jumps:
-            jumps = conditioner.clock_jumps
-            segments.append([])
-        segments[-1].extend(samples)
+    sources = [(conditioner.feed_motors, (name,), r) for name, r in motors.items()]
+    sources += [(conditioner.feed_joints, (name,), r) for name, r in joints.items()]
+    feeds = [(feed, name) for feed, name, _ in sources]
+    stamps = np.concatenate([readings.stamp_ns for _, _, readings in sources])
+    values = np.concatenate([readings.value for _, _, readings in sources])
+    order = np.argsort(
+        np.concatenate([readings.arrival_ns for _, _, readings in sources]), kind="stable"
+    )
+    ends = np.cumsum([readings.stamp_ns.size for _, _, readings in sources])
     motor_count, joint_count = len(robot.motors), len(robot.joints)
+    segments = [_Segment(motor_count, joint_count)]
+    jumps = 0
+    for begin in range(0, order.size, PIECE):
+        piece = order[begin : begin + PIECE]
+        source = np.searchsorted(ends, piece, side="right").tolist()
+        readings = zip(source, stamps[piece].tolist(), values[piece].tolist(), strict=True)
+        for k, stamp, value in readings:
+            feed, name = feeds[k]
+            samples = feed(stamp, name, (value,))
+            if conditioner.clock_jumps != jumps:
+                jumps = conditioner.clock_jumps
+                segments.append(_Segment(motor_count, joint_count))
+            for sample in samples:
+                segments[-1].append(sample)
     return Conditioned(
-        tuple(_stacked(segment, motor_count, joint_count) for segment in segments if segment),
+        tuple(segment.samples() for segment in segments if segment),
         conditioner.refused,
         conditioner.accepted,
         conditioner.clock_jumps,
@@ -220,17 +264,42 @@ def _replay(
     )
 
 
-def _stacked(samples: Sequence[Sample], motors: int, joints: int) -> Samples:
-    n = len(samples)
-    unseen = ALL_SEEN_OVER_TIME
-    if any(sample.unseen.size for sample in samples):
-        unseen = np.zeros((n, 2, motors + joints))
-        for k, sample in enumerate(samples):
-            if sample.unseen.size:
-                unseen[k] = sample.unseen
-    return Samples(
-        np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
-        np.array(list(chain.from_iterable(s.motor_angle for s in samples))).reshape(n, motors),
-        np.array(list(chain.from_iterable(s.joint_angle for s in samples))).reshape(n, joints),
-        unseen,
-    )
+class _Segment:
+    """Samples that follow one another, as plain numbers: an hour of ``Sample`` takes 4 GB."""
+
+    def __init__(self, motor_count: int, joint_count: int) -> None:
+        """Begin with no sample."""
+        self._counts = motor_count, joint_count
+        self._stamps = array("q")
+        self._motors = array("d")
+        self._joints = array("d")
+        self._rows = array("q")
+        self._unseen = array("d")
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self._stamps)
+
+    def append(self, sample: Sample) -> None:
+        """Add the next sample."""
+        if sample.unseen.size:
+            self._rows.append(len(self._stamps))
+            self._unseen.frombytes(sample.unseen.tobytes())
+        self._stamps.append(sample.stamp_ns)
+        self._motors.frombytes(sample.motor_angle.tobytes())
+        self._joints.frombytes(sample.joint_angle.tobytes())
+
+    def samples(self) -> Samples:
+        """All samples; their angles are views of this segment's memory."""
+        n = len(self)
+        motor_count, joint_count = self._counts
+        unseen = ALL_SEEN_OVER_TIME
+        if self._rows:
+            unseen = np.zeros((n, 2, motor_count + joint_count))
+            unseen[np.asarray(self._rows)] = np.asarray(self._unseen).reshape(-1, *unseen.shape[1:])
+        return Samples(
+            np.asarray(self._stamps),
+            np.asarray(self._motors).reshape(n, motor_count),
+            np.asarray(self._joints).reshape(n, joint_count),
+            unseen,
+        )

@@ -1,0 +1,129 @@
+"""A recording that the gates do not accept whole: the same samples, in little memory."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from cdrj_ros.conditioning import whole_recording
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.conditioning.time_line import Conditioner
+from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.robot.reader import parse_robot
+
+ROBOT = parse_robot("""
+name: pair
+motors: [{name: winch}]
+joints: [{name: elbow, range: [-1, 1]}]
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 1
+    nodes: [{type: winch, motor: winch, winding: 1, radius: 0.1}, {type: anchor}]
+    spans: [1]
+""")
+START = 1_700_000_000_000_000_000
+MS = 1_000_000
+HELD_AT_MOST = 1.6
+"""Peak of memory while conditioning, over that of the readings and samples."""
+
+
+def recording() -> tuple[Readings, Readings]:
+    """Four seconds, then two seconds an hour earlier, with a gap and refused readings."""
+    stamps = START + MS * np.arange(6000)
+    stamps[4000:] -= 3_600_000 * MS
+    time = MS * np.arange(6000) * 1e-9
+    winch, elbow = 2.0 * np.sin(3.0 * time), 0.5 * np.sin(4.0 * time)
+    winch[[500, 5000]] = np.nan, np.inf
+    elbow[1234] = 7.0
+    heard = np.r_[0:2000, 2300:6000]  # 0.3 s without the joint, while it moves
+    arrival = MS * np.arange(6000)
+    return Readings(stamps, arrival, winch), Readings(stamps[heard], arrival[heard], elbow[heard])
+
+
+def message_by_message(motor: Readings, joint: Readings) -> tuple[list[Sample], Conditioner]:
+    conditioner = Conditioner(ROBOT)
+    readings = [
+        (arrival, which, stamp, value)
+        for which, one in enumerate((motor, joint))
+        for stamp, arrival, value in zip(one.stamp_ns, one.arrival_ns, one.value, strict=True)
+    ]
+    samples = []
+    for _, which, stamp, value in sorted(readings, key=lambda reading: reading[:2]):
+        feed = conditioner.feed_joints if which else conditioner.feed_motors
+        samples += feed(int(stamp), ("elbow" if which else "winch",), (float(value),))
+    return samples, conditioner
+
+
+def in_order(segments: tuple[Samples, ...]) -> list[Sample]:
+    return [one.at(k) for one in segments for k in range(one.stamp_ns.size)]
+
+
+@pytest.mark.parametrize("piece", [1, 7, 65_536])
+def test_it_gives_the_samples_of_its_messages_bit_for_bit_in_pieces_of_any_size(
+    monkeypatch: pytest.MonkeyPatch, piece: int
+) -> None:
+    motor, joint = recording()
+    wanted, conditioner = message_by_message(motor, joint)
+    monkeypatch.setattr(whole_recording, "PIECE", piece)
+    done = condition(ROBOT, {"winch": motor}, {"elbow": joint})
+    found = in_order(done.segments)
+
+    assert done.refused == conditioner.refused
+    assert (done.refused["not_finite"], done.refused["out_of_range"]) == (2, 1)
+    assert (done.accepted, done.clock_jumps) == (conditioner.accepted, 1)
+    assert len(done.segments) == 2
+    assert [s.stamp_ns for s in found] == [s.stamp_ns for s in wanted]
+    for one, other in zip(found, wanted, strict=True):
+        assert one.motor_angle.tobytes() == other.motor_angle.tobytes()
+        assert one.joint_angle.tobytes() == other.joint_angle.tobytes()
+        unseen = other.unseen if other.unseen.size else np.zeros((2, 2))
+        assert (one.unseen if one.unseen.size else np.zeros((2, 2))).tobytes() == unseen.tobytes()
+    some = [bool(np.any(s.unseen)) for s in wanted]
+    assert any(some)
+    assert not all(some)
+    assert [one.unseen.size > 0 for one in done.segments] == [True, False]
+
+
+def test_samples_of_a_clean_recording_with_a_gap_are_those_of_its_messages() -> None:
+    stamps = START + MS * np.arange(4000)
+    time = MS * np.arange(4000) * 1e-9
+    heard = np.r_[0:2000, 2300:4000]
+    motor = Readings(stamps, stamps, 2.0 * np.sin(3.0 * time))
+    joint = Readings(stamps[heard], stamps[heard], 0.5 * np.sin(4.0 * time)[heard])
+    wanted, conditioner = message_by_message(motor, joint)
+    assert not any(conditioner.refused.values())
+    (samples,) = condition(ROBOT, {"winch": motor}, {"elbow": joint}).segments
+    unseen = [one.unseen if one.unseen.size else np.zeros((2, 2)) for one in wanted]
+    assert samples.unseen.tobytes() == np.array(unseen).tobytes()
+    assert np.count_nonzero(samples.unseen[:, 0, 1]) == 300
+
+
+@pytest.mark.parametrize("refused", [0, 1])
+def test_little_more_memory_is_used_than_readings_and_samples_take(
+    monkeypatch: pytest.MonkeyPatch, refused: int
+) -> None:
+    monkeypatch.setattr(whole_recording, "PIECE", 512)
+    n = 20_000
+    stamps = START + MS * np.arange(n)
+    elbow = 0.5 * np.sin(2e-3 * np.arange(n))
+    winch = 8.0 * elbow
+    winch[n // 2 : n // 2 + refused] = np.nan
+    motor = Readings(stamps, stamps + 100, winch)
+    joint = Readings(stamps[::2].copy(), stamps[::2] + 3 * MS, elbow[::2].copy())
+    given = sum(array.nbytes for one in (motor, joint) for array in vars(one).values())
+    gc.collect()
+    tracemalloc.start()
+    try:
+        done = condition(ROBOT, {"winch": motor}, {"elbow": joint})
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    (samples,) = done.segments
+    assert done.refused["not_finite"] == refused
+    assert samples.stamp_ns.size > n - 10
+    kept = sum(array.nbytes for array in vars(samples).values())
+    assert peak < HELD_AT_MOST * (given + kept)
