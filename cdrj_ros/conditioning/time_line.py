@@ -1,11 +1,11 @@
-"""What a raw reading must pass before ``step()`` sees it, and how several clocks become one line.
+"""The gates that readings must pass, and the time line on which ``step()`` gets its samples.
 
-Every motor and joint is a channel of its own.  A channel's readings pass a gate; what passes is
-brought to one time line: the union of all stamps, every channel interpolated linearly between its
-own readings.  An estimate therefore waits until the slowest channel has been heard (holding the
-last joint angle while the motor moves on would inject a sawtooth into the tensions).  The result
-does not depend on the order in which different topics arrive.  Whoever cannot wait may have the
-slower channels predicted.  docs/conditioning.md.
+Every motor and joint is a channel with a gate of its own.  Accepted readings are brought to one
+time line: the union of all stamps, with every channel interpolated linearly between its own
+readings.  An estimate therefore waits for the slowest channel; holding the last joint angle while
+the motor moves on would add a sawtooth to the tensions.  The result does not depend on the order in
+which different topics arrive.  Where waiting costs too much, ``predict`` extrapolates the slower
+channels instead.  See docs/conditioning.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -24,7 +24,8 @@ from cdrj_ros.conditioning.gate import (
     Channel,
     limits_of,
 )
-from cdrj_ros.conditioning.samples import ALL_SEEN, Sample
+from cdrj_ros.conditioning.interpolation import predicted, unseen_ahead, unseen_at, value_at
+from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.tracking import Vector, new_track
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Robot
@@ -37,33 +38,36 @@ REFUSALS: Final[Mapping[str, str]] = {
     "not_finite": "NaN or infinite position",
     "repeated": "stamp equal to the last one accepted",
     "late": "stamp before the last one accepted, or before the clock's zero",
-    "future": "stamp further ahead than any plausible gap, not borne out by others, or than any",
+    "future": "stamp too far ahead and not confirmed by later readings, or never valid",
     "out_of_range": "joint angle outside its range",
-    "implausible": "further from the last reading than the maximum speed allows, or than any angle",
+    "implausible": "further from the last reading than max_speed allows, or than any angle",
 }
 """Causes for which a reading is refused, and what they mean."""
 
 WHOLE: Final = ("malformed", "empty", "unstamped")
-"""Causes for which a message is refused whole, and counted once whatever it holds."""
+"""Causes for which a message is refused whole and counted once, however many names it has."""
 
 END_OF_TIME_NS: Final = 2**31 * 1_000_000_000
-"""Stamps of headers end before this [ns]."""
+"""Every stamp of a message header is below this [ns]."""
 
 WAITING: Final = 20_000
-"""Readings of a channel that may wait for another one: 20 s at 1 kHz."""
+"""Greatest number of readings that a channel keeps for another channel: 20 s at 1 kHz."""
 
 STRAGGLERS: Final = 100
-"""Readings from before a jump of the clock that a channel may still deliver after it."""
+"""Greatest number of readings from before a clock jump that a channel may deliver after it."""
 
 MODES: Final = ("wait", "predict")
-"""What happens while a channel lags: wait for it, or carry it on with its velocity."""
+"""While a channel lags: wait for it, or extrapolate it with its velocity."""
 
 HORIZON_NS: Final = 20_000_000
 """A channel is predicted at most this far beyond its last reading [ns]."""
 
+Timing = Literal["", "repeated", "late", "another time"]
+"""Of a stamp: usable, a cause of refusal, or to be held until later readings confirm it."""
+
 
 class Conditioner:
-    """The gates and the time line of one robot; feed it messages, take samples."""
+    """Gates and time line of one robot: takes messages, returns samples."""
 
     def __init__(
         self,
@@ -92,50 +96,50 @@ class Conditioner:
         self._joint_index = {joint.name: len(motors) + k for k, joint in enumerate(joints)}
         self._both_index = {**self._motor_index, **self._joint_index}
         self.refused: dict[str, int] = dict.fromkeys(REFUSALS, 0)
-        """Readings refused so far, by cause; of ``WHOLE`` causes, messages."""
+        """Readings refused so far, by cause; for the causes of ``WHOLE``, messages."""
         self.accepted = 0
         """Readings accepted so far."""
         self.elsewhere = 0
-        """Readings of joints among motors, or of motors among joints: for another topic."""
+        """Readings ignored so far: joints in a message of motors, or motors in one of joints."""
         self.crowded = 0
-        """Accepted readings given up because another channel kept them waiting for too long."""
+        """Accepted readings dropped because they had waited too long for another channel."""
         self.clock_jumps = 0
-        """Times that the clock has gone back and everything was started anew."""
+        """Number of times that the clock went back and everything started anew."""
         self.gaps = 0
-        """Times that a channel was silent for longer than ``MAX_GAP_NS``."""
+        """Number of times that a channel was silent for longer than ``Channel.patience_ns``."""
         self.steps = 0
-        """Times that a channel's readings stepped further than the axis can move, and stayed."""
+        """Number of steps of a sensor: readings moved further than the axis can, and stayed."""
         self.lag_ns = 0
-        """How far the last samples lay behind the newest reading [ns]: the cost of waiting."""
+        """Lag of the last sample behind the newest reading [ns]."""
         self._channels: list[Channel] = []
         self.reset()
 
     @property
     def held(self) -> int:
-        """Readings of which it is not decided yet whether a clock has jumped."""
+        """Number of readings held until it is known whether the clock has jumped."""
         return sum(len(channel.held) for channel in self._channels)
 
     @property
     def unheard(self) -> list[str]:
-        """Motors and joints of which no reading has been accepted since the last reset."""
+        """Motors and joints without an accepted reading since the last reset."""
         return [c.limits.name for c in self._channels if c.last_stamp < 0]
 
     @property
     def suspected(self) -> bool:
-        """Whether a reading has leapt, and whether to a step of the sensor is not decided yet."""
+        """Whether any channel has a leap that may yet prove to be a step of its sensor."""
         return any(channel.leap is not None for channel in self._channels)
 
     @property
     def displaced(self) -> dict[str, float]:
-        """By how much [rad] the readings of axes have stepped since the last reset, by name."""
+        """Sum of the sensor's steps since the last reset [rad], by name; zeros are left out."""
         return {c.limits.name: c.displaced for c in self._channels if c.displaced}
 
     def reset(self, keep_turns: bool = False) -> None:
         """Forget all readings; the counters stay.
 
         Args:
-            keep_turns: whether the turns of readings that start again after one are counted on
-                however long the next reading takes; else only where it follows closely.
+            keep_turns: keep the count of turns of every sensor with a ``period``, however late
+                the next reading; otherwise only where it follows within ``MAX_GAP_NS``.
         """
         before = self._channels
         self._begin()
@@ -152,13 +156,13 @@ class Conditioner:
         self._missing = len(self._channels)
 
     def expect(self, angles: Vector) -> None:
-        """Say where motors, then joints are [rad], before the first reading; shape (channels,)."""
+        """Set the angles expected of motors, then joints, at first [rad]; shape (channels,)."""
         if angles.shape == (len(self._channels),) and np.all(np.isfinite(angles)):
             for channel, angle in zip(self._channels, angles.tolist(), strict=True):
                 channel.near = angle
 
     def set_tracking(self, tracking: float | None) -> None:
-        """Track with another bandwidth from now on, see ``limits_of``; no reading is lost."""
+        """Change the tracking bandwidth, see ``limits_of``; no reading is lost."""
         self._limits = limits_of(self._robot, tracking)
         for channel, limits in zip(self._channels, self._limits, strict=True):
             channel.limits = limits
@@ -179,7 +183,7 @@ class Conditioner:
     def feed_both(
         self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
     ) -> list[Sample]:
-        """Take a message of motors and joints alike; returns the samples that are complete."""
+        """Take a message of motors and joints; returns the samples that are now complete."""
         return self._feed(self._both_index, stamp_ns, names, positions)
 
     def _feed(
@@ -199,12 +203,12 @@ class Conditioner:
             self.refused["unstamped"] += 1
             return []
         news = False
-        # plain numbers are several times faster to compare than NumPy's
+        # Python's numbers compare several times faster than NumPy's
         values = positions.tolist() if isinstance(positions, np.ndarray) else positions
-        for name, position in zip(names, values):  # noqa: B905 as many of each, see above
+        for name, position in zip(names, values):  # noqa: B905 lengths are equal, see above
             k = index.get(name)
             if k is None:
-                if name in self._both_index:  # a joint among motors, say, is no stranger
+                if name in self._both_index:  # a joint among motors, for example
                     self.elsewhere += 1
                 else:
                     self.refused["unknown_name"] += 1
@@ -213,49 +217,48 @@ class Conditioner:
         return self._complete_samples() if news else []
 
     def _admit(self, k: int, stamp: int, reading: float) -> bool:
-        """The gate; True where the reading, or ones held before it, joined the channel."""
+        """Apply the gate; True where the reading, or held ones before it, joined the channel."""
         channel = self._channels[k]
-        refused = self.refused
-        if reading - reading != 0.0:  # NaN and both infinities
-            refused["not_finite"] += 1
-            return False
         stamp += channel.limits.sensor.clock_offset_ns
-        if not 0 < stamp < END_OF_TIME_NS:
-            refused["late" if stamp <= 0 else "future"] += 1
-            return False
-        if channel.before is not None:
-            channel.go_on_turning(stamp)
-        complaint = channel.complaint(stamp, reading)
-        if complaint and complaint != "implausible":
-            refused[complaint] += 1
-            return False
-        last = channel.last_stamp
-        if last >= 0:
-            ahead = stamp - last
-            if ahead == 0:
-                refused["repeated"] += 1
-                return False
-            if ahead > channel.patience_ns or ahead < -MAX_GAP_NS or (ahead < 0 and channel.held):
-                return self._hold(k, stamp, reading)
-            if ahead < 0:
-                refused["late"] += 1
-                return False
-        elif channel.left_behind >= 0 and self._is_straggler(channel, stamp):
-            refused["late"] += 1
-            return False
-        if complaint:
-            refused[complaint] += 1
-            channel.note_implausible(stamp, reading)
+        cause: str = _unusable(stamp, reading)
+        if not cause:
+            if channel.before is not None:
+                channel.go_on_turning(stamp)
+            cause = channel.complaint(stamp, reading)
+            if not cause or cause == "implausible":
+                timing = self._timing(channel, stamp)
+                if timing == "another time":
+                    return self._hold(k, stamp, reading)
+                cause = timing or cause
+        if cause:
+            self.refused[cause] += 1
+            if cause == "implausible":
+                channel.note_implausible(stamp, reading)
             return False
         if channel.held:
             self._drop_held(channel)
         self._append(channel, stamp, reading)
         return True
 
-    def _is_straggler(self, channel: Channel, stamp: int) -> bool:
-        """Whether a channel's first reading after a jump back is still one from before it.
+    def _timing(self, channel: Channel, stamp: int) -> Timing:
+        """Compare a stamp with the last one accepted on the channel."""
+        last = channel.last_stamp
+        if last < 0:
+            return "late" if channel.left_behind >= 0 and self._is_straggler(channel, stamp) else ""
+        ahead = stamp - last
+        if 0 < ahead <= MAX_GAP_NS or 0 < ahead <= channel.patience_ns:
+            return ""
+        if ahead == 0:
+            return "repeated"
+        if ahead > 0 or ahead < -MAX_GAP_NS or channel.held:
+            return "another time"
+        return "late"
 
-        A topic's last messages may arrive after another topic has gone back already.
+    def _is_straggler(self, channel: Channel, stamp: int) -> bool:
+        """Whether the first reading after the clock went back is still from before the jump.
+
+        The last messages of one topic may arrive after the first messages of another topic that
+        carry the new time.
         """
         if abs(stamp - channel.left_behind) > MAX_GAP_NS or channel.stragglers >= STRAGGLERS:
             return False
@@ -266,6 +269,7 @@ class Conditioner:
         return True
 
     def _append(self, channel: Channel, stamp: int, reading: float) -> None:
+        """Add an accepted reading to its channel."""
         value = angle = channel.angle_at(reading)
         self.steps += channel.note_plausible(stamp, value)
         if channel.limits.bandwidth > 0.0:
@@ -298,13 +302,13 @@ class Conditioner:
         self.accepted += 1
 
     def _drop_held(self, channel: Channel) -> None:
-        """The clock did not jump after all."""
+        """Refuse the held readings: the clock did not jump."""
         for stamp, _ in channel.held:
             self.refused["future" if stamp > channel.last_stamp else "late"] += 1
         channel.held.clear()
 
     def _hold(self, k: int, stamp: int, reading: float) -> bool:
-        """Keep a reading of another time until enough others follow it."""
+        """Hold a reading of another time; once enough others follow it, use them all."""
         channel = self._channels[k]
         held = channel.held
         if held and not channel.follows(stamp):
@@ -321,15 +325,15 @@ class Conditioner:
             self._jump_back()
             return self._append_held(self._channels[k], confirmed)
         self.gaps += 1
-        if self._given_out >= 0:  # the way that the axis has come since is unknown
+        if self._given_out >= 0:  # the motion during the gap is unknown
             self._given_out = max(self._given_out, confirmed[0][0] - 1)
         usual = channel.usual_ns
         used = self._append_held(channel, confirmed[:1])
-        channel.usual_ns = usual  # a gap is no rate
+        channel.usual_ns = usual  # a gap is not the channel's rate
         return self._append_held(channel, confirmed[1:]) or used
 
     def _append_held(self, channel: Channel, confirmed: Sequence[tuple[int, float]]) -> bool:
-        """Use readings of another time, one after the other; True where one can be used."""
+        """Use confirmed readings one by one; True if at least one is accepted."""
         before = self.accepted
         for stamp, reading in confirmed:
             if complaint := channel.complaint(stamp, reading):
@@ -341,7 +345,7 @@ class Conditioner:
         return self.accepted > before
 
     def _jump_back(self) -> None:
-        """Start anew; what other channels hold from the new time is theirs from now on."""
+        """Start anew, with what every channel already holds from the new time."""
         self.clock_jumps += 1
         held = [
             channel.held if channel.held and channel.held[0][0] < channel.last_stamp else []
@@ -360,21 +364,33 @@ class Conditioner:
             self._append_held(channel, kept)
 
     def _complete_samples(self) -> list[Sample]:
-        """All stamps of all channels up to the one that every channel has reached."""
+        """Samples at all stamps up to the newest that every channel has reached, or predicted."""
         if self._missing:
             return []
+        until = newest = self._channels[0].last_stamp
+        for channel in self._channels:
+            last = channel.last_stamp
+            if last < until:
+                until = last
+            elif last > newest:
+                newest = last
+        if until <= self._given_out and not self._predict:
+            return []
+        samples = self._interpolated(until)
+        if self._predict and self._given_out < newest <= until + self._horizon:
+            samples.append(self._predicted(newest))
+        self.lag_ns = newest - self._given_out
+        return samples
+
+    def _interpolated(self, until: int) -> list[Sample]:
+        """The next samples, up to the stamp ``until`` that every channel has reached."""
         channels = self._channels
-        until = channels[0].last_stamp
-        for channel in channels:
-            until = min(until, channel.last_stamp)
-        given_out = self._given_out
         motors = self._motor_count
-        samples: list[Sample] = []
+        given_out = self._given_out
         began = given_out >= 0
         if not began:
             given_out = max(channel.readings[0][0] for channel in channels) - 1
-        elif given_out >= until and not self._predict:
-            return samples
+        samples: list[Sample] = []
         while given_out < until:
             stamp = until
             for channel in channels:
@@ -382,87 +398,30 @@ class Conditioner:
                     if when > given_out:
                         stamp = min(stamp, when)
                         break
-            values = np.array([_value_at(channel.readings, stamp) for channel in channels])
-            unseen = _unseen_at(channels, stamp, given_out if began else stamp)
+            values = np.array([value_at(channel.readings, stamp) for channel in channels])
+            unseen = unseen_at(channels, stamp, given_out if began else stamp)
             samples.append(Sample(stamp, values[:motors], values[motors:], unseen))
             given_out, began = stamp, True
-        newest = max(channel.last_stamp for channel in channels)
-        if self._predict and given_out < newest <= until + self._horizon:
-            values = np.array([_predicted(channel, newest) for channel in channels])
-            unseen = _unseen_ahead(channels, newest, given_out)
-            samples.append(Sample(newest, values[:motors], values[motors:], unseen))
-            given_out = newest
-            for channel in channels:  # nobody asks for what lies behind
-                while len(channel.readings) > 1 and channel.readings[1][0] <= given_out:
-                    channel.readings.popleft()
         self._given_out = given_out
-        self.lag_ns = newest - given_out
         return samples
 
-
-def _predicted(channel: Channel, stamp: int) -> float:
-    """A channel's angle at, or beyond, its last reading [rad], within its limits."""
-    ahead = stamp - channel.last_stamp
-    value = channel.recent[-1][1] + channel.velocity() * (ahead * 1e-9)
-    return min(max(value, channel.limits.lower), channel.limits.upper)
-
-
-def _value_at(readings: deque[tuple[int, float, float]], stamp: int) -> float:
-    """Linear interpolation; drops readings that no later sample needs."""
-    while len(readings) > 1 and readings[1][0] <= stamp:
-        readings.popleft()
-    before, value, _ = readings[0]
-    if before == stamp:
-        return value
-    after, following, _ = readings[1]
-    return value + (following - value) * ((stamp - before) / (after - before))
+    def _predicted(self, stamp: int) -> Sample:
+        """The sample at the newest stamp, with lagging channels extrapolated."""
+        channels = self._channels
+        motors = self._motor_count
+        values = np.array([predicted(channel, stamp) for channel in channels])
+        unseen = unseen_ahead(channels, stamp, self._given_out)
+        self._given_out = stamp
+        for channel in channels:  # no later sample needs readings before this one
+            while len(channel.readings) > 1 and channel.readings[1][0] <= stamp:
+                channel.readings.popleft()
+        return Sample(stamp, values[:motors], values[motors:], unseen)
 
 
-def _unseen_at(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
-    """``Sample.unseen`` of an interpolated sample, (C3), after ``_value_at`` of every channel.
-
-    Args:
-        channels: all of them.
-        stamp: the sample's [ns].
-        previous: stamp of the sample before [ns]; the same where there is none.
-    """
-    unseen: Vector | None = None
-    for k, channel in enumerate(channels):
-        readings = channel.readings
-        before, _, curvature = readings[0]
-        after = before
-        if before != stamp:
-            after, _, curvature = readings[1]
-        if curvature == 0.0:
-            continue
-        way = way_between(curvature, stamp - previous, channel.limits.negligible)
-        if before != stamp or way > 0.0:
-            if unseen is None:
-                unseen = np.zeros((2, len(channels)))
-            unseen[0, k] = curvature * (stamp - before) * (after - stamp)
-            unseen[1, k] = way
-    return ALL_SEEN if unseen is None else unseen
-
-
-def _unseen_ahead(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
-    """``Sample.unseen`` of a predicted sample, (C4)."""
-    unseen: Vector | None = None
-    for k, channel in enumerate(channels):
-        horizon = stamp - channel.last_stamp
-        deviation = channel.motion.ahead(horizon, channel.recent_ns) if horizon > 0 else 0.0
-        way = 0.0
-        if horizon == 0:
-            curvature = channel.readings[-1][2]
-            way = way_between(curvature, stamp - previous, channel.limits.negligible)
-        if deviation > channel.limits.negligible or way > 0.0:
-            if unseen is None:
-                unseen = np.zeros((2, len(channels)))
-            unseen[0, k] = deviation
-            unseen[1, k] = way
-    return ALL_SEEN if unseen is None else unseen
-
-
-def way_between(curvature: float, interval_ns: int, negligible: float) -> float:
-    """Standard deviation midway between two samples [rad], (C3); 0 where negligible."""
-    way = curvature * interval_ns * interval_ns * 0.25
-    return way if way > negligible else 0.0
+def _unusable(stamp: int, reading: float) -> Literal["", "not_finite", "late", "future"]:
+    """Why a reading can be refused whatever its channel; empty where it cannot."""
+    if reading - reading != 0.0:  # NaN and both infinities
+        return "not_finite"
+    if not 0 < stamp < END_OF_TIME_NS:
+        return "late" if stamp <= 0 else "future"
+    return ""

@@ -1,0 +1,83 @@
+"""A channel's angle between its readings, or shortly after the last one, and how uncertain it is.
+
+Equations (C3) and (C4) of docs/conditioning.md.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from cdrj_ros.conditioning.gate import Channel
+from cdrj_ros.conditioning.samples import ALL_SEEN
+from cdrj_ros.conditioning.tracking import Vector
+
+
+def value_at(readings: deque[tuple[int, float, float]], stamp: int) -> float:
+    """Interpolate linearly, and drop the readings that no later sample needs."""
+    while len(readings) > 1 and readings[1][0] <= stamp:
+        readings.popleft()
+    before, value, _ = readings[0]
+    if before == stamp:
+        return value
+    after, following, _ = readings[1]
+    return value + (following - value) * ((stamp - before) / (after - before))
+
+
+def predicted(channel: Channel, stamp: int) -> float:
+    """A channel's angle at or after its last reading [rad], clipped to its limits."""
+    ahead = stamp - channel.last_stamp
+    value = channel.recent[-1][1] + channel.velocity() * (ahead * 1e-9)
+    return min(max(value, channel.limits.lower), channel.limits.upper)
+
+
+def unseen_at(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
+    """``Sample.unseen`` of an interpolated sample, (C3); call ``value_at`` of all channels first.
+
+    Args:
+        channels: of all motors and joints.
+        stamp: of the sample [ns].
+        previous: stamp of the sample before [ns]; equal to ``stamp`` for the first sample.
+    """
+    unseen: Vector | None = None
+    for k, channel in enumerate(channels):
+        readings = channel.readings
+        before, _, curvature = readings[0]
+        after = before
+        if before != stamp:
+            after, _, curvature = readings[1]
+        if curvature == 0.0:
+            continue
+        way = way_between(curvature, stamp - previous, channel.limits.negligible)
+        if before != stamp or way > 0.0:
+            if unseen is None:
+                unseen = np.zeros((2, len(channels)))
+            unseen[0, k] = curvature * (stamp - before) * (after - stamp)
+            unseen[1, k] = way
+    return ALL_SEEN if unseen is None else unseen
+
+
+def unseen_ahead(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
+    """``Sample.unseen`` of a predicted sample, (C4); arguments as of ``unseen_at``."""
+    unseen: Vector | None = None
+    for k, channel in enumerate(channels):
+        horizon = stamp - channel.last_stamp
+        deviation = channel.motion.ahead(horizon, channel.recent_ns) if horizon > 0 else 0.0
+        way = 0.0
+        if horizon == 0:
+            curvature = channel.readings[-1][2]
+            way = way_between(curvature, stamp - previous, channel.limits.negligible)
+        if deviation > channel.limits.negligible or way > 0.0:
+            if unseen is None:
+                unseen = np.zeros((2, len(channels)))
+            unseen[0, k] = deviation
+            unseen[1, k] = way
+    return ALL_SEEN if unseen is None else unseen
+
+
+def way_between(curvature: float, interval_ns: int, negligible: float) -> float:
+    """Standard deviation midway between two samples [rad], (C3); 0 where negligible."""
+    way = curvature * interval_ns * interval_ns * 0.25
+    return way if way > negligible else 0.0
