@@ -330,7 +330,7 @@ class Fusion:
         return then(after - 1) + share * (then(after) - then(after - 1))
 
     def _let_drift(self, name: str, stamp_ns: int, cables: list[int]) -> None:
-        """Preloads are not what they were: a random walk of every member's."""
+        """Let every member's preloads drift by a random walk, since they are not constant."""
         passed = (stamp_ns - self._last_ns.get(name, stamp_ns)) * 1e-9
         self._last_ns[name] = stamp_ns
         if passed <= 0.0:
@@ -347,6 +347,7 @@ class Fusion:
             spread.deviation[:, places.pulleys] += shift[:, :1] * places.lever
             for column, arm in places.motors:
                 spread.deviation[:, column] += arm * shift[:, 0]
+        spread.variance[:] = (spread.deviation**2).mean(axis=0)
 
 
 class _CablePlaces:

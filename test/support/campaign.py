@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,10 @@ from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, shape_at
 
+Kind = Literal["gap", "slow", "late", "slip", "cell", "effort", "tare", "restart", "clock", "wrap"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+Axis = Literal["winch", "elbow"]
+Mode = Literal["wait", "predict"]
 Stamps = NDArray[np.int64]
 Vector = NDArray[np.float64]
 
@@ -68,7 +73,7 @@ class Faults:
     """What the motor's driver says of its effort [N m]."""
     tare_ns: int | None = None
     """When somebody calls for a tare."""
-    mode: str = "wait"
+    mode: Mode = "wait"
 
     def words(self) -> str:
         """The faults there are, for the message of a failed test."""
@@ -148,45 +153,52 @@ def run(
         scratch: a folder for the state file of a restart.
         watch: called with the estimator at the end.
     """
-    if options is None:
-        options = Options(
-            conditioning=faults.mode,
-            tension_sensors=faults.cell is not None,
-            track_preload=faults.effort is not None,
-        )
+    options = options or Options(
+        conditioning=faults.mode,
+        tension_sensors=faults.cell is not None,
+        track_preload=faults.effort is not None,
+    )
     live = LiveEstimator(model, options)
-    events = []
-    for name, kind in (("winch", "motors"), ("elbow", "joints")):
-        stamps, values = readings_of(course, faults, name)
-        late = faults.late_ns.get(name, 0)
-        events += [
-            (stamp + late, kind, name, stamp, value)
-            for stamp, value in zip(stamps.tolist(), values.tolist(), strict=True)
-        ]
-    events.sort()
     outputs: list[Output] = []
-    for now, kind, name, stamp, value in events:
-        if faults.restart_ns is not None and now > faults.restart_ns and scratch is not None:
+    for arrival, kind, name, stamp, value in _messages(course, faults):
+        if faults.restart_ns is not None and arrival > faults.restart_ns and scratch is not None:
             write_state(live, scratch / "state")
             live, faults = LiveEstimator(model, options), _once(faults, "restart_ns")
             read_state(live, scratch / "state")
-        if faults.tare_ns is not None and now > faults.tare_ns:
+        if faults.tare_ns is not None and arrival > faults.tare_ns:
             faults = _once(faults, "tare_ns")
             _try_tare(live)
         set_by = 0
         if faults.clock_ns is not None and stamp >= faults.clock_ns[0]:
             set_by = faults.clock_ns[1]
-        if name == "winch" and faults.effort is not None:
-            live.feed_efforts(START + stamp + set_by, ("winch",), (faults.effort,))
-        if name == "winch" and faults.cell is not None and stamp % (10 * MS) == 0:
-            live.feed_tensions(START + stamp + set_by, ("upper/8",), (faults.cell,), (0.05,))
+        if name == "winch":
+            _feed_sensors(live, faults, stamp, set_by)
         made = live.feed(kind, START + stamp + set_by, (name,), (value,))[1]
-        if set_by:
-            made = [_moved(output, set_by) for output in made]
-        outputs += made
+        outputs += [_moved(output, set_by) for output in made] if set_by else made
     if watch is not None:
         watch(live)
     return outputs
+
+
+def _messages(course: Course, faults: Faults) -> list[tuple[int, str, str, int, float]]:
+    """Arrival [ns], kind, axis, stamp [ns] and reading [rad] of all messages, in order."""
+    messages = []
+    for name, kind in (("winch", "motors"), ("elbow", "joints")):
+        stamps, values = readings_of(course, faults, name)
+        late = faults.late_ns.get(name, 0)
+        messages += [
+            (stamp + late, kind, name, stamp, value)
+            for stamp, value in zip(stamps.tolist(), values.tolist(), strict=True)
+        ]
+    return sorted(messages)
+
+
+def _feed_sensors(live: LiveEstimator, faults: Faults, stamp: int, set_by: int) -> None:
+    """What the stuck sensors say at a stamp [ns], on a clock that was set by so much [ns]."""
+    if faults.effort is not None:
+        live.feed_efforts(START + stamp + set_by, ("winch",), (faults.effort,))
+    if faults.cell is not None and stamp % (10 * MS) == 0:
+        live.feed_tensions(START + stamp + set_by, ("upper/8",), (faults.cell,), (0.05,))
 
 
 def _once(faults: Faults, name: str) -> Faults:
@@ -239,12 +251,16 @@ def judge(course: Course, outputs: Sequence[Output], begin_ns: int, end_ns: int)
     return Verdict(ratio[good], worst, error.size)
 
 
+def draw_kinds(generator: np.random.Generator) -> tuple[Kind, ...]:
+    """One to three kinds of faults for one run."""
+    count = int(generator.integers(1, 4))
+    return tuple(KINDS[k] for k in generator.choice(len(KINDS), size=count, replace=False))
+
+
 def draw_faults(generator: np.random.Generator, duration_ns: int) -> Faults:
-    """One to three faults of a run; each kind at a random time and of a random size."""
+    """One to three faults of random kinds for one run, each at a random time and of random size."""
     faults = Faults()
-    kinds = ["gap", "slow", "late", "slip", "cell", "effort", "tare", "restart", "clock", "wrap"]
-    chosen = generator.choice(len(kinds), size=int(generator.integers(1, 4)), replace=False)
-    for kind in (kinds[k] for k in chosen):
+    for kind in draw_kinds(generator):
         _FAULTS[kind](faults, generator, duration_ns)
     if generator.random() < 0.2:
         faults.mode = "predict"
@@ -309,7 +325,7 @@ def _clock(faults: Faults, generator: np.random.Generator, duration_ns: int) -> 
     faults.clock_ns = _time(generator, duration_ns), by
 
 
-_FAULTS: Mapping[str, Callable[[Faults, np.random.Generator, int], None]] = {
+_FAULTS: Mapping[Kind, Callable[[Faults, np.random.Generator, int], None]] = {
     "gap": _gap, "slow": _slow, "late": _late, "slip": _slip, "cell": _cell, "effort": _effort,
     "tare": _tare, "restart": _restart, "clock": _clock, "wrap": _wrap,
 }  # fmt: skip
