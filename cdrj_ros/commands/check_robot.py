@@ -1,4 +1,4 @@
-"""``check_robot``: is a robot file right, what do its cables do, and what looks odd about them."""
+"""``check_robot``: check a robot file, inspect its cables and list what looks wrong."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ from cdrj_ros.robot.description import Cable, Robot
 if TYPE_CHECKING:
     from rich.table import Table
 
-DESCRIPTION: Final = "Check a robot file: what its cables do, and what looks suspicious."
+DESCRIPTION: Final = (
+    "Check a robot file: print the geometry and tensions of its cables and list what looks wrong."
+)
 
 LEAST_WIDTH: Final = 132
 """Smallest width of a table; narrower terminals wrap its lines, and nothing is cut off."""
@@ -36,7 +38,9 @@ LEAST_WIDTH: Final = 132
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="check_robot", description=DESCRIPTION)
-    parser.add_argument("robot", metavar="ROBOT", help="robot file (YAML), or an installed one")
+    parser.add_argument(
+        "robot", metavar="ROBOT", help="robot file (YAML), or the name of an installed robot"
+    )
     parser.add_argument(
         "--preload", metavar="N,N,...", help="preload of every cable [N] (default: the file's)"
     )
@@ -46,7 +50,9 @@ def _parser() -> argparse.ArgumentParser:
         "prismatic joint; repeatable",
     )  # fmt: skip
     parser.add_argument("--png", metavar="FILE", help="draw the cables")
-    parser.add_argument("--json", metavar="FILE", help="write the same as JSON; - for the terminal")
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the results as JSON; -: to standard output"
+    )
     return parser
 
 
@@ -153,7 +159,7 @@ def _table(inspection: Inspection, cable: CableCheck) -> Table:
     """Elements and pulleys in the order in which the cable meets them."""
     from rich import box
     from rich.table import Table
-    from rich.text import Text  # as markup, [mm] would be taken for a style
+    from rich.text import Text  # markup would take [mm] for a style
 
     robot = inspection.model.robot
     table = Table(
@@ -244,7 +250,7 @@ def _json_text(inspection: Inspection, suspicions: Sequence[Suspicion]) -> str:
 
 
 def _document(inspection: Inspection, suspicions: Sequence[Suspicion]) -> dict[str, Any]:
-    """Everything that is printed, in SI units; ``null`` for what has no value."""
+    """All printed results in SI units; ``null`` for results without a value."""
     robot = inspection.model.robot
     names = inspection.model.layout.joints
     return {

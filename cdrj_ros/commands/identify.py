@@ -66,16 +66,18 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--robot", required=True, metavar="FILE", help="robot file to start from")
     parser.add_argument(
         "--fit", required=True, metavar="NAME,...",
-        help="what to identify; 'cables.*.preload' is one common number, 'cables.{*}.preload' one "
-        "for each, 'a=b' and 'a=-b' tie two",
+        help="parameters to identify; 'cables.*.preload': one value for all cables, "
+        "'cables.{*}.preload': one for each, 'a=b' and 'a=-b': two tied parameters",
     )  # fmt: skip
     parser.add_argument("--out", metavar="FILE", help="robot file to write; comments are kept")
     parser.add_argument(
         "--force",
         action="store_true",
-        help="replace --out where it exists, --robot's file included",
+        help="replace an existing --out, also the file given by --robot",
     )
-    parser.add_argument("--json", metavar="FILE", help="write the figures as JSON; replaced")
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the figures as JSON, replacing the file"
+    )
     _add_number_options(parser.add_argument_group("numbers"))
     _add_fit_options(parser.add_argument_group("fit"))
     _add_bag_options(parser.add_argument_group("other bags"))
@@ -101,40 +103,42 @@ def _add_fit_options(group: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
     group.add_argument(
         "--weights", choices=WEIGHTS, default="spread",
-        help="divide residuals by how much the references of their kind vary, or by the noise of "
-        "their sensor (%(default)s)",
+        help="divide residuals by the standard deviation of the references of their kind, or by "
+        "their sensor's noise (%(default)s)",
     )  # fmt: skip
     group.add_argument(
         "--sigma", action="append", default=[], metavar="NAME=VALUE",
-        help="or by this, by reference [N] or [N m]; repeatable",
+        help="divide the residuals of a reference by VALUE [N] or [N m]; repeatable",
     )  # fmt: skip
-    group.add_argument("--loss", choices=LOSSES, default="linear", help="(%(default)s)")
-    group.add_argument("--starts", type=int, default=1, metavar="N", help="random ones (1)")
-    group.add_argument("--seed", type=int, default=0, help="of the random starts (0)")
+    group.add_argument(
+        "--loss", choices=LOSSES, default="linear", help="loss function (%(default)s)"
+    )
+    group.add_argument("--starts", type=int, default=1, metavar="N", help="number of starts (1)")
+    group.add_argument("--seed", type=int, default=0, help="seed of the random starts (0)")
     group.add_argument(
         "--settle", type=float, default=0.0, metavar="S",
-        help="beginning of every bag that is not compared: the friction state is unknown [s] (0)",
+        help="do not compare the first S seconds of every bag, while friction is unknown (0)",
     )  # fmt: skip
     group.add_argument(
         "--quick", action="store_true",
-        help="leave out the last round over every sample: thinned ones, to 100 Hz, do for a look",
+        help="use only samples thinned to about 100 Hz; omit the last round with all samples",
     )  # fmt: skip
 
 
 def _add_bag_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--hold-out", action="append", nargs="+", default=[], metavar="BAG",
-        help="bags that are not fitted, to judge the result by",
+        help="bags that are not fitted, to evaluate the result on",
     )  # fmt: skip
     group.add_argument(
         "--cross-validate", nargs="*", metavar="NAMES",
-        help="fit again without each bag, or without the bags whose names match, and judge them",
+        help="fit again without each bag, or without matching bags, and evaluate these bags",
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Task:
-    """What is to be fitted to what; everything that can be refused before a bag is read is."""
+    """A checked request: parameters, bags and outputs; complete before any bag is read."""
 
     path: Path
     """The robot file."""
@@ -189,10 +193,10 @@ def _body(argv: Sequence[str]) -> int:
 
 
 def _task(arguments: argparse.Namespace) -> _Task:
-    """Everything that the command line asks for, checked before a bag is read.
+    """The request on the command line, checked before any bag is read.
 
     Raises:
-        CdrjError: something impossible is asked for, or a file that would be overwritten.
+        CdrjError: the request is impossible, or an output would overwrite a file.
     """
     path = robot_path(arguments.robot)
     held_out = tuple(bag for group in arguments.hold_out for bag in group)
@@ -215,7 +219,7 @@ def _task(arguments: argparse.Namespace) -> _Task:
 
 
 def _check_files(arguments: argparse.Namespace, robot: Path, held_out: Sequence[str]) -> None:
-    """Refuse outputs that cannot be written, or that would replace what must stay."""
+    """Refuse outputs that cannot be written or that would replace an input."""
     bags = [*arguments.bags, *held_out]
     check_outputs({"--out": arguments.out, "--json": arguments.json}, bags)
     check_outputs({"--json": arguments.json}, [robot])
@@ -280,7 +284,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
 
 
 def recorded(recording: Recording, name: str) -> Recorded:
-    """A recording in the form that the identification takes."""
+    """A recording in the form that the identification expects."""
 
     def readings(channels: Mapping[str, Any]) -> dict[str, Readings]:
         return {
@@ -311,7 +315,7 @@ def _validated(bags: Sequence[str], topics: Topics, model: Model) -> list[BagCom
 
 
 def _compared(bags: Sequence[str], topics: Topics, fitted: Model, before: Model) -> Compared:
-    """Errors on some bags, with the numbers found and with those of the start."""
+    """Errors on some bags with the identified numbers and with the starting values."""
     return Compared(
         pooled_errors(_validated(bags, topics, fitted)),
         pooled_errors(_validated(bags, topics, before)),
@@ -319,12 +323,12 @@ def _compared(bags: Sequence[str], topics: Topics, fitted: Model, before: Model)
 
 
 def _rounded(found: Identification) -> dict[str, float]:
-    """The numbers with as many digits as are written."""
+    """The numbers rounded to the digits that are written."""
     return {path: float(yaml_number(value)) for path, value in found.by_path.items()}
 
 
 class _Lines:
-    """Progress: one line that is overwritten in a terminal, a line now and then elsewhere."""
+    """Progress: one line that is overwritten in a terminal, occasional lines elsewhere."""
 
     def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
@@ -346,7 +350,7 @@ class _Lines:
 def _cross_validated(
     task: _Task, found: Identification, recordings: Sequence[Recorded]
 ) -> tuple[Compared, tuple[str, ...]]:
-    """Compare every bag with the estimates of a fit that has not seen it.
+    """Compare every bag with the estimates of a fit without this bag.
 
     Returns:
         Errors over all bags, and a line for each fit.

@@ -1,4 +1,4 @@
-"""What ``identify`` tells: tables for people, JSON for programs, sections for the robot file."""
+"""Results of ``identify``: tables to read, JSON for programs, sections of the robot file."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A fit and how well it does."""
+    """A fit and its errors."""
 
     found: Identification
     values: Mapping[str, float]
@@ -76,7 +76,7 @@ def print_outcome(outcome: Outcome) -> None:
 
 
 def fold_line(pattern: str, judged: Sequence[BagComparison], fitted: Sequence[str]) -> str:
-    """Errors on the bags that a fit of the cross-validation had not seen."""
+    """Errors on the bags that a fit of the cross-validation left out."""
     return f"without {pattern}: " + ", ".join(
         f"{name} RMSE {error.rmse:.4g} R² {error.r2:.4f}"
         for name, error in pooled_errors(judged).items()
@@ -172,7 +172,7 @@ def provenance_section(outcome: Outcome) -> str:
 
 
 def as_json(outcome: Outcome) -> dict[str, Any]:
-    """Everything that is printed, in SI units."""
+    """All printed results in SI units."""
     found = outcome.found
     return {
         "parameters": [

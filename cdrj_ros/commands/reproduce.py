@@ -1,4 +1,4 @@
-"""``reproduce``: the source's figures 8, 9, 12, 13 and 14 redrawn, its tables beside ours."""
+"""``reproduce``: the source's figures 8, 9, 12, 13 and 14 redrawn, with its tables."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cdrj_ros.reproduction.study import Study, numbers, work
 from cdrj_ros.reproduction.tables import Table, markdown, rich_table, tables
 
 DESCRIPTION: Final = (
-    "Redraw the source's figures 8, 9, 12, 13 and 14; print its tables beside ours."
+    "Redraw the source's figures 8, 9, 12, 13 and 14; print its tables with those computed here."
 )
 
 WHOLE: Final = (Motion(), 8)

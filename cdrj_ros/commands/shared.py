@@ -1,4 +1,4 @@
-"""What the commands share: options, error lines, exit codes, progress, results."""
+"""Shared by the commands: options, error lines, exit codes, progress, results."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ BAD_INPUT: Final = 2
 def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:
     """Run a command's body; errors of this package become one line and exit code 2.
 
-    The exit code and the files that the body writes do not depend on whether anybody can read its
-    standard output.
+    The exit code and the files that the body writes do not depend on standard output, which may be
+    closed or full.
     """
     with lasting_output(name):
         try:
@@ -52,7 +52,7 @@ def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[
 def add_robot_option(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
     """``--robot FILE``, ``--preload N,N,...``; ``several``: the latter once for every bag."""
     parser.add_argument("--robot", required=True, metavar="FILE", help="robot file (YAML)")
-    each = "; once, or once for each bag in their order" if several else ""
+    each = "; given once, or once for each bag in order" if several else ""
     parser.add_argument(
         "--preload", metavar="N,N,...", action="append" if several else "store",
         help="preload of every cable [N], in the robot file's order (default: the file's)" + each,
@@ -72,12 +72,12 @@ def add_topic_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--reference", action="append", metavar="TOPIC",
-        help="recorded truth: CableTensions, NodalForces, or JointState with efforts; "
+        help="recorded references: CableTensions, NodalForces, or JointState with efforts; "
         f"repeatable (default {', '.join(defaults.references)})",
     )  # fmt: skip
     parser.add_argument(
         "--topic-prefix", default="", metavar="NAMESPACE",
-        help="put before every default topic: /left for /left/cdrj/motor_states, ...",
+        help="prefix of every default topic: /left for /left/cdrj/motor_states, ...",
     )  # fmt: skip
 
 
@@ -106,7 +106,7 @@ def topics_of(arguments: argparse.Namespace) -> Topics:
 
 
 def versions() -> dict[str, str]:
-    """What produced the numbers."""
+    """Versions of the software that produced the results."""
     named = {"cdrj_ros": __version__, "Python": platform.python_version()}
     for package in ("numpy", "scipy", "numba", "rosbags", "mcap"):
         named[package] = metadata.version(package)
@@ -122,7 +122,7 @@ def write_files(
     *,
     preload_stated: bool = True,
 ) -> None:
-    """Write what ``--json`` and ``--html`` ask for.
+    """Write the files given by ``--json`` and ``--html``.
 
     Args:
         arguments: with ``json`` and ``html``.
@@ -186,7 +186,7 @@ def print_results(
 
 
 def _published(model: Model) -> Beside | None:
-    """The errors that the robot file says were published for this robot."""
+    """Published errors of this robot, from the robot file."""
     from cdrj_ros.report.table import Beside
 
     given = model.robot.document.get("published")

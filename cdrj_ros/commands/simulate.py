@@ -1,4 +1,4 @@
-"""``simulate``: a bag of the simulated rig, with truth finer than the estimator's model."""
+"""``simulate``: write a bag of the simulated rig, whose model is finer than the estimator's."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _body(argv: Sequence[str]) -> int:
 def _motion_notes(
     robot: Robot, arguments: argparse.Namespace, plan: Plan, reason: str
 ) -> tuple[str, ...]:
-    """What the default motion is, where it is not the usual one about the reference pose."""
+    """Notes on a default motion that differs from the usual one about the reference pose."""
     motions = ", ".join(swing_text(robot, one) for one in plan.swings)
     if reason:
         return (f"the default motion is reduced to {motions}: {reason}",)
@@ -81,7 +81,7 @@ def _motion_notes(
 
 
 def _check_output(path: Path) -> None:
-    """Refuse before the simulation a bag that cannot be written.
+    """Refuse a bag that cannot be written, before the simulation.
 
     Raises:
         UsageError: the path exists, or no folder can be made there.
@@ -137,7 +137,7 @@ def _truth(robot: Robot, plan: Plan, cells: int, report: Progress | None) -> Tru
             joint=plan.moved, joint_angle=plan.joints, faults=plan.faults,
             allow_slack=plan.allow_slack,
         )  # fmt: skip
-    # what the simulation's own steps make of the motion, corners and all
+    # speed of the motion as sampled by the simulation, corners included
     torque = plan.load.torque(*motion.differences(plan.time, plan.joints[:, plan.moved]))
     return simulate(
         robot, plan.time, plan.joints, torque, plan.motor_speed, cells, report,
@@ -146,7 +146,7 @@ def _truth(robot: Robot, plan: Plan, cells: int, report: Progress | None) -> Tru
 
 
 def _slack_advice(model: Model, plan: Plan, warm_up: float, error: SlackError) -> str:
-    """Where a cable went slack, and what preload would keep it taut: tried, not guessed."""
+    """Where a cable became slack, and a preload with which it was simulated to stay taut."""
     where = f"t = {error.time - warm_up:.4g} s{', ' + error.pose if error.pose else ''}"
     text = f"the motion asks for a slack cable: element {error.element} has no tension at {where}"
     robot = model.robot
@@ -220,7 +220,7 @@ def _write(
                 )
                 for a, axis in enumerate(axes)
             }
-            # a message has one stamp: axes whose clocks differ have messages of their own
+            # a message has one stamp, so axes with different clocks need separate messages
             for offset in dict.fromkeys(axis.sensor.clock_offset_ns for axis in axes):
                 names = [axis.name for axis in axes if axis.sensor.clock_offset_ns == offset]
                 position = np.stack([readings[name] for name in names], axis=1)

@@ -1,4 +1,4 @@
-"""The motion that ``simulate`` makes: what the options ask for, checked against the robot."""
+"""The motion that ``simulate`` prescribes, from its options, checked against the robot."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ class Plan:
     faults: tuple[Fault, ...]
     allow_slack: bool
     motor_speed: float
-    """Fastest that a motor turns to balance the joint [rad/s]."""
+    """Largest speed of a motor that balances the joint [rad/s]."""
     swings: tuple[Swing, ...]
     """Amplitudes and centres; empty for a recorded motion."""
 
 
 def adaptable(arguments: argparse.Namespace) -> bool:
-    """Whether the amplitude is the command's own choice."""
+    """Whether the command chose the amplitude."""
     return (
         arguments.motion != "recorded"
         and arguments.amplitude is None
@@ -92,7 +92,7 @@ def make_plan(robot: Robot, arguments: argparse.Namespace, share: float = 1.0) -
         share: of the default amplitude; amplitudes that are given stay.
 
     Raises:
-        UsageError: what does not suit the robot.
+        UsageError: an option does not suit the robot.
     """
     names = [joint.name for joint in robot.joints]
     if not names:
@@ -144,7 +144,7 @@ def _prescribed(
 def _motions(
     swings: Sequence[Swing], arguments: argparse.Namespace
 ) -> tuple[dict[int, motion.Motion], float]:
-    """The motion of every moving joint, and how long to simulate beside the warm-up [s]."""
+    """The motion of every moving joint, and the simulated time without the warm-up [s]."""
     frequencies = numbers("frequency", arguments.frequency, len(swings), 1e-4, 50.0)
     motions = {
         swing.joint: _motion(arguments.motion, swing, frequency, arguments.seed + 1000 * k)
@@ -189,7 +189,7 @@ def _swings(
 
 
 def _usual_swing(robot: Robot, index: int, centre: float | None, share: float) -> Swing:
-    """The default: about the reference pose, or the nearest pose whose sides have room for it."""
+    """The default: about the reference pose, or the nearest pose with enough room on both sides."""
     joint = robot.joints[index]
     width = joint.upper - joint.lower
     amplitude = float(np.radians(USUAL_AMPLITUDE_DEG))
@@ -214,7 +214,7 @@ def _usual_swing(robot: Robot, index: int, centre: float | None, share: float) -
 def _given_swing(
     robot: Robot, index: int, option: str, value: float, centre: float | None
 ) -> Swing:
-    """What ``--amplitude`` or ``--amplitude-deg`` asks for."""
+    """The amplitude given by ``--amplitude`` or ``--amplitude-deg``."""
     joint = robot.joints[index]
     if option == "amplitude-deg" and joint.name in robot.prismatic_joints:
         raise UsageError(

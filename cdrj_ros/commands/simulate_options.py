@@ -26,9 +26,7 @@ MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 USUAL_AMPLITUDE_DEG: Final = 38.0
 """Of a joint that turns, where its range has room for it [deg]."""
 
-DESCRIPTION: Final = (
-    "Make a bag of the simulated rig; its truth is finer than the estimator's model."
-)
+DESCRIPTION: Final = "Write a bag of the simulated rig, whose model is finer than the estimator's."
 
 
 def parser() -> argparse.ArgumentParser:
@@ -36,8 +34,10 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(prog="simulate", description=DESCRIPTION)
     made.add_argument("out", metavar="OUT", help="folder of the new bag")
     add_robot_option(made)
-    made.add_argument("--duration", type=float, metavar="S", help="[s] (60; recorded: its own)")
-    made.add_argument("--seed", type=int, default=0, help="of everything random (0)")
+    made.add_argument(
+        "--duration", type=float, metavar="S", help="duration [s] (60; recorded: the bag's)"
+    )
+    made.add_argument("--seed", type=int, default=0, help="seed of all random numbers (0)")
     _add_motion_options(made.add_argument_group("motion"))
     _add_rig_options(made.add_argument_group("rig"))
     _add_sensor_options(
@@ -49,38 +49,40 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_motion_options(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--motion", choices=MOTIONS, default="sine", help="of the joint (sine)")
+    group.add_argument(
+        "--motion", choices=MOTIONS, default="sine", help="motion of the joint (sine)"
+    )
     group.add_argument(
         "--joint", action="append", metavar="NAME",
-        help="the joint that moves; repeatable (the first); the others are held",
+        help="joint that moves; repeatable (the first); all others are held",
     )  # fmt: skip
     group.add_argument(
         "--amplitude-deg", metavar="DEG",
-        help="to either side of the centre [deg]; with several joints DEG,DEG,... "
+        help="amplitude about the centre [deg]; with several joints DEG,DEG,... "
         f"({USUAL_AMPLITUDE_DEG:g}, less where the joint's range, the motors or the preload "
         "require it)",
     )  # fmt: skip
     group.add_argument(
-        "--amplitude", metavar="X", help="the same in rad, or m for a prismatic joint"
+        "--amplitude", metavar="X", help="amplitude in rad, or m for a prismatic joint"
     )
     group.add_argument(
         "--centre", metavar="X",
-        help="pose about which to move, in rad or m; X,X,... (the reference pose, or the nearest "
+        help="centre of the motion in rad or m; X,X,... (the reference pose, or the nearest "
         "one about which the default amplitude fits into the range)",
     )  # fmt: skip
     group.add_argument(
         "--frequency", default="0.1", metavar="HZ",
-        help="of the motion's cycle, of random motion the highest; HZ,HZ,... (0.1)",
+        help="frequency of the motion, the highest one of random motion; HZ,HZ,... (0.1)",
     )  # fmt: skip
-    group.add_argument("--recorded", metavar="BAG", help="bag whose joint angles are moved again")
+    group.add_argument("--recorded", metavar="BAG", help="bag whose joint angles are repeated")
     group.add_argument(
         "--joint-topic", default=Topics().joints, metavar="TOPIC",
-        help="of the joint angles in that bag (default %(default)s)",
+        help="topic of the joint angles in that bag (default %(default)s)",
     )  # fmt: skip
     group.add_argument(
         "--warm-up", type=float, default=0.0, metavar="S",
-        help="motion before the recording starts: the friction state is then unknown [s] (0: the "
-        "recording starts at rest in the reference pose, just preloaded)",
+        help="duration of motion before the recording [s]; the friction state is then unknown (0: "
+        "the recording starts at rest in the reference pose at the preload)",
     )  # fmt: skip
 
 
@@ -88,28 +90,37 @@ def _add_rig_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--mode", choices=MODES,
         help="balance: motors turn so that the cables carry the joint's load (for one joint); "
-        "follow: motors keep the cables' lengths to the joints (for several); forward: motors "
-        "follow the motion and the joint moves as cables and load let it",
+        "follow: motors follow the joints so that the cables keep their lengths (for several); "
+        "forward: motors follow the motion and the joint moves by its dynamics",
     )  # fmt: skip
     group.add_argument(
-        "--cells", type=int, default=8, help="contact cells per pulley in the truth (8)"
+        "--cells", type=int, default=8, help="contact cells per simulated pulley (8)"
     )
     group.add_argument(
-        "--load-mass", "--payload", type=float, default=0.3, metavar="KG", help="payload [kg] (0.3)"
+        "--load-mass",
+        "--payload",
+        type=float,
+        default=0.3,
+        metavar="KG",
+        help="mass of the payload [kg] (0.3)",
     )
     group.add_argument(
-        "--load", choices=LOADS, help="how the joint carries it (by the joint's frame, or rolling)"
+        "--load", choices=LOADS, help="kind of load (by the joint's frame, or rolling)"
     )
     group.add_argument(
         "--gravity", type=float, default=9.81, metavar="A",
-        help="against positive joint angle [m/s^2]; negative: along it (9.81)",
+        help="gravity against positive joint angle [m/s^2]; negative: along it (9.81)",
     )  # fmt: skip
     group.add_argument(
-        "--damping", type=float, default=0.0, metavar="C", help="of the joint [N m s/rad] (0)"
+        "--damping",
+        type=float,
+        default=0.0,
+        metavar="C",
+        help="damping of the joint [N m s/rad] (0)",
     )
     group.add_argument(
         "--motor-speed", type=float, default=5.0, metavar="W",
-        help="fastest that a motor turns to balance the joint [rad/s] (5)",
+        help="largest speed of a motor that balances the joint [rad/s] (5)",
     )  # fmt: skip
     group.add_argument(
         "--fault", action="append", default=[], metavar="NAME[/CABLE]@T[:AMOUNT]",
@@ -117,17 +128,23 @@ def _add_rig_options(group: argparse._ArgumentGroup) -> None:
         "slips by AMOUNT deg; at T s of the recording; repeatable (CABLE: the first; AMOUNT: by "
         "the preload)",
     )  # fmt: skip
-    group.add_argument("--allow-slack", action="store_true", help="record slack cables as well")
+    group.add_argument(
+        "--allow-slack", action="store_true", help="permit motions in which a cable becomes slack"
+    )
 
 
 def _add_sensor_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--motor-counts", type=int, default=MOTOR_ENCODER.counts, metavar="N",
-                       help="a turn (%(default)s)")  # fmt: skip
+                       help="counts per turn of motor encoders (%(default)s)")  # fmt: skip
     group.add_argument("--joint-counts", type=int, default=JOINT_ENCODER.counts, metavar="N",
-                       help="a turn (%(default)s)")  # fmt: skip
+                       help="counts per turn of joint encoders (%(default)s)")  # fmt: skip
     group.add_argument("--rate", metavar="HZ", help="readings per second (1000,500)")
-    group.add_argument("--noise", default="0", metavar="RAD", help="standard deviation [rad]")
-    group.add_argument("--bias", default="0", metavar="RAD", help="reads too much by [rad]")
+    group.add_argument(
+        "--noise", default="0", metavar="RAD", help="standard deviation of readings [rad]"
+    )
+    group.add_argument(
+        "--bias", default="0", metavar="RAD", help="constant error of readings [rad]"
+    )
     group.add_argument("--jitter", default="0", metavar="S",
                        help="standard deviation of the stamps [s]")  # fmt: skip
     group.add_argument("--dropout", default="0", metavar="SHARE",
@@ -135,9 +152,9 @@ def _add_sensor_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--burst", default="0", metavar="S",
                        help="mean duration of a loss [s] (0: one reading at a time)")  # fmt: skip
     group.add_argument("--cell-noise", type=float, default=LoadCells.force_noise, metavar="N",
-                       help="of the recorded tensions and forces [N] (%(default)s)")  # fmt: skip
+                       help="noise of recorded tensions and forces [N] (%(default)s)")  # fmt: skip
     group.add_argument("--cell-bias", type=float, default=0.0, metavar="N",
-                       help="of the recorded tensions and forces [N] (0)")  # fmt: skip
+                       help="bias of recorded tensions and forces [N] (0)")  # fmt: skip
 
 
 def check_ranges(arguments: argparse.Namespace) -> None:

@@ -1,4 +1,4 @@
-"""``validate``: bags through the estimator, offline and in lock-step, against their references."""
+"""``validate``: run the estimator on bags, offline, and compare it with their references."""
 
 from __future__ import annotations
 
@@ -61,21 +61,21 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Task:
-    """What to do with one bag."""
+    """The work on one bag."""
 
     path: str
     topics: Topics
     robot: str = ""
     """The robot file."""
     preload: str | None = None
-    """Preloads to use instead of the robot file's."""
+    """Preloads that replace those of the robot file."""
     window: Window = WHOLE
     outputs: tuple[str, str, str] = OUTPUTS
     """Topics of the estimates in the bag that is written."""
     spread: bool = False
-    """Standard deviations too."""
+    """Whether standard deviations are computed."""
     written: str = ""
-    """Bag to be made with the estimates beside the original messages; empty for none."""
+    """Bag to write with the original messages and the estimates; empty for none."""
 
 
 _prepared = cache(load_model)
@@ -84,7 +84,7 @@ _prepared = cache(load_model)
 def validate_bag(
     model: Model, path: str, topics: Topics, progress: Progress | None = None
 ) -> BagComparison:
-    """One bag through the estimator, compared with its references.
+    """Run the estimator on one bag and compare it with the bag's references.
 
     Raises:
         BagError: the bag cannot be read or has nothing to compare.
@@ -141,7 +141,7 @@ def _joined(pieces: Sequence[Estimates]) -> Estimates:
 
 
 def _start_worker() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent says when to stop
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process decides when to stop
 
 
 def _work(task: Task) -> BagComparison:
@@ -198,38 +198,40 @@ def _parser() -> argparse.ArgumentParser:
     add_topic_options(parser)
     parser.add_argument(
         "--start", type=float, default=0.0, metavar="S",
-        help="compare from this many seconds after the bag's begin on; the estimator sees what is "
-        "before, since friction remembers (default %(default)g)",
+        help="compare from S seconds after the start of the bag; the estimator still processes "
+        "what precedes, as friction depends on it (default %(default)g)",
     )  # fmt: skip
     parser.add_argument(
-        "--duration", type=float, metavar="S", help="compare for so many seconds (default: all)"
+        "--duration", type=float, metavar="S", help="compare for S seconds (default: all)"
     )
     parser.add_argument(
         "--jobs", type=int, default=1, metavar="N",
-        help="bags at a time, each in a process of its own; 0: as many as there are processors "
+        help="number of bags processed at a time, each in its own process; 0: one per processor "
         "(default %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--limits", metavar="FILE",
-        help="bounds on the figures (YAML, docs/validate.md); exit code 1 where one is outside",
+        help="limits of the figures (YAML, docs/validate.md); exit code 1 if a figure is outside",
     )  # fmt: skip
     parser.add_argument(
         "--write-bag", metavar="OUT",
-        help="write an MCAP bag of everything in the original with the estimates beside it; of "
-        "several bags, one each in the folder OUT",
+        help="write an MCAP bag with everything in the original and the estimates; for several "
+        "bags, one each in the folder OUT",
     )  # fmt: skip
     parser.add_argument(
         "--uncertainty", choices=("auto", "on", "off"), default="auto",
-        help="standard deviations of the estimates and how often the reference lies within two of "
-        "them; auto: where the robot file says how well it is known (default %(default)s)",
+        help="compute standard deviations of the estimates and their coverage; auto: if the robot "
+        "file has an uncertainty section (default %(default)s)",
     )  # fmt: skip
-    parser.add_argument("--quiet", action="store_true", help="print only what is wrong")
+    parser.add_argument(
+        "--quiet", action="store_true", help="print errors and violated limits only"
+    )
     add_result_options(parser)
     return parser
 
 
 def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[Task]:
-    """One for each bag; refuses what could not be written before anything is read."""
+    """One for each bag; refuses outputs that cannot be written before any bag is read."""
     bags, topics = arguments.bags, topics_of(arguments)
     window = _window(arguments.start, arguments.duration)
     spread = arguments.uncertainty == "on"

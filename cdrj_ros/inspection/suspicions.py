@@ -1,4 +1,4 @@
-"""Sentences on what looks wrong in a robot file that is formally right."""
+"""Findings that look wrong in a formally valid robot file."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Suspicion:
 
 
 def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
-    """Everything odd about a robot, the grave first."""
+    """All suspicious facts about a robot, grave ones first."""
     robot = inspection.model.robot
     entries = {entry["name"]: entry for entry in robot.document.get("cables", ())}
     found: list[Suspicion] = []
@@ -275,7 +275,7 @@ def _material(cable: Cable, modulus: float | None) -> Iterator[Suspicion]:
 
 
 def _thickness(cable: Cable, diameter: float | None) -> Iterator[Suspicion]:
-    """A cable too thick for what it bends around, as one whose unit is forgotten."""
+    """A cable too thick for what it bends around, for example because its unit is missing."""
     if diameter is None:
         return
     radii = [node.radius for node in cable.nodes if node.radius > 0.0]

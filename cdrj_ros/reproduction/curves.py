@@ -46,7 +46,7 @@ def humps(values: Vector) -> int:
 
 
 def bulge(angle: Vector, values: Vector) -> float:
-    """How far a stroke's curve lies above the line between its ends, at mid-range.
+    """Height of a stroke's curve above the line between its ends, at mid-range.
 
     Args:
         angle: joint angle over one stroke [rad].

@@ -273,7 +273,7 @@ def measured(study: Study, pattern: str, title: str) -> Figure:
                 axes.plot(x, part.estimate, color=DARK[cable], linewidth=0.8)
             known = result.identified[channel.name]
             against_cells = channel.estimate - channel.reference
-            if friction:  # the noise of two cells hides what is left
+            if friction:  # the noise of two cells hides the remaining error
                 errors.plot(time, against_cells, color=PALE[cable], linewidth=0.5, zorder=1.5)
                 errors.plot(
                     time, result.true_error(known), color=DARK[cable], linewidth=0.8,

@@ -1,4 +1,4 @@
-"""The source's tables and error figures beside ours, for the terminal and for ``tables.md``."""
+"""Tables and errors of the source and of this package, for the terminal and ``tables.md``."""
 
 from __future__ import annotations
 
