@@ -69,8 +69,8 @@ class KnownTension:
 class PropagatedTensions:
     """One cable's tensions from its sensors.
 
-    ``lower`` and ``upper`` say what pulleys that may be stuck leave open, ``stddev`` what the
-    sensors' noise adds to that.
+    ``lower`` and ``upper`` bound the tensions beyond pulleys that may be stuck; ``stddev`` is the
+    additional effect of the sensors' noise.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -179,7 +179,7 @@ def propagate(
     with np.errstate(invalid="ignore", divide="ignore"):
         everywhere = np.sum(weight * reading, axis=1) / weight.sum(axis=1)
     tension = np.repeat(everywhere[:, None], count, axis=1)
-    # friction's memory of speed takes the known tension for all: a guess that jumps is no slip
+    # the lagged speed uses the known tension everywhere: a jump of a guess is not slip
     even = length / (1.0 + np.nan_to_num(tension) / cable.axial_stiffness)
     loss_now = _lagging_losses(
         _slips(even, path.wound[:, c], held_last), dt, kinetic, static, constants
@@ -208,7 +208,7 @@ def propagate(
             break
     force, by_before, by_after = _nodal_force(tension, wrap)
     least, most = _nodal_bounds(lower, upper, wrap)
-    # all tensions of a cable come from one number: their errors go together
+    # all tensions of a cable follow from one number: their errors are correlated
     force_spread = np.abs(by_before * stddev[:, :-1] + by_after * stddev[:, 1:])
     return PropagatedTensions(
         path.stamp_ns,
@@ -433,7 +433,7 @@ def _bounds(
     loss: Table,
     constants: Any,
 ) -> tuple[Table, Table]:
-    """What stuck pulleys leave open: the intervals from every sensor, intersected."""
+    """Tensions that stuck pulleys permit: the intervals from all sensors, intersected."""
     drag = constants["drag"]
     lower, upper = np.zeros_like(tension), np.full_like(tension, np.inf)
     for m, place in enumerate(places):

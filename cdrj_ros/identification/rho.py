@@ -31,7 +31,7 @@ SETTLED: Final = 1e-4
 
 @dataclass(frozen=True)
 class RhoEstimate:
-    """What (44) gives for one cable."""
+    """Result of (44) for one cable."""
 
     cable: str
     rho: float
@@ -76,8 +76,9 @@ def identify_rho(
     """(44): the rho for which the known tension, propagated, gives the measured nodal force.
 
     (24) holds only at a pulley that slides.  The samples used are therefore those in which all
-    pulleys between sensor and node slide.  More friction takes longer to turn, so which they are
-    depends on rho: they are chosen at the smallest, and anew at every rho found, until it stays.
+    pulleys between sensor and node slide.  With more friction a pulley starts to slide later,
+    so the samples depend on rho: they are chosen at the smallest rho and again at every rho found,
+    until rho no longer changes.
 
     Args:
         model: the prepared robot; its rho in this cable does not matter.

@@ -1,4 +1,4 @@
-"""The rig and what happened on it: a robot with contact cells and faulty ends, its truth."""
+"""The rig, a robot with contact cells and faulty ends, and the truth simulated on it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Table = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Truth:
-    """What happened on the rig, on its own time grid."""
+    """The true values on the rig, on its own time grid."""
 
     time: Vector
     """[s], shape (n,)."""
@@ -68,7 +68,7 @@ class SlackError(MotionError):
 
 @dataclass(frozen=True)
 class Rig:
-    """A robot and the finer one that is simulated in its place."""
+    """A robot, and the finer robot that is simulated for it."""
 
     lumped: Model
     fine: Model

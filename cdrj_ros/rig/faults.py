@@ -1,4 +1,4 @@
-"""Faults of the rig that no encoder shows: a drum slips on its shaft, an anchor gives way.
+"""Faults of the rig that no encoder measures: a drum slips on its shaft, an anchor gives way.
 
 The end of the cable that moves gets a motor of its own, which turns as the fault requires.
 """
@@ -24,7 +24,7 @@ same motor; ``snap``: it gives way at once by half of the cable's own elongation
 ``slip``: for a while the drum turns less than its encoder, by the same length of cable."""
 
 DURATION_S: Final = {"slack": 2.0, "snap": 0.002, "slip": 0.5}
-"""From the beginning of a fault to its end [s]."""
+"""Duration of a fault [s]."""
 
 USUAL_SHARE: Final = {"slack": 0.9, "snap": 0.5, "slip": 0.5}
 """Share of the elongation under preload that a fault takes away if no amount is given."""

@@ -77,7 +77,7 @@ def swing(
         joint_angle: of all joints, shape (n, joints); the column of the free one is ignored.
             None: the others are held in the reference pose.
         start: angle at which the joint is released at rest; None: where it is balanced.
-        faults: what breaks.
+        faults: injected faults.
         allow_slack: cables may lose their tension; with faults they always may.
 
     Raises:
@@ -234,7 +234,7 @@ def swing_steps(
                 if not low < q < high:
                     q = low - below * (high - low) / (above - below)
                 if not low < q < high or q == last:
-                    break  # as near as numbers can tell
+                    break  # within numerical precision
         else:
             pose[joint] = q
             advance(plan, numbers, state, drums[k], pose, 0.0, out)

@@ -44,7 +44,7 @@ class LiveSettings:
     load: Load = field(default_factory=lambda: Load(RollingLoad()))
     """Carried by the free joint."""
     cells: int = 8
-    """Contact cells a pulley."""
+    """Contact cells per pulley."""
     rate: float = 1000.0
     """Steps per second of the rig's time [Hz]."""
     joint: int = 0
@@ -54,7 +54,7 @@ class LiveSettings:
     upper: float | None = None
     """Upper end stop [rad] or [m]; None: the end of its range."""
     start: float | None = None
-    """Angle at which the joint is let go at rest [rad]; None: where it is balanced."""
+    """Angle at which the joint is released at rest [rad]; None: where it is balanced."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,13 @@ class Push:
 
 
 class LiveRig:
-    """A rig that remembers where it is.
+    """A rig with a state.
 
-    ``step`` takes the motors' next angles.  All arrays that it hands out are new ones.
+    ``step`` takes the motors' next angles.  All arrays that it returns are new.
     """
 
     def __init__(self, robot: Robot, settings: LiveSettings | None = None) -> None:
-        """Put the rig at rest, motors in their reference angles, joint where it is balanced.
+        """Put the rig at rest: motors at their reference angles, the joint at its balance.
 
         Raises:
             UsageError: no joint, stops outside the range, or no balanced pose.
@@ -94,10 +94,10 @@ class LiveRig:
         self.reset()
 
     def reset(self) -> None:
-        """Repair everything and start anew at time 0; load and stops stay as they are.
+        """Remove all faults and restart at time 0; load and stops do not change.
 
         Raises:
-            UsageError: the cables hold the load in no pose; nothing has changed then.
+            UsageError: the cables hold the load in no pose; nothing is changed then.
         """
         robot, fine = self.robot, self._sound.fine
         motors = np.array([motor.reference_angle for motor in robot.motors])
@@ -146,21 +146,21 @@ class LiveRig:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """What has broken since the start."""
+        """Faults injected since the start."""
         return tuple(fault for _, fault in self._rig.wiring.faults)
 
     @property
     def push_torque(self) -> float:
-        """What pushes on the free joint now [N m]."""
+        """Sum of the pushes on the free joint now [N m]."""
         return sum(push.torque for push in self.pushes)
 
     def set_load(self, load: Load) -> None:
-        """Carry another load from the next step on."""
+        """Change the load, effective from the next step."""
         self._coefficients = load.coefficients()
         self.load = load
 
     def push(self, torque: float, duration_s: float) -> None:
-        """Push on the free joint from the next step on, beside all other pushes.
+        """Push on the free joint from the next step on, in addition to other pushes.
 
         Raises:
             UsageError: a torque or duration out of its range.
@@ -172,16 +172,16 @@ class LiveRig:
         self.pushes = (*self.pushes, Push(torque, self.time_s + duration_s))
 
     def break_cable(self, name: FaultName, cable: str, amount: float | None = None) -> str:
-        """Break something now.
+        """Inject a fault now.
 
         Args:
-            name: what.
-            cable: of which cable.
+            name: of the fault.
+            cable: whose fault it is.
             amount: of cable [m] for ``slack`` and ``snap``, of drum [rad] for ``slip``; None: the
                 usual.  A cut takes none.
 
         Returns:
-            What was done, in words.
+            A sentence on what was done.
 
         Raises:
             UsageError: an unknown fault or cable, or an amount that cannot be.
@@ -200,7 +200,7 @@ class LiveRig:
         return f"{name} of {cable}: {fault.amount:.4g} {unit}, at t = {fault.begin:.4g} s"
 
     def _without_friction(self, cable: str) -> Model:
-        """The fine robot with one cable that runs freely: what hangs loose has no friction.
+        """The fine robot with one cable without friction: a loose cable has none.
 
         The solver would need thousands of iterations for the friction of a cable without tension.
         """
@@ -215,11 +215,11 @@ class LiveRig:
     def step(self, motor_angle: Vector) -> bool:
         """Advance by one step, the motors turning to ``motor_angle`` [rad], shape (motors,).
 
-        Where a cable cannot follow (it is wound in entirely, or cannot run so), motors and joint
-        stay where they were and ``stalled`` counts up.
+        If a cable cannot follow (it is wound in entirely, or its path is impossible), motors and
+        joint do not move and ``stalled`` counts up.
 
         Returns:
-            Whether the motors turned as asked.
+            Whether the motors turned to these angles.
         """
         before = self.time_s
         self.steps += 1
@@ -236,7 +236,7 @@ class LiveRig:
         self._hold(float(course[COURSE_ANGLE]), self._drums(self.motor_angle, now), dt)
         if self._valid():
             self._read()
-        else:  # the truth stays as it was
+        else:  # the truth does not change
             self._state = state
         return False
 
@@ -274,7 +274,7 @@ class LiveRig:
         return bool(done == 1)
 
     def _hold(self, angle: float, drums: Table, dt: Vector) -> None:
-        """Keep the free joint at an angle for one step; whatever speed it had is lost."""
+        """Keep the free joint at an angle for one step; its speed becomes zero."""
         fine = self._rig.fine
         self._joints[0, self.settings.joint] = angle
         advance_all(

@@ -1,4 +1,4 @@
-"""Commands to the motors of a live rig, checked once: what is refused, and under which cause."""
+"""Commands to the motors of a live rig, checked once, and the causes of refusals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 Mode = Literal["position", "velocity", "effort"]
-"""What a motor is told: an angle [rad], a speed [rad/s] or a torque [N m]."""
+"""What a motor is commanded: an angle [rad], a speed [rad/s] or a torque [N m]."""
 
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 
@@ -36,7 +36,7 @@ UNITS: Final = {"position": "rad from its reference angle", "velocity": "rad/s",
 
 
 class CommandError(UsageError):
-    """A command that is refused; nothing of it is carried out."""
+    """A refused command; no part of it is carried out."""
 
     def __init__(self, cause: Cause, message: str) -> None:
         self.cause: Cause = cause
@@ -45,7 +45,7 @@ class CommandError(UsageError):
 
 @dataclass(frozen=True)
 class Command:
-    """What some motors shall do until another command or the timeout."""
+    """Targets of some motors until another command or the timeout."""
 
     mode: Mode
     motors: tuple[int, ...]
@@ -71,7 +71,7 @@ class Trajectory:
 def checked_command(
     limits: DriveLimits, mode: Mode, names: Sequence[str] | None, values: Sequence[float]
 ) -> Command:
-    """A command whose every value the drives can carry out.
+    """A command whose values the drives can all carry out.
 
     Args:
         limits: of the drives.
@@ -121,7 +121,7 @@ def checked_trajectory(
     positions: Sequence[Sequence[float]],
     velocities: Sequence[Sequence[float]],
 ) -> Trajectory:
-    """A trajectory whose every point the drives may be sent to; without points: stop.
+    """A trajectory whose points the drives can all reach; without points: stop.
 
     Args:
         limits: of the drives.

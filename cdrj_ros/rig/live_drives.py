@@ -39,7 +39,7 @@ class Drives:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all commands; the program runs again."""
+        """Discard all commands and restart the program."""
         count = len(self.limits.motors)
         self.angle = np.array(self.limits.reference, dtype=np.float64)
         """Of all motors [rad], shape (motors,)."""
@@ -56,9 +56,9 @@ class Drives:
         """How often a motor under speed or torque was not commanded in time."""
 
     def command(self, command: Command | Trajectory, now_s: float) -> None:
-        """Do this from now on; motors that it does not name go on as they are.
+        """Apply a command; motors that it does not name keep theirs.
 
-        Motors of a trajectory that another command takes away from it end it for all of them.
+        A command for one motor of a trajectory ends the trajectory for all its motors.
         """
         motors = list(command.motors)
         self.program = None
@@ -73,7 +73,7 @@ class Drives:
             return
         self._heard_s[motors] = now_s
         for motor, value in zip(motors, command.values, strict=True):
-            # a torque moves the rotor on from the speed that it has
+            # a torque accelerates the rotor from its present speed
             self.modes[motor] = command.mode
             self._target[motor] = value
 

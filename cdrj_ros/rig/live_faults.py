@@ -1,4 +1,4 @@
-"""Faults that may be asked of a live rig at any time: every end that can give way is prepared."""
+"""Faults that can be injected into a live rig at any time: all ends are prepared for them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Breakable:
 
     @classmethod
     def of(cls, robot: Robot, wiring: Wiring) -> Breakable:
-        """What can break where ``wiring`` is that of all ``possible_faults``."""
+        """The possible faults where ``wiring`` is that of all ``possible_faults``."""
         preloaded = {cable.name for cable in robot.cables if cable.preload > 0.0}
         places = {(str(fault.kind), str(fault.cable)): motor for motor, fault in wiring.faults}
         usual = {
@@ -67,11 +67,11 @@ class Breakable:
         """The motor that a fault moves, and the fault.
 
         Args:
-            name: what.
-            cable: of which cable.
+            name: of the fault.
+            cable: whose fault it is.
             amount: of cable [m] for ``slack`` and ``snap``, of drum [rad] for ``slip``; None: the
                 usual.  A cut takes none.
-            now_s: when it begins [s].
+            now_s: time at which it begins [s].
 
         Raises:
             UsageError: an unknown fault or cable, or an amount that cannot be.

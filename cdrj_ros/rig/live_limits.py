@@ -1,4 +1,4 @@
-"""What the drives of a live rig can do: speed, torque, travel, inertia."""
+"""Limits of the drives of a live rig: speed, torque, travel, inertia."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class DriveLimits:
     speed: tuple[float, ...]
     """A motor never turns faster [rad/s]."""
     torque: tuple[float, ...]
-    """A motor never exerts more [N m]; where position or speed would need it, it stalls."""
+    """A motor never exerts more [N m]; if position or speed require more, it stalls."""
     inertia: tuple[float, ...]
     """Of rotor and drum, for commands of torque [kg m^2]."""
     damping: float
     """Of every rotor, for commands of torque [N m s/rad]."""
     timeout_s: float
-    """Without a new command for so long, a motor under speed or torque holds its angle [s]."""
+    """Without a new command for this time, a motor under speed or torque holds its angle [s]."""
     travel: float = TRAVEL
     """[rad]."""
 
@@ -61,7 +61,7 @@ def drive_limits(
     damping: float = 1e-3,
     timeout_s: float = 0.5,
 ) -> DriveLimits:
-    """Limits for all motors alike, or those that suit the robot.
+    """The same limits for all motors, or defaults that suit the robot.
 
     Args:
         robot: its motors and cables.

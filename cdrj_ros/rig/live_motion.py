@@ -1,4 +1,4 @@
-"""What a live rig does while nobody commands it: motors that follow a motion of the free joint."""
+"""Motion of a live rig without commands: motors that follow a motion of the free joint."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ BEGIN_S: Final = 1.0
 """Rest before it [s]."""
 
 USUAL_SHARE: Final = 0.6
-"""Of the way to the nearer end of the range, where no amplitude is given."""
+"""Default amplitude, as a share of the way to the nearer end of the range."""
 
 AHEAD: Final = 50
-"""Steps that are worked out at once."""
+"""Steps that are computed at once."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def program_of(
         model: the prepared robot.
         joint: the free one.
         rate: steps per second [Hz].
-        demonstration: what to do; None comes back where that is nothing.
+        demonstration: the motion; returns None if there is none.
 
     Raises:
         UsageError: an unknown motion, or one that leaves the joint's range.

@@ -1,4 +1,4 @@
-"""Sensors of a live rig: as ``rig/sensors.py`` reads a whole truth, but as the truth comes."""
+"""Sensors of a live rig: ``rig/sensors.py``, but step by step instead of over a whole truth."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LONGEST_LATENCY_S: Final = 10.0
 
 @dataclass(frozen=True)
 class Reading:
-    """What one message says."""
+    """The content of one message."""
 
     stamp_s: float
     """On the rig's clock [s]."""
@@ -33,7 +33,7 @@ class Reading:
 
 
 class _Due:
-    """When a sensor reads, and what it has read but not yet sent."""
+    """Times at which a sensor reads, and its readings that are not sent yet."""
 
     def __init__(self, sensor: Encoder | LoadCells, seed: Sequence[int], latency_s: float) -> None:
         if not 0.0 <= latency_s <= LONGEST_LATENCY_S:
@@ -75,11 +75,11 @@ class _Due:
         return np.concatenate(times), np.concatenate(stamps)
 
     def send(self, time_s: float, reading: Reading) -> None:
-        """Put a reading on its way."""
+        """Queue a reading to be sent."""
         self._sent.append((time_s + self._latency_s, reading))
 
     def arrived(self, now_s: float) -> list[Reading]:
-        """Readings that have come through."""
+        """Readings that have arrived."""
         here = []
         while self._sent and self._sent[0][0] <= now_s:
             here.append(self._sent.popleft()[1])
@@ -87,7 +87,7 @@ class _Due:
 
 
 class LiveEncoders:
-    """Encoders of several axes that share their electronics, and so their times of reading."""
+    """Encoders of several axes that share electronics and therefore reading times."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class LiveEncoders:
         seed: Sequence[int],
         latency_s: float = 0.0,
     ) -> None:
-        """Nothing has been read yet.
+        """Start without readings.
 
         Args:
             encoder: of every axis.
@@ -126,7 +126,7 @@ class LiveEncoders:
 
     @property
     def frozen(self) -> tuple[str, ...]:
-        """Axes whose encoders stand still."""
+        """Axes whose encoders are frozen."""
         return tuple(self.axes[index].name for index in self._frozen)
 
     def take(self, now_s: float, angle: Vector) -> list[Reading]:
@@ -169,13 +169,13 @@ class LiveCells:
         seed: Sequence[int],
         latency_s: float = 0.0,
     ) -> None:
-        """Nothing has been read yet.
+        """Start without readings.
 
         Args:
             cells: when they read.
             noise: standard deviation of a reading.
             step: its resolution.
-            bias: it reads too much by this.
+            bias: constant error of its readings.
             seed: of everything random.
             latency_s: from a reading to its message [s].
         """

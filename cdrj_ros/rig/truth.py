@@ -86,7 +86,7 @@ def simulate(
         cells: contact cells per pulley.
         progress: called with the number of samples done.
         joint: index of the balanced joint.
-        faults: what breaks.  While the motor makes up for a fault the joint waits unbalanced.
+        faults: injected faults.  While the motor makes up for a fault the joint waits unbalanced.
         allow_slack: cables may lose their tension; with faults they always may.
 
     Raises:
