@@ -1,4 +1,4 @@
-"""One motor's or joint's readings: how they become angles, and which cannot be true."""
+"""One channel, a motor or a joint: turns readings into angles and refuses impossible ones."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import hypot, sqrt
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -15,28 +15,32 @@ from cdrj_ros.conditioning.tracking import Vector, half_width, new_track, track
 from cdrj_ros.robot.description import Robot, Sensor
 
 MAX_GAP_NS: Final = 1_000_000_000
-"""A stamp further than this from the last one is believed only when others bear it out [ns]."""
+"""A stamp further than this from the last one needs confirmation by later readings [ns]."""
 
 CONFIRMATIONS: Final = 5
-"""Consecutive readings that must agree before a channel follows a jump of the clock."""
+"""A jump of the clock is accepted only after this many consistent readings."""
 
 LATE_INTERVALS: Final = 3
-"""A reading may be late by this many of the channel's usual intervals."""
+"""A gap is longer than this many of the channel's usual intervals."""
 
 REGULAR: Final = 2
-"""Intervals that differ by less than this factor make a rate."""
+"""Intervals are regular if they differ by less than this factor."""
 
 UNSEEN_FLOOR: Final = 2e-5
-"""Deviations between readings below this are not reported, however fine the sensor [rad]."""
+"""Smallest standard deviation between readings that is reported for any sensor [rad]."""
 
 LARGEST: Final = 1e12
-"""No axis turns as far [rad]."""
+"""Bound on the magnitude of any angle [rad]."""
 
 RANGE_MARGIN: Final = 1e-9
-"""Rounding allowed at the ends of a joint's range [rad]."""
+"""Tolerance for rounding at the ends of a joint's range [rad]."""
 
 SPEED_WINDOW_NS: Final = 20_000_000
-"""The velocity is that over the last readings of this time [ns]."""
+"""The velocity is averaged over the readings within this time [ns]."""
+
+
+Complaint = Literal["", "out_of_range", "implausible"]
+"""Why a reading cannot be the next one of its channel; empty where it can."""
 
 
 @dataclass(frozen=True)
@@ -51,18 +55,18 @@ class Limits:
     max_speed: float = float("inf")
     """[rad/s]."""
     sensor: Sensor = field(default_factory=Sensor)
-    """How readings become angles."""
+    """Converts readings to angles."""
     bandwidth: float = 0.0
-    """Of the filter that finds the angle between counts [Hz]; 0 for none."""
+    """Bandwidth of the tracking filter between counts [Hz]; 0 for no filter."""
     start: float = 0.0
-    """Of the angles that a first reading may mean, the one nearest to this is taken [rad]."""
+    """A first reading that may mean several angles is taken for the one nearest to this [rad]."""
 
     def first_turn(self, reading: float, near: float | None = None) -> int:
-        """How often a first reading has started again: the angle nearest to ``near``, in range.
+        """Number of periods to add to a first reading: angle in range and nearest to ``near``.
 
         Args:
-            reading: as the sensor gives it [rad].
-            near: angle [rad]; None for ``start``.
+            reading: of the sensor [rad].
+            near: expected angle [rad]; None for ``start``.
         """
         sensor = self.sensor
         if sensor.period == float("inf"):
@@ -80,18 +84,18 @@ class Limits:
 
     @property
     def band(self) -> float:
-        """How far that angle may be from the reading [rad]."""
+        """Greatest difference of an angle and its reading [rad], see ``half_width``."""
         return half_width(self.sensor)
 
     @property
     def negligible(self) -> float:
-        """What a reading may be off in any case [rad], as a standard deviation."""
+        """Standard deviation of the sensor's own error [rad], ``UNSEEN_FLOOR`` or more."""
         sensor = self.sensor
         count = sensor.resolution / sqrt(12.0)
         return max(abs(sensor.scale) * hypot(count, sensor.noise), UNSEEN_FLOOR)
 
     def motion(self) -> Motion:
-        """Of an axis that nothing has been seen of."""
+        """Motion estimate of an axis without any readings yet."""
         return Motion(self.band, self.negligible)
 
 
@@ -100,8 +104,8 @@ def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]
 
     Args:
         robot: names, sensors and limits.
-        tracking: bandwidth [Hz] instead of the robot file's, 0 for no tracking; a sensor without
-            resolution and noise is not tracked.
+        tracking: bandwidth [Hz] to use instead of the robot file's; 0 for no tracking.  A sensor
+            without resolution and noise is not tracked.
     """
 
     def bandwidth(sensor: Sensor) -> float:
@@ -137,69 +141,71 @@ def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]
 
 @dataclass
 class Channel:
-    """One channel's gate and the readings that wait for the other channels."""
+    """Gate of one channel, and its readings that wait for other channels."""
 
     limits: Limits
     last_stamp: int = -1
     last_value: float = 0.0
     readings: deque[tuple[int, float, float]] = field(default_factory=deque)
-    """Accepted, with the curvature of the bridge from the reading before (``Motion.curvature``).
+    """Accepted stamps [ns], angles [rad] and curvatures since the reading before [rad/ns^2].
 
-    The first one is the newest at or before the last sample that was given out.
+    See ``Motion.curvature``.  The first reading is the newest at or before the last sample.
     """
     motion: Motion = field(init=False)
-    """What has been seen of the axis's speed and acceleration."""
+    """Speed and acceleration of the axis so far."""
     leap: Leap | None = None
-    """A change of reading of which it is not known yet whether it is a step of the sensor."""
+    """A change of reading that may yet prove to be a step of the sensor."""
     usual_ns: int = 0
-    """Longest of the latest intervals between readings [ns]; 0 before there is one."""
+    """Longest of the latest intervals between readings [ns]; 0 before the second reading."""
     held: list[tuple[int, float]] = field(default_factory=list)
-    """Readings from a clock that may have jumped."""
+    """Stamps [ns] and readings [rad] after what may be a jump of the clock."""
     last_reading: float | None = None
-    """As the sensor gave it, before its period was taken into account [rad]."""
+    """Last accepted reading, before unwrapping [rad]."""
     turns: int = 0
-    """How often the reading has started again."""
+    """Number of periods that unwrapping adds to a reading."""
     near: float | None = None
-    """Where the axis is expected before its first reading [rad]."""
+    """Angle expected of the first reading [rad]."""
     before: Channel | None = None
-    """The channel before a reset, until a first reading has come."""
+    """The channel before a reset, until the first reading after it."""
     refused_stamp: int = -1
-    """Stamp [ns] and angle [rad] of the last reading that was refused as implausible."""
+    """Stamp of the last reading refused as implausible [ns]."""
     refused_value: float = 0.0
+    """Angle of that reading [rad]."""
     agreeing: int = 0
-    """Readings refused as implausible one after the other that are plausible beside each other."""
+    """Number of consecutive implausible readings that are plausible relative to each other."""
     step: float = 0.0
-    """From the last accepted reading to the first of these [rad]."""
+    """Difference of the first of these and the last accepted reading [rad]."""
     step_ns: int = -1
-    """Stamp of that first one [ns]."""
+    """Stamp of the first of these [ns]."""
     displaced: float = 0.0
-    """Sum of the steps by which the readings have been displaced since the last reset [rad]."""
+    """Sum of all steps of the sensor since the last reset [rad]."""
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
-    """What the velocity is taken from."""
+    """Stamps [ns] and angles [rad] from which the velocity is computed."""
     memory: Vector = field(default_factory=new_track)
-    """Of the filter between counts."""
+    """State of the tracking filter between counts."""
     left_behind: int = -1
-    """Last stamp before the clock went back, until a reading of the new time has come [ns]."""
+    """Last stamp before the clock went back [ns]; -1 where it did not."""
     stragglers: int = 0
+    """Number of readings from before that jump that arrived after it."""
 
     def __post_init__(self) -> None:
-        """Begin without knowing how the axis moves."""
+        """Begin without any estimate of the motion."""
         self.motion = self.limits.motion()
 
     @property
     def patience_ns(self) -> int:
-        """Readings at most this far apart follow each other [ns]."""
+        """Readings further apart than this have a gap between them [ns]."""
         return max(MAX_GAP_NS, LATE_INTERVALS * self.usual_ns)
 
     def follows(self, stamp: int) -> bool:
-        """Whether a reading of another time follows those that are held."""
+        """Whether a stamp continues the held readings."""
         before = self.held[-2][0] if len(self.held) > 1 else self.last_stamp
         interval = self.held[-1][0] - before
         longest = max(MAX_GAP_NS, REGULAR * interval) if interval > 0 else MAX_GAP_NS
         return 0 < stamp - self.held[-1][0] <= longest
 
     def is_regular(self) -> bool:
-        """Whether the readings held go on in a rate that the first accepted one began."""
+        """Whether the first accepted reading and the held ones have a regular rate."""
         if self.usual_ns or len(self.held) < 2:
             return False
         stamps = [self.last_stamp, *(stamp for stamp, _ in self.held)]
@@ -207,7 +213,7 @@ class Channel:
         return 0 < max(intervals) < REGULAR * min(intervals)
 
     def turns_at(self, reading: float) -> int:
-        """How often the reading has started again if it is the next one."""
+        """Number of periods to add to a reading if it is the next one."""
         period = self.limits.sensor.period
         if period == float("inf"):
             return 0
@@ -226,8 +232,8 @@ class Channel:
             reading += float(np.interp(reading, sensor.corrected_at, sensor.correction))
         return reading
 
-    def complaint(self, stamp: int, reading: float) -> str:
-        """Why a reading cannot be the next one: a key of ``REFUSALS``; empty where it can."""
+    def complaint(self, stamp: int, reading: float) -> Complaint:
+        """Why a reading cannot be the next one, a key of ``REFUSALS``; empty where it can."""
         limits = self.limits
         if not -LARGEST <= reading <= LARGEST:
             return "implausible" if limits.upper == float("inf") else "out_of_range"
@@ -241,13 +247,13 @@ class Channel:
         return ""
 
     def go_on_turning(self, stamp: int) -> None:
-        """Count on from the turns before a reset if the first reading follows closely."""
+        """Keep the turns counted before a reset if the first reading follows within a second."""
         before, self.before = self.before, None
         if before is not None and 0 < stamp - before.last_stamp <= MAX_GAP_NS:
             self.turns, self.last_reading = before.turns, before.last_reading
 
     def note_implausible(self, stamp: int, reading: float) -> None:
-        """Remember a reading that is further away than the axis can be: a glitch or a step."""
+        """Record a reading that is further away than the axis can be: a glitch or a step."""
         if not abs(reading) <= LARGEST:
             self.agreeing = 0
             return
@@ -262,8 +268,8 @@ class Channel:
     def note_plausible(self, stamp: int, value: float) -> bool:
         """Look for a step of the sensor before an accepted angle; True where one is confirmed.
 
-        Either readings were refused before it and it goes on from them, or the reading before it
-        was too close in time (``Motion.leap``) and later ones bear it out.
+        Either the readings before it were refused and it continues them, or an accepted reading
+        was too far away for the time between (``Motion.leap``) and later ones stay there.
         """
         if self.last_stamp < 0:
             return False
@@ -289,17 +295,17 @@ class Channel:
 
     @property
     def recent_ns(self) -> int:
-        """Time over which the velocity is taken [ns]."""
+        """Time over which the velocity is averaged [ns]."""
         return self.last_stamp - self.recent[0][0]
 
     def velocity(self) -> float:
-        """Over the last ``SPEED_WINDOW_NS`` [rad/s]; 0 where there is one reading."""
+        """Mean velocity over the last ``SPEED_WINDOW_NS`` [rad/s]; 0 with a single reading."""
         begin, first = self.recent[0]
         span = self.last_stamp - begin
         return (self.recent[-1][1] - first) / span * 1e9 if span > 0 else 0.0
 
     def between_counts(self, stamp: int, value: float) -> float:
-        """The angle at a reading that has just passed [rad], before it becomes the last one."""
+        """Tracked angle at an accepted reading [rad]; call before it becomes the last one."""
         limits = self.limits
         angle = track(self.memory, stamp - self.last_stamp, value, limits.bandwidth, limits.band)
         return min(max(angle, limits.lower), limits.upper)

@@ -1,4 +1,4 @@
-"""How fast an axis has moved so far, and how far it may have been from the line between readings.
+"""Speed and acceleration of an axis so far, and what they allow between two readings.
 
 Equations (C2) to (C5) of docs/conditioning.md.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import exp, sqrt
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,50 +22,54 @@ MEMORY_S: Final = 10.0
 """Time constant with which earlier speeds and accelerations are forgotten [s]."""
 
 CHORDS: Final = 1.5
-"""Accelerations from readings a third of a period apart are too small by this factor."""
+"""Correction of accelerations from readings a third of a period apart, which are too small."""
 
 EVER_NS: Final = 1 << 62
 """Longer than any interval [ns]."""
 
 LEAP_SPEED: Final = 2.5
-"""A leap is at least this many times as fast as the axis has ever been."""
+"""A leap is faster than the axis so far by at least this factor."""
 
 LEAP_ACCELERATION: Final = 10.0
-"""A leap needs at least this many times the greatest acceleration so far."""
+"""A leap exceeds the greatest acceleration so far by at least this factor."""
 
 LEAP_BANDS: Final = 40.0
-"""A leap is at least this many times as wide as the sensor's error."""
+"""A leap is wider than the sensor's greatest error by at least this factor."""
 
 LEAP_FLOOR: Final = 0.02
-"""A leap is at least as wide as this [rad]."""
+"""Smallest leap [rad]."""
 
 JITTER_NS: Final = 5_000_000
-"""Stamps of readings may be off by this [ns]."""
+"""Error of the stamps that is allowed for [ns]."""
 
 LEAP_WITHIN_NS: Final = 100_000_000
-"""Between readings further apart, a leap cannot be told from a motion [ns]."""
+"""Longest interval over which a leap is told from a motion [ns]."""
 
 SETTLED_NS: Final = 50_000_000
-"""A leap that has lasted for this long is a step of the sensor [ns]."""
+"""A leap that lasts for this long is a step of the sensor [ns]."""
 
 TRAVEL: Final = 1.0
-"""Until an axis has moved by as much in all, its speeds say nothing of what it can do [rad]."""
+"""Leaps are looked for only after an axis has travelled this far in all [rad]."""
+
+
+Verdict = Literal["", "glitch", "motion", "step"]
+"""What a leap was; empty while undecided."""
 
 
 class Leap(NamedTuple):
-    """A change of reading that is too fast for what the axis has done so far."""
+    """A change of reading that is too fast for the motion of the axis so far."""
 
     stamp_ns: int
-    """Of the first reading after it."""
+    """Stamp of the first reading after it [ns]."""
     before: float
     """Last angle before it [rad]."""
     after: float
     """First angle after it [rad]."""
     velocity: float
-    """Of the axis before it [rad/s]."""
+    """Velocity of the axis before it [rad/s]."""
 
-    def judge(self, stamp: int, angle: float) -> str:
-        """Return ``glitch``, ``motion`` or ``step`` by a later reading; empty while undecided."""
+    def judge(self, stamp: int, angle: float) -> Verdict:
+        """Classify the leap by a later reading."""
         angle -= self.velocity * ((stamp - self.stamp_ns) * 1e-9)
         if abs(angle - self.before) < abs(angle - self.after):
             return "glitch"
@@ -81,30 +85,30 @@ class Motion:
     band: float = 0.0
     """Greatest error of a reading [rad]."""
     negligible: float = 0.0
-    """Standard deviation of an angle between readings that is not reported [rad], positive."""
+    """Standard deviations up to this are not reported [rad], positive."""
     begin_ns: int = -1
-    """Begin of the present window [ns]; -1 before the first reading."""
+    """Stamp of the first reading of the current window [ns]; -1 before the first reading."""
     begin: float = 0.0
-    """Angle there [rad]."""
+    """Angle at the begin of the window [rad]."""
     span_s: float = 0.0
     """Length of the last window [s]."""
     velocity: float = 0.0
     """Mean over the last window [rad/s]."""
     speed: float = 0.0
-    """Speed seen so far [rad/s]: follows an increase at once and forgets it in ``MEMORY_S``."""
+    """Speed so far [rad/s], V of (C2): rises at once and decays with ``MEMORY_S``."""
     acceleration: float = 0.0
-    """Acceleration seen so far, likewise [rad/s^2]."""
+    """Acceleration so far [rad/s^2], A of (C2)."""
     fastest: float = 0.0
-    """Greatest speed over a window so far [rad/s]."""
+    """Greatest speed over any window so far [rad/s]."""
     hardest: float = 0.0
-    """Greatest acceleration from window to window so far [rad/s^2]."""
+    """Greatest acceleration between any two windows so far [rad/s^2]."""
     travelled: float = 0.0
-    """Sum of the movements of all windows [rad]."""
+    """Sum of the displacements of all windows [rad]."""
     seen_ns: int = EVER_NS
-    """Readings at most this far apart leave nothing unseen [ns]."""
+    """Deviations between readings at most this far apart are negligible [ns]."""
 
     def take(self, stamp: int, angle: float) -> None:
-        """Take the next reading of the axis."""
+        """Take the next reading of the axis, (C2)."""
         if self.begin_ns < 0:
             self.begin_ns, self.begin = stamp, angle
         elif stamp - self.begin_ns >= WINDOW_NS:
@@ -119,7 +123,7 @@ class Motion:
         if self.span_s > 0.0:
             change = max(abs(velocity - self.velocity) - 2.0 * self.band / span_s, 0.0)
             acceleration = change / (0.5 * (span_s + self.span_s))
-        else:  # of a slow channel, nothing better is known at first
+        else:  # the first window of a slow channel: nothing better is known
             acceleration = speed / span_s if span_s > 2e-9 * WINDOW_NS else 0.0
         if span_s > 2e-9 * WINDOW_NS:
             acceleration *= CHORDS
@@ -141,10 +145,10 @@ class Motion:
         return int(min(longest, 1e9) * 1e9)
 
     def curvature(self, span_ns: int) -> float:
-        """The bridge between two readings ``span_ns`` apart, (C3) [rad/ns^2].
+        """Curvature of (C3) between two readings ``span_ns`` apart, 4 s / T^2 [rad/ns^2].
 
-        The standard deviation of the angle is this times the times to either reading; 0 where it is
-        ``negligible`` everywhere.
+        The standard deviation of the angle is this times the times to both readings.  0 where it
+        is ``negligible`` everywhere between them.
         """
         if span_ns <= self.seen_ns:
             return 0.0
@@ -153,11 +157,11 @@ class Motion:
         return 4.0 * sagitta / (float(span_ns) * float(span_ns))
 
     def ahead(self, horizon_ns: int, window_ns: int) -> float:
-        """Standard deviation of an angle carried on for ``horizon_ns``, (C4) [rad].
+        """Standard deviation of an angle extrapolated by ``horizon_ns``, (C4) [rad].
 
         Args:
             horizon_ns: time since the last reading [ns].
-            window_ns: time over which the velocity was taken [ns].
+            window_ns: time over which the velocity was averaged [ns].
         """
         if horizon_ns + window_ns <= self.seen_ns:
             return 0.0
@@ -166,7 +170,7 @@ class Motion:
         return min(drift, 2.0 * self.speed * horizon)
 
     def leap(self, last_ns: int, last: float, stamp: int, angle: float) -> Leap | None:
-        """The leap from the last reading to the next one, (C5); None where it is a motion."""
+        """The leap from the last reading to the next one, (C5); None if it may be a motion."""
         span_ns = stamp - last_ns
         if not 0 < span_ns <= LEAP_WITHIN_NS:
             return None
@@ -176,11 +180,11 @@ class Motion:
         return Leap(stamp, last, angle, self.velocity)
 
     def reach(self, span_s: float) -> float:
-        """How far the axis may have come in ``span_s`` as it has moved so far [rad]."""
+        """Greatest displacement in ``span_s`` at up to twice the greatest speed so far [rad]."""
         return max(LEAP_FLOOR, 2.0 * self.band, 2.0 * self.fastest * span_s)
 
     def most(self, span_s: float) -> float:
-        """How far readings may be apart in ``span_s`` without being a leap [rad]."""
+        """Greatest deviation over ``span_s`` that is not a leap, (C5) [rad]."""
         if self.travelled < TRAVEL:
             return float("inf")
         span = max(span_s, JITTER_NS * 1e-9)
@@ -193,12 +197,12 @@ class Motion:
 
 
 def _faded(before: float, now: float, keep: float) -> float:
-    """Root mean square of what was and what is, with the weight ``keep`` of what was."""
+    """Weighted root mean square of the former and the new value; ``keep`` weighs the former."""
     return sqrt(before * before * keep + now * now * (1.0 - keep))
 
 
 def curvatures(motion: Motion, stamps: Stamps, angles: Vector) -> Vector | None:
-    """``Motion.curvature`` before every reading of a channel, (n,); None where a reading leaps.
+    """``Motion.curvature`` before every reading of a channel, shape (n,); None if any one leaps.
 
     The same numbers, bit for bit, as ``leap``, ``take`` and ``curvature`` reading by reading.
     """
@@ -223,7 +227,7 @@ def curvatures(motion: Motion, stamps: Stamps, angles: Vector) -> Vector | None:
 
 
 def _leaps(motion: Motion, spans: Stamps, moved: Vector) -> bool:
-    """Whether ``Motion.leap`` finds one in a piece in which the motion is the same."""
+    """Whether ``Motion.leap`` finds one within a window, in which the motion does not change."""
     if motion.travelled < TRAVEL:
         return False
     seconds = spans * 1e-9

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 ALL_SEEN: Vector = np.empty((0, 0))
-"""``Sample.unseen`` where every axis was read at, and shortly before, the sample's time."""
+"""``Sample.unseen`` where every axis was read often enough: all deviations are zero."""
 
 ALL_SEEN_OVER_TIME: Vector = np.empty((0, 0, 0))
-"""``Samples.unseen`` where that holds for every sample."""
+"""``Samples.unseen`` where all deviations of all samples are zero."""
 
 
 class Sample(NamedTuple):
@@ -27,10 +27,10 @@ class Sample(NamedTuple):
     joint_angle: Vector
     """[rad], shape (joints,), in the robot's order."""
     unseen: Vector = ALL_SEEN
-    """Standard deviations [rad] of motors, then joints, for lack of readings, shape (2, axes).
+    """Standard deviations for lack of readings, of motors, then joints [rad], shape (2, axes).
 
-    Row 0: of the angles at the sample's time; row 1: of the way from the sample before, at its
-    middle.  Shape (0, 0) where all are zero.
+    Row 0: at the sample's time.  Row 1: midway between the sample before and this one.  Shape
+    (0, 0) where all are zero.
     """
 
 
@@ -48,13 +48,13 @@ class Samples:
     """As ``Sample.unseen``, shape (n, 2, axes); (0, 0, 0) where all are zero."""
 
     def part(self, where: slice) -> Samples:
-        """Some of them, views."""
+        """A slice of the samples, as views."""
         unseen = self.unseen[where] if len(self.unseen) else self.unseen
         return Samples(
             self.stamp_ns[where], self.motor_angle[where], self.joint_angle[where], unseen
         )
 
     def at(self, k: int) -> Sample:
-        """One of them, views."""
+        """One sample, as views."""
         unseen = self.unseen[k] if len(self.unseen) else ALL_SEEN
         return Sample(int(self.stamp_ns[k]), self.motor_angle[k], self.joint_angle[k], unseen)

@@ -21,22 +21,22 @@ from cdrj_ros.robot.description import Sensor
 Vector = NDArray[np.float64]
 
 NOISE_BAND: Final = 3.0
-"""Standard deviations of noise by which a reading may be off."""
+"""Greatest noise of a reading, in standard deviations."""
 
 FAR: Final = 1e15
-"""A filter that expects an angle beyond this has been led astray [rad]."""
+"""The filter starts anew where its prediction exceeds this [rad]."""
 
-# The filter's memory.
+# Columns of the filter's memory.
 SEEN, ANGLE, SPEED, ACCELERATION, MEMORY = range(5)
 
 
 def new_track() -> Vector:
-    """Memory of a filter that has seen nothing."""
+    """Memory of a filter before its first reading."""
     return np.zeros(MEMORY)
 
 
 def half_width(sensor: Sensor) -> float:
-    """How far a reading of the sensor may be from the angle [rad]."""
+    """Greatest error of a reading of the sensor [rad]."""
     return abs(sensor.scale) * (0.5 * sensor.resolution + NOISE_BAND * sensor.noise)
 
 
@@ -46,10 +46,10 @@ def track(memory: Vector, dt_ns: int, reading: float, bandwidth: float, band: fl
 
     Args:
         memory: shape (MEMORY,), changed.
-        dt_ns: time since the reading before [ns]; of no meaning at the first one.
-        reading: angle as read [rad].
+        dt_ns: time since the reading before [ns]; ignored at the first one.
+        reading: angle by the sensor [rad].
         bandwidth: of the filter [Hz], positive.
-        band: how far the angle may be from the reading [rad].
+        band: greatest difference of angle and reading [rad].
 
     Returns:
         The angle, within ``band`` of the reading.  After a silence of a whole period of the

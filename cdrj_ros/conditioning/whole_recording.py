@@ -25,22 +25,22 @@ PIECE: Final = 65_536
 
 @dataclass(frozen=True)
 class Readings:
-    """Everything that one channel received, in order of arrival."""
+    """All readings of one channel, in order of arrival."""
 
     stamp_ns: Stamps
     """[ns], shape (n,)."""
     arrival_ns: Stamps
-    """When it was recorded [ns], shape (n,)."""
+    """Time of recording [ns], shape (n,)."""
     value: Vector
     """[rad], shape (n,)."""
 
 
 @dataclass(frozen=True)
 class Conditioned:
-    """A whole recording after the gates."""
+    """The samples of a whole recording, and how many readings were refused."""
 
     segments: tuple[Samples, ...]
-    """One, or several where the clock went back in between."""
+    """One, or several where the clock went back between them."""
     refused: Mapping[str, int]
     accepted: int
     clock_jumps: int

@@ -1,4 +1,4 @@
-"""A sensor's own error over its angle, taken out before anything is estimated."""
+"""Correction of a sensor's systematic error over its angle."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ SECOND = 1_000_000_000
 
 @dataclass(frozen=True)
 class Message:
-    """What comes in on one topic."""
+    """A message of one topic."""
 
     topic: str
     """``motors``, ``joints`` or ``both``."""
@@ -45,7 +45,7 @@ class Message:
 
 
 class Listener:
-    """A conditioner fed by messages, and everything it has given out."""
+    """A conditioner fed by messages, and all samples that it has returned."""
 
     def __init__(self) -> None:
         self.conditioner = Conditioner(ROBOT)
@@ -87,7 +87,7 @@ def bits(samples: Sequence[Sample]) -> list[tuple[int, bytes, bytes]]:
 
 
 def offline(messages: Sequence[Message]) -> Conditioned:
-    """The recording of these messages, conditioned as a whole; arrival is their order."""
+    """The messages as a recording, conditioned as a whole; they arrive in their order."""
     rows: dict[str, list[tuple[int, int, float]]] = {name: [] for name in NAMES}
     for arrival, message in enumerate(messages):
         for name, value in zip(message.names, message.values, strict=True):
@@ -109,7 +109,7 @@ def offline(messages: Sequence[Message]) -> Conditioned:
 
 
 def course(k: int, stamp: int) -> float:
-    """Where channel k is at a time: within its range, slower than its limit."""
+    """Angle of channel k at a time: within its range, slower than its limit."""
     return float((0.5, 3.0, 0.9, 0.5)[k] * np.sin((stamp - START) * 1e-9 * (2.0 + k)) + (k == 3))
 
 
@@ -129,7 +129,7 @@ def stream(seed: int, topic: str, count: int, begin: int = START) -> list[Messag
 
 
 def interleaved(streams: Sequence[Sequence[Message]], seed: int) -> list[Message]:
-    """Every stream in its own order, shuffled into each other."""
+    """Streams shuffled into one; each keeps its own order."""
     generator = np.random.default_rng(seed)
     turns = generator.permutation(np.repeat(np.arange(len(streams)), [len(s) for s in streams]))
     sources = [iter(one) for one in streams]
@@ -298,7 +298,7 @@ def test_the_ends_of_a_range_and_the_limit_of_speed_are_allowed() -> None:
 
 
 def looped(seed: int) -> tuple[list[Message], list[Message]]:
-    """A recording of one topic with all channels, and itself a minute earlier."""
+    """A recording of one topic with all channels, and the same a minute earlier."""
     once = [
         Message("both", m.stamp, NAMES, tuple(course(k, m.stamp) for k in range(4)))
         for m in stream(seed, "both", 100)
@@ -441,7 +441,7 @@ def test_a_reading_becomes_an_angle_by_scale_offset_and_clock_offset():
     conditioner.feed_motors(10_000_000, ("m",), (0.1,))
     conditioner.feed_joints(11_000_000, ("j",), (0.0,))
     (sample,) = conditioner.feed_joints(12_000_000, ("j",), (0.0,)) or [None]
-    assert sample is None  # the motor has been heard until 11 ms only
+    assert sample is None  # the motor has no reading after 11 ms yet
     samples = conditioner.feed_motors(12_000_000, ("m",), (0.2,))
     assert [s.stamp_ns for s in samples] == [12_000_000]
     assert samples[0].motor_angle[0] == pytest.approx(-2.0 * 0.2 + 0.5 + 0.1)  # half way back

@@ -1,4 +1,4 @@
-"""Whatever comes, in whatever order: laws of the gates and the time line."""
+"""Laws of the gates and the time line that hold for any messages in any order."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ MILLISECOND = 1_000_000
 
 @dataclass(frozen=True)
 class Message:
-    """What comes in on one topic."""
+    """A message of one topic."""
 
     topic: str
     stamp: int
@@ -83,7 +83,7 @@ def messages(draw: st.DrawFn) -> Message:
 
 @st.composite
 def runs(draw: st.DrawFn) -> list[Message]:
-    """Consecutive messages of one topic: what makes a channel believe in a new clock."""
+    """Consecutive messages of one topic, which confirm a new clock."""
     topic = draw(st.sampled_from(("motors", "joints", "both")))
     begin, step = draw(STAMPS), draw(st.sampled_from((1, MILLISECOND, 900 * MILLISECOND)))
     value = draw(VALUES)
@@ -107,7 +107,7 @@ def feed(conditioner: Conditioner, message: Message) -> list[Sample]:
 
 
 def settled(conditioner: Conditioner) -> int:
-    """Readings that are accounted for, whole messages left out."""
+    """Readings that are counted anywhere, without messages refused whole."""
     by_reading = sum(n for cause, n in conditioner.refused.items() if cause not in WHOLE)
     return conditioner.accepted + conditioner.elsewhere + conditioner.held + by_reading
 
@@ -180,7 +180,7 @@ def test_what_is_kept_is_bounded(robot: str, stream: list[Message]) -> None:
 def test_a_refused_message_leaves_no_trace(
     robot: str, before: list[Message], after: list[Message]
 ) -> None:
-    """One that holds nothing back either: the same samples follow with and without it."""
+    """If it leaves no held reading either, the same samples follow with and without it."""
     with_it, without = (Conditioner(ROBOTS[robot]) for _ in range(2))
     for message in before:
         assert _bits(feed(with_it, message)) == _bits(feed(without, message))
@@ -192,7 +192,7 @@ def test_a_refused_message_leaves_no_trace(
         if (accepted, held, jumps) == (with_it.accepted, with_it.held, with_it.clock_jumps) and (
             unchanged
         ):
-            assert samples == []  # refused: the other one never hears of it
+            assert samples == []  # refused: the other conditioner does not get it
         else:
             assert _bits(samples) == _bits(feed(without, message))
 
@@ -210,7 +210,7 @@ def _bits(samples: Sequence[Sample]) -> list[tuple[int, bytes, bytes]]:
 
 @st.composite
 def courses(draw: st.DrawFn) -> dict[str, list[Message]]:
-    """Two topics as sensors send them: one clock, their own rates, now and then a bad reading."""
+    """Two topics as sensors send them: one clock, a rate each, some bad readings."""
     streams = {}
     for topic in ("motors", "joints"):
         gaps = draw(st.lists(st.integers(1, 5_000_000), min_size=1, max_size=40))
@@ -305,13 +305,13 @@ def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(
     assert stamps == sorted(set(stamps))
     assert stamps[0] > begin + 999 * MILLISECOND
     assert begin + 1999 * MILLISECOND in stamps
-    for sample in last:  # of motor b, which nobody has had to guess
+    for sample in last:  # motor b was read at every stamp
         k = (sample.stamp_ns - begin) // MILLISECOND
         assert sample.motor_angle[1] == pytest.approx(0.001 * k, abs=1e-12)
 
 
 def test_a_clock_that_begins_at_zero_may_be_offset() -> None:
-    """A stamp that the offset moves before zero is late, and the channel is none the worse."""
+    """A stamp that the offset moves below zero is late and does not disturb the channel."""
     conditioner = Conditioner(ROBOTS["sensed"])
     for k in range(1, 1001):
         stamp = k * MILLISECOND
@@ -322,7 +322,7 @@ def test_a_clock_that_begins_at_zero_may_be_offset() -> None:
 
 
 def test_held_readings_must_be_plausible_too() -> None:
-    """Five readings of another time are believed as a clock, not as a motion."""
+    """Five readings of another time confirm the clock, but not an impossible motion."""
     conditioner = Conditioner(ROBOTS["plain"])
     conditioner.feed_motors(CLOCKS[1], ("a",), (0.0,))
     for k in range(5):

@@ -1,4 +1,4 @@
-"""The angle between counts: close where the motion is smooth, never beyond what was read."""
+"""The angle between counts: accurate in smooth motion, never outside the band of a reading."""
 
 from __future__ import annotations
 
