@@ -134,6 +134,8 @@ def validate_recording(
 ) -> BagComparison:
     """Estimate a recording and compare the estimates with its references, piece by piece.
 
+    Longer than a screen because the generator of pieces shares its progress with the comparison.
+
     Args:
         model: the prepared robot.
         path: the recording, as the user named it.

@@ -70,6 +70,8 @@ class RigOptions:
 def declare_rig_options(node: Node, model: Model) -> RigOptions:
     """Declare and check every parameter but ``robot`` and ``preload``.
 
+    Longer than a screen because each parameter is declared with its range and description.
+
     Raises:
         UsageError: a value that cannot be.
     """
