@@ -84,7 +84,10 @@ def _advance_member(
     estimate_size: int,
     out: Vector,
 ) -> bool:
-    """Bring one member up to date, or start it with its friction history; False: not solved."""
+    """Bring one member up to date, or start it with its friction history; False: not solved.
+
+    Takes 9 arguments because it passes the 7 of ``advance`` on.
+    """
     size, sizes = state.size, plan_views(plan).sizes
     if state_views(sizes, state).started[0] == 0.0:
         advance(plan, numbers, state, motor_angle, joint_angle, 0.0, out)
@@ -195,7 +198,8 @@ def _take_deviation(
 ) -> None:
     """Take over a member's difference from the estimate, and its part in the variance (U1).
 
-    What was not solved in either keeps its last difference.
+    What was not solved in either keeps its last difference.  Takes 9 arguments because kernels
+    take arrays and numbers, not objects.
     """
     members = deviation.shape[0]
     for c in range(columns.size):
@@ -248,6 +252,9 @@ def update_members(
     All members where they have seen nothing yet, where an axis moved during a gap (their
     histories start anew then), after samples of which something was not solved, and where an axis
     may have been elsewhere since the sample before: each member then comes a way of its own, (U3).
+
+    Takes 25 arguments because kernels take arrays and numbers, not objects, and members share
+    all of the memory of ``Spread``.  Longer than a screen because its arguments take half of one.
     """
     members, size = states.shape
     motors, joints = motor_angle.size, joint_angle.size
@@ -343,7 +350,10 @@ def _run(
     estimates: Table,
     stddevs: Table,
 ) -> None:
-    """``advance`` and ``update_members`` over many samples, the very same functions."""
+    """``advance`` and ``update_members`` over many samples, the very same functions.
+
+    Takes 27 arguments because it passes those of ``update_members`` on.
+    """
     size = state.size
     wanted = estimates.shape[1]
     seen = np.empty((0, 0))

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.cable import PulleyNumbers
 from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.friction import BOUND_FLOOR, LAWS, NONE, blended_loss, stribeck_share
+from cdrj_ros.model.friction import BOUND_FLOOR, blended_loss, stribeck_share
+from cdrj_ros.model.outputs import nodal_force_magnitude
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.prepared import Model, shape_at
 from cdrj_ros.model.records import Rows
@@ -164,7 +165,7 @@ def propagate(
     columns = slice(own.first_element, own.first_element + own.elements)
     pulleys = slice(own.first_pulley, own.first_pulley + own.pulleys)
     length, wrap = path.length[:, columns], path.wrap[:, pulleys]
-    constants = _constants(model, pulleys, cable.law == LAWS[NONE])
+    constants = _constants(model, pulleys, cable.law == "none")
     stribeck = int(plan.pulleys[own.first_pulley].stribeck) if own.pulleys else 0
     kinetic, static = _losses(wrap, constants, stribeck)
     held_last = isinstance(cable.nodes[-1], Anchor) or not isinstance(cable.nodes[0], Anchor)
@@ -455,7 +456,7 @@ def _bounds(
 def _nodal_force(tension: Table, wrap: Table) -> tuple[Table, Table, Table]:
     """(38) with phi = pi - beta, and its derivatives by the tensions before and after."""
     before, after, cosine = tension[:, :-1], tension[:, 1:], np.cos(wrap)
-    force = np.sqrt(np.maximum(before**2 + after**2 - 2.0 * before * after * cosine, 0.0))
+    force = nodal_force_magnitude(before, after, cosine)
     safe = np.where(force > 0.0, force, 1.0)
     return force, (before - after * cosine) / safe, (after - before * cosine) / safe
 
@@ -466,16 +467,12 @@ def _nodal_bounds(lower: Table, upper: Table, wrap: Table) -> tuple[Table, Table
     It is convex in them: the largest value lies in a corner, the least on one of the lower edges.
     """
     cosine = np.cos(wrap)
-
-    def force(before: Table, after: Table) -> Table:
-        squared = before**2 + after**2 - 2.0 * before * after * cosine
-        return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
-
     sides = (lower[:, :-1], upper[:, :-1]), (lower[:, 1:], upper[:, 1:])
-    most = np.max([force(a, b) for a in sides[0] for b in sides[1]], axis=0)
+    corners = [nodal_force_magnitude(a, b, cosine) for a in sides[0] for b in sides[1]]
+    most = np.max(corners, axis=0)
     (low_a, high_a), (low_b, high_b) = sides
     least = np.minimum(
-        force(low_a, np.clip(low_a * cosine, low_b, high_b)),
-        force(np.clip(low_b * cosine, low_a, high_a), low_b),
+        nodal_force_magnitude(low_a, np.clip(low_a * cosine, low_b, high_b), cosine),
+        nodal_force_magnitude(np.clip(low_b * cosine, low_a, high_a), low_b, cosine),
     )
     return least, most

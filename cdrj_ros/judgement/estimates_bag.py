@@ -37,9 +37,6 @@ def write_estimates(
     elements, pulleys = len(layout.elements), len(layout.pulleys)
     log_ns = log_times(recording, estimates)
     status = values[:, layout.status].astype(np.uint8)
-    place = {name: k for k, name in enumerate(layout.elements)}
-    after = [place[name] for name in layout.pulleys]
-    before = [k - 1 for k in after]
     tensions, forces, efforts = outputs
     with BagWriter(out) as bag:
         kept = [topic.name for topic in list_topics(path) if topic.name not in outputs]
@@ -64,7 +61,7 @@ def write_estimates(
             stddev=None if stddev is None else deviations[:, elements : elements + pulleys],
             friction=values[:, layout.friction],
             slip_speed=values[:, layout.slip_speed],
-            status=status[:, before] | status[:, after],
+            status=layout.pulley_status(status),
             log_ns=log_ns,
         )
         bag.write_joint_states(

@@ -52,14 +52,6 @@ class EstimateEncoder:
         self._no_efforts = Template(JOINT_STATE, axes, (), frame_id)
         self._efforts_stddev = Template(JOINT_STATE, axes, ("effort",), frame_id)
         self._flat = np.zeros(len(layout.pulleys))
-        before: list[int] = []
-        at = 0
-        for cable in layout.cables:
-            count = sum(name.startswith(f"{cable}/") for name in layout.pulleys)
-            before += range(at, at + count)
-            at += count + 1
-        self._before = np.array(before, dtype=np.intp)
-        self._after = self._before + 1
 
     def tensions(self, estimate: Estimate, stddev: NDArray[np.float64] | None = None) -> bytes:
         """cdrj_msgs/CableTensions; with standard deviations, in the order of ``spread_columns``."""
@@ -83,7 +75,7 @@ class EstimateEncoder:
             magnitude=values[layout.magnitude],
             friction=values[layout.friction],
             slip_speed=values[layout.slip_speed],
-            status=status[self._before] | status[self._after],
+            status=layout.pulley_status(status),
             **more,
         )
 

@@ -145,6 +145,9 @@ def _imbalance(
     Residual i is (t_{i+1} - t_i) - friction_i, tridiagonal in the slips.  The bound of friction
     follows the pull side, so its derivative stands in a neighbour's column too.  Fills material,
     tension, bristle force, bound, residual and Jacobian; returns the largest |residual| [N].
+
+    Longer than a screen because tension and stiffness of an element are computed once and handed
+    on from pulley to pulley: this loop takes most of the time of a sample.
     """
     n = len(contacts)
     worst = 0.0
@@ -430,6 +433,8 @@ def _walk(
     Returns:
         Newton iterations and the largest force imbalance of any piece [N].  Above ``acceptable``
         the way was given up and the slips are not those of the sample.
+
+    Takes 9 arguments because it passes the 8 of ``solve_cable`` on, piece by piece.
     """
     n = len(contacts)
     start, end, material = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from cdrj_ros.model import geometry
 from cdrj_ros.model.friction import (
     EULER,
-    LAWS,
     RIGID_BRISTLE,
     STEADY,
     STRIBECK_FORMS,
@@ -29,6 +28,7 @@ from cdrj_ros.model.packing import (
     plan_views,
 )
 from cdrj_ros.robot.description import (
+    LAWS,
     TABLE_INTERVALS,
     Cable,
     Friction,

@@ -8,16 +8,15 @@ Equation numbers are those of docs/model.md, which keeps the numbering of the so
 from __future__ import annotations
 
 from math import cos, exp, sqrt
-from typing import Final
+from typing import Final, get_args
 
 from cdrj_ros.model.compiled import compiled
+from cdrj_ros.robot.description import LAWS, StribeckForm
 
-LAWS: Final = ("none", "euler", "steady", "lugre", "elastoplastic")
-"""Names of the friction laws, in the order of their codes."""
-
+# The code of a law or a form is its place among the words of a robot file.
 NONE, EULER, STEADY, LUGRE, ELASTOPLASTIC = range(len(LAWS))
 
-STRIBECK_FORMS: Final = ("printed", "capstan")
+STRIBECK_FORMS: Final[tuple[StribeckForm, ...]] = get_args(StribeckForm)
 """How static friction enters: (35) as printed, or the capstan equation with mu_s."""
 
 PRINTED, CAPSTAN = range(len(STRIBECK_FORMS))

@@ -8,18 +8,19 @@ radius 0.  docs/model.md, section 3.
 from __future__ import annotations
 
 from math import atan2, cos, pi, sin, sqrt
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.records import Grid, Rows, record_type
+from cdrj_ros.robot.description import FrameMotion
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
-MOTIONS: Final = ("fixed", "revolute", "prismatic", "rolling")
+MOTIONS: Final[tuple[FrameMotion, ...]] = get_args(FrameMotion)
 """How a frame moves in its parent, in the order of the codes."""
 
 FIXED, REVOLUTE, PRISMATIC, ROLLING = range(len(MOTIONS))
@@ -238,6 +239,9 @@ def route(
 
     Returns:
         False where a common tangent does not exist or a wrap is negative.
+
+    Longer than a screen because every element's length, its derivatives and the wrap before it
+    follow from the same tangent, which is computed once.
     """
     n = len(nodes)
     joints = length_by_joint.shape[1]

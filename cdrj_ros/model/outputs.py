@@ -13,6 +13,33 @@ from cdrj_ros.model.state import EstimateViews, ScratchViews
 from cdrj_ros.model.status import INVALID, OK, OVERLOAD, SLACK
 
 Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+
+@stage
+def _force_on_pulley(
+    plan: Plan,
+    numbers: Numbers,
+    p: int,
+    routed: int,
+    t_in: float,
+    t_out: float,
+    scratch: ScratchViews,
+) -> tuple[float, float]:
+    """Components of a cable's force on a pulley [N], from the tensions before and after it.
+
+    In the base frame for a routed cable.  Otherwise x lies along the bisector of the cable's two
+    directions and y across it.
+    """
+    if routed == 1:
+        e = plan.pulleys[p].element
+        x = t_out * scratch.direction[e + 1, 0] - t_in * scratch.direction[e, 0]
+        y = t_out * scratch.direction[e + 1, 1] - t_in * scratch.direction[e, 1]
+        return x, y
+    along, across = numbers.pulleys[p].half_sine, numbers.pulleys[p].half_cosine
+    if plan.pulleys[p].wrap_changes == 1:
+        along, across = sin(0.5 * scratch.wrap[p]), cos(0.5 * scratch.wrap[p])
+    return (t_out + t_in) * along, (t_out - t_in) * across
 
 
 @stage
@@ -25,7 +52,16 @@ def report_cable(
     scratch: ScratchViews,
     estimate: EstimateViews,
 ) -> None:
-    """From one cable's tensions to status, nodal forces and its share of the efforts."""
+    """From one cable's tensions to status, nodal forces and its share of the efforts.
+
+    Args:
+        plan, numbers: the prepared robot.
+        c: the cable.
+        solved: whether its slips were solved; otherwise its elements are ``INVALID``.
+        slip_speed: of every pulley [m/s], shape (pulleys,).
+        scratch: wraps, directions and derivatives of the lengths at these joint angles.
+        estimate: the cable's tensions are given; the rest is written, efforts are added to.
+    """
     cable, constants = plan.cables[c], numbers.cables[c]
     first, last = cable.first_element, cable.first_element + cable.elements
     tension = estimate.tension
@@ -48,15 +84,7 @@ def report_cable(
     for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
         e = plan.pulleys[p].element
         t_in, t_out = tension[e], tension[e + 1]
-        if cable.routed == 1:
-            x = t_out * scratch.direction[e + 1, 0] - t_in * scratch.direction[e, 0]
-            y = t_out * scratch.direction[e + 1, 1] - t_in * scratch.direction[e, 1]
-        else:
-            along, across = numbers.pulleys[p].half_sine, numbers.pulleys[p].half_cosine
-            if plan.pulleys[p].wrap_changes == 1:
-                along, across = sin(0.5 * scratch.wrap[p]), cos(0.5 * scratch.wrap[p])
-            x = (t_out + t_in) * along
-            y = (t_out - t_in) * across
+        x, y = _force_on_pulley(plan, numbers, p, cable.routed, t_in, t_out, scratch)
         estimate.force_x[p] = x
         estimate.force_y[p] = y
         estimate.magnitude[p] = sqrt(x * x + y * y)  # (38)
@@ -67,6 +95,16 @@ def report_cable(
         for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
             estimate.force_x[p], estimate.force_y[p], estimate.magnitude[p] = 0.0, 0.0, 0.0
             estimate.friction[p], estimate.slip_speed[p] = 0.0, 0.0
+
+
+def nodal_force_magnitude(before: Table, after: Table, cosine: Table) -> Table:
+    """(38), phi = pi - beta: force of a cable on a pulley [N], from its tensions and cos beta.
+
+    For arrays; ``report_cable`` takes the magnitude of the components, which lie in the pulley's
+    plane, and gives the same to rounding.
+    """
+    squared = before**2 + after**2 - 2.0 * before * after * cosine
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 
 @compiled

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.filling import pack
-from cdrj_ros.model.packing import Sizes, number_views, plan_views
+from cdrj_ros.model.packing import Indices, Sizes, number_views, plan_views
 from cdrj_ros.model.shape import shape
 from cdrj_ros.model.state import (
     ScratchViews,
@@ -40,6 +40,8 @@ class Layout:
     motors: tuple[str, ...]
     joints: tuple[str, ...]
     cables: tuple[str, ...]
+    element_before: NDArray[np.intp] = field(compare=False, repr=False)
+    """Of every pulley the element before it; the one after it comes next.  Read-only."""
     size: int
     """Floats of one estimate."""
     tension: slice
@@ -64,6 +66,15 @@ class Layout:
     """Newton iterations of every cable."""
     residual: slice
     """Largest force imbalance at a pulley of every cable [N]."""
+
+    def pulley_status(self, status: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Flags of pulleys, shape (..., pulleys): those of both elements that meet there.
+
+        Args:
+            status: flags of the elements, shape (..., elements).
+        """
+        before = self.element_before
+        return status[..., before] | status[..., before + 1]
 
 
 @dataclass(frozen=True)
@@ -175,7 +186,7 @@ def _model(robot: Robot) -> Model:
         plan=plan,
         numbers=numbers,
         sizes=sizes,
-        layout=_layout(robot, sizes),
+        layout=_layout(robot, plan, sizes),
         state_size=size,
         out_size=size + estimate + scratch_size(sizes),
         state_part=slice(0, size),
@@ -183,18 +194,23 @@ def _model(robot: Robot) -> Model:
     )
 
 
-def _layout(robot: Robot, sizes: Sizes) -> Layout:
+def _layout(robot: Robot, plan: Indices, sizes: Sizes) -> Layout:
+    """Names and places; ``EstimateViews`` has the order of the slices."""
     elements = tuple(name for cable in robot.cables for name in cable.element_names)
     pulleys = tuple(name for cable in robot.cables for name in cable.pulley_names)
     size = estimate_size(sizes)
     ends = np.cumsum([0, *(part.size for part in estimate_views(sizes, np.empty(size)))]).tolist()
     slices = [slice(a, b) for a, b in pairwise(ends)]
+    rows: Any = plan_views(plan).pulleys
+    before = rows["element"].astype(np.intp)
+    before.flags.writeable = False
     return Layout(
         elements,
         pulleys,
         tuple(motor.name for motor in robot.motors),
         tuple(joint.name for joint in robot.joints),
         tuple(cable.name for cable in robot.cables),
+        before,
         size,
         *slices,
     )

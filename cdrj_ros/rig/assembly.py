@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.outputs import nodal_force_magnitude
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.rig.cells import Divided, divide
@@ -159,9 +160,8 @@ def read_out(
     for cable in robot.cables:
         for _ in cable.pulleys:
             before, after = tension[:, element], tension[:, element + 1]
-            forces[:, pulley] = np.sqrt(
-                before**2 + after**2 - 2.0 * before * after * np.cos(wraps[:, pulley])  # (38)
-            )
+            cosine = np.cos(wraps[:, pulley])
+            forces[:, pulley] = nodal_force_magnitude(before, after, cosine)
             element += 1
             pulley += 1
         element += 1

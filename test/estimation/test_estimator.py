@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import NEVER, Estimates, State, initial_state, run, step
-from cdrj_ros.model.friction import LAWS
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import LAWS, Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 PROTOTYPE = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")

@@ -15,12 +15,12 @@ from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_st
 from cdrj_ros.model import cable as kernel
 from cdrj_ros.model.cable import acceptable, element_tension, tolerance
 from cdrj_ros.model.drum import material_held
-from cdrj_ros.model.friction import ELASTOPLASTIC, LAWS, LUGRE, NONE
+from cdrj_ros.model.friction import ELASTOPLASTIC, LUGRE, NONE
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK
 from cdrj_ros.rig.cells import divide
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import LAWS, Robot
 from cdrj_ros.robot.reader import parse_robot
 
 Variant = Callable[..., Robot]

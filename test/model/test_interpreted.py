@@ -16,8 +16,8 @@ import numpy as np
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.model.friction import LAWS
 from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.robot.description import LAWS
 from cdrj_ros.robot.reader import load_robot
 
 ROBOTS = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
