@@ -1,8 +1,9 @@
 """One sample of one cable: all its pulleys solved together.
 
 A cable of n nodes has n - 1 elements and n - 2 pulleys.  Arrays count elements and pulleys from 0:
-pulley ``i`` lies between elements ``i`` and ``i + 1``.  Unknown is the slip of every pulley, the
-unstretched material that moves past it towards the last node.  docs/model.md, sections 2 to 4.
+pulley ``i`` lies between elements ``i`` and ``i + 1``.  The unknowns are the slips of the pulleys:
+the unstretched material that moves past each towards the last node.  docs/model.md, sections 2 to
+4.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ class Contact:
     loss: float
     """1 - eta at the lagged slip speed [-]."""
     static_share: float
-    """Share of static friction left at the lagged slip speed [-]."""
+    """Share of static friction that remains at the lagged slip speed [-]."""
     bound: float
     """Largest friction force, g of (34) [N]."""
     trial: float
@@ -143,7 +144,7 @@ def _imbalance(
     """Force imbalance of every pulley at its trial slip, with the Jacobian.
 
     Residual i is (t_{i+1} - t_i) - friction_i, tridiagonal in the slips.  The bound of friction
-    follows the pull side, so its derivative stands in a neighbour's column too.  Fills material,
+    depends on the pull side, so its derivative is in a neighbour's column too.  Fills material,
     tension, bristle force, bound, residual and Jacobian; returns the largest |residual| [N].
 
     Longer than a screen because tension and stiffness of an element are computed once and handed
@@ -288,7 +289,7 @@ def _predict(
 ) -> None:
     """Slips that keep every element's strain, the winch's demand spread in proportion to length.
 
-    Starting from the last slips instead can drive short elements to zero length.
+    Starting from the previous slips instead can shrink short elements to zero length.
     """
     n = len(contacts)
     kept = 0.0
@@ -393,7 +394,7 @@ def solve_cable(
         return 0, 0.0
     enough = tolerance(axial_stiffness)
 
-    # The given guess is the better one in steady motion, the predictor everywhere else.
+    # The given guess is better in steady motion, the predictor in all other cases.
     iterations = 0
     if _guess_is_usable(contacts, elements, first_slip, last_slip):
         iterations, worst = _newton(
@@ -428,11 +429,11 @@ def _walk(
     law: int,
     dt: float,
 ) -> tuple[int, float]:
-    """A sample too large for one step, walked on the straight path in equal pieces.
+    """Solve a sample that is too large for one step in equal pieces along the straight path.
 
     Returns:
         Newton iterations and the largest force imbalance of any piece [N].  Above ``acceptable``
-        the way was given up and the slips are not those of the sample.
+        the remaining pieces were not solved and the slips are not those of the sample.
 
     Takes 9 arguments because it passes the 8 of ``solve_cable`` on, piece by piece.
     """
@@ -458,7 +459,7 @@ def _walk(
         iterations += count
         if not left <= worst:  # true for NaN too
             worst = left
-        if not left <= acceptable(axial_stiffness):  # the rest of the way is not walked
+        if not left <= acceptable(axial_stiffness):  # leave out the remaining pieces
             break
         for e in range(n + 1):
             elements[e].material_before = elements[e].material

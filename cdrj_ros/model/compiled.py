@@ -1,8 +1,8 @@
 """Ahead-of-use compilation of the numerical kernels, cached on disk.
 
-Numba invalidates a cached function when *its own* file changes, but not when a function that it
-calls from another file does: an upgrade could then run yesterday's friction law inside today's
-solver.  Every kernel is therefore stamped with a digest of all kernel sources together.
+Numba invalidates a cached function when its own file changes, but not when the file of a function
+that it calls does: after an upgrade, the new solver could run the old friction law.  Every kernel
+is therefore stamped with a digest of all kernel sources together.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ def compiled(function: F, inline: bool = False) -> F:
 
     IEEE arithmetic is kept (no ``fastmath``): the node and the offline tools must agree bit for
     bit.  A division by zero yields inf or NaN, as in NumPy.  Kernels release the interpreter's
-    lock, so that threads run them side by side.
+    lock, so that several threads can run them at once.
 
     Args:
-        function: of scalars and arrays, in the part of Python that numba compiles.
-        inline: whether it becomes part of each of its callers.
+        function: takes scalars and arrays; written in the subset of Python that numba compiles.
+        inline: whether to compile it into each of its callers.
     """
     if getattr(numba.config, "DISABLE_JIT", 0):  # NUMBA_DISABLE_JIT=1, for a debugger
         return function
@@ -61,11 +61,11 @@ def kernels_are_compiled(*kernels: Callable[..., Any]) -> bool:
 
 
 def usable_in_kernels(function: F) -> F:
-    """Let kernels call ``function``, which becomes part of them; Python calls it as it is."""
+    """Let kernels call ``function``, compiled into them; Python calls it uncompiled."""
     usable: F = register_jitable(forceinline=True)(function)
     return usable
 
 
 def stage(function: F) -> F:
-    """As ``compiled``, for a part of a larger kernel: it becomes part of each of its callers."""
+    """As ``compiled``, for a part of a larger kernel: it is compiled into each of its callers."""
     return compiled(function, inline=True)

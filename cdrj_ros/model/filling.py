@@ -48,8 +48,8 @@ NEVER_SLIDES: Final = 1e9
 def pack(robot: Robot) -> tuple[Indices, Vector]:
     """Plan and numbers of a robot.
 
-    What follows from the reference pose is left out: unstretched lengths, and the angles about
-    which the arcs of routed cables are continuous.
+    Quantities that follow from the reference pose are left at their initial values: unstretched
+    lengths, and the angles about which the arcs of routed cables are continuous.
     """
     sizes = _sizes(robot)
     plan, numbers = empty_robot(sizes)
@@ -104,7 +104,7 @@ class _Rows:
         self._term = 0
 
     def axes(self) -> None:
-        """Motors, joints, and what both have beside their cables."""
+        """Motors, joints, and the passive torques of both."""
         for k, motor in enumerate(self._robot.motors):
             _fill(self._numbers.motors, k, reference_angle=motor.reference_angle)
         for k, joint in enumerate(self._robot.joints):
@@ -136,7 +136,7 @@ class _Rows:
             )
 
     def cable(self, c: int) -> None:
-        """One cable with its ends, pulleys, elements and nodes; call it for one after another."""
+        """One cable with its ends, pulleys, elements and nodes; call it in the cables' order."""
         cable = self._robot.cables[c]
         element, pulley = self._node - c, self._node - 2 * c
         _fill(
@@ -207,7 +207,7 @@ class _Rows:
         )
 
     def _add_node(self, node: Node) -> None:
-        """Frame and circle; an arc's angle is about pi until the reference pose is known."""
+        """Frame and circle; the angle of an arc is pi until the reference pose is known."""
         place, k = node.place, self._node
         self._node += 1
         _fill(self._plan.nodes, k, frame=self._frames[place.frame] if place else -1)

@@ -1,4 +1,4 @@
-"""A friction history for a cable of which nobody knows how it got where it is."""
+"""An assumed friction history for a cable whose previous motion is unknown."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Vector = NDArray[np.float64]
 def impose_friction(
     plan: Indices, numbers: Vector, share: Vector, state: Vector, scratch: Vector
 ) -> None:
-    """Give a robot that has just been started a friction history, its elongations kept.
+    """Impose a friction history on a robot that has just been started; elongations are kept.
 
     Args:
         plan, numbers: the prepared robot.
-        share: of every pulley's bound that its friction holds, in [-1, 1], positive where the
-            tension rises towards the last node, shape (pulleys,).
-        state: as ``advance`` has left it after a first sample, changed.
-        scratch: as ``advance`` has left it, changed; it holds what friction takes at every pulley.
+        share: friction as a share of every pulley's bound, in [-1, 1], positive where the tension
+            rises towards the last node, shape (pulleys,).
+        state: the state that ``advance`` wrote for the first sample; changed.
+        scratch: the scratch that ``advance`` wrote, with the loss of every pulley; changed.
     """
     parts = plan_views(plan)
     constants = number_views(parts.sizes, numbers)
@@ -43,7 +43,7 @@ def impose_friction(
         mean = stiffness * (span / total - 1.0)
         if not mean > 0.0:
             continue
-        # ratios of the tensions, then the one factor that keeps the elongation
+        # the tensions' ratios first, then the common factor that keeps the elongation
         ratio = 1.0
         weighted = 0.0
         for e in range(first, last):

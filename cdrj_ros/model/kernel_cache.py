@@ -1,8 +1,8 @@
-"""The cache of compiled kernels on disk, for machines on which disks fail.
+"""The cache of compiled kernels on disk; a failing disk does not stop a kernel.
 
-Numba takes for granted that there is a place to write and that what it reads there is whole.  Here
-a kernel that cannot be kept is compiled in memory, one that is damaged is compiled anew, and the
-log says so once.
+Numba assumes that a folder can be written and that the files in it are intact.  Here a kernel that
+cannot be written to disk is compiled in memory, a damaged one is compiled anew, and the log says so
+once.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _in_tree() -> Any:
 
 
 class _InstalledLocator(_in_tree()):  # type: ignore[misc]
-    """Kernels beside the source that this user may read but not write."""
+    """Locator of kernels beside a source, in a folder that this user may read but not write."""
 
     def ensure_cache_path(self) -> None:
         """Accept a folder that exists."""
@@ -51,12 +51,12 @@ class _Implementation(_caching.FunctionCache._impl_class):  # type: ignore[misc]
 
 
 class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
-    """Numba's cache of one function, which fails by compiling."""
+    """Numba's cache of one function; where reading or writing fails, the function is compiled."""
 
     _impl_class = _Implementation
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The kernel from disk; None, so that it is compiled, where it is missing or damaged."""
+        """Load the kernel from disk; None, so that it is compiled, if missing or damaged."""
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:  # noqa: BLE001 - unpickling damaged bytes raises anything
@@ -74,7 +74,7 @@ class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the kernel on disk, if that can be."""
+        """Write the kernel to disk where possible; log a warning otherwise."""
         try:
             super().save_overload(sig, data)
         except OSError as error:
@@ -88,7 +88,7 @@ class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
             )
 
     def is_filled(self) -> bool:
-        """Whether a compiled kernel of the present sources is there; it is not loaded."""
+        """Whether a kernel compiled from the present sources is on disk; it is not loaded."""
         try:
             return bool(self._cache_file._load_index())
         except Exception:  # noqa: BLE001 - as in load_overload
@@ -96,7 +96,7 @@ class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
 
 
 def kernel_cache(function: Callable[..., Any], stamp: str) -> KernelCache | None:
-    """The cache of one kernel, valid for sources with this stamp; None where there is no place."""
+    """The cache of one kernel, valid for sources with this stamp; None without a usable folder."""
     try:
         cache = KernelCache(function)
     except (RuntimeError, OSError) as error:

@@ -1,4 +1,4 @@
-"""From the name of a robot file to a robot that is ready to be stepped."""
+"""From a robot file, or the name of an installed one, to a prepared robot."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model
     """Read and prepare a robot file; a bare name means one of the installed ones.
 
     Args:
-        path: the file, or a name.
-        preload: of every cable [N], as numbers or as text with commas; None or empty for the
-            file's.
+        path: the file, or the name of an installed robot.
+        preload: preload of every cable [N], as numbers or as comma-separated text; None or empty
+            for those in the file.
 
     Raises:
-        CdrjError: what is wrong with either, in one line.
+        CdrjError: the file or the preloads are wrong; one line says how.
     """
     document, source = load_document(robot_path(path))
     if not preload:
@@ -42,10 +42,10 @@ def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model
 
 
 def robot_path(path: str) -> Path:
-    """The robot file; a bare name means one of the installed ones.
+    """Path of a robot file; a bare name means one of the installed ones.
 
     Raises:
-        RobotFileError: there is none of that name.
+        RobotFileError: no robot of that name is installed.
     """
     if not Path(path).exists() and "/" not in path and not path.endswith(".yaml"):
         for folder in _installed_robots():

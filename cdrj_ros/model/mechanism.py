@@ -1,6 +1,7 @@
 """One sample of a whole robot, compiled: geometry, friction bounds, every cable, all outputs.
 
-Few flat arrays make the call cheap, views give their parts names; nothing is allocated per sample.
+Few flat arrays keep the call cheap and views give their parts names; nothing is allocated per
+sample, unless a cable has to be solved in pieces.
 """
 
 from __future__ import annotations
@@ -97,12 +98,12 @@ def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
     """A cable without friction history: one tension throughout, set by the material it has.
 
     Returns:
-        False where the cable is wound in entirely.
+        False where no material is left: the cable is wound in entirely.
     """
     cable, numbers = step.plan.cables[c], step.numbers
     constants, after, tension = numbers.cables[c], step.after, step.estimate.tension
     first, last = cable.first_element, cable.first_element + cable.elements
-    # what lies on the drum when nothing is known of how it got there
+    # with an unknown history, assume that the drum was wound at the cable's wound tension
     stretch = 1.0 + constants.wound_tension / constants.axial_stiffness
     total = 0.0
     span = 0.0
@@ -127,7 +128,7 @@ def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
 
 @stage
 def _turn_drums(step: Step, c: int, motor_angle: Vector) -> tuple[float, float]:
-    """Material [m] that the winches push in at the first and draw out at the last node."""
+    """Material [m] that enters at the first and leaves at the last node as the winches turn."""
     cable, before = step.plan.cables[c], step.before
     slips = (0.0, 0.0)
     for end in range(2):
@@ -195,7 +196,7 @@ def _has_material(elements: Rows[SolverElement]) -> bool:
 
 @compiled
 def _spread_evenly(axial_stiffness: float, elements: Rows[SolverElement], entered: float) -> None:
-    """What is certain of a cable whose slips were not solved: its elongation as a whole."""
+    """Distribute a cable's elongation evenly where its slips were not solved."""
     total = entered
     span = 0.0
     for e in range(len(elements)):
@@ -210,7 +211,7 @@ def _spread_evenly(axial_stiffness: float, elements: Rows[SolverElement], entere
 
 @stage
 def _refuse(before: Vector, out: Vector, estimate: EstimateViews, estimate_size: int) -> None:
-    """Leave the state as it was and mark every element ``INVALID``; no force is made up."""
+    """Keep the state, mark every element ``INVALID`` and report 0 for everything else."""
     out[: before.size] = before
     out[before.size : before.size + estimate_size] = 0.0
     estimate.status[:] = INVALID
@@ -295,7 +296,7 @@ def advance_all(
     dt: Vector,
     estimates: Table,
 ) -> None:
-    """``advance`` over many samples, the very same function, without returning to Python.
+    """Call ``advance`` for many samples without returning to Python; the same bits.
 
     Args:
         plan, numbers: the prepared robot.

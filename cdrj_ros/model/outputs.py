@@ -90,7 +90,7 @@ def report_cable(
         estimate.magnitude[p] = sqrt(x * x + y * y)  # (38)
         estimate.friction[p] = t_out - t_in
         estimate.slip_speed[p] = slip_speed[p]
-    if not solved:  # how the elongation is shared out is not known: say so, and no number
+    if not solved:  # the distribution of the elongation is unknown: report no numbers
         estimate.tension[first:last] = 0.0
         for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
             estimate.force_x[p], estimate.force_y[p], estimate.magnitude[p] = 0.0, 0.0, 0.0
@@ -111,13 +111,13 @@ def nodal_force_magnitude(before: Table, after: Table, cosine: Table) -> Table:
 def passive_torque(
     axis: AxisNumbers, friction_before: float, turned: float, angle: float
 ) -> tuple[float, float]:
-    """Torque of an axis beside its cables and the friction in it [N m], (E13).
+    """Torque of an axis without its cables, and the friction in it [N m], (E13).
 
     Args:
         axis: its constants.
-        friction_before: of its bearing [N m].
-        turned: since then [rad].
-        angle: now [rad].
+        friction_before: friction torque of its bearing at the sample before [N m].
+        turned: change of its angle since then [rad].
+        angle: present angle [rad].
     """
     most = axis.bearing_torque
     friction = friction_before + axis.bearing_stiffness * turned

@@ -1,9 +1,9 @@
 """A prepared robot as two flat vectors, and the names of everything in them.
 
 ``plan`` holds integers: how many of each thing there are, and how they are connected.  ``numbers``
-holds reals, so that an ensemble of robots that differ in numbers alone shares one plan.  Two
-arguments make the call of a kernel cheap; ``plan_views`` and ``number_views`` give their parts
-names, in kernels and in Python alike.
+holds reals; the members of an ensemble differ in numbers only and share one plan.  Two arguments
+keep the call of a kernel cheap; ``plan_views`` and ``number_views`` give their parts names, in
+kernels and in Python alike.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Sizes(NamedTuple):
 
 
 class CablePlan:
-    """What a cable consists of; its elements, pulleys and nodes follow each other."""
+    """Parts of a cable; its elements, pulleys and nodes are consecutive."""
 
     first_element: int
     elements: int
@@ -140,7 +140,7 @@ class JointNumbers:
 
 
 class AxisNumbers:
-    """A motor or joint beside its cables, (E13)."""
+    """Constants of a motor or joint itself, without its cables, (E13)."""
 
     effort_sign: float
     """+1 or -1, see ``cdrj_ros.robot.description.Motor``."""
@@ -275,7 +275,7 @@ def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
 
 
 def empty_robot(sizes: Sizes) -> tuple[Indices, Vector]:
-    """Plan and numbers of a robot, nothing filled in but the sizes."""
+    """Plan and numbers of a robot, all zero except for the sizes."""
     plan = np.zeros(_plan_ends(sizes)[-1], dtype=np.int64)
     plan[:_SIZES] = sizes
     return plan, np.zeros(_number_ends(sizes)[-1])

@@ -31,7 +31,7 @@ RANGE_CHECKS: Final = 41
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each result lies in the estimate, and what its entries are called."""
+    """Places of all results in the estimate, and the names of their entries."""
 
     elements: tuple[str, ...]
     """``cable/element``, the order of ``tension`` and ``status``."""
@@ -118,7 +118,7 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
 
     Args:
         robot: the description.
-        check_range: whether to look at poses all over the joint ranges.
+        check_range: whether to check poses throughout the joint ranges.
 
     Raises:
         RobotFileError: the geometry is impossible somewhere in the joint ranges.
@@ -169,14 +169,14 @@ def _shape(model: Model, joint_angle: Vector) -> tuple[Shape, ScratchViews]:
 
 
 def read_only(array: Vector) -> Vector:
-    """A view that cannot be written: kernels are compiled for such ``numbers`` alone."""
+    """A read-only view; kernels are compiled for read-only ``numbers`` only."""
     view = array.view()
     view.flags.writeable = False
     return view
 
 
 def _model(robot: Robot) -> Model:
-    """The robot with what does not follow from its reference pose."""
+    """The robot without the numbers that follow from its reference pose."""
     plan, numbers = pack(robot)
     plan.flags.writeable = False
     sizes = Sizes(*(int(count) for count in plan_views(plan).sizes))
@@ -235,7 +235,7 @@ def _set_routed_references(model: Model, reference: Vector) -> None:
 
 
 def _check_range(model: Model) -> None:
-    """The geometry must be possible everywhere in the joint ranges (sampled)."""
+    """Check that the geometry is possible throughout the joint ranges, in sampled poses."""
     joints = model.robot.joints
     if not joints:
         return
@@ -255,7 +255,7 @@ def _check_range(model: Model) -> None:
 
 
 def _impossible(robot: Robot, angle: Vector, shape: Shape) -> str:
-    """One line that says which node of which cable cannot be, and at which joint angles."""
+    """One line that names the impossible node or element and the joint angles."""
     pose = ", ".join(
         f"{joint.name} = {a:.4g}" for joint, a in zip(robot.joints, angle, strict=True)
     )

@@ -55,5 +55,5 @@ def record_type(fields: type, **vectors: int) -> Any:
 
 
 def words(record: Any) -> int:
-    """Words of 8 bytes that a row takes."""
+    """Number of 8-byte words in a row."""
     return int(record.itemsize) // 8

@@ -1,7 +1,7 @@
-"""What one sample reads and writes: state, estimate and scratch, by name.
+"""Names for the parts of state, estimate and scratch, which one sample reads and writes.
 
-``advance`` writes one vector: the new state, the estimate, then its scratch.  This file alone says
-what lies where.
+``advance`` writes one vector: the new state, the estimate, then its scratch.  Their layout is
+defined in this file only.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _POSE, _TWIST = words(POSE), words(TWIST)
 
 
 class StateViews(NamedTuple):
-    """What the past has left in the cables: views of a state, in its order."""
+    """What a robot remembers from one sample to the next: views of a state, in its order."""
 
     started: Vector
     """0 until a first sample has been seen, then 1, shape (1,)."""
@@ -40,7 +40,7 @@ class StateViews(NamedTuple):
     slip_speed: Vector
     """Material passing every pulley towards the last node [m/s], shape (pulleys,)."""
     lagged_speed: Vector
-    """The slip speed that static friction has followed so far [m/s], shape (pulleys,)."""
+    """Slip speed behind the sample's own, on which static friction depends [m/s], (E10)."""
     angle: Vector
     """Of every motor, then every joint [rad] or [m], shape (axes,)."""
     bearing_friction: Vector
@@ -50,7 +50,7 @@ class StateViews(NamedTuple):
 
 
 class EstimateViews(NamedTuple):
-    """What is reported of a sample: views of an estimate, in its order."""
+    """Results of a sample: views of an estimate, in its order."""
 
     tension: Vector
     """[N], shape (elements,)."""
@@ -77,7 +77,7 @@ class EstimateViews(NamedTuple):
 
 
 class ScratchViews(NamedTuple):
-    """What is worked with in a sample: views of the scratch, in its order."""
+    """Intermediate values of a sample: views of the scratch, in its order."""
 
     length_by_joint: Table
     """Derivatives of the lengths by the joint angles, shape (elements, joints)."""

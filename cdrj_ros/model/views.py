@@ -1,7 +1,7 @@
-"""Names for stretches of one flat vector, which so holds numbers and rows of several kinds.
+"""Views of parts of one flat vector, which holds numbers and rows of several kinds.
 
-Nothing is copied.  Python calls these functions as they are.  Inside kernels they become an address
-and a shape: there they neither check bounds nor count references, which would cost more than the
+Nothing is copied.  Python calls these functions as they are.  Inside kernels a view is an address
+and a shape: bounds are not checked and references not counted, which would cost more than the
 sample itself.  The vector must outlive the view, as an argument of the kernel does.
 """
 
@@ -24,12 +24,12 @@ _lower: Final[Any] = lower_builtin
 
 
 def part(vector: NDArray[Any], begin: int, end: int) -> NDArray[Any]:
-    """The stretch of a vector from ``begin`` to ``end``; in Python of every vector of a table."""
+    """The part of a vector from ``begin`` to ``end``; in Python also of every row of a table."""
     return vector[..., begin:end]
 
 
 def rows(vector: NDArray[Any], begin: int, end: int, record: Any) -> Any:
-    """The same as rows of a record type, which take 8 bytes a field as the vector does."""
+    """The same part as rows of a record type, whose fields take 8 bytes each."""
     return vector[..., begin:end].view(record)
 
 
@@ -45,7 +45,7 @@ def grid(vector: NDArray[Any], begin: int, height: int, width: int, record: Any)
 
 
 def _view_type(vector: Any, dimensions: int, record: Any = None) -> Any:
-    """Type of a view in a kernel; None, which numba refuses, of what is no flat vector."""
+    """Type of a view in a kernel; None, which numba rejects, for all but flat vectors."""
     if not isinstance(vector, types.Array) or vector.ndim != 1 or vector.layout != "C":
         return None
     dtype = vector.dtype if record is None else record.dtype
@@ -53,7 +53,7 @@ def _view_type(vector: Any, dimensions: int, record: Any = None) -> Any:
 
 
 def _address(context: Any, builder: Any, signature: Any, arguments: Any, shape: list[Any]) -> Any:
-    """A view as numba represents it: address of its beginning and shape, and no owner."""
+    """A view in numba's representation: address and shape, without an owner."""
     word = context.get_constant(types.intp, 8)
     vector = _arrays.make_array(signature.args[0])(context, builder, arguments[0])
     begin = context.cast(builder, arguments[1], signature.args[1], types.intp)

@@ -1,4 +1,4 @@
-"""The solve of one cable: always converged, elastic as (11) to (28), material kept."""
+"""The solver of one cable converges, is elastic as in (11) to (28) and conserves material."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def assert_solved(model: Model, estimates: Estimates) -> None:
     invalid = np.flatnonzero((values[:, layout.status].astype(int) & INVALID).any(axis=1))
     assert tensions(estimates).min() >= 0.0
     if model.robot.cables[0].law == "lugre":
-        # its slope jumps where a slip turns: a rare sample is given up, and said to be
+        # its slope jumps where a slip reverses: a few samples are not solved and marked INVALID
         enough = acceptable(model.robot.cables[0].axial_stiffness)
         assert invalid.size <= 1e-3 * len(values)
         assert (values[:, layout.residual] > enough).any(axis=1).sum() <= invalid.size

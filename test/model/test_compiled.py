@@ -1,4 +1,4 @@
-"""The cache of compiled kernels follows every source of the model, not only a kernel's own file."""
+"""Compiled kernels: their cache follows every source of the model and survives failing disks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The winch drum is a stack: what went on last comes off first, at the strain it went on with."""
+"""The winch drum is a stack: cable wound last is unwound first, at the strain it was wound with."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The kernels as Python interprets them: the oracle of what the compiler makes of them.
+"""Compiled kernels agree with the same kernels interpreted by Python.
 
-Views into the flat vectors are made twice, by NumPy and by addresses inside kernels; interpreted,
-every one is NumPy's, with its bounds checked.
+Views into the flat vectors have two implementations: NumPy's, and addresses inside kernels.  When
+interpreted, all are NumPy's, with bounds checked.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SAMPLES = 12
 
 
 def results() -> dict[str, np.ndarray]:
-    """States, estimates and shapes of every robot with every law, there and back."""
+    """States, estimates and shapes of every robot with every law, in a motion with a reversal."""
     found = {}
     for path in ROBOTS:
         robot = load_robot(path)

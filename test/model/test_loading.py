@@ -1,4 +1,4 @@
-"""From the name of a robot file to the file."""
+"""Finding a robot file by its name."""
 
 from __future__ import annotations
 
