@@ -218,7 +218,7 @@ def test_material_is_neither_made_nor_lost(variant: Variant, drive: Drive) -> No
 def test_what_leaves_the_drum_is_on_the_cable_slack_or_not(
     cells: int, prototype: Robot, drive: Drive
 ) -> None:
-    # a sample may be walked in pieces: none of them may be left out
+    # a sample may be solved in pieces: none of them may be left out
     model = prepare(divide(prototype, cells).robot)
     samples = into_slack_and_back(drive)
     state = initial_state(model)

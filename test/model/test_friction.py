@@ -1,4 +1,4 @@
-"""Friction of one pulley: the source's numbers, its equations, and laws that no input may break."""
+"""Friction of one pulley: the source's numbers and equations, and properties for any input."""
 
 from __future__ import annotations
 
@@ -254,7 +254,7 @@ def test_the_force_is_continuous_and_never_falls_with_the_slip(law: int, breakaw
         )
         rise = np.diff(forces)
         steepest = STIFFNESS * (1.0 + max(1.0, abs(before) / BOUND))
-        if abs(before) > BOUND:  # a force beyond the bound comes back towards it in any direction
+        if abs(before) > BOUND:  # a force beyond the bound returns towards it for slip either way
             assert np.all(np.abs(rise) <= steepest * (slips[1] - slips[0]))
             continue
         assert np.all(rise >= -1e-12)
@@ -270,7 +270,7 @@ def test_the_force_never_exceeds_the_bound(law: int, breakaway: float) -> None:
         slip = generator.normal() * 10.0 ** generator.uniform(-9, -3)
         before = force
         force = friction_force(law, before, slip, STIFFNESS, bound, breakaway)[0]
-        if law == LUGRE:  # its bristles only let go while slipping
+        if law == LUGRE:  # its bristles relax only while slipping
             assert abs(force) <= max(bound, abs(before)) * (1.0 + 1e-12)
         else:
             assert abs(force) <= bound * (1.0 + 1e-12)
@@ -371,7 +371,7 @@ def test_sliding_transmission_falls_with_either_coefficient_and_rises_with_speed
     assert np.all(np.diff(by_speed) >= 0.0)
     by_stribeck = np.array([eta_d(0.01, MU_C, MU_S, v_s) for v_s in speeds])
     assert np.all(np.diff(by_stribeck) <= 0.0), "a higher v_s keeps static friction longer"
-    # only the ratio of both speeds counts
+    # only the ratio of the two speeds matters
     np.testing.assert_allclose(
         by_speed, [eta_d(1e-3 * v, MU_C, MU_S, 1e-3 * STRIBECK_SPEED) for v in speeds], rtol=1e-12
     )

@@ -1,4 +1,4 @@
-"""What holds for every motion: no energy from friction, bounds, symmetry, convergence, quiet."""
+"""Properties of every motion: dissipation, bounds, symmetry, convergence, smoothness, rest."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_tension_ratios_stay_within_the_transmission(
     loss = losses(model, samples.joint_angle[::10])
     pull = np.maximum(before, after)[::10]
     share = np.abs(after - before)[::10] / (loss * pull + 1e-6)
-    # LuGre's bristles let go only while slipping: a bound that shrinks leaves them behind a little
+    # LuGre's bristles relax only while slipping: their force lags behind a shrinking bound
     assert share.max() <= (1.1 if law == "lugre" else 1.0 + 1e-6)
     kinetic = 0.75 if law != "euler" else 0.999
     assert share.max() > kinetic, "and they are reached"
@@ -249,7 +249,7 @@ def test_joint_effort_is_the_derivative_of_the_elastic_energy(variant: Variant) 
 
 
 def test_motor_effort_is_the_derivative_of_the_elastic_energy(variant: Variant) -> None:
-    # what lies on the drum keeps the energy of the strain at which it went on
+    # cable on the drum keeps the energy of the strain at which it was wound
     model = prepare(variant("none"))
     stiffness = model.robot.cables[0].axial_stiffness
     small = 1e-4
@@ -266,7 +266,7 @@ def test_motor_effort_is_the_derivative_of_the_elastic_energy(variant: Variant) 
         on_drum = -np.subtract(*material)
         tension = estimate.tension[[0, 8]]
         change = stored[0] - stored[1] + np.sum(on_drum * tension**2 / (2.0 * stiffness))
-        # unwinding returns layers at the strain of the past, which may differ from today's
+        # layers are unwound at the strain of their winding, which may differ from the present
         assert estimate.motor_effort[0] == pytest.approx(-change / (2 * small), rel=5e-3, abs=1e-3)
         drums = 0.015 * (tension[1] - tension[0])
         assert estimate.motor_effort[0] == pytest.approx(drums, rel=1e-12, abs=1e-12)

@@ -187,7 +187,7 @@ def test_uniform_strain_is_uniform_tension_and_moves_no_cable_over_any_pulley() 
     expected = np.zeros(chain.shape)
     expected[:-1] -= EA * strain * u
     expected[1:] += EA * strain * u
-    # of the geometric part nothing is left: lengths grow along themselves
+    # the geometric part vanishes: elements grow along their own direction
     np.testing.assert_allclose(grown, expected.ravel(), atol=1e-10)
 
 
