@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import Conditioner
 from cdrj_ros.conditioning.tracking import half_width
-from cdrj_ros.estimation.ensemble import MOVED, Spread, mark_unsure, update_members
+from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
+from cdrj_ros.estimation.member_kernels import MOVED, mark_unsure, update_members
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model, prepare

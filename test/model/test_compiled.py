@@ -259,6 +259,10 @@ def test_every_kernel_is_compiled_for_one_signature(tmp_path: Path) -> None:
     counts = {name: int(count) for name, count in map(str.split, done.stdout.splitlines())}
     compiled_twice = {name: count for name, count in counts.items() if count > 1}
     assert not compiled_twice
-    outermost = ("model.mechanism.advance_all", "model.shape.shape", "estimation.ensemble._run")
-    for name in (*outermost, "estimation.ensemble.update_members", "model.cable._walk"):
+    outermost = (
+        "model.mechanism.advance_all",
+        "model.shape.shape",
+        "estimation.member_kernels.run_members",
+    )
+    for name in (*outermost, "estimation.member_kernels.update_members", "model.cable._walk"):
         assert counts[f"cdrj_ros.{name}"] == 1
