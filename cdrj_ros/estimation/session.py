@@ -5,7 +5,6 @@ No ROS here: a node converts messages, calls this, publishes what comes out.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
@@ -15,11 +14,11 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import Conditioner
-from cdrj_ros.conditioning.tracking import half_width
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
 from cdrj_ros.estimation.member_kernels import MOVED, mark_unsure, update_members
+from cdrj_ros.estimation.rest import RestWatch
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model, prepare
@@ -41,15 +40,6 @@ DOUBT: Final = 0.2
 SMALLEST_NOISE: Final = 1e-6
 LARGEST_NOISE: Final = 1e6
 """A load cell whose message gives a noise outside of these has the robot file's [N]."""
-
-REST_NS: Final = 300_000_000
-"""Time for which every axis must have stood still before a tare [ns]."""
-
-REST_STEP_NS: Final = 10_000_000
-"""Samples further apart than this are looked at for that [ns]."""
-
-REST_FLOOR: Final = 1e-3
-"""An axis whose sensor has neither resolution nor noise stands still within this [rad]."""
 
 UNWATCHED_NS: Final = 100_000_000
 """So long a time between two runs counts as nobody looking [ns]."""
@@ -171,8 +161,7 @@ class LiveEstimator:
         self.overlooked += len(self._pending)
         self._pending.clear()
         self._efforts_ns.clear()
-        self._latest: deque[Sample] = deque()
-        """Samples of the last ``REST_NS``, thinned out."""
+        self._watch = RestWatch()
         if self.spread is not None:
             self.spread.reset()
         if self.fusion is not None:
@@ -256,11 +245,7 @@ class LiveEstimator:
         if self.fusion is not None:
             self.unaided = step(self.model, self.unaided, sample)[0]
         self.sample = sample
-        latest = self._latest
-        if not latest or sample.stamp_ns - latest[-1].stamp_ns >= REST_STEP_NS:
-            latest.append(sample)
-            while len(latest) > 2 and sample.stamp_ns - latest[1].stamp_ns >= REST_NS:
-                latest.popleft()
+        self._watch.add(sample)
         if not estimate.solved:
             self.unsolved += 1
         stddev = None
@@ -377,7 +362,7 @@ class LiveEstimator:
         """
         if self.sample is None:
             raise UsageError("no angles yet: every motor and joint must have been heard")
-        if reason := self.in_motion():
+        if reason := self._watch.in_motion(self.model.robot):
             raise UsageError(reason)
         values, words = {}, []
         for kind, names, angles in (
@@ -390,28 +375,6 @@ class LiveEstimator:
         self.change(values)
         preloads = ", ".join(f"{c.name} {c.preload:g} N" for c in self.model.robot.cables)
         return f"reference is now {', '.join(words)}; there the preloads are {preloads}"
-
-    def in_motion(self) -> str:
-        """Why the robot does not count as at rest: the axis, its movement and what is allowed.
-
-        Empty where every axis has stayed within its sensor's errors for ``REST_NS``.
-        """
-        samples = [*self._latest, *([self.sample] if self.sample else [])]
-        watched = samples[-1].stamp_ns - samples[0].stamp_ns if samples else 0
-        if watched < REST_NS:
-            return (
-                f"the axes must be seen at rest for {REST_NS * 1e-9:g} s; so far there are "
-                f"readings of {watched * 1e-9:.3g} s"
-            )
-        angles = np.array([np.concatenate([one.motor_angle, one.joint_angle]) for one in samples])
-        for axis, moved in zip(self.model.robot.axes, np.ptp(angles, axis=0), strict=True):
-            allowed = 4.0 * half_width(axis.sensor) or REST_FLOOR
-            if moved > allowed:
-                return (
-                    f"not at rest: {axis.name} moved by {moved:.3g} rad within the last "
-                    f"{watched * 1e-9:.2g} s, where {allowed:.3g} rad is allowed"
-                )
-        return ""
 
     def set_preload(self, preloads: Mapping[str, float]) -> str:
         """Set the preloads of cables in the reference pose [N]; starts anew.
