@@ -3,31 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
 
-from rclpy.experimental import EventsExecutor
 from rclpy.utilities import remove_ros_args
 
 from cdrj_ros.commands.shared import DONE, run_command
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.nodes.estimator import EstimatorNode
 from cdrj_ros.nodes.parameters import parameter_file
-from cdrj_ros.nodes.spinning import RANGE, STOP_POLL_S, ros_context, starting
-
-
-class _Parser(argparse.ArgumentParser):
-    """States what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(f"{message}; see --help")
+from cdrj_ros.nodes.spinning import OneLineParser, ros_context, spin_until_stopped, starting
 
 
 def _arguments(arguments: list[str]) -> argparse.Namespace:
-    parser = _Parser(
+    parser = OneLineParser(
         prog="estimator",
         usage="estimator [--state-file FILE] --ros-args -p robot:=FILE [-p timeout:=S] "
         "[-r FROM:=TO] ...",
@@ -57,18 +46,7 @@ def _body(argv: Sequence[str]) -> int:
     with ros_context(arguments) as stop:
         with starting():
             node = EstimatorNode(own.state_file)
-        if os.environ.get(RANGE) == "LOCALHOST":
-            node.get_logger().info(f"heard on this machine only; {RANGE}=SUBNET opens the network")
-        executor = EventsExecutor()
-        executor.add_node(node)
-        with stop.listening():
-            try:
-                while not stop:
-                    executor.spin_once(timeout_sec=STOP_POLL_S)
-            finally:
-                node.write_state()
-                executor.shutdown()
-                node.destroy_node()
+        spin_until_stopped(node, stop, node.write_state)
     return DONE
 
 

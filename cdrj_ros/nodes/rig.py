@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import gc
-import os
 import sys
 from collections.abc import Sequence
 from time import monotonic_ns, perf_counter, time_ns
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 
 from cdrj_msgs.srv import InjectFault, Push
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.utilities import remove_ros_args
@@ -29,7 +26,7 @@ from cdrj_ros.nodes.rig_commands import CommandListener
 from cdrj_ros.nodes.rig_declaring import declare_numbers, declare_text
 from cdrj_ros.nodes.rig_outputs import RigOutputs
 from cdrj_ros.nodes.rig_settings import changed_load, declare_rig_options, meant
-from cdrj_ros.nodes.spinning import RANGE, STOP_POLL_S, ros_context, starting
+from cdrj_ros.nodes.spinning import OneLineParser, ros_context, spin_until_stopped, starting
 from cdrj_ros.rig.live import LiveRig
 from cdrj_ros.rig.live_commands import Command, Trajectory
 from cdrj_ros.rig.live_drives import Drives
@@ -273,17 +270,10 @@ class RigNode(Node):
         )
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(f"{message}; see --help")
-
-
 def _body(argv: Sequence[str]) -> int:
     arguments = ["rig", *argv]
     with starting():
-        _Parser(
+        OneLineParser(
             prog="rig",
             usage="rig --ros-args -p robot:=FILE [-p motion:=sine] [-p NAME:=VALUE] ...",
             description="A simulated robot in real time. Topics in the namespace /cdrj: in "
@@ -295,17 +285,7 @@ def _body(argv: Sequence[str]) -> int:
     with ros_context(arguments) as stop:
         with starting():
             node = RigNode()
-        if os.environ.get(RANGE) == "LOCALHOST":
-            node.get_logger().info(f"heard on this machine only; {RANGE}=SUBNET opens the network")
-        executor = EventsExecutor()
-        executor.add_node(node)
-        with stop.listening():
-            try:
-                while not stop:
-                    executor.spin_once(timeout_sec=STOP_POLL_S)
-            finally:
-                executor.shutdown()
-                node.destroy_node()
+        spin_until_stopped(node, stop)
     return DONE
 
 

@@ -1,19 +1,22 @@
-"""Starts and ends nodes: cleanly on Ctrl-C, also in the middle of a callback."""
+"""Start, spin and end nodes; Ctrl-C ends them cleanly, even during a callback."""
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
-from collections.abc import Iterator, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import Final
+from typing import Final, NoReturn
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.interruption import deferring
 
 STOP_POLL_S: Final = 0.1
@@ -38,6 +41,18 @@ REACH: Final = (
 
 class RosError(CdrjError):
     """ROS cannot start: its arguments, its middleware or its security do not allow it."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Reports a usage error in one line instead of after the usage text."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise the message.
+
+        Raises:
+            UsageError: always.
+        """
+        raise UsageError(f"{message}; see --help")
 
 
 class StopRequest:
@@ -118,3 +133,28 @@ def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
         rclpy.try_shutdown()
         for number, handler in zip(SIGNALS, before, strict=True):
             signal.signal(number, handler)
+
+
+def spin_until_stopped(
+    node: Node, stop: StopRequest, before_end: Callable[[], object] | None = None
+) -> None:
+    """Run a node's callbacks until ``stop`` is set, then destroy the node.
+
+    Args:
+        node: logs first if discovery is limited to this machine.
+        stop: of ``ros_context``.
+        before_end: called once no more callbacks run, also after a callback has raised.
+    """
+    if os.environ.get(RANGE) == "LOCALHOST":
+        node.get_logger().info(f"heard on this machine only; {RANGE}=SUBNET opens the network")
+    executor = EventsExecutor()
+    executor.add_node(node)
+    with stop.listening():
+        try:
+            while not stop:
+                executor.spin_once(timeout_sec=STOP_POLL_S)
+        finally:
+            if before_end is not None:
+                before_end()
+            executor.shutdown()
+            node.destroy_node()
