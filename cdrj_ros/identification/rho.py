@@ -1,6 +1,6 @@
 """The sliding influence rho of a cable from a nodal force and a tension: equation (44).
 
-docs/model.md, section 11.
+docs/model.md, section 11; examples/paper.py.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Pulley, Robot
 
 Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 FEWEST: Final = 20
-"""Samples in which every pulley in between slides, below which nothing is identified."""
+"""Fewest samples, with every pulley in between sliding, from which rho is identified."""
 
 MOST_CHOICES: Final = 8
-"""Choices of the samples."""
+"""Most times that the samples are chosen."""
 
 SETTLED: Final = 1e-4
-"""Change of rho below which the choice of samples stays."""
+"""Change of rho below which the samples are not chosen again."""
 
 
 @dataclass(frozen=True)
@@ -37,17 +38,17 @@ class RhoEstimate:
     rho: float
     """[-]."""
     stddev: float
-    """Of rho from the residual's scatter, samples taken as independent [-]."""
+    """Standard deviation of rho from the scatter of the residual, with independent samples [-]."""
     residual: float
     """Res of (44) at its minimum [N^2]."""
     rms: float
-    """Of the nodal force at the minimum [N]."""
+    """Root mean square error of the nodal force at the minimum [N]."""
     samples: int
-    """Samples used: those in which every pulley in between slides."""
+    """Number of samples used: those in which every pulley in between slides."""
 
 
 def with_rho(robot: Robot, cable: str, rho: float) -> Robot:
-    """The same robot with another rho at all pulleys of one cable."""
+    """A copy of the robot with ``rho`` at every pulley of one cable."""
     cables = tuple(
         replace(
             one,
@@ -75,21 +76,21 @@ def identify_rho(
 ) -> RhoEstimate:
     """(44): the rho for which the known tension, propagated, gives the measured nodal force.
 
-    (24) holds only at a pulley that slides.  The samples used are therefore those in which all
-    pulleys between sensor and node slide.  With more friction a pulley starts to slide later,
-    so the samples depend on rho: they are chosen at the smallest rho and again at every rho found,
-    until rho no longer changes.
+    (24) holds only at a pulley that slides, so only samples are used in which all pulleys between
+    sensor and node slide.  Larger friction takes more slip to reverse, so these samples depend on
+    rho: they are chosen at the lower bound, then at every rho found until it changes no more.
 
     Args:
         model: the prepared robot; its rho in this cable does not matter.
         path: of the motion.
-        known: readings of a tension sensor, the source's element 8.
-        pulley: ``cable/node``, the source's node 3.
+        known: readings of a tension sensor; element 8 in the source.
+        pulley: ``cable/node``; node 3 in the source.
         nodal_force: measured magnitude on it [N], shape (n,); NaN where there is no reading.
         bounds: of rho, within [0, 1].
 
     Raises:
-        UsageError: an unknown or foreign pulley, bounds out of [0, 1], or too few samples.
+        UsageError: an unknown pulley or one of another cable, bounds outside [0, 1], or too few
+            samples.
     """
     if not 0.0 <= bounds[0] < bounds[1] <= 1.0:
         raise UsageError(f"the bounds of rho must rise within [0, 1], got {bounds}")
@@ -97,47 +98,79 @@ def identify_rho(
         raise UsageError(
             f"{pulley} has {np.size(nodal_force)} readings for {path.stamp_ns.size} samples"
         )
-    name = known.element.rsplit("/", 1)[0]
-    first = _propagated(model, path, known, name, bounds[0])
-    if pulley not in first.pulleys:
-        raise UsageError(f"{known.element} says nothing of {pulley}: they are not in one cable")
-    column, place = first.pulleys.index(pulley), first.elements.index(known.element)
-    between = slice(min(column, place), max(column + 1, place))
-    there = np.isfinite(nodal_force) & np.isfinite(known.tension)
-    chosen = there
+    forces = _Forces(model, path, known, pulley, nodal_force, bounds[0])
+    rho, residual, chosen = _minimised(forces, bounds)
+    count = int(np.count_nonzero(chosen))
+    step = 1e-3 * (bounds[1] - bounds[0])
+    low, high = max(rho - step, bounds[0]), min(rho + step, bounds[1])
+    slope = (forces.error(high, chosen) - forces.error(low, chosen)) / (high - low)
+    variance = residual / (count - 1)
+    stddev = float(np.sqrt(variance / np.sum(slope**2)))
+    rms = float(np.sqrt(residual / count))
+    return RhoEstimate(forces.cable, rho, stddev, residual, rms, count)
 
-    def error(rho: float) -> Vector:
-        found = _propagated(model, path, known, name, rho).nodal_force[chosen, column]
-        return np.asarray(found - nodal_force[chosen])
 
-    rho, residual, count = bounds[0], 0.0, 0
+class _Forces:
+    """Calculated and measured force on one pulley, as functions of rho."""
+
+    def __init__(
+        self,
+        model: Model,
+        path: Path,
+        known: KnownTension,
+        pulley: str,
+        nodal_force: Vector,
+        rho: float,
+    ) -> None:
+        """Propagate once, at ``rho``, to find the pulley and the sensor in their cable."""
+        self.cable = known.element.rsplit("/", 1)[0]
+        self.pulley, self.element = pulley, known.element
+        self._model, self._path, self._known = model, path, known
+        self._measured = nodal_force
+        self._readable = np.isfinite(nodal_force) & np.isfinite(known.tension)
+        first = self._propagated(rho)
+        if pulley not in first.pulleys:
+            raise UsageError(f"{known.element} says nothing of {pulley}: they are not in one cable")
+        self._column = first.pulleys.index(pulley)
+        place = first.elements.index(known.element)
+        self._between = slice(min(self._column, place), max(self._column + 1, place))
+
+    def sliding(self, rho: float) -> Mask:
+        """Samples with both readings in which every pulley in between slides, shape (n,)."""
+        between = self._propagated(rho).sliding[:, self._between]
+        return np.asarray(self._readable & (between != 0).all(axis=1))
+
+    def error(self, rho: float, chosen: Mask) -> Vector:
+        """Calculated less measured force in the chosen samples [N]."""
+        found = self._propagated(rho).nodal_force[chosen, self._column]
+        return np.asarray(found - self._measured[chosen])
+
+    def _propagated(self, rho: float) -> PropagatedTensions:
+        robot = with_rho(self._model.robot, self.cable, rho)
+        return propagate(prepare(robot), self._path, [self._known])
+
+
+def _minimised(forces: _Forces, bounds: tuple[float, float]) -> tuple[float, float, Mask]:
+    """Rho at the minimum of (44), the residual there [N^2], and the samples used."""
+    rho, residual, chosen = bounds[0], 0.0, np.zeros(0, dtype=np.bool_)
     for _ in range(MOST_CHOICES):
-        sliding = _propagated(model, path, known, name, rho).sliding[:, between]
-        chosen = there & (sliding != 0).all(axis=1)
+        chosen = forces.sliding(rho)
         count = int(np.count_nonzero(chosen))
         if count < FEWEST:
             raise UsageError(
-                f"all pulleys from {pulley} to {known.element} slide together in {count} samples; "
-                f"at least {FEWEST} are needed"
+                f"all pulleys from {forces.pulley} to {forces.element} slide together in {count} "
+                f"samples; at least {FEWEST} are needed"
             )
         best = minimize_scalar(
-            lambda rho: float(np.sum(error(rho) ** 2)),
-            bounds=bounds,
-            method="bounded",
+            _residual, args=(forces, chosen), bounds=bounds, method="bounded",
             options={"xatol": 1e-5},
-        )
+        )  # fmt: skip
         before, rho, residual = rho, float(best.x), float(best.fun)
         if abs(rho - before) < SETTLED:
             break
-    step = 1e-3 * (bounds[1] - bounds[0])
-    low, high = max(rho - step, bounds[0]), min(rho + step, bounds[1])
-    slope = (error(high) - error(low)) / (high - low)
-    variance = residual / (count - 1)
-    stddev = float(np.sqrt(variance / np.sum(slope**2)))
-    return RhoEstimate(name, rho, stddev, residual, float(np.sqrt(residual / count)), count)
+    return rho, residual, chosen
 
 
-def _propagated(
-    model: Model, path: Path, known: KnownTension, cable: str, rho: float
-) -> PropagatedTensions:
-    return propagate(prepare(with_rho(model.robot, cable, rho)), path, [known])
+def _residual(rho: float, forces: _Forces, chosen: Mask) -> float:
+    """Res of (44) [N^2]."""
+    return float(np.sum(forces.error(rho, chosen) ** 2))

@@ -1,0 +1,208 @@
+"""Which pulleys slide along a motion, and what share of its bound their friction has: (E17), (E20).
+
+docs/model.md, section 10.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.cable import PulleyNumbers
+from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.friction import BOUND_FLOOR, blended_loss, stribeck_share
+from cdrj_ros.model.records import Rows
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CableMotion:
+    """One cable along a motion: its geometry and friction, without its tensions."""
+
+    stamp_ns: NDArray[np.int64]
+    """Increasing [ns], shape (n,)."""
+    length: Table
+    """Of the elements with their share of the arcs [m], shape (n, elements)."""
+    wrap: Table
+    """Of the pulleys [rad], shape (n, pulleys)."""
+    wound: Vector
+    """Cable drawn in by a winch at the last node [m], shape (n,)."""
+    held_last: bool
+    """Whether slips are counted from the last node, otherwise from the first."""
+    axial_stiffness: float
+    """EA [N]."""
+    constants: Any
+    """Of the pulleys, a structured array of ``PulleyNumbers``, shape (pulleys,)."""
+    stribeck: int
+    """Form of static friction, an index of ``STRIBECK_FORMS``."""
+
+    def slips(self, tension: Table) -> Table:
+        """(E17): material past every pulley towards the last node [m], shape (n, pulleys).
+
+        Args:
+            tension: of the elements [N], shape (n, elements); NaN counts as 0.
+        """
+        material = self.length / (1.0 + np.nan_to_num(tension) / self.axial_stiffness)
+        return slips_of(material, self.wound, self.held_last)
+
+    def hidden_slips(self, width: Table) -> Table:
+        """Slip [m] that an interval of tension hides, shape (n, pulleys).
+
+        Args:
+            width: of the elements' intervals [N], shape (n, elements); NaN counts as 0.
+        """
+        elastic = np.nan_to_num(width) * self.length / self.axial_stiffness
+        return np.abs(slips_of(elastic, np.zeros(1), self.held_last))
+
+    def losses(self) -> tuple[Table, Table]:
+        """(43): kinetic and static loss of every pulley at every sample, shape (n, pulleys)."""
+        kinetic, static = _losses(self.wrap, self.constants, self.stribeck)
+        return kinetic, static
+
+    def lagging_losses(self, tension: Table, kinetic: Table, static: Table) -> Table:
+        """(E10): loss 1 - eta at the slip speeds that follow from ``tension``."""
+        dt = np.diff(self.stamp_ns, prepend=self.stamp_ns[:1]) * 1e-9
+        loss: Table = _lagging_losses(self.slips(tension), dt, kinetic, static, self.constants)
+        return loss
+
+
+def slips_of(material: Table, wound: Vector, held_last: bool) -> Table:
+    """Material past every pulley towards the last node [m], shape (n, pulleys).
+
+    What passes a pulley is what the elements between it and the end that holds the cable take up.
+    With the geometric length as ``material`` the cable is inextensible.
+    """
+    if not held_last:
+        return -np.cumsum(material[:, :-1], axis=1)
+    behind = np.cumsum(material[:, :0:-1], axis=1)[:, ::-1]
+    return behind + wound[:, None]
+
+
+def slip_rates(rates: NDArray[np.float64], held_last: bool) -> NDArray[np.float64]:
+    """As ``slips_of``, for derivatives of shape (n, elements, joints)."""
+    if not held_last:
+        return -np.cumsum(rates[:, :-1], axis=1)
+    return np.cumsum(rates[:, :0:-1], axis=1)[:, ::-1]
+
+
+def friction_shares(
+    motion: CableMotion, slip: Table, tension: Table, loss: Table, hidden: Table
+) -> tuple[Table, Table]:
+    """(E20): least and largest share of its bound that a pulley's friction may have.
+
+    Args:
+        motion: of the cable.
+        slip: ``motion.slips`` at these tensions [m], shape (n, pulleys).
+        tension: of the elements [N], shape (n, elements); NaN counts as 0.
+        loss: 1 - eta of the pulleys, shape (n, pulleys).
+        hidden: slip that the sensors cannot resolve [m], shape (n, pulleys).
+
+    Returns:
+        Two shares in [-1, 1], shape (n, pulleys), positive where the cable slips towards the last
+        node.
+    """
+    pull = np.nan_to_num(np.maximum(tension[:, :-1], tension[:, 1:]))
+    arc = motion.constants["radius"] * motion.wrap / motion.axial_stiffness
+    low, high = _contacts(slip, loss, pull, arc, hidden, motion.constants)
+    return low, high
+
+
+def sliding_directions(
+    motion: CableMotion, slip: Table, shares: tuple[Table, Table], hidden: Table, window_ns: int
+) -> Table:
+    """Direction in which every pulley slides, 0 where it may be stuck, shape (n, pulleys).
+
+    A pulley slides where both shares of ``friction_shares`` have met at an end and its slip is
+    seen to go on before and after.
+    """
+    low, high = shares
+    sliding = np.where(low == high, np.trunc(low), 0.0)
+    sliding *= _moving(motion.stamp_ns, slip, sliding, hidden, window_ns)
+    return sliding
+
+
+@compiled
+def _losses(wrap: Table, constants: Rows[PulleyNumbers], stribeck: int) -> tuple[Table, Table]:
+    """``blended_loss`` of every pulley at every sample: kinetic and static, shape (n, pulleys)."""
+    kinetic, static = np.empty(wrap.shape), np.empty(wrap.shape)
+    for p in range(wrap.shape[1]):
+        row = constants[p]
+        for k in range(wrap.shape[0]):
+            kinetic[k, p], static[k, p] = blended_loss(
+                row.rho,
+                row.mu_c,
+                row.mu_s,
+                wrap[k, p],
+                row.bearing_ratio,
+                stribeck,
+                row.cells,
+            )
+    return kinetic, static
+
+
+@compiled
+def _lagging_losses(
+    slip: Table, dt: Vector, kinetic: Table, static: Table, constants: Rows[PulleyNumbers]
+) -> Table:
+    """Loss 1 - eta of every pulley, static friction lagging behind its slip speed (E10)."""
+    loss = np.empty(slip.shape)
+    for p in range(slip.shape[1]):
+        row = constants[p]
+        lag, lagged = row.stribeck_lag, 0.0
+        for k in range(slip.shape[0]):
+            share = stribeck_share(lagged, row.stribeck_speed)
+            loss[k, p] = kinetic[k, p] + static[k, p] * share
+            if k > 0 and dt[k] > 0.0:
+                lagged = (lag * lagged + slip[k, p] - slip[k - 1, p]) / (lag + dt[k])
+    return loss
+
+
+@compiled
+def _contacts(
+    slip: Table,
+    loss: Table,
+    pull: Table,
+    arc: Table,
+    hidden: Table,
+    constants: Rows[PulleyNumbers],
+) -> tuple[Table, Table]:
+    """(E20) from both ends: least and largest share of the bound.
+
+    The share changes by slip / reach and is limited to [-1, 1], as in an elastic, perfectly
+    plastic contact.  ``reach`` is the slip from no friction to the full bound: deflection of the
+    bristles, strain of the arc, and slip that the sensors cannot resolve.  The initial share is
+    unknown, so one solution starts at -1 and one at +1; where both have met at -1 or +1, the
+    pulley has slipped far enough.
+    """
+    low, high = np.empty(slip.shape), np.empty(slip.shape)
+    for p in range(slip.shape[1]):
+        row = constants[p]
+        least, most = -1.0, 1.0
+        for k in range(slip.shape[0]):
+            change = slip[k, p] - slip[k - 1, p] if k > 0 else 0.0
+            bound = loss[k, p] * pull[k, p] + row.drag + BOUND_FLOOR
+            reach = bound * (1.0 / row.bristle_stiffness + arc[k, p]) + hidden[k, p]
+            least = min(max(least + change / reach, -1.0), 1.0)
+            most = min(max(most + change / reach, -1.0), 1.0)
+            low[k, p], high[k, p] = least, most
+    return low, high
+
+
+def _moving(
+    stamp_ns: NDArray[np.int64], slip: Table, way: Table, hidden: Table, window_ns: int
+) -> Table:
+    """1 where slip in direction ``way`` is seen both before and after a sample, 0 elsewhere.
+
+    (24) holds only while slipping.  At rest the winch can reverse the friction without a slip that
+    the sensors resolve.
+    """
+    before = np.searchsorted(stamp_ns, stamp_ns - window_ns)
+    after = np.searchsorted(stamp_ns, stamp_ns + window_ns, side="right") - 1
+    gone, ahead = (slip - slip[before]) * way, (slip[after] - slip) * way
+    seen = (gone > np.maximum(hidden, hidden[before])) & (ahead > np.maximum(hidden, hidden[after]))
+    return seen.astype(np.float64)
