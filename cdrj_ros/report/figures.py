@@ -1,7 +1,7 @@
-"""Pictures of one channel: estimate on truth, error, hysteresis loop.
+"""Figures of one channel: estimate over truth, error, hysteresis loop.
 
-Truth is a thick grey line, the estimate a thin coloured one on top, with a band of two standard
-deviations where those are known.
+Truth is a thick grey line, the estimate a thin coloured line on top of it, with a band of two
+standard deviations where these are known.
 
 Importing this module imports matplotlib, which is slow; import it where pictures are made.
 """
@@ -9,6 +9,7 @@ Importing this module imports matplotlib, which is slow; import it where picture
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -41,63 +42,104 @@ from cdrj_ros.report.numbers import decimals_for, format_number, scale_for
 from cdrj_ros.report.series import Window, gaps, seconds_since
 
 _ERROR_HEIGHT, _BETWEEN = 58, 32
-"""Of the axes of the error, and between them and those of the series [px]."""
+"""Height of the axes of the error, and the gap between them and those of the series [px]."""
 
 USUAL_BANDS: Final = 1.5
-"""A band up to this many times its median has room around the series."""
+"""The axes of the series leave room for a band of this many times the median, at most."""
 
 BAND_IN_VIEW: Final = 4.0
-"""A band up to this many times the largest error is shown whole below the series."""
+"""The axes of the error show a band of this many times the largest error, at most."""
 
 
 def over_time(
     channel: Channel, origin_ns: int, *, window: Window | None = None, shade: Window | None = None
 ) -> Figure:
-    """Estimate on truth over time, the error below it.
+    """Draw estimate and truth over time, with the error below.
 
     Args:
         channel: at least one sample.
-        origin_ns: stamp that is second 0 of the time axis [ns].
-        window: the part to draw, everything by default; its reversal is marked.
-        shade: a part to tint, for example the one another picture enlarges.
+        origin_ns: stamp at 0 s of the time axis [ns].
+        window: the part to draw, by default everything; its reversal is marked.
+        shade: a part to tint, for example one that another figure enlarges.
     """
-    part = slice(0, len(channel.stamp_ns)) if window is None else slice(window.begin, window.end)
-    stamps = channel.stamp_ns[part]
-    time = seconds_since(stamps, origin_ns)
-    factor, unit = _scale(channel)
-    reference, estimate = factor * channel.reference[part], factor * channel.estimate[part]
-    error = estimate - reference
-    breaks = gaps(stamps)
-    half = None if channel.stddev is None else COVERAGE_SIGMAS * factor * channel.stddev[part]
-    if half is not None and not np.isfinite(half).any():
-        half = None
-
+    drawn = _drawn(channel, origin_ns, window)
     figure = new_figure()
     series_height = HEIGHT - TOP - BOTTOM - _ERROR_HEIGHT - _BETWEEN
     series = add_axes(figure, HEIGHT - TOP - series_height, series_height)
     errors = add_axes(figure, BOTTOM, _ERROR_HEIGHT)
     for axes in (series, errors):
         _mark(axes, channel, origin_ns, window, shade)
-    if half is not None:
-        _draw_band(series, time, estimate, half, breaks)
-        _draw_band(errors, time, np.zeros_like(error), half, breaks)
-    draw_line(series, time, reference, breaks, "truth")
-    draw_line(series, time, estimate, breaks, "estimate")
-    errors.axhline(0.0, color=PALETTE["truth"], linewidth=0.8, zorder=1)
-    draw_line(errors, time, error, breaks, "error")
-
-    worst = int(np.argmax(np.abs(error)))
-    _dot(errors, time[worst], error[worst])
-    set_limits(series, time, 5)
-    if half is not None:
-        _keep_in_view(series, (reference, estimate), half)
-    set_limits(errors, time, 3)
-    _symmetric(errors, error, half)
+    _draw_series(series, drawn)
+    worst = _draw_error(errors, drawn)
     series.tick_params(labelbottom=False)
-    _key(figure, channel, unit, banded=half is not None)
-    _name_error(figure, unit, float(error[worst]), float(time[worst]))
+    _key(figure, channel, drawn.unit, banded=drawn.half is not None)
+    _name_error(figure, drawn.unit, float(drawn.error[worst]), float(drawn.time[worst]))
     set_x_label(errors, "time [s]")
     return figure
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """The drawn part of a channel, in the unit of its picture."""
+
+    time: Floats
+    """[s], shape (n,)."""
+    reference: Floats
+    """Shape (n,)."""
+    estimate: Floats
+    """Shape (n,)."""
+    half: Floats | None
+    """Half of the band's width, shape (n,); None where no sample has a standard deviation."""
+    breaks: NDArray[np.intp]
+    """Samples after which the lines are broken."""
+    unit: str
+
+    @property
+    def error(self) -> Floats:
+        """Estimate less reference, shape (n,)."""
+        return self.estimate - self.reference
+
+
+def _drawn(channel: Channel, origin_ns: int, window: Window | None) -> _Drawn:
+    part = slice(0, len(channel.stamp_ns)) if window is None else slice(window.begin, window.end)
+    stamps = channel.stamp_ns[part]
+    factor, unit = _scale(channel)
+    half = None if channel.stddev is None else COVERAGE_SIGMAS * factor * channel.stddev[part]
+    if half is not None and not np.isfinite(half).any():
+        half = None
+    return _Drawn(
+        seconds_since(stamps, origin_ns),
+        factor * channel.reference[part],
+        factor * channel.estimate[part],
+        half,
+        gaps(stamps),
+        unit,
+    )
+
+
+def _draw_series(axes: Axes, drawn: _Drawn) -> None:
+    """Truth, estimate and band."""
+    if drawn.half is not None:
+        _draw_band(axes, drawn.time, drawn.estimate, drawn.half, drawn.breaks)
+    draw_line(axes, drawn.time, drawn.reference, drawn.breaks, "truth")
+    draw_line(axes, drawn.time, drawn.estimate, drawn.breaks, "estimate")
+    set_limits(axes, drawn.time, 5)
+    if drawn.half is not None:
+        _keep_in_view(axes, (drawn.reference, drawn.estimate), drawn.half)
+
+
+def _draw_error(axes: Axes, drawn: _Drawn) -> int:
+    """Error and band about zero, with a dot at the largest error; returns its sample."""
+    error = drawn.error
+    if drawn.half is not None:
+        _draw_band(axes, drawn.time, np.zeros_like(error), drawn.half, drawn.breaks)
+    axes.axhline(0.0, color=PALETTE["truth"], linewidth=0.8, zorder=1)
+    draw_line(axes, drawn.time, error, drawn.breaks, "error")
+    worst = int(np.argmax(np.abs(error)))
+    _dot(axes, drawn.time[worst], error[worst])
+    set_limits(axes, drawn.time, 3)
+    _symmetric(axes, error, drawn.half)
+    return worst
 
 
 def _mark(
@@ -113,7 +155,7 @@ def _mark(
 
 
 def _dot(axes: Axes, x: float, y: float) -> None:
-    """A dot: the round caps of a line of almost no length."""
+    """Draw a dot, as a line of almost no length with round caps."""
     axes.plot(
         [x, x + 1e-9],
         [y, y],
@@ -134,10 +176,10 @@ def _name_error(figure: Figure, unit: str, largest: float, at_s: float) -> None:
 
 
 def hysteresis(channel: Channel, window: Window) -> Figure:
-    """Estimate on truth over the joint angle.
+    """Draw estimate and truth over the joint angle.
 
     Args:
-        channel: its angle finite for at least one sample of the window.
+        channel: with a finite angle in at least one sample of the window.
         window: the samples to draw.
     """
     part = slice(window.begin, window.end)
@@ -161,7 +203,7 @@ def hysteresis(channel: Channel, window: Window) -> Figure:
 def _draw_band(
     axes: Axes, x: Floats, centre: Floats, half: Floats, breaks: NDArray[np.intp]
 ) -> None:
-    """The band centre ± half, as wide as it gets anywhere in a bucket, broken at the gaps."""
+    """Draw the band centre ± half, with the largest width of every bucket, broken at the gaps."""
     known = np.isfinite(half)
     low = np.where(known, centre - half, centre)
     high = np.where(known, centre + half, centre)
@@ -181,7 +223,7 @@ def _draw_band(
 
 
 def _keep_in_view(axes: Axes, lines: Sequence[Floats], half: Floats) -> None:
-    """Scale the axes to the usual band; a wide one, as at the start, is cut off."""
+    """Scale the axes to the usual width of the band; where it is wider, it is cut off."""
     low = min(float(line.min()) for line in lines)
     high = max(float(line.max()) for line in lines)
     usual = min(float(np.nanmax(half)), USUAL_BANDS * float(np.nanmedian(half)))
@@ -190,7 +232,7 @@ def _keep_in_view(axes: Axes, lines: Sequence[Floats], half: Floats) -> None:
 
 
 def _symmetric(axes: Axes, error: Floats, half: Floats | None = None) -> None:
-    """Put zero in the middle of the axes; show the band unless it is wide."""
+    """Put zero in the middle of the axes and include the band unless it is wide."""
     largest = float(np.abs(error).max())
     if half is not None:
         usual = min(float(np.nanmax(half)), USUAL_BANDS * float(np.nanmedian(half)))
@@ -200,12 +242,12 @@ def _symmetric(axes: Axes, error: Floats, half: Floats | None = None) -> None:
 
 
 def _scale(channel: Channel) -> tuple[float, str]:
-    """Factor and unit in which all of a channel's pictures are drawn."""
+    """Factor and unit of all figures of a channel."""
     return scale_for(float(np.abs(channel.reference).max()), channel.unit)
 
 
 def _key(figure: Figure, channel: Channel, unit: str, *, banded: bool = False) -> None:
-    """What is drawn, and the lines' names in the lines' colours instead of a legend."""
+    """Title and unit, and in place of a legend the names of the lines in their colours."""
     base = HEIGHT - TOP + 11
     title = QUANTITIES[quantity_of(channel.name)].title.lower()
     add_text(figure, LEFT, base, f"{title} [{unit}]", "muted")

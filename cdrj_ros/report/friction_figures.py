@@ -1,4 +1,4 @@
-"""Pictures of the friction at pulleys: its share of the tension, and its loop.
+"""Figures of the friction at pulleys: its share of the tension, and its loop.
 
 Importing this module imports matplotlib, which is slow; import it where pictures are made.
 """
@@ -33,14 +33,14 @@ from cdrj_ros.report.canvas import (
 from cdrj_ros.report.numbers import scale_for
 
 MOST_BARS: Final = 24
-"""Pulleys that fit side by side."""
+"""Pulleys that fit beside each other."""
 
 MOST_CABLES: Final = 8
 """Cables whose names fit below their bars."""
 
 
 def friction_bars(pulleys: Sequence[PulleyFriction]) -> Figure:
-    """Share of the tension that each pulley's friction holds: bars to the mean, a mark at most.
+    """Draw friction as a share of the tension: a bar to its mean, a mark at its largest value.
 
     Args:
         pulleys: at least one, at most MOST_BARS; named "cable/node".
@@ -85,7 +85,7 @@ def friction_bars(pulleys: Sequence[PulleyFriction]) -> Figure:
 
 
 def friction_loop(one: PulleyFriction) -> Figure:
-    """Friction at one pulley over the material that has passed it.
+    """Draw the friction at one pulley over the cable that has passed it.
 
     Args:
         one: with its loop, at least one sample.
