@@ -3,14 +3,14 @@
 Two equal circles of radius R roll on each other; the link's centre lies at 2R (cos q, sin q) and
 the link turns by 2q.  The load sits L_d beyond it, at 2R (cos q, sin q) + L_d (cos 2q, sin 2q).
 
-Where the printed equations differ (docs/paper_slips.md), ``form`` chooses: ``corrected``, or
-``published`` to redraw the source's curves.
+The printed equations differ from these (docs/paper_slips.md).  ``form`` selects ``corrected``, or
+``published`` to reproduce the source's curves.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,13 @@ from cdrj_ros.foundation.errors import UsageError
 
 Array = NDArray[np.float64]
 
-FORMS: Final = ("corrected", "published")
+Form = Literal["corrected", "published"]
 """Forms of (7), (9) and (10)."""
 
+FORMS: Final[tuple[Form, ...]] = get_args(Form)
 
-def _check(owner: str, form: str, **lengths: float) -> None:
+
+def _check(owner: str, form: Form, **lengths: float) -> None:
     if form not in FORMS:
         raise UsageError(f"{owner}.form must be one of {', '.join(FORMS)}, got {form!r}")
     for name, length in lengths.items():
@@ -33,7 +35,7 @@ def _check(owner: str, form: str, **lengths: float) -> None:
 
 @dataclass(frozen=True)
 class RollingLoad:
-    """Masses that a rolling joint carries in gravity; angles, speeds and torques are arrays."""
+    """Masses carried by a rolling joint under gravity; angles, speeds and torques are arrays."""
 
     joint_mass: float = 0.2
     """m_joint, a disc of radius R at the link's centre [kg]."""
@@ -44,19 +46,19 @@ class RollingLoad:
     load_distance: float = 0.15
     """L_d from the link's centre to the load [m]; not given in the source, assumed."""
     gravity: float = 9.81
-    """[m/s^2], against the direction of positive joint angle."""
-    form: str = "corrected"
+    """[m/s^2], acting against positive joint angles."""
+    form: Form = "corrected"
     """``corrected``, or ``published`` for (7) and (9) as printed."""
 
     def __post_init__(self) -> None:
         _check("RollingLoad", self.form, rolling_radius=self.rolling_radius)
 
     def kinetic_energy(self, angle: Array, speed: Array) -> Array:
-        """(5) + (7): of joint and load [J] at q [rad] and dq/dt [rad/s]."""
+        """(5) + (7): kinetic energy of joint and load [J] at q [rad] and dq/dt [rad/s]."""
         return 0.5 * self.inertia(angle) * speed**2
 
     def potential_energy(self, angle: Array) -> Array:
-        """(6) + (8): of joint and load [J] at q [rad], zero at q = 0."""
+        """(6) + (8): potential energy of joint and load [J] at q [rad], zero at q = 0."""
         arm, reach = 2.0 * self.rolling_radius, self.load_distance
         joint = self.joint_mass * arm * np.sin(angle)
         load = self.load_mass * (arm * np.sin(angle) + reach * np.sin(2.0 * angle))
@@ -116,7 +118,7 @@ class RollingStrands:
     """d, a strand's length at q = 0: the diameter of the rolling circles [m]; assumed."""
     width: float = 0.06
     """w, installation width of the pulleys [m]; assumed."""
-    form: str = "corrected"
+    form: Form = "corrected"
     """``corrected``, or ``published`` for (10) as printed."""
 
     def __post_init__(self) -> None:
@@ -131,14 +133,14 @@ class RollingStrands:
         return neutral - change, neutral + change
 
     def length_change(self, angle: Array) -> Array:
-        """(2): delta l = n w sin q [m], what the upper set gives up and the lower takes."""
+        """(2): delta l = n w sin q [m], by which the upper set shortens and the lower lengthens."""
         return self.strands * self.width * np.sin(angle)
 
     def angle(self, length_change: Array) -> Array:
         """(2), inverted: q = arcsin(delta l / (n w)) [rad].
 
         Raises:
-            UsageError: no angle has so large a change.
+            UsageError: the change of length exceeds n w.
         """
         sine = np.asarray(length_change) / (self.strands * self.width)
         if not np.all(np.abs(sine) <= 1.0):
@@ -147,7 +149,7 @@ class RollingStrands:
         return np.arcsin(sine)
 
     def output_travel(self, travel: Array) -> Array:
-        """(1): dx_out = dx_in / n [m], how far the pulley blocks close per winch travel."""
+        """(1): dx_out = dx_in / n [m], travel of the pulley blocks per travel of the winch."""
         return np.asarray(travel) / self.strands
 
     def output_tension(self, tension: Array) -> Array:
@@ -159,7 +161,7 @@ class RollingStrands:
         return self.strands**2 * np.asarray(stiffness)
 
     def lever(self, angle: Array) -> Array:
-        """Torque about q per newton of difference between the sets [m]: -dl/dq of one strand."""
+        """Torque about q per newton of difference between the sets [m]: -dl_up/dq of one strand."""
         width = 0.5 * self.width if self.form == "published" else self.width
         return width * np.cos(angle)
 

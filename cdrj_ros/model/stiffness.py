@@ -1,16 +1,16 @@
-"""Stiffness of a cable over pulleys: equations (11)-(28), with the blocks the source omits.
+"""Stiffness of a cable over pulleys: (11)-(28), with the blocks that the source leaves out.
 
 A cable of n nodes in space has n - 1 elements; element i runs from node i to node i + 1 along the
-unit vector u_i.  Its unknowns are the displacements of all nodes and the slips of the n - 2
-pulleys; a pulley's slip is material that moves past it towards the last node.  The pull of the
-cable on node i and the imbalance at pulley i are
+unit vector u_i.  The unknowns are the displacements of all nodes and the slips of the n - 2
+pulleys; the slip of a pulley is the material that has moved past it towards the last node.  The
+pull of the cable on node i and the imbalance at pulley i are
 
     F_i = t_i u_i - t_{i-1} u_{i-1}                                            from (12)
     r_i = t_i - eta_i t_{i-1}    where it slips towards the first node         (24)
     r_i = eta_i t_i - t_{i-1}    where it slips towards the last node
 
 and K = -d(F, r) / d(displacement, slip), so that (27) reads (T - F, T_0) = K (Delta, S).
-docs/model.md, section 9.
+docs/model.md, section 9; examples/paper.py.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ class Stiffness:
         return self.nodes * self.dimensions
 
     def slips(self, displacement: Table) -> Vector:
-        """(26) solved for S [m]: slips that keep every pulley in balance.
+        """(26) solved for S [m]: the slips that keep every pulley in balance.
 
         Args:
-            displacement: of the nodes from a state in balance [m], shape (n, d).
+            displacement: of the nodes from a balanced state [m], shape (n, d).
 
         Raises:
-            UsageError: slack elements leave the slips undetermined.
+            UsageError: with slack elements the slips are undetermined.
         """
         try:
             return np.linalg.solve(
@@ -81,7 +81,7 @@ class Stiffness:
         """K_DD - K_Ds K_ss^-1 K_sD [N/m]: the nodes' stiffness with the pulleys in balance.
 
         Raises:
-            UsageError: slack elements leave the slips undetermined.
+            UsageError: with slack elements the slips are undetermined.
         """
         try:
             following = np.linalg.solve(self.slip_by_slip, self.slip_by_node)
@@ -98,9 +98,9 @@ def nominal_stiffness(axial_stiffness: float, length: Vector) -> Vector:
 def exact_stiffness(
     axial_stiffness: float, length: Vector, tension: Vector
 ) -> tuple[Vector, Vector]:
-    """Slopes of t = EA (L / l - 1) by the length and, negated, by the material [N/m].
+    """dt/dL and -dt/dl of t = EA (L / l - 1) [N/m], (E16).
 
-    EA / l = k (1 + t / EA) and EA L / l^2 = k (1 + t / EA)^2: to first order both are (14).
+    They are k (1 + t / EA) and k (1 + t / EA)^2; to first order both equal (14).
     """
     stretch = 1.0 + tension / axial_stiffness
     nominal = nominal_stiffness(axial_stiffness, length)
@@ -139,39 +139,25 @@ def stiffness_matrix(
         transmission: eta of the pulleys in (0, 1], shape (n - 2,); 1 where not given.
         direction: of the pulleys' slip, +1 towards the last node, -1 towards the first (the
             source's case (24)), shape (n - 2,); -1 where not given.
-        geometric: with the turning of the elements, t / L (I - u u^T), which makes K the
-            derivative of the forces; without it K is the source's (19).
+        geometric: include the turning of the elements, t / L (I - u u^T), which makes K the
+            negative derivative of the forces; without it K is (19) as in the source.
 
     Raises:
-        UsageError: shapes that do not fit, nodes that coincide, a value out of its range.
+        UsageError: a wrong shape, coincident nodes, or a value out of its range.
     """
-    x = np.asarray(position, dtype=np.float64)
-    if x.ndim != 2 or x.shape[0] < 2 or x.shape[1] not in (2, 3):
-        raise UsageError(f"position must have the shape (n, 2) or (n, 3), got {x.shape}")
+    x = _positions(position)
     n, d = x.shape
     t = _sized("tension", tension, n - 1)
-    taut = t > 0.0
-    k_length = np.where(taut, _sized("by_length", by_length, n - 1), 0.0)
-    k_material = (
-        k_length
-        if by_material is None
-        else np.where(taut, _sized("by_material", by_material, n - 1), 0.0)
-    )
-    eta = np.ones(n - 2) if transmission is None else _sized("transmission", transmission, n - 2)
-    way = np.full(n - 2, -1.0) if direction is None else _sized("direction", direction, n - 2)
-    if not (np.all(eta > 0.0) and np.all(eta <= 1.0)):
-        raise UsageError("transmission must be in (0, 1]")
-    if not np.all(np.abs(way) == 1.0):
-        raise UsageError("direction must be +1 or -1")
     if not np.all(t >= 0.0):
         raise UsageError("tension must not be negative")
+    k_length, k_material = _slopes(t, by_length, by_material)
+    ahead, behind = _weights(*_pulleys(n - 2, transmission, direction))
     chord = np.diff(x, axis=0)
     length = np.linalg.norm(chord, axis=1)
     if not np.all(length > 0.0):
         raise UsageError("neighbouring nodes coincide")
 
     matrix = np.zeros((d * n + n - 2, d * n + n - 2))
-    ahead, behind = _weights(eta, way)
     for i in range(n - 1):
         u = chord[i] / length[i]  # lambda of (17)
         by_node = np.concatenate([-u, u]) * k_length[i]  # dt_i by both ends
@@ -179,32 +165,71 @@ def stiffness_matrix(
         ends = slice(d * i, d * (i + 2))
         matrix[ends, ends] -= np.outer(pull, by_node)  # k_DD of (19)
         if geometric:
-            across = t[i] / length[i] * (np.eye(d) - np.outer(u, u))
-            matrix[ends, ends] += np.kron([[1.0, -1.0], [-1.0, 1.0]], across)
-        slips = [(p, sign) for p, sign in ((i - 1, -1.0), (i, 1.0)) if 0 <= p < n - 2]
-        for p, sign in slips:  # material enters past its first node and leaves past its last
-            column = d * n + p
+            matrix[ends, ends] += _turning(u, t[i] / length[i])
+        # slip of the pulley at the first node adds material, of the one at the last removes it
+        pulleys = [
+            (d * n + p, sign, weight[p])
+            for p, sign, weight in ((i - 1, -1.0, ahead), (i, 1.0, -behind))
+            if 0 <= p < n - 2
+        ]
+        for column, sign, _ in pulleys:
             matrix[ends, column] -= pull * sign * k_material[i]  # k_Ds of (19)
-        for p, weight in ((i - 1, ahead), (i, -behind)):  # the pulleys before and behind it
-            if 0 <= p < n - 2:
-                row = d * n + p
-                matrix[row, ends] -= weight[p] * by_node  # (25)
-                for q, sign in slips:
-                    matrix[row, d * n + q] -= weight[p] * sign * k_material[i]
+        for row, _, weight in pulleys:
+            matrix[row, ends] -= weight * by_node  # (25)
+            for column, sign, _ in pulleys:
+                matrix[row, column] -= weight * sign * k_material[i]
     return Stiffness(matrix, n, d)
 
 
 def imbalance(tension: Vector, transmission: Vector, direction: Vector) -> Vector:
-    """(24) at every pulley [N], shape (n - 2,): 0 where it slips and its tensions fit."""
+    """r of (24) at every pulley [N], shape (n - 2,): 0 where a slipping pulley is in balance."""
     t = np.asarray(tension)
     ahead, behind = _weights(np.asarray(transmission), np.asarray(direction))
     return ahead * t[1:] - behind * t[:-1]
 
 
 def _weights(transmission: Vector, direction: Vector) -> tuple[Vector, Vector]:
-    """Factors of the tensions after and before a pulley in (24): eta stands on the pull side."""
+    """Factors of the tensions after and before a pulley in (24): eta is on the pulling side."""
     forward = direction > 0.0
     return np.where(forward, transmission, 1.0), np.where(forward, 1.0, transmission)
+
+
+def _positions(position: Table) -> Table:
+    """Node positions [m], shape (n, d), checked."""
+    x = np.asarray(position, dtype=np.float64)
+    if x.ndim != 2 or x.shape[0] < 2 or x.shape[1] not in (2, 3):
+        raise UsageError(f"position must have the shape (n, 2) or (n, 3), got {x.shape}")
+    return x
+
+
+def _slopes(
+    tension: Vector, by_length: Vector, by_material: Vector | None
+) -> tuple[Vector, Vector]:
+    """dt/dL and -dt/dl of the elements [N/m], 0 where an element is slack: Gamma+ of (11)."""
+    count, taut = tension.size, tension > 0.0
+    length = np.where(taut, _sized("by_length", by_length, count), 0.0)
+    if by_material is None:
+        return length, length
+    return length, np.where(taut, _sized("by_material", by_material, count), 0.0)
+
+
+def _pulleys(
+    count: int, transmission: Vector | None, direction: Vector | None
+) -> tuple[Vector, Vector]:
+    """Transmission and direction of the pulleys, checked, with their defaults."""
+    eta = np.ones(count) if transmission is None else _sized("transmission", transmission, count)
+    way = np.full(count, -1.0) if direction is None else _sized("direction", direction, count)
+    if not (np.all(eta > 0.0) and np.all(eta <= 1.0)):
+        raise UsageError("transmission must be in (0, 1]")
+    if not np.all(np.abs(way) == 1.0):
+        raise UsageError("direction must be +1 or -1")
+    return eta, way
+
+
+def _turning(u: Vector, tension_by_length: float) -> Table:
+    """g of (E15) for both ends [N/m]: stiffness against turning, t / L (I - u u^T)."""
+    across = tension_by_length * (np.eye(u.size) - np.outer(u, u))
+    return np.kron([[1.0, -1.0], [-1.0, 1.0]], across).astype(np.float64)
 
 
 def _sized(name: str, values: Vector, size: int) -> Vector:
