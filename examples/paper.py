@@ -1,0 +1,79 @@
+"""Equations of the paper on the sample bag: stiffness matrix, propagated tensions, rho.
+
+Equation numbers are those of docs/model.md, sections 9 to 11.
+
+    python3 paper.py
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from cdrj_ros.bag import read_recording
+from cdrj_ros.identification.propagation import KnownTension, path_of, propagate
+from cdrj_ros.identification.rho import identify_rho
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.stiffness import nominal_stiffness, stiffness_matrix
+
+SAMPLE_BAG = Path(__file__).resolve().parents[1] / "bags" / "prototype_preload_36_26"
+CABLE, SENSOR, PULLEY = "upper", "upper/8", "upper/3"
+NOISE = 0.02  # standard deviation of the load cells [N]
+
+
+def stiffness(model, angle, transmission):
+    """(25)-(28): K of the upper cable at its preload, every pulley with the same transmission.
+
+    (28) holds for any arrangement of the nodes. The prototype's file gives lengths but no
+    positions, so the cable is laid out in the plane, turning by every pulley's wrap angle.
+    """
+    cable = model.robot.cables[model.layout.cables.index(CABLE)]
+    path = path_of(model, np.array([1]), np.array([[angle]]))
+    length = path.length[0, [model.layout.elements.index(name) for name in cable.element_names]]
+    wrap = path.wrap[0, [model.layout.pulleys.index(name) for name in cable.pulley_names]]
+    heading = np.concatenate([[0.0], np.cumsum(wrap)])
+    steps = length[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+    position = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    tension = np.full(length.size, cable.preload)
+    by_length = nominal_stiffness(cable.axial_stiffness, length)
+    eta = np.full(wrap.size, transmission)
+    return stiffness_matrix(position, tension, by_length, transmission=eta)
+
+
+def recorded(recording, model):
+    """Stamps of the load cells [ns], path of the motion, and a function that gives a reading."""
+    stamps = recording.references[f"tension/{SENSOR}"].stamp_ns
+    origin = stamps[0]
+
+    def at(series):
+        """Values of a series at the stamps."""
+        return np.interp(stamps - origin, series.stamp_ns - origin, series.value)
+
+    joint = np.column_stack([at(recording.joints[name]) for name in model.layout.joints])
+    return path_of(model, stamps, joint), lambda name: at(recording.references[name])
+
+
+def main():
+    """Print the three results."""
+    np.set_printoptions(linewidth=100, precision=1, suppress=True)
+    model = load_model("prototype")
+    for eta in (1.0, 0.9):
+        k = stiffness(model, 0.0, eta)
+        gap = np.abs(k.matrix - k.matrix.T).max() / np.abs(k.matrix).max()
+        print(f"K of {CABLE}, (28), {k.matrix.shape}, eta {eta}: K - K^T is {gap:.1e} of K")
+        print(f"K_ss of (26) [N/m]:\n{k.slip_by_slip}")
+
+    path, reading = recorded(read_recording(SAMPLE_BAG), model)
+    known = KnownTension(SENSOR, reading(f"tension/{SENSOR}"), NOISE)
+    found = propagate(model, path, [known])
+    sliding = (found.sliding != 0).all(axis=1)
+    print(f"Tensions from {SENSOR}, (22): every pulley slides in {sliding.sum()} samples")
+    for column, name in enumerate(found.elements):
+        error = np.abs(found.tension[:, column] - reading(f"tension/{name}"))[sliding]
+        print(f"{name}: mean error {error.mean():.3f} N, largest {error.max():.3f} N")
+
+    rho = identify_rho(model, path, known, PULLEY, reading(f"nodal_force/{PULLEY}"))
+    print(f"rho of {CABLE}, (44): {rho.rho:.4f} +- {rho.stddev:.1e} from {rho.samples} samples")
+
+
+if __name__ == "__main__":
+    main()
