@@ -19,6 +19,9 @@ def impose_friction(
 ) -> None:
     """Impose a friction history on a robot that has just been started; elongations are kept.
 
+    It branches more than other kernels because the ratios of the tensions, their common factor and
+    the material all follow from one walk along each cable.
+
     Args:
         plan, numbers: the prepared robot.
         share: friction as a share of every pulley's bound, in [-1, 1], positive where the tension

@@ -221,10 +221,7 @@ class Player:
                 self._let_answers_in(run, now)
             elif messages := playback.take(now, BATCH):
                 self._send(messages, routes)
-                if run.unanswerable - paced >= UNANSWERABLE:
-                    paced = run.unanswerable
-                    self._gone = not self.node.is_through(self.executor)
-                paced = min(paced, run.unanswerable)
+                paced = self._wait_until_through(run, paced)
                 spin_once(timeout_sec=0.0)
             else:
                 wait = min(self._chores_s - now, playback.wait_s(now))
@@ -242,6 +239,13 @@ class Player:
         if playback.sought and not self.stopping:
             return Ending.SOUGHT
         return Ending.END if ended else Ending.USER
+
+    def _wait_until_through(self, run: Run, paced: int) -> int:
+        """Let the node catch up after ``UNANSWERABLE`` messages that get no answer; their count."""
+        if run.unanswerable - paced >= UNANSWERABLE:
+            paced = run.unanswerable
+            self._gone = not self.node.is_through(self.executor)
+        return min(paced, run.unanswerable)
 
     def _broken_off(self, playback: Playback, run: Run) -> bool:
         """Whether the run ends before the recording does."""
