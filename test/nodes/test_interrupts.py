@@ -67,7 +67,9 @@ def start(executables: Path, tmp_path: Path) -> Iterator[Start]:
     for process in started:
         if process.poll() is None:
             process.kill()
-        process.communicate()
+        process.wait()
+        if process.stderr is not None:
+            process.stderr.close()
 
 
 def interrupted(process: subprocess.Popen[bytes]) -> tuple[int, str]:
