@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from time import monotonic, perf_counter
+from time import perf_counter
 from typing import Any
 
 from cdrj_ros.bag import Recording, Topics
@@ -30,7 +30,8 @@ from cdrj_ros.commands.validate import validate_bag
 from cdrj_ros.conditioning.whole_recording import Readings
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
-from cdrj_ros.foundation.progress import LINE_S, progress_bar
+from cdrj_ros.foundation.output import say
+from cdrj_ros.foundation.progress import progress_bar, progress_text
 from cdrj_ros.identification.fit import Identification, Settings, identify
 from cdrj_ros.identification.residuals import WEIGHTS, Recorded
 from cdrj_ros.identification.solution import LOSSES
@@ -164,9 +165,10 @@ def _body(argv: Sequence[str]) -> int:
     model = prepare(build_robot(task.document, task.source))
     recordings = _read(task.bags, task.topics, model)
     read = perf_counter()
-    lines = _Lines()
-    found = identify(task.document, task.source, task.unknowns, recordings, task.settings, lines)
-    lines.clear()
+    with progress_text(_begins_a_round) as progress:
+        found = identify(
+            task.document, task.source, task.unknowns, recordings, task.settings, progress
+        )
     values = {**task.start, **_rounded(found)}
     text = with_numbers_in_text(task.path.read_text(encoding="utf-8"), values, task.source)
     fitted = prepare(parse_robot(text, task.source))
@@ -188,7 +190,7 @@ def _body(argv: Sequence[str]) -> int:
         print(f"note: more than {COVARIANCE_LIMIT} numbers; their covariance is not written")
     for name, written in (("robot file", arguments.out), ("figures", arguments.json)):
         if written:
-            print(f"{name}: {written}")
+            say(f"{name}: {written}")
     return DONE
 
 
@@ -327,24 +329,9 @@ def _rounded(found: Identification) -> dict[str, float]:
     return {path: float(yaml_number(value)) for path, value in found.by_path.items()}
 
 
-class _Lines:
-    """Progress: one line that is overwritten in a terminal, occasional lines elsewhere."""
-
-    def __init__(self) -> None:
-        self._terminal = sys.stderr.isatty()
-        self._last = monotonic()
-
-    def __call__(self, text: str) -> None:
-        if self._terminal:
-            print(f"\r\x1b[K{text}", end="\n" if "samples" in text else "", file=sys.stderr)
-        elif "samples" in text or monotonic() - self._last > LINE_S:
-            self._last = monotonic()
-            print(text, file=sys.stderr, flush=True)
-
-    def clear(self) -> None:
-        """Remove the line from a terminal."""
-        if self._terminal:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+def _begins_a_round(text: str) -> bool:
+    """Whether a line of progress says how many samples the next round of a fit takes."""
+    return "samples" in text
 
 
 def _cross_validated(
@@ -357,7 +344,6 @@ def _cross_validated(
     """
     unseen: list[BagComparison] = []
     lines = []
-    progress = _Lines()
     settings = task.settings
     rough = Settings(
         found.channels, settings.weights, settings.sigmas, settings.loss, 1, 0,
@@ -367,8 +353,8 @@ def _cross_validated(
     again = [replace(u, start=float(v)) for u, v in zip(found.unknowns, found.values, strict=True)]
     for pattern, out in task.folds.items():
         others = [one for k, one in enumerate(recordings) if k not in out]
-        fold = identify(begin, task.source, again, others, rough, progress)
-        progress.clear()
+        with progress_text(_begins_a_round) as progress:
+            fold = identify(begin, task.source, again, others, rough, progress)
         robot = build_robot(with_numbers(task.document, fold.by_path), task.source)
         judged = _validated([task.bags[k] for k in out], task.topics, prepare(robot))
         unseen += judged

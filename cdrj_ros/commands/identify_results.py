@@ -12,11 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import __version__
+from cdrj_ros.foundation.output import say
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.solution import Loss
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.metrics import ChannelError, pooled_errors
 from cdrj_ros.robot.writer import yaml_number
+
+TABLE_WIDTH: Final = 120
+"""Columns of a table where there is no terminal."""
 
 COVARIANCE_LIMIT: Final = 64
 """Parameters whose covariance a robot file can hold."""
@@ -65,13 +70,13 @@ def print_outcome(outcome: Outcome) -> None:
     """Numbers, notes and errors, as text."""
     found = outcome.found
     _print_numbers(found, outcome.values)
-    print(
+    say(
         f"\n{found.samples} samples, {found.residuals} residuals, {found.evaluations} runs, "
         f"{outcome.reading_s:.1f} s reading, {outcome.fitting_s:.1f} s fitting"
     )
     for section, compared in outcome.sections.items():
         if section == "cross_validation":
-            print("\n".join(outcome.folds))
+            say("\n".join(outcome.folds))
         _print_errors(HEADINGS[section], compared, found.channels)
 
 
@@ -85,28 +90,47 @@ def fold_line(pattern: str, judged: Sequence[BagComparison], fitted: Sequence[st
 
 
 def _print_numbers(found: Identification, values: Mapping[str, float]) -> None:
-    width = max(len(unknown.name) for unknown in found.unknowns)
-    print(f"{'parameter':{width}s} {'start':>12s} {'found':>12s} {'stddev':>10s}")
-    for unknown, stddev in zip(found.unknowns, found.stddev, strict=True):
-        value = values[unknown.paths[0]]
-        print(f"{unknown.name:{width}s} {unknown.start:12.6g} {value:12.6g} {stddev:10.2g}")
+    rows = [
+        (unknown.name, f"{unknown.start:.6g}", f"{values[unknown.paths[0]]:.6g}", f"{stddev:.2g}")
+        for unknown, stddev in zip(found.unknowns, found.stddev, strict=True)
+    ]
+    _print_table(("parameter", "start", "found", "stddev"), rows)
     for sentence in found.findings:
-        print(f"note: {sentence}")
+        say(f"note: {sentence}")
 
 
 def _print_errors(title: str, compared: Compared, fitted: Sequence[str]) -> None:
-    errors, old = compared.after, compared.before or {}
-    width = max(len(name) for name in errors)
-    print(f"\nerrors {title}{' (in brackets: before)' if old else ''}")
-    print(f"{'reference':{width}s} {'RMSE':>22s} {'mean rel. error':>22s} {'R²':>20s}")
-    for name, error in errors.items():
-        cells = [
+    old = compared.before or {}
+    say(f"\nerrors {title}{' (in brackets: before)' if old else ''}")
+    rows = [
+        (
+            name,
             _beside(error, old.get(name), "rmse", ".4g"),
             _beside(error, old.get(name), "mean_relative_error", ".2%"),
             _beside(error, old.get(name), "r2", ".5f"),
-        ]
-        mark = "" if name in fitted else "  (not fitted)"
-        print(f"{name:{width}s} {cells[0]:>22s} {cells[1]:>22s} {cells[2]:>20s}{mark}")
+            "" if name in fitted else "not fitted",
+        )
+        for name, error in compared.after.items()
+    ]
+    _print_table(("reference", "RMSE", "mean rel. error", "R²", ""), rows)
+
+
+def _print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table whose first column is text and whose others are numbers."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for k, heading in enumerate(headings):
+        table.add_column(heading, justify="right" if k else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*(Text(printable(cell)) for cell in row))
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=TABLE_WIDTH)
+    console.print(table)
 
 
 def _beside(error: ChannelError, old: ChannelError | None, figure: str, form: str) -> str:

@@ -14,6 +14,7 @@ from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.shared import DONE, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
+from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.reproduction.runs import Motion
@@ -73,9 +74,9 @@ def _body(argv: Sequence[str]) -> int:
     _print(all_tables)
     for paths in drawn:
         others = "".join(f" (and {path.suffix})" for path in paths[1:])
-        print(f"figure: {paths[0]}{others}")
-    print(f"tables: {folder / 'tables.md'}")
-    print(f"numbers: {folder / 'figures.json'}")
+        say(f"figure: {paths[0]}{others}")
+    say(f"tables: {folder / 'tables.md'}")
+    say(f"numbers: {folder / 'figures.json'}")
     print(f"done in {monotonic() - begin:.0f} s")
     return DONE
 

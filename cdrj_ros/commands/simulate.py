@@ -25,6 +25,7 @@ from cdrj_ros.commands.simulate_motion import (
 )
 from cdrj_ros.commands.simulate_options import check_ranges, encoders, parser
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
@@ -64,8 +65,8 @@ def _body(argv: Sequence[str]) -> int:
         *_motion_notes(model.robot, arguments, plan, reason),
     ]
     for note in notes:
-        print(f"note: {note}")
-    print(f"bag: {arguments.out}")
+        say(f"note: {note}")
+    say(f"bag: {arguments.out}")
     return DONE
 
 

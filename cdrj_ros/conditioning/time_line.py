@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 
@@ -56,7 +56,8 @@ WAITING: Final = 20_000
 STRAGGLERS: Final = 100
 """Greatest number of readings from before a clock jump that a channel may deliver after it."""
 
-MODES: Final = ("wait", "predict")
+Mode = Literal["wait", "predict"]
+MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 """While a channel lags: wait for it, or extrapolate it with its velocity."""
 
 HORIZON_NS: Final = 20_000_000
@@ -72,7 +73,7 @@ class Conditioner:
     def __init__(
         self,
         robot: Robot,
-        mode: str = "wait",
+        mode: Mode = "wait",
         horizon_ns: int = HORIZON_NS,
         tracking: float | None = None,
     ) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cdrj_ros.conditioning.gate import LARGEST, MAX_GAP_NS, RANGE_MARGIN, Limits, limits_of
 from cdrj_ros.conditioning.motion import curvatures
 from cdrj_ros.conditioning.samples import ALL_SEEN_OVER_TIME, Sample, Samples
-from cdrj_ros.conditioning.time_line import REFUSALS, Conditioner
+from cdrj_ros.conditioning.time_line import REFUSALS, Conditioner, Mode
 from cdrj_ros.conditioning.tracking import Vector, track_all
 from cdrj_ros.robot.description import Robot
 
@@ -52,7 +52,7 @@ def condition(
     robot: Robot,
     motors: Mapping[str, Readings],
     joints: Mapping[str, Readings],
-    mode: str = "wait",
+    mode: Mode = "wait",
 ) -> Conditioned:
     """Condition a recording; the same samples, bit for bit, as feeding it message by message.
 
@@ -226,7 +226,7 @@ def _values_at(readings: Readings, stamps: Stamps) -> Vector:
 
 
 def _replay(
-    robot: Robot, motors: Mapping[str, Readings], joints: Mapping[str, Readings], mode: str
+    robot: Robot, motors: Mapping[str, Readings], joints: Mapping[str, Readings], mode: Mode
 ) -> Conditioned:
     """Reading by reading, in order of arrival."""
     conditioner = Conditioner(robot, mode)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.conditioning.time_line import Conditioner
+from cdrj_ros.conditioning.time_line import Conditioner, Mode
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
@@ -49,7 +49,7 @@ UNWATCHED_NS: Final = 100_000_000
 class Options:
     """How to run."""
 
-    conditioning: str = "wait"
+    conditioning: Mode = "wait"
     """``wait`` for the slower channel, or ``predict`` it."""
     uncertainty: bool = True
     """Whether to estimate standard deviations."""

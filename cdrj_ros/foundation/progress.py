@@ -45,3 +45,37 @@ def progress_bar(description: str, total: float) -> Iterator[Callable[[float], N
     ) as progress:  # fmt: skip
         task = progress.add_task(description, total=total)
         yield lambda done: progress.update(task, completed=done)
+
+
+@contextmanager
+def progress_text(lasts: Callable[[str], bool]) -> Iterator[Callable[[str], None]]:
+    """Show what is being done on standard error; yields a function that takes a line of text.
+
+    Args:
+        lasts: whether a line stays on the screen; others replace each other in a terminal and
+            appear every ``LINE_S`` elsewhere.
+    """
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(file=sys.stderr, highlight=False)
+    if not console.is_terminal:
+        last = monotonic()
+
+        def occasionally(text: str) -> None:
+            nonlocal last
+            if lasts(text) or monotonic() - last > LINE_S:
+                last = monotonic()
+                print(text, file=sys.stderr, flush=True)
+
+        yield occasionally
+        return
+    with console.status("") as status:
+
+        def show(text: str) -> None:
+            if lasts(text):
+                console.print(Text(text))
+            else:
+                status.update(Text(text))
+
+        yield show

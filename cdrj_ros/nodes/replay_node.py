@@ -170,7 +170,7 @@ class ReplayNode(Node):
             return NodeSettings()
         mode, preload, output, rate = values
         return NodeSettings(
-            mode.string_value if mode.string_value in MODES else MODES[0],
+            next((one for one in MODES if one == mode.string_value), MODES[0]),
             tuple(preload.double_array_value),
             output.string_value or NodeSettings().output,
             rate.double_value,

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cdrj_ros.conditioning.time_line import MODES
+from cdrj_ros.conditioning.time_line import MODES, Mode
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 
@@ -19,7 +19,7 @@ TOLERANCE: Final = 1e-6
 class NodeSettings(NamedTuple):
     """Parameters of an estimator node."""
 
-    conditioning: str = MODES[0]
+    conditioning: Mode = MODES[0]
     preload: tuple[float, ...] = ()
     """In force, of every cable [N]; empty if unknown."""
     output: str = EVERY_SAMPLE

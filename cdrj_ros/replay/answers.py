@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.conditioning.time_line import Conditioner
+from cdrj_ros.conditioning.time_line import Conditioner, Mode
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
@@ -188,7 +188,7 @@ class _Line:
 class Run:
     """Keeps track of one run of the estimator: what was sent, and what was answered."""
 
-    def __init__(self, model: Model, conditioning: str = "wait") -> None:
+    def __init__(self, model: Model, conditioning: Mode = "wait") -> None:
         """Begin with nothing sent; ``conditioning`` is the estimator's."""
         self.conditioner = Conditioner(model.robot, conditioning)
         self.trouble: CdrjError | None = None

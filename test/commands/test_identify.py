@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -222,7 +223,8 @@ def test_a_mistake_is_answered_in_one_line_that_teaches(
     arguments: list[str], taught: str, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    monkeypatch.setattr("cdrj_ros.commands.identify._Lines.__call__", lambda *_: None)
+    quiet = contextlib.nullcontext(lambda _: None)
+    monkeypatch.setattr("cdrj_ros.commands.identify.progress_text", lambda _: quiet)
     assert identify.main([str(SAMPLE), "--robot", str(ROBOT), "--quick", *arguments]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     # a machine that takes its time is told how far reading has come
