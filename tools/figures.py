@@ -2,7 +2,7 @@
 
 - runs the demonstration, which measures docs/demo.json;
 - writes its errors into the table of README.md;
-- pictures report.html as docs/report.png, with Chromium;
+- pictures the verdict and the first curves of report.html as docs/report.png, with Chromium;
 - draws docs/figures/fig*.png with `reproduce` and docs/figures/drift.png;
 - with --davinci DATA also those of docs/validation.md, see tools/davinci_figures.py.
 """
@@ -26,8 +26,11 @@ MEASURED = ROOT / "docs" / "demo.json"
 PICTURE = ROOT / "docs" / "report.png"
 FIGURES = ROOT / "docs" / "figures"
 
-WIDTH, HEIGHT = 1265, 1870
+WIDTH, HEIGHT = 1265, 1245
 """Of the report's picture [px]."""
+
+WITHOUT_TABLES = "<style>.tables, dl.rows, h2:has(+ .tables) { display: none }</style>"
+"""Leaves the verdict and the curves of a report."""
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -72,13 +75,16 @@ def readme_with(text: str, channels: Channels) -> str:
 
 
 def picture_report(browser: str) -> None:
-    """Picture the begin of report.html."""
-    command = [
-        browser, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-        f"--window-size={WIDTH},{HEIGHT}", f"--screenshot={PICTURE}",
-        (ROOT / "report.html").as_uri(),
-    ]  # fmt: skip
-    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    """Picture the beginning of report.html without its tables."""
+    page = (ROOT / "report.html").read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        shown = Path(folder) / "report.html"
+        shown.write_text(page.replace("</head>", f"{WITHOUT_TABLES}</head>", 1), encoding="utf-8")
+        command = [
+            browser, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+            f"--window-size={WIDTH},{HEIGHT}", f"--screenshot={PICTURE}", shown.as_uri(),
+        ]  # fmt: skip
+        subprocess.run(command, check=True, capture_output=True, timeout=120)
 
 
 def run(*command: object) -> None:
