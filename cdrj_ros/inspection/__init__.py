@@ -1,1 +1,1 @@
-"""What a robot file implies before anything moves."""
+"""Checks of a robot file without samples: values over the joint ranges, and suspicions."""

@@ -1,7 +1,7 @@
 """Lengths, wraps, moment arms, losses and tensions of a robot's cables over the joint ranges.
 
-Geometry and statics only, no samples: ``check_robot`` prints it.  The motors are assumed to follow
-the joints so that every cable keeps its preload as well as the winches allow.
+``check_robot`` prints these values, which follow from geometry and statics alone.  The motors are
+assumed to follow the joints such that every cable keeps its preload as well as the winches allow.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 POSES_PER_JOINT: Final = (81, 21, 9, 5)
-"""Poses along every joint of a robot with one, two, three, four joints."""
+"""Grid points per joint for a robot with one, two, three or four joints."""
 
 RANDOM_POSES: Final = 1000
-"""Random poses of a robot with more joints, in addition to the corners of its range."""
+"""Number of random poses for a robot with more joints."""
 
 MOST_CORNERS: Final = 10
-"""Joints up to which every corner of the range is visited."""
+"""Largest number of joints for which all corners of the joint ranges are added."""
 
 LOOSEST: Final = 1e-7
-"""Moment arms below this count as none [m]."""
+"""Moment arms below this are treated as zero [m]."""
 
 
 @dataclass(frozen=True)
 class Extent:
-    """Smallest and largest value over the poses, and their poses."""
+    """Smallest and largest value over the poses, and the poses at which they occur."""
 
     low: float
     high: float
@@ -59,9 +59,9 @@ class ElementCheck:
 
     name: str
     length: Extent
-    """With its share of the arcs [m]."""
+    """Length of the element, including its share of the arcs [m]."""
     span: Extent
-    """Between the tangent points [m]; at a drum or sector the arc wound there counts too."""
+    """Length between the tangent points, including the arc wound on a drum or sector [m]."""
     moment_arm: tuple[Extent, ...]
     """-dL/dq of every joint [m]; [-] for prismatic joints."""
 
@@ -72,15 +72,15 @@ class PulleyCheck:
 
     name: str
     wrap: Extent
-    """[rad]."""
+    """Wrap angle [rad]."""
     transmission_at_rest: Extent
-    """eta for v -> 0 [-], which must be overcome to move."""
+    """eta for v -> 0, the limit to be overcome before the cable slips [-]."""
     transmission_sliding: Extent
     """eta for v far above the Stribeck speed [-]."""
     passing: float
-    """Length of cable that runs over it as the joints move through their ranges [m]."""
+    """Length of cable that passes the pulley as the joints move through their ranges [m]."""
     needed: float
-    """Length of cable that must run over it before it is known to slip: twice break-away [m]."""
+    """Length of cable after which it certainly slips: twice the break-away travel [m]."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +91,9 @@ class CableCheck:
     elements: tuple[ElementCheck, ...]
     pulleys: tuple[PulleyCheck, ...]
     length: Extent
-    """Of all elements together [m]."""
+    """Total length of all elements [m]."""
     moment_arm: tuple[Extent, ...]
-    """-dL/dq of every joint, all elements together [m]; [-] for prismatic joints."""
+    """-dL/dq of the total length for every joint [m]; [-] for prismatic joints."""
     transmission_at_rest: Extent
     """Product over the pulleys [-]."""
     transmission_sliding: Extent
@@ -101,12 +101,12 @@ class CableCheck:
     stiffness: float
     """EA / length in the reference pose [N/m]."""
     followed: Extent
-    """Tension without friction when the motors follow, under the given loads [N]."""
+    """Frictionless tension while the motors follow, under the given loads [N]."""
     worst: Extent
     """Tension at the pulling end when every pulley has to slip, under the given loads [N]."""
     slack_after: tuple[float, ...]
-    """Motion of every joint from the reference pose that takes all preload away while the motors
-    are at rest [rad] or [m]; infinite if the cable does not move the joint."""
+    """Motion of every joint from the reference pose that removes all preload while the motors rest
+    [rad] or [m]; infinite if the cable does not move the joint."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class MotorCheck:
 
     name: str
     angle: Extent
-    """From the reference pose [rad]."""
+    """Motor angle relative to the reference pose [rad]."""
 
 
 @dataclass(frozen=True)
@@ -132,11 +132,11 @@ class Inspection:
     unbalanced: tuple[tuple[float, ...], ...]
     """Poses in which no tensions of at least 0 N exert the loads."""
     unmoved: tuple[tuple[float, ...], ...]
-    """Poses in which some motion of the joints changes no cable's length."""
+    """Poses in which the joints can move without changing the length of any cable."""
 
 
 def visited_poses(robot: Robot) -> Matrix:
-    """Reference pose, then a grid or, for many joints, corners and a random cloud.
+    """Reference pose, then a grid or, for many joints, the corners and random poses.
 
     Returns:
         Shape (poses, joints).
@@ -183,8 +183,8 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
 
     Args:
         model: the robot.
-        loads: effort that the cables must exert on a joint, in every pose [N m], or [N] for a
-            prismatic joint; other joints take any effort.
+        loads: effort that the cables must exert on a joint in every pose [N m], or [N] for a
+            prismatic joint; the effort on other joints is unconstrained.
 
     Raises:
         UsageError: a load on a joint that does not exist.
@@ -229,7 +229,7 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
 
 
 def _parts(robot: Robot) -> Iterator[slice]:
-    """Slices of every cable's elements."""
+    """For every cable, the slice of its elements."""
     at = 0
     for cable in robot.cables:
         yield slice(at, at + len(cable.nodes) - 1)
@@ -253,7 +253,7 @@ def _follow(robot: Robot, whole: Matrix, stiffness: Vector, drums: Matrix) -> tu
     Returns:
         Motor angles from the reference [rad], (poses, motors), and tensions [N], (poses, cables).
     """
-    wanted = whole[0] - whole  # to be wound in, (poses, cables)
+    wanted = whole[0] - whole  # length to be wound in, (poses, cables)
     angles = np.linalg.lstsq(stiffness[:, None] * drums, (stiffness * wanted).T, rcond=None)[0].T
     preload = np.array([cable.preload for cable in robot.cables])
     tension = preload + stiffness * (angles @ drums.T - wanted)
@@ -269,10 +269,10 @@ def _loaded(
     stiffness: Vector,
     drums: Matrix,
 ) -> tuple[Matrix, list[tuple[float, ...]]]:
-    """Tensions without friction that exert the loads and stay closest to those without loads.
+    """Frictionless tensions that exert the loads and are closest to the tensions without loads.
 
-    The motors turn by d more: t = t_follow + k B d >= 0, and -A^T t = load on the named joints;
-    minimising the largest |t - t_follow| is a linear program in d and that largest change.
+    With an additional motor angle d, t = t_follow + k B d >= 0 and -A^T t = load on the named
+    joints.  Minimising max |t - t_follow| is a linear program in d and that maximum.
     """
     from scipy.optimize import linprog  # slow to import, so only where used
 
@@ -291,7 +291,7 @@ def _loaded(
     tensions = followed.copy()
     unbalanced = []
     for k in range(poses.shape[0]):
-        arms = -whole_by[k][:, named].T  # efforts by tensions
+        arms = -whole_by[k][:, named].T  # shape (efforts, tensions)
         result = linprog(
             np.append(np.zeros(motors), 1.0),
             A_ub=rows,
@@ -381,7 +381,7 @@ def _transmissions(cable: Cable, wrap: Matrix) -> NDArray[np.float64]:
 
 
 def _wound(robot: Robot, cable: Cable, motors: Matrix) -> Vector:
-    """Cable that the drum at the last node winds in [m], shape (poses,); 0 for an anchor."""
+    """Cable length wound in by the drum at the last node [m], shape (poses,); 0 for an anchor."""
     last = cable.nodes[-1]
     if not isinstance(last, Winch):
         return np.zeros(motors.shape[0])
@@ -402,7 +402,7 @@ def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:
 
 
 def _travel_to_slip(cable: Cable, p: int, eta: Vector, tension: Vector) -> float:
-    """Travel from one friction bound to the other: 2 g / sigma0, g = (1 - eta) T [m]."""
+    """Travel from one friction bound to the other: 2 g / sigma0 with g = (1 - eta) T [m]."""
     if cable.law == "none":
         return 0.0
     stiffness = cable.pulleys[p].friction.bristle_stiffness
@@ -420,14 +420,14 @@ def _extent(values: Vector, poses: Matrix) -> Extent:
 
 
 def _scaled(arms: Matrix) -> Matrix:
-    """Columns of unit length, so that a rank does not depend on the units [m] and [-]."""
+    """Moment arms with columns of unit norm, so that their units do not affect the rank."""
     norm = np.linalg.norm(arms, axis=0)
     scaled: Matrix = arms / np.where(norm > LOOSEST, norm, np.inf)
     return scaled
 
 
 def pose_text(robot: Robot, pose: Iterable[float]) -> str:
-    """``elbow = 40.0°, slide = 0.120 m``."""
+    """Format a pose: ``elbow = 40.0°, slide = 0.120 m``."""
     positions = robot.prismatic_joints
     return ", ".join(
         f"{joint.name} = {fixed(value, 3)} m"

@@ -1,4 +1,4 @@
-"""Findings that look wrong in a formally valid robot file."""
+"""Values of a formally valid robot file that are probably wrong."""
 
 from __future__ import annotations
 
@@ -20,50 +20,50 @@ NARROW_WRAP: Final = 2.0 * pi / 180.0
 """Wrap below which a cable is about to leave its pulley [rad]."""
 
 WRONG_SENSE: Final = 1.5 * pi
-"""Wrap beyond which the sense of a pulley given by its position is doubtful [rad]."""
+"""Wrap beyond which the ``turn`` of a pulley given by its position is probably wrong [rad]."""
 
 SHORTEST_SHARE: Final = 0.1
-"""Share of its longest span below which an element should not shrink [-]."""
+"""Smallest acceptable ratio of an element's shortest to its longest span [-]."""
 
 MOST_TURNS: Final = 10.0
-"""Turns of a drum beyond which the cable usually lies in several layers."""
+"""Number of turns of a drum beyond which the cable usually lies in several layers."""
 
 LARGEST_LOSS: Final = 0.5
-"""Loss of tension beyond which errors of friction dominate the estimate [-]."""
+"""Relative loss of tension beyond which friction errors dominate the estimate [-]."""
 
 LARGEST_STRAIN: Final = 0.03
 """Strain at which cables usually break or yield [-]."""
 
 LEAST_BENDING: Final = 5.0
-"""Diameter of a pulley or drum over that of the cable; wire ropes need 16 or more."""
+"""Smallest ratio of pulley or drum diameter to cable diameter [-]; wire ropes need 16 or more."""
 
 LARGEST_DIAMETER: Final = 0.05
-"""Of a cable [m]."""
+"""Largest plausible diameter of a cable [m]."""
 
 PLAUSIBLE_MODULUS: Final = (1e9, 250e9)
-"""Young's modulus as laid, from nylon to more than steel [Pa]."""
+"""Plausible range of the cable's effective Young's modulus, from nylon to above steel [Pa]."""
 
 LOST_PRELOAD: Final = 0.05
-"""Share of the preload below which a cable counts as having lost it [-]."""
+"""Fraction of the preload below which the preload is reported as lost [-]."""
 
 SMALL_ARM: Final = 1e-3
-"""Share of a joint's largest moment arm that counts as none [-]."""
+"""Fraction of a joint's largest moment arm below which a moment arm is treated as zero [-]."""
 
 
 @dataclass(frozen=True)
 class Suspicion:
-    """One remarkable fact about a robot."""
+    """One suspicious property of a robot."""
 
     where: str
     """Name of the cable, pulley, element, motor or joint."""
     text: str
-    """The fact, with numbers, and its meaning."""
+    """The finding with its numbers and what it implies."""
     grave: bool = True
-    """False for a remark on what is usual in some mechanisms."""
+    """False for a property that is normal in some mechanisms."""
 
 
 def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
-    """All suspicious facts about a robot, grave ones first."""
+    """Find all suspicious properties of a robot, grave ones first."""
     robot = inspection.model.robot
     entries = {entry["name"]: entry for entry in robot.document.get("cables", ())}
     found: list[Suspicion] = []
@@ -117,7 +117,7 @@ def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspici
     for joint, arm in zip(robot.joints, check.moment_arm, strict=True):
         size = max(abs(arm.low), abs(arm.high))
         if arm.low < -SMALL_ARM * size and arm.high > SMALL_ARM * size and size > 1e-9:
-            # usual for the cables of a platform; a dead point of a joint with an axis
+            # normal for the cables of a platform; a dead centre for a single joint
             yield Suspicion(
                 cable.name,
                 f"its moment arm about {joint.name} changes sign ({_arm(robot, joint.name, arm)}): "
@@ -152,7 +152,7 @@ def _slip(cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
 
 
 def _swing(cable: Cable, check: CableCheck, k: int, pulley: PulleyCheck) -> str:
-    """Change of tension before a pulley that takes it from one bound to the other."""
+    """Change of tension ahead of a pulley that takes its friction from one bound to the other."""
     bound = (1.0 - pulley.transmission_at_rest.low) * check.followed.high
     behind = cable.axial_stiffness / sum(element.length.high for element in check.elements[k + 1 :])
     contact = cable.pulleys[k].friction.bristle_stiffness
@@ -160,7 +160,7 @@ def _swing(cable: Cable, check: CableCheck, k: int, pulley: PulleyCheck) -> str:
 
 
 def _friction(cable: Cable) -> Iterator[Suspicion]:
-    """Keys without effect, grouped by cable."""
+    """Report friction keys without effect; pulleys with the same finding are grouped."""
     groups: dict[str, list[str]] = {}
     for name, pulley in zip(cable.pulley_names, cable.pulleys, strict=True):
         for text in _without_effect(cable, pulley):
@@ -195,7 +195,7 @@ def _without_effect(cable: Cable, pulley: Pulley) -> Iterator[str]:
 
 
 def _static_without_effect(friction: Friction, euler: bool) -> Iterator[str]:
-    """mu_s or stribeck_speed without effect."""
+    """Report mu_s or stribeck_speed if it has no effect."""
     if friction.mu_s == friction.mu_c:
         if friction.stribeck_speed is not None:
             yield "stribeck_speed is without effect: mu_s equals mu_c"
@@ -275,7 +275,7 @@ def _material(cable: Cable, modulus: float | None) -> Iterator[Suspicion]:
 
 
 def _thickness(cable: Cable, diameter: float | None) -> Iterator[Suspicion]:
-    """A cable too thick for what it bends around, for example because its unit is missing."""
+    """Report a cable too thick for its bending radius, for example because of a wrong unit."""
     if diameter is None:
         return
     radii = [node.radius for node in cable.nodes if node.radius > 0.0]

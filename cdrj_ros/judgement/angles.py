@@ -1,4 +1,4 @@
-"""Which angle a channel is drawn over."""
+"""Choice of the angle over which each channel is plotted."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from cdrj_ros.model.prepared import Model, shape_at
 
 
 def telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
-    """The angle that each channel is drawn over, by channel name.
+    """Angle over which each channel is plotted, by channel name.
 
-    A tension or nodal force is drawn over the joint that moves its cable most, or over the cable's
-    motor if no joint does; an effort over its own motor or joint.
+    A tension or nodal force is plotted over the joint that changes the length of its cable most, or
+    over the cable's motor if no joint does.  An effort is plotted over its own motor or joint, but
+    a motor's effort over the joint if the robot has only one.
     """
     layout, robot = model.layout, model.robot
     angles = {
@@ -46,6 +47,6 @@ def telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
             cable_name = name.rpartition("/")[0]
             if cable_name in by_cable:
                 told[f"{prefix}/{name}"] = by_cable[cable_name]
-    if len(layout.joints) == 1:  # friction delays the motor: the joint shows the loop
+    if len(layout.joints) == 1:  # the hysteresis loop is clearest over the joint angle
         told |= {f"{EFFORT}/{name}": angles[layout.joints[0]] for name in layout.motors}
     return told

@@ -1,4 +1,4 @@
-"""Channels: one quantity each, estimated and recorded, on the stamps of the record."""
+"""Channels: one quantity each, estimated and recorded, sampled at the stamps of the reference."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Stamps = NDArray[np.int64]
 
 
 class Quantity(NamedTuple):
-    """What the part of a channel's name before the first slash stands for."""
+    """A physical quantity, named by the part of a channel's name before the first slash."""
 
     title: str
-    """In words, for headings: "Tension"."""
+    """Title for headings: "Tension"."""
     unit: str
     """Unit of the channel's values: "N" or "N·m"."""
 
@@ -35,11 +35,11 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
         EFFORT: Quantity("Effort", "N·m"),
     }
 )
-"""Every quantity that can be compared, by prefix, in the order in which it is shown."""
+"""All quantities that can be compared, by prefix, in display order."""
 
 
 def quantity_of(name: str) -> str:
-    """The prefix of a channel's name, a key of QUANTITIES; ValueError where it is none."""
+    """Prefix of a channel's name, a key of QUANTITIES; ValueError if it is not one."""
     prefix, slash, rest = name.partition("/")
     if prefix not in QUANTITIES or not slash or not rest:
         known = ", ".join(f"{key}/…" for key in QUANTITIES)
@@ -48,7 +48,7 @@ def quantity_of(name: str) -> str:
 
 
 def unit_of(name: str) -> str:
-    """Unit of a channel's values, from the prefix of its name; ValueError where it is unknown."""
+    """Unit of a channel's values, from the prefix of its name; ValueError if it is unknown."""
     return QUANTITIES[quantity_of(name)].unit
 
 
@@ -56,14 +56,14 @@ def estimate_channels(layout: Layout, values: Floats) -> dict[str, Floats]:
     """Views of estimates by channel name.
 
     Args:
-        layout: places in the estimate.
+        layout: of the columns of the estimates.
         values: shape (n, layout.size).
     """
     return {name: values[:, column] for name, column in channel_columns(layout).items()}
 
 
 def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
-    """Views of standard deviations by channel name; empty where they are not known.
+    """Views of standard deviations by channel name; empty if they are unknown.
 
     Args:
         layout: names of the channels.
@@ -76,29 +76,29 @@ def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One quantity, estimated and recorded, on the reference's stamps."""
+    """One quantity, estimated and recorded, at the reference's stamps."""
 
     name: str
-    """What it is: "tension/upper/8", "nodal_force/upper/3" or "effort/spindle"."""
+    """Name of the channel: "tension/upper/8", "nodal_force/upper/3" or "effort/spindle"."""
     unit: str
     """Unit of ``estimate`` and ``reference``: "N" or "N·m"."""
     stamp_ns: Stamps
-    """When the reference was taken [ns], strictly increasing, shape (n,).  Where the clock of the
-    recording went back, the later passes are shifted behind the earlier ones."""
+    """Stamps of the reference [ns], strictly increasing, shape (n,).  If the recording's clock
+    was set back, the later passes are shifted behind the earlier ones."""
     estimate: Floats
-    """What was estimated [unit], finite, shape (n,)."""
+    """Estimated values [unit], finite, shape (n,)."""
     reference: Floats
-    """What was recorded [unit], finite, shape (n,)."""
+    """Recorded values [unit], finite, shape (n,)."""
     angle: Floats
-    """Angle to draw the channel over [rad], NaN where there is none, shape (n,)."""
+    """Angle over which the channel is plotted [rad], NaN where unknown, shape (n,)."""
     angle_name: str
-    """Name of the joint or motor whose angle it is; empty where there is none."""
+    """Name of the joint or motor to which ``angle`` belongs; empty if there is none."""
     dropped: Mapping[str, int] = field(default_factory=dict)
-    """Number of reference samples left out, by cause: the keys of DROP_CAUSES."""
+    """Number of reference samples left out, by cause (a key of DROP_CAUSES)."""
     stddev: Floats | None = None
     """Standard deviation of ``estimate`` [unit], NaN where unknown, shape (n,); or None."""
     reversal: NDArray[np.bool_] | None = None
-    """Whether a motor or joint reverses at that time, shape (n,); None where that is unknown."""
+    """Whether a motor or joint reverses at that time, shape (n,); None if unknown."""
 
     def __post_init__(self) -> None:
         series = (self.stamp_ns, self.estimate, self.reference, self.angle)
@@ -110,7 +110,7 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class BagComparison:
-    """Everything one recording says about the estimator."""
+    """Comparison of the estimates with all references of one recording."""
 
     path: str
     """The recording, as the user named it."""
@@ -121,11 +121,11 @@ class BagComparison:
     counters: Mapping[str, int] = field(default_factory=dict)
     """Number of samples refused or left out, by cause."""
     notes: tuple[str, ...] = ()
-    """Sentences for the reader."""
+    """Remarks for the reader, one sentence or more each."""
     facts: Mapping[str, str] = field(default_factory=dict)
-    """Rows of free text: rate achieved, latency, versions."""
+    """Further facts as text, by label: rate achieved, latency, versions."""
     friction: tuple[PulleyFriction, ...] = ()
-    """Estimated friction at the pulleys; empty where it was not kept."""
+    """Estimated friction at the pulleys; empty if it was not kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,7 @@ class Angle:
 
 
 def integer_stamps(stamps: ArrayLike, owner: str) -> Stamps:
-    """Stamps as an array of int64; ValueError where they are not integers of shape (n,)."""
+    """Stamps as an array of int64; ValueError if they are not integers of shape (n,)."""
     array = np.asarray(stamps)
     if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
         raise ValueError(
@@ -160,7 +160,7 @@ def integer_stamps(stamps: ArrayLike, owner: str) -> Stamps:
 
 
 def checked_stamps(stamps: ArrayLike, owner: str) -> Stamps:
-    """As ``integer_stamps``; ValueError also where they do not increase strictly."""
+    """As ``integer_stamps``, but ValueError also if they do not increase strictly."""
     array = integer_stamps(stamps, owner)
     late = np.flatnonzero(array[1:] <= array[:-1])
     if len(late):

@@ -1,8 +1,8 @@
-"""Estimate beside recorded reference: both on the reference's stamps, nothing else touched.
+"""Comparison of estimates with recorded references at the references' stamps.
 
-A reference is never moved or smoothed.  The estimate comes to it: bit for bit where the stamps
-coincide, on the straight line between its two neighbours elsewhere.  A reference sample that has
-no estimate beside it is left out and counted.
+References are never shifted or smoothed.  The estimate is taken unchanged where the stamps
+coincide and interpolated linearly between its two neighbours elsewhere.  Reference samples for
+which there is no estimate are left out and counted.
 """
 
 from __future__ import annotations
@@ -43,21 +43,21 @@ def compare(
     stddev: Mapping[str, ArrayLike] | None = None,
     zones: Stamps | None = None,
 ) -> tuple[Channel, ...]:
-    """Put every estimate that has a reference onto that reference's stamps.
+    """Interpolate every estimate that has a reference at the stamps of that reference.
 
     Args:
         estimate_stamp_ns: stamps of the estimates [ns], integers, strictly increasing, shape (m,).
-        estimates: by channel name, what was estimated [unit of the name], shape (m,) each.
-        references: by channel name, stamps [ns] and values [unit of the name], in any order.
+        estimates: estimated values by channel name [unit of the channel], shape (m,) each.
+        references: stamps [ns] and values [unit] by channel name, in any order.
         max_gap_ns: an estimate is interpolated only between neighbours at most this far apart.
-        angle: the joint angle to carry along, one for all or by channel name.
-        stddev: by channel name, standard deviation of the estimates [unit], shape (m,) each; a
-            number that is not finite and at least 0 counts as unknown.
-        zones: when the motion reverses [ns], shape (k, 2), see ``reversal_zones``.
+        angle: the angle to plot over, one for all channels or by channel name.
+        stddev: standard deviation of the estimates by channel name [unit], shape (m,) each;
+            values that are negative or not finite are treated as unknown.
+        zones: time intervals of reversals [ns], shape (k, 2), see ``reversal_zones``.
 
     Returns:
-        The channels that both sides know, in the order of ``estimates``, empty ones included;
-        for what only the references know see ``unknown_references``.
+        The channels that are both estimated and recorded, in the order of ``estimates``, including
+        empty ones; see ``unknown_references`` for channels that are only recorded.
 
     Raises:
         ValueError: stamps that are not integers or do not increase, shapes that do not match,
@@ -74,21 +74,21 @@ def compare(
 
 
 class _Target(NamedTuple):
-    """A channel's reference, and the estimate at its stamps as far as it is known."""
+    """A channel's reference, and the estimates at its stamps received so far."""
 
     placement: Placement
     reference: Floats
-    """Shape (k,), with the placement."""
+    """Reference values at the stamps of ``placement``, shape (k,)."""
     estimate: Floats
-    """Shape (k,); filled piece by piece."""
+    """Estimates at the same stamps, shape (k,); NaN until they are filled in."""
     not_finite: int
-    """References left out since they are NaN or infinite."""
+    """Number of reference values left out because they are NaN or infinite."""
 
 
 class Comparing:
-    """Takes the estimates of one pass piece by piece, keeps those at the references' stamps.
+    """Collects the estimates of one pass in pieces and keeps only those at the references' stamps.
 
-    The estimates of an hour take gigabytes; its references often have a fraction of their stamps.
+    The estimates of one hour take gigabytes, while the references often have far fewer stamps.
     """
 
     def __init__(
@@ -98,11 +98,12 @@ class Comparing:
         references: Mapping[str, Reference],
         max_gap_ns: int,
     ) -> None:
-        """Find the place of every reference.
+        """Find the neighbouring estimates of every reference sample.
 
         Args:
-            names: of the channels that are estimated.
-            own_stamps: of all estimates to come [ns], strictly increasing, shape (m,).
+            names: names of the estimated channels.
+            own_stamps: stamps of all estimates that will be added [ns], strictly increasing,
+                shape (m,).
             references, max_gap_ns: as for ``compare``.
 
         Raises:
@@ -128,7 +129,7 @@ class Comparing:
         own_stamps: Stamps,
         placements: dict[int, Placement],
     ) -> _Target:
-        """Place one reference; those that share an array of stamps share its placement."""
+        """Place one reference; references that share an array of stamps share the placement."""
         given_stamps, given_values = reference
         stamps = integer_stamps(given_stamps, name)
         recorded = np.asarray(given_values, dtype=np.float64)
@@ -153,13 +154,13 @@ class Comparing:
         return _Target(placement, recorded, empty, left_out)
 
     def add(self, estimates: Mapping[str, Floats], stddev: Mapping[str, Floats], n: int) -> None:
-        """Take the next ``n`` estimates.
+        """Add the next ``n`` estimates.
 
         Args:
-            estimates: by channel name [unit of the name], shape (n,) each.
-            stddev: by channel name [unit], shape (n,) each; a number that is not finite and at
-                least 0 counts as unknown.
-            n: how many.
+            estimates: values by channel name [unit of the channel], shape (n,) each.
+            stddev: by channel name [unit], shape (n,) each; values that are negative or not finite
+                are treated as unknown.
+            n: number of estimates.
 
         Raises:
             ValueError: shapes that do not match.
@@ -224,7 +225,15 @@ class Comparing:
 
 
 def _fill(target: _Target, into: Floats, values: Floats, begin: int, previous: float) -> None:
-    """Write what lies on or between the estimates ``begin`` ... and, before them, ``previous``."""
+    """Interpolate at the stamps that fall on or between ``previous`` and ``values``.
+
+    Args:
+        target: the reference and its placement.
+        into: array to write to, shape (k,).
+        values: estimates ``begin`` to ``begin + len(values) - 1``.
+        begin: index of the first of them.
+        previous: the estimate before them, NaN if there is none.
+    """
     placement = target.placement
     first, last = np.searchsorted(placement.right, (begin, begin + len(values)))
     part = slice(int(first), int(last))
@@ -236,7 +245,7 @@ def _fill(target: _Target, into: Floats, values: Floats, begin: int, previous: f
 
 
 def _known(name: str, given: Floats, n: int) -> Floats:
-    """Standard deviations, NaN where they are no finite number of at least 0."""
+    """Standard deviations, with NaN in place of values that are negative or not finite."""
     if given.shape != (n,):
         raise ValueError(
             f"{name}: stddev must have one value per estimate, shape {(n,)}; got {given.shape}"
@@ -245,7 +254,7 @@ def _known(name: str, given: Floats, n: int) -> Floats:
 
 
 def unknown_references(estimates: Collection[str], references: Collection[str]) -> tuple[str, ...]:
-    """Names of the references that nothing is estimated for, in their order."""
+    """Names of the references without an estimate, in their order."""
     return tuple(name for name in references if name not in estimates)
 
 
@@ -259,16 +268,16 @@ def summed_up(
     facts: Mapping[str, str] | None = None,
     friction: Sequence[PulleyFriction] = (),
 ) -> BagComparison:
-    """The comparison of one recording; what was left out joins its counters and notes.
+    """The comparison of one recording; adds counters and notes for samples and channels left out.
 
     Args:
         path: the recording, as the user named it.
         duration_s: its length [s].
         channels: the compared channels.
-        unknown: references that nothing is estimated for, see ``unknown_references``.
-        counters: samples refused elsewhere, by cause.
-        notes: sentences for the reader.
-        facts: rows of free text for the reader.
+        unknown: references without an estimate, see ``unknown_references``.
+        counters: number of samples refused before the comparison, by cause.
+        notes: remarks for the reader.
+        facts: further facts for the reader, by label.
         friction: of the pulleys.
     """
     counted: Counter[str] = Counter(counters or {})

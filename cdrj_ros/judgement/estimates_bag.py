@@ -1,4 +1,4 @@
-"""A bag of everything in a recording, with the estimates beside it."""
+"""Writing a copy of a recording that also holds the estimates."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def write_estimates(
     estimates: Estimates,
     outputs: tuple[str, str, str] = OUTPUTS,
 ) -> None:
-    """Write a bag of everything in the bag at ``path``, with the estimates beside it.
+    """Write a bag that holds the messages of the bag at ``path`` and the estimates.
 
-    Header stamps are those of the estimates; log times follow them with the delay of the inputs.
-    Messages of the original on the topics of ``outputs`` are left out, since a topic would
-    otherwise hold estimates of two sources.
+    Header stamps are those of the estimates; log times are later by the delay of the inputs.
+    Messages of the original on the topics of ``outputs`` are not copied, because these topics would
+    otherwise hold estimates from two sources.
 
     Raises:
-        BagError: ``out`` exists, or one of them cannot be read or written.
+        BagError: ``out`` exists, or a bag cannot be read or written.
     """
     layout, values, stamps = estimates.layout, estimates.values, estimates.stamp_ns
     stddev = estimates.stddev

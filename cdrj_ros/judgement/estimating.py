@@ -1,4 +1,4 @@
-"""The estimator over a conditioned recording, in pieces that fit into memory."""
+"""Estimation over a conditioned recording, in pieces that fit into memory."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from cdrj_ros.judgement.pulley_friction import BLOCK
 from cdrj_ros.model.prepared import Model
 
 AT_ONCE: Final = 4 * BLOCK
-"""Samples of a piece; the numbers do not depend on it."""
+"""Number of samples in a piece; it does not affect the estimates."""
 
 
 def pieces_of(model: Model, samples: Samples, *, spread: bool = False) -> Iterator[Estimates]:
-    """Estimate a pass from an unknown friction history; yields AT_ONCE samples at a time.
+    """Estimate a pass from the initial state; yields the estimates of AT_ONCE samples at a time.
 
     Args:
         model: the prepared robot.
         samples: of one pass.
-        spread: standard deviations too, for about as much time again.
+        spread: whether to estimate standard deviations, which about doubles the time.
     """
     state = initial_state(model)
     ensemble = Spread(model) if spread else None
@@ -48,10 +48,10 @@ def estimate(
 
     Args:
         model: the prepared robot.
-        conditioned: the recording; the estimator starts anew for each of its segments.  They
-            follow one another in the result, whose stamps go back between them.
-        progress: called with the share that is done, from 0 to 1.
-        spread: standard deviations too, for about as much time again.
+        conditioned: the recording; the estimator restarts for each of its segments.  The result
+            holds the segments one after another, so its stamps go back between them.
+        progress: called with the completed fraction, from 0 to 1.
+        spread: whether to estimate standard deviations, which about doubles the time.
     """
     total = sum(segment.stamp_ns.size for segment in conditioned.segments)
     stamps = np.concatenate(
