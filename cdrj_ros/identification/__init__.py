@@ -1,1 +1,1 @@
-"""Recordings become parameters with standard errors."""
+"""Identification of the robot file's parameters, with standard errors, from recordings."""

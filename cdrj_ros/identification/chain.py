@@ -1,4 +1,4 @@
-"""Tensions of a cable from a known one: (22), (E18), (E19), and the nodal forces (38).
+"""Tensions of a cable from one known tension: (22), (E18), (E19), and the nodal forces (38).
 
 docs/model.md, section 10.
 """
@@ -40,10 +40,10 @@ def chain_from(start: int, share: Table, loss: Table, drag: Vector) -> tuple[Tab
 
     Args:
         start: the element whose tension is known.
-        share: of its bound that every pulley's friction has, in [-1, 1], positive where the element
-            after the pulley pulls, shape (n, pulleys).
+        share: friction of every pulley as a share of its bound, in [-1, 1], positive where the
+            element after the pulley pulls, shape (n, pulleys).
         loss: 1 - eta, shape (n, pulleys).
-        drag: friction without load [N], shape (pulleys,).
+        drag: no-load friction of every pulley [N], shape (pulleys,).
     """
     n, pulleys = loss.shape
     slope, offset = np.ones((n, pulleys + 1)), np.zeros((n, pulleys + 1))
@@ -61,7 +61,7 @@ def chain_from(start: int, share: Table, loss: Table, drag: Vector) -> tuple[Tab
 def _past(
     slope: Vector, offset: Vector, share: Vector, loss: Vector, drag: float
 ) -> tuple[Vector, Vector]:
-    """(22) at one pulley; its known side pulls where share > 0 and holds where share < 0."""
+    """(22) at one pulley; the known side pulls where share > 0 and holds where share < 0."""
     pulls = share > 0.0
     kept = 1.0 - np.abs(share) * loss  # eta where it slides
     factor = np.where(pulls, kept, 1.0 / kept)

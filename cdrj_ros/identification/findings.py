@@ -1,4 +1,4 @@
-"""Sentences on what the data cannot determine."""
+"""Messages about what the data cannot determine."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 CLOSE: Final = 0.05
-"""Eigenvalue of the correlation matrix below which a combination counts as hard to tell apart: of
-two numbers, a correlation beyond 0.95."""
+"""Eigenvalue of the correlation matrix below which the numbers of a combination count as hard to
+distinguish; for two numbers, this is a correlation beyond 0.95."""
 
 MATTERS: Final = 0.02
-"""Relative uncertainty below which its cause does not matter."""
+"""Relative uncertainty below which a combination is not reported."""
 
 UNKNOWN: Final = 0.5
-"""Relative uncertainty from which the data count as saying nothing about a number."""
+"""Relative uncertainty from which a number counts as undetermined by the data."""
 
 MEMBER: Final = 0.3
-"""Share in a direction, relative to the largest, from which a number belongs to it."""
+"""Component in a direction, relative to the largest one, from which a number belongs to it."""
 
 
 def findings(
     problem: Problem, coordinates: Vector, information: Table, covariance: Table
 ) -> tuple[str, ...]:
-    """Sentences on numbers without influence, at their bounds, or known only in combination.
+    """Messages about numbers without influence, at their bounds, or known only in combination.
 
     Args:
-        problem: that was solved.
-        coordinates: of the solution, shape (p,).
-        information: of the data alone, in coordinates, shape (p, p).
-        covariance: in coordinates, shape (p, p).
+        problem: the problem that was solved.
+        coordinates: the solution's coordinates, shape (p,).
+        information: information of the data alone, in coordinates, shape (p, p).
+        covariance: covariance in coordinates, shape (p, p).
     """
     unknowns = problem.unknowns
     values = np.array([u.value(float(x)) for u, x in zip(unknowns, coordinates, strict=True)])
     slopes = np.array([u.slope(float(x)) for u, x in zip(unknowns, coordinates, strict=True)])
-    size = np.maximum(np.abs(values), np.abs(slopes))  # of its step where a number is near zero
+    size = np.maximum(np.abs(values), np.abs(slopes))  # the step's size where a number is near zero
     strength = np.sqrt(np.maximum(np.diag(information), 0.0))
     silent = strength <= 1e-6 * max(float(strength.max()), 1e-300)
     stddev = np.sqrt(np.diag(covariance))

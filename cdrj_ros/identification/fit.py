@@ -1,9 +1,10 @@
-"""Parameters of the robot file from recordings: eq. (44) of the source and everything beyond it.
+"""Parameters of the robot file from recordings: a generalisation of eq. (44) of the source.
 
     minimise over theta   sum_c sum_k loss( ((estimate_c(theta) - reference_c) / sigma_c)^2 )
 
-where the estimates come from ``run``, the one estimator, causally, over whole recordings.  The
-source's (44) is the case of one unknown, rho, and two channels.  docs/identification.md.
+where ``run``, the same estimator as in the node, computes the estimates causally over whole
+recordings.  The source's (44) is the case of one unknown, rho, and two channels.
+See docs/identification.md.
 """
 
 from __future__ import annotations
@@ -53,10 +54,10 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 COARSE_SAMPLES: Final = 20_000
-"""Samples of the first rounds, all recordings together: the friction laws hardly depend on rate."""
+"""Samples of the first rounds, over all recordings; the friction laws hardly depend on the rate."""
 
 LOWEST_RATE: Final = 100.0
-"""Least rate of samples in the first rounds [Hz]."""
+"""Lowest sampling rate in the first rounds [Hz]."""
 
 MOST_RESIDUALS: Final = 400_000
 """Largest number of residuals of a round; references are thinned to stay below it."""
@@ -67,9 +68,9 @@ ROBUST_ROUNDS: Final = 3
 
 SETTLING_STEPS: Final = 5
 SETTLED: Final = 0.3
-"""A further step smaller than this is not taken [standard errors]."""
+"""Further steps smaller than this are not taken [standard errors]."""
 UNSETTLED: Final = 1.0
-"""A larger one that could not be taken is reported [standard errors]."""
+"""A remaining step larger than this is reported [standard errors]."""
 
 
 @dataclass(frozen=True)
@@ -77,21 +78,21 @@ class Settings:
     """Choices of the fit."""
 
     channels: tuple[str, ...] = ()
-    """Patterns of the references to fit; empty: all."""
+    """Patterns of the references to fit; if empty, all are fitted."""
     weights: Weights = "spread"
-    """What the residuals of a channel are divided by, see ``spreads``."""
+    """Rule for the divisor of a channel's residuals, see ``spreads``."""
     sigmas: Mapping[str, float] | None = None
-    """Divisors by pattern of the channel that replace these [N] or [N m]."""
+    """Divisors by channel pattern, which override that rule [N] or [N m]."""
     loss: Loss = "linear"
     """Loss of the residuals after the first round."""
     starts: int = 1
     """Number of starts, all but the first of them random."""
     seed: int = 0
-    """Of the random starts."""
+    """Seed of the random starts."""
     settle_s: float = 0.0
-    """Length of the beginning of each recording that is not compared [s]."""
+    """Time at the beginning of each recording that is excluded from the comparison [s]."""
     coarse: bool = False
-    """Whether to leave out the last round, over all samples."""
+    """Whether to skip the last round, which uses all samples."""
 
 
 @dataclass(frozen=True)
@@ -100,23 +101,23 @@ class Identification:
 
     unknowns: tuple[Unknown, ...]
     values: Vector
-    """[SI], shape (p,)."""
+    """Identified numbers [SI], shape (p,)."""
     stddev: Vector
-    """[SI], shape (p,)."""
+    """Standard errors [SI], shape (p,)."""
     correlation: Table
-    """Shape (p, p)."""
+    """Correlation matrix, shape (p, p)."""
     findings: tuple[str, ...]
-    """What the data cannot determine, in sentences."""
+    """Messages about what the data cannot determine."""
     channels: tuple[str, ...]
     """References that were fitted."""
     samples: int
-    """Of the last round."""
+    """Number of samples in the last round."""
     residuals: int
-    """Of the last round."""
+    """Number of residuals in the last round."""
     rms: float
     """Root mean square residual of the last round, in units of each channel's sigma."""
     evaluations: int
-    """Runs of all recordings, thinned ones included."""
+    """Number of runs over all recordings, including runs over thinned ones."""
 
     @property
     def by_path(self) -> dict[str, float]:
@@ -132,19 +133,19 @@ def identify(
     settings: Settings = Settings(),
     say: Progress | None = None,
 ) -> Identification:
-    """Find the unknowns.
+    """Identify the unknowns by least squares.
 
     Args:
-        document: the robot file's, with the numbers to start from.
-        source: its name.
+        document: content of the robot file, which supplies the starting values.
+        source: name of the robot file.
         unknowns: see ``parse_unknowns``.
         recordings: all are fitted together.
         settings: choices of the fit.
-        say: called with a line of progress.
+        say: called with each progress line.
 
     Raises:
-        UsageError: nothing to fit, or nothing to fit it to.
-        RobotFileError: the numbers to start from describe no possible robot.
+        UsageError: there are no unknowns or no references.
+        RobotFileError: the starting values describe no possible robot.
     """
     _check(unknowns, recordings, settings)
     model = prepare(build_robot(document, source))
@@ -161,7 +162,7 @@ def identify(
 
 @dataclass(frozen=True)
 class _Rounds:
-    """What the rounds of one fit have in common."""
+    """Data shared by the rounds of one fit."""
 
     document: Document
     source: str
@@ -169,14 +170,14 @@ class _Rounds:
     recordings: tuple[Recorded, ...]
     settings: Settings
     model: Model
-    """Of the numbers to start from."""
+    """Model of the starting values."""
     sigmas: Mapping[str, float]
     """Unit of the residuals of every channel."""
     pool: Executor
     say: Progress
 
     def problem(self, *, coarse: bool) -> Problem:
-        """The residuals of a round, over thinned samples or over all."""
+        """The problem of a round, over thinned samples or over all samples."""
         moving = any(_changes_samples(path) for unknown in self.unknowns for path in unknown.paths)
         total = sum(samples_of(self.model, one).stamp_ns.size for one in self.recordings)
         observations = [
@@ -190,7 +191,7 @@ class _Rounds:
 
 
 def _fitted(rounds: _Rounds, channels: tuple[str, ...]) -> Identification:
-    """Fit to thinned samples, then to all; standard errors at the end."""
+    """Fit to thinned samples, then to all samples, and compute the standard errors."""
     settings, loss, say = rounds.settings, rounds.settings.loss, rounds.say
     rough = rounds.problem(coarse=True)
     say(
@@ -230,7 +231,7 @@ def _roughly(rough: Problem, settings: Settings, say: Progress) -> tuple[Vector,
     """Fit to thinned samples, from every start.
 
     Returns:
-        Coordinates of the best fit, and a sentence on the starts if there were several.
+        Coordinates of the best fit, and a message about the starts if there were several.
     """
     loss = settings.loss
     found, same = many_starts(rough, settings.starts, settings.seed, "linear", COARSE_STEPS, say)
@@ -241,7 +242,7 @@ def _roughly(rough: Problem, settings: Settings, say: Progress) -> tuple[Vector,
         rough.prior_scale = float(np.sqrt(effective_variance(rough, here)))
         best = solve(rough, best.coordinates, "linear", COARSE_STEPS, say)
     for _ in range(ROBUST_ROUNDS if loss != "linear" else 0):
-        # outliers have moved the first fit, and with it the residuals that count as outliers
+        # outliers bias the first fit, and thereby the choice of residuals that count as outliers
         best = solve(rough, best.coordinates, loss, COARSE_STEPS, say)
     return best.coordinates, (_of_starts(len(found), same),) if settings.starts > 1 else ()
 
@@ -249,12 +250,12 @@ def _roughly(rough: Problem, settings: Settings, say: Progress) -> tuple[Vector,
 def _settle(
     last: Problem, rough: Problem, coordinates: Vector, loss: Loss, say: Progress
 ) -> tuple[Vector, Table, tuple[str, ...]]:
-    """Take further steps while they are a good part of a standard error long.
+    """Take further steps while they are a considerable fraction of a standard error.
 
-    Where most of the cost is noise, a small relative change of it ends a fit too early.
+    Where most of the cost is noise, a tolerance on its relative change ends a fit too early.
 
     Returns:
-        The coordinates, the Jacobian there without priors, and a sentence if they have not
+        The coordinates, the Jacobian there without priors, and a message if they have not
         settled.
     """
     lower, upper = limits(last)

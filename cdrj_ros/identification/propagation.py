@@ -1,4 +1,4 @@
-"""All tensions of a cable from a known one: (22), (24), (38), transmissions (37)-(43).
+"""All tensions of a cable from one known tension: (22), (24), (38), transmissions (37)-(43).
 
 With a tension sensor in the cable, neither preload nor winch angle is needed, except the angle of
 one winch where there is one at either end.  The direction in which the cable slips over every
@@ -55,11 +55,11 @@ class Path:
     stamp_ns: NDArray[np.int64]
     """Increasing [ns], shape (n,)."""
     length: Table
-    """Of all elements with their share of the arcs [m], shape (n, elements)."""
+    """Lengths of all elements with their share of the arcs [m], shape (n, elements)."""
     length_by_joint: NDArray[np.float64]
-    """Derivatives by the joint angles, shape (n, elements, joints)."""
+    """Derivatives of the lengths by the joint angles, shape (n, elements, joints)."""
     wrap: Table
-    """Of all pulleys [rad], shape (n, pulleys)."""
+    """Wrap angles of all pulleys [rad], shape (n, pulleys)."""
     wound: Table
     """Cable drawn in by the winch at the last node of every cable with two winches [m], shape
     (n, cables); 0 for other cables."""
@@ -74,7 +74,7 @@ class KnownTension:
     tension: Vector
     """[N], shape (n,); NaN where there is no reading."""
     stddev: float
-    """Of a reading [N], positive."""
+    """Standard deviation of a reading [N], positive."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def path_of(
         motor_angle: [rad], shape (n, motors); needed only for cables with a winch at either end.
 
     Raises:
-        UsageError: a pose in which a cable cannot run.
+        UsageError: a cable path is geometrically impossible in some pose.
     """
     count = stamp_ns.size
     robot, sizes = model.robot, model.sizes
@@ -162,10 +162,10 @@ def propagate(
 
     Args:
         model: the prepared robot; its friction and axial stiffness are used.
-        path: of the motion.
-        known: sensors, all in one cable.
-        window_s: a pulley counts as sliding only where its cable is seen to slip within this time
-            before and after the sample [s].
+        path: geometry of the motion.
+        known: readings of the sensors, all in one cable.
+        window_s: a pulley counts as sliding only where slip of its cable is detected within this
+            time before and after the sample [s].
 
     Raises:
         UsageError: no sensor, an unknown element, two cables, or a shape that does not fit.
@@ -180,7 +180,7 @@ def propagate(
     )
     force, by_before, by_after = nodal_force(found.tension, motion.wrap)
     least, most = nodal_bounds(found.lower, found.upper, motion.wrap)
-    # every tension of a cable follows from one number: the errors are fully correlated
+    # all tensions of a cable depend on one number, so their errors are fully correlated
     force_spread = np.abs(by_before * found.stddev[:, :-1] + by_after * found.stddev[:, 1:])
     cable = model.robot.cables[c]
     return PropagatedTensions(
@@ -216,12 +216,12 @@ class _Solution:
 
 
 def _settled(motion: CableMotion, readings: Readings, unseen: Table, window_ns: int) -> _Solution:
-    """Repeat passes until tensions and sliding pulleys stay the same."""
+    """Repeat passes until the tensions and the set of sliding pulleys no longer change."""
     count = motion.length.shape[1]
     losses = motion.losses()
     sliding = np.zeros(motion.wrap.shape)
     tension = np.repeat(readings.mean[:, None], count, axis=1)
-    # the lagging slip speed is taken at the known tension: corrections between passes are no slip
+    # the lagging slip speed uses the known tension, as corrections between passes are not slip
     loss = motion.lagging_losses(tension, *losses)
     drag = motion.constants["drag"]
     bounds = tension_bounds(tension, readings, sliding, losses[0] + losses[1], drag)
@@ -244,14 +244,14 @@ def _pass(
     unseen: Table,
     window_ns: int,
 ) -> _Solution:
-    """Tensions and sliding pulleys with the slips that the previous tensions give.
+    """Tensions and sliding pulleys for the slips computed from the previous tensions.
 
     Args:
-        motion: of the cable.
-        readings: of its sensors.
+        motion: motion of the cable.
+        readings: readings of its sensors.
         before: solution of the previous pass.
-        loss: of sliding pulleys, shape (n, pulleys).
-        stuck_loss: of pulleys that may be stuck: with all of their static friction.
+        loss: loss of sliding pulleys, shape (n, pulleys).
+        stuck_loss: loss of pulleys that may be stuck, with full static friction.
         unseen: slip that the sensors cannot resolve [m], shape (n, pulleys).
         window_ns: as ``window_s`` of ``propagate`` [ns].
     """
@@ -270,7 +270,7 @@ def _pass(
 
 
 def _cable_of(model: Model, path: Path, known: Sequence[KnownTension]) -> tuple[int, list[int]]:
-    """Number of the sensors' cable and the sensors' elements within it."""
+    """Index of the sensors' cable and of the sensors' elements within it."""
     if not known:
         raise UsageError("a tension must be known in the cable")
     for sensor in known:
@@ -333,7 +333,7 @@ def _constants(model: Model, pulleys: slice, frictionless: bool) -> Any:
 
 
 def _unseen(model: Model, path: Path, motion: CableMotion, c: int, stddev: float) -> Table:
-    """Slip that the resolution of joints and tension sensors may hide [m], shape (n, pulleys)."""
+    """Slip below the resolution of joint and tension sensors [m], shape (n, pulleys)."""
     step = np.array([j.sensor.resolution + CERTAIN * j.sensor.noise for j in model.robot.joints])
     own = plan_views(model.plan).cables[c]
     rates = path.length_by_joint[:, own.first_element : own.first_element + own.elements]

@@ -1,7 +1,7 @@
 """Residuals of all reference channels for given parameters.
 
-The estimator itself is fitted: ``run`` over conditioned samples, causally, from the first one on.
-The estimates are interpolated at the references' stamps as in every comparison.
+The residuals use the estimator itself: ``run`` processes the conditioned samples causally from the
+first one on.  The estimates are interpolated at the references' stamps as in every comparison.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Table = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 CHUNK: Final = 20_000
-"""Samples estimated at a time, so that only compared columns stay in memory."""
+"""Samples estimated at a time, so that only the compared columns are kept in memory."""
 
 CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period", "correction")
 """Keys of motors and joints that change the conditioned samples."""
@@ -64,7 +64,7 @@ class Channel:
     reference: Vector
     """[N] or [N m], shape (n,)."""
     sigma: float
-    """Unit of its residual."""
+    """Divisor of its residuals [N] or [N m]."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def chosen_channels(
     """Channels that are estimated, recorded in some bag, and asked for.
 
     Raises:
-        UsageError: a pattern matches none of them; names those that exist.
+        UsageError: a pattern matches none of them; the message lists the existing ones.
     """
     recorded = {name for one in recordings for name in one.references}
     there = [name for name in channel_columns(layout) if name in recorded]
@@ -108,10 +108,10 @@ def chosen_channels(
 
 
 def samples_of(model: Model, recorded: Recorded) -> Samples:
-    """The recording's conditioned samples; after jumps of the clock, the last segment.
+    """The recording's conditioned samples; if the clock jumps, those of the last segment.
 
     Raises:
-        UsageError: none was acceptable.
+        UsageError: no sample was acceptable.
     """
     segments = condition(model.robot, recorded.motors, recorded.joints).segments
     if not segments or segments[-1].stamp_ns.size < 2:
@@ -122,11 +122,11 @@ def samples_of(model: Model, recorded: Recorded) -> Samples:
 def spreads(
     recordings: Sequence[Recorded], channels: Sequence[str], rule: Weights
 ) -> dict[str, float]:
-    """Unit of every channel's residual.
+    """Divisor of every channel's residuals.
 
     Args:
-        recordings: all of them.
-        channels: their names.
+        recordings: all recordings.
+        channels: names of the channels.
         rule: ``spread``: standard deviation of the references of the channel's kind, so that a fit
             explains as much of the variance of each kind as it can; ``noise``: standard deviation
             of the sensor's noise, from second differences.
@@ -138,7 +138,7 @@ def spreads(
     if rule == "noise":
         return {name: max(map(_noise, listed)) for name, listed in values.items()}
     kinds: dict[str, list[str]] = {}
-    for name in channels:  # each motor and joint is a kind of its own: they differ in lever arms
+    for name in channels:  # each motor and joint is its own kind: lever arms differ
         kind = name.split("/", 1)[0]
         kinds.setdefault(name if kind == EFFORT else kind, []).append(name)
     result: dict[str, float] = {}
@@ -173,12 +173,12 @@ class Problem:
         self.unknowns = tuple(unknowns)
         self.observations = tuple(observations)
         self.begin = prepare(build_robot(document, source))
-        """The model of the document's own numbers."""
+        """Model of the numbers in the document."""
         self.prior_scale = 1.0
-        """Factor of a prior's residual: the standard deviation of a residual as if all residuals
-        were independent."""
+        """Factor of a prior's residual: the standard deviation that a residual would have if all
+        residuals were independent."""
         self.evaluations = 0
-        """Runs of all recordings so far."""
+        """Number of runs over all recordings so far."""
         self._pool = pool
 
     def values(self, coordinates: Vector) -> Vector:
@@ -237,7 +237,7 @@ def estimated(model: Model, samples: Samples, columns: Sequence[int]) -> Table:
 
 
 def residuals_of_one(model: Model, observed: Observations) -> Vector:
-    """(estimate - reference) / sigma of every channel of a recording, channel by channel."""
+    """(estimate - reference) / sigma for every channel of a recording, concatenated."""
     samples = observed.samples
     if samples is None:
         samples = thinned(samples_of(model, observed.recorded), observed.stride)
@@ -280,15 +280,15 @@ def observe(
     settle_s: float,
     moving: bool,
 ) -> Observations:
-    """A recording ready to be fitted.
+    """A recording prepared for the fit.
 
     Args:
-        model: of the robot at the start.
+        model: model of the starting values.
         recorded: the recording.
-        sigmas: unit of the residual of every channel that is fitted.
+        sigmas: divisor of the residuals of every fitted channel.
         stride: only every n-th sample is estimated.
         most_residuals: largest number of residuals; references are thinned to stay below it.
-        settle_s: length of the beginning that is not compared [s].
+        settle_s: time at the beginning that is excluded from the comparison [s].
         moving: whether the unknowns change the samples.
 
     Raises:

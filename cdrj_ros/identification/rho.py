@@ -1,4 +1,4 @@
-"""The sliding influence rho of a cable from a nodal force and a tension: equation (44).
+"""Sliding influence rho of a cable from a nodal force and a tension: equation (44).
 
 docs/model.md, section 11; examples/paper.py.
 """
@@ -21,13 +21,13 @@ Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST: Final = 20
-"""Fewest samples, with every pulley in between sliding, from which rho is identified."""
+"""Least number of samples, with all pulleys in between sliding, for an identification of rho."""
 
 MOST_CHOICES: Final = 8
-"""Most times that the samples are chosen."""
+"""Largest number of times that the samples are selected."""
 
 SETTLED: Final = 1e-4
-"""Change of rho below which the samples are not chosen again."""
+"""Change of rho below which the samples are not selected again."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class RhoEstimate:
 
     cable: str
     rho: float
-    """[-]."""
+    """Identified sliding influence [-]."""
     stddev: float
-    """Standard deviation of rho from the scatter of the residual, with independent samples [-]."""
+    """Standard deviation of rho from the residuals' scatter, assuming independent samples [-]."""
     residual: float
     """Res of (44) at its minimum [N^2]."""
     rms: float
@@ -77,16 +77,17 @@ def identify_rho(
     """(44): the rho for which the known tension, propagated, gives the measured nodal force.
 
     (24) holds only at a pulley that slides, so only samples are used in which all pulleys between
-    sensor and node slide.  Larger friction takes more slip to reverse, so these samples depend on
-    rho: they are chosen at the lower bound, then at every rho found until it changes no more.
+    sensor and node slide.  Larger friction needs more slip to reverse, so these samples depend on
+    rho: they are selected at the lower bound, then again at every new rho until it converges.
 
     Args:
         model: the prepared robot; its rho in this cable does not matter.
-        path: of the motion.
+        path: geometry of the motion.
         known: readings of a tension sensor; element 8 in the source.
         pulley: ``cable/node``; node 3 in the source.
-        nodal_force: measured magnitude on it [N], shape (n,); NaN where there is no reading.
-        bounds: of rho, within [0, 1].
+        nodal_force: measured magnitude on the pulley [N], shape (n,); NaN where there is no
+            reading.
+        bounds: bounds of rho, within [0, 1].
 
     Raises:
         UsageError: an unknown pulley or one of another cable, bounds outside [0, 1], or too few
@@ -122,7 +123,7 @@ class _Forces:
         nodal_force: Vector,
         rho: float,
     ) -> None:
-        """Propagate once, at ``rho``, to find the pulley and the sensor in their cable."""
+        """Propagate once at ``rho`` to locate the pulley and the sensor in their cable."""
         self.cable = known.element.rsplit("/", 1)[0]
         self.pulley, self.element = pulley, known.element
         self._model, self._path, self._known = model, path, known
@@ -141,7 +142,7 @@ class _Forces:
         return np.asarray(self._readable & (between != 0).all(axis=1))
 
     def error(self, rho: float, chosen: Mask) -> Vector:
-        """Calculated less measured force in the chosen samples [N]."""
+        """Calculated minus measured force in the chosen samples [N]."""
         found = self._propagated(rho).nodal_force[chosen, self._column]
         return np.asarray(found - self._measured[chosen])
 

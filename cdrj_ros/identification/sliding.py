@@ -1,4 +1,4 @@
-"""Which pulleys slide along a motion, and what share of its bound their friction has: (E17), (E20).
+"""Sliding pulleys along a motion, and friction as a share of its bound: (E17), (E20).
 
 docs/model.md, section 10.
 """
@@ -27,9 +27,9 @@ class CableMotion:
     stamp_ns: NDArray[np.int64]
     """Increasing [ns], shape (n,)."""
     length: Table
-    """Of the elements with their share of the arcs [m], shape (n, elements)."""
+    """Lengths of the elements with their share of the arcs [m], shape (n, elements)."""
     wrap: Table
-    """Of the pulleys [rad], shape (n, pulleys)."""
+    """Wrap angles of the pulleys [rad], shape (n, pulleys)."""
     wound: Vector
     """Cable drawn in by a winch at the last node [m], shape (n,)."""
     held_last: bool
@@ -37,7 +37,7 @@ class CableMotion:
     axial_stiffness: float
     """EA [N]."""
     constants: Any
-    """Of the pulleys, a structured array of ``PulleyNumbers``, shape (pulleys,)."""
+    """Constants of the pulleys, a structured array of ``PulleyNumbers``, shape (pulleys,)."""
     stribeck: int
     """Form of static friction, an index of ``STRIBECK_FORMS``."""
 
@@ -45,16 +45,16 @@ class CableMotion:
         """(E17): material past every pulley towards the last node [m], shape (n, pulleys).
 
         Args:
-            tension: of the elements [N], shape (n, elements); NaN counts as 0.
+            tension: tensions of the elements [N], shape (n, elements); NaN counts as 0.
         """
         material = self.length / (1.0 + np.nan_to_num(tension) / self.axial_stiffness)
         return slips_of(material, self.wound, self.held_last)
 
     def hidden_slips(self, width: Table) -> Table:
-        """Slip [m] that an interval of tension hides, shape (n, pulleys).
+        """Uncertainty of the slip due to the intervals of tension [m], shape (n, pulleys).
 
         Args:
-            width: of the elements' intervals [N], shape (n, elements); NaN counts as 0.
+            width: widths of the elements' intervals [N], shape (n, elements); NaN counts as 0.
         """
         elastic = np.nan_to_num(width) * self.length / self.axial_stiffness
         return np.abs(slips_of(elastic, np.zeros(1), self.held_last))
@@ -74,7 +74,8 @@ class CableMotion:
 def slips_of(material: Table, wound: Vector, held_last: bool) -> Table:
     """Material past every pulley towards the last node [m], shape (n, pulleys).
 
-    What passes a pulley is what the elements between it and the end that holds the cable take up.
+    The material past a pulley equals the material taken up by the elements between the pulley and
+    the end that holds the cable.
     With the geometric length as ``material`` the cable is inextensible.
     """
     if not held_last:
@@ -96,9 +97,9 @@ def friction_shares(
     """(E20): least and largest share of its bound that a pulley's friction may have.
 
     Args:
-        motion: of the cable.
+        motion: motion of the cable.
         slip: ``motion.slips`` at these tensions [m], shape (n, pulleys).
-        tension: of the elements [N], shape (n, elements); NaN counts as 0.
+        tension: tensions of the elements [N], shape (n, elements); NaN counts as 0.
         loss: 1 - eta of the pulleys, shape (n, pulleys).
         hidden: slip that the sensors cannot resolve [m], shape (n, pulleys).
 
@@ -117,8 +118,8 @@ def sliding_directions(
 ) -> Table:
     """Direction in which every pulley slides, 0 where it may be stuck, shape (n, pulleys).
 
-    A pulley slides where both shares of ``friction_shares`` have met at an end and its slip is
-    seen to go on before and after.
+    A pulley slides where both shares of ``friction_shares`` have met at -1 or +1 and slip is
+    detected before and after the sample.
     """
     low, high = shares
     sliding = np.where(low == high, np.trunc(low), 0.0)
@@ -196,10 +197,10 @@ def _contacts(
 def _moving(
     stamp_ns: NDArray[np.int64], slip: Table, way: Table, hidden: Table, window_ns: int
 ) -> Table:
-    """1 where slip in direction ``way`` is seen both before and after a sample, 0 elsewhere.
+    """1 where slip in direction ``way`` is detected before and after a sample, 0 elsewhere.
 
-    (24) holds only while slipping.  At rest the winch can reverse the friction without a slip that
-    the sensors resolve.
+    (24) holds only during slip.  At rest the winch can reverse the friction with a slip too small
+    for the sensors to resolve.
     """
     before = np.searchsorted(stamp_ns, stamp_ns - window_ns)
     after = np.searchsorted(stamp_ns, stamp_ns + window_ns, side="right") - 1

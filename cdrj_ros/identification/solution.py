@@ -18,7 +18,7 @@ Loss = Literal["linear", "soft_l1", "huber"]
 LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
 
 STEP: Final = 2e-3
-"""Step of the finite differences of the Jacobian, in coordinates."""
+"""Finite-difference step of the Jacobian, in coordinates."""
 
 DRAWS: Final = 12
 """Random points evaluated for each random start."""
@@ -59,14 +59,14 @@ def solve(
     """Least squares from one start.
 
     Args:
-        problem: whose residuals are minimised.
+        problem: problem whose residuals are minimised.
         begin: coordinates of the start.
         loss: one of ``LOSSES``.
-        most_steps: evaluations of the residuals beside those of the Jacobian.
+        most_steps: largest number of residual evaluations, not counting those of the Jacobian.
         say: called with a line for every step.
-        tolerance: relative change of cost or coordinates that ends it.
-        slopes: the same references with fewer samples, whose Jacobian is nearly the same and many
-            times cheaper.
+        tolerance: relative change of cost or coordinates that ends the minimisation.
+        slopes: problem with the same references and fewer samples, whose Jacobian is nearly the
+            same and many times cheaper.
 
     Raises:
         RobotFileError: the start describes no possible robot.
@@ -76,7 +76,7 @@ def solve(
     lower, upper = limits(problem)
     margin = np.minimum(INSIDE, 0.25 * (upper - lower))
     begin = np.clip(begin, lower + margin, upper - margin)
-    problem.model(begin)  # raises an error with the reason; an infinite residual has none
+    problem.model(begin)  # raises an error that states the reason
     size = sum(one.size for one in problem.observations)
     steps = 0
 
@@ -193,7 +193,7 @@ def thresholds(problem: Problem, residuals: Vector) -> Vector:
 
 
 def robust_weights(loss: Loss, residuals: Vector, bend: Vector) -> Vector:
-    """Derivative of the loss by the squared residual: 1 for small ones, less for outliers."""
+    """Derivative of the loss by the squared residual: 1 for small residuals, less for outliers."""
     if loss == "linear":
         return np.ones(residuals.size)
     z = (residuals / bend) ** 2
@@ -233,7 +233,7 @@ def _robust(loss: Loss, problem: Problem, residuals: Vector) -> Callable[[Vector
 def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
     """The points with the smallest cost among ``DRAWS`` times as many random ones.
 
-    They lie within a factor of e of the file's numbers, or within the size of the number.
+    They lie within a factor of e of the file's numbers, or within the number's own magnitude.
     """
     if count < 1:
         return []
@@ -244,7 +244,7 @@ def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
         for _ in range(DRAWS * count)
     ]
     ranked = []
-    for begin in range(0, len(drawn), DRAWS):  # not all residuals at once: memory
+    for begin in range(0, len(drawn), DRAWS):  # in batches to limit memory
         some = drawn[begin : begin + DRAWS]
         for point, residuals in zip(some, problem.residuals_of(some), strict=True):
             cost = float(np.sum(with_priors(problem, point, residuals) ** 2))
@@ -257,10 +257,11 @@ def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
 def many_starts(
     problem: Problem, count: int, seed: int, loss: Loss, most_steps: int, say: Progress
 ) -> tuple[list[Solved], int]:
-    """Rounds from the robot file's numbers and from random ones; the best one first.
+    """Minimise from the robot file's numbers and from random starts.
 
     Returns:
-        What was found from each start, best first, and how many ended in the best one's minimum.
+        The solution of each start, best first, and the number of starts that reached the best
+        minimum.
     """
     begins = [np.zeros(len(problem.unknowns)), *_promising(problem, count - 1, seed)]
     found = []

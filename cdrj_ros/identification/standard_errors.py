@@ -1,4 +1,4 @@
-"""Standard errors and correlations of the numbers, and what cannot be told apart.
+"""Standard errors and correlations of the numbers, and combinations that are indistinguishable.
 
 Residuals of a fitted mechanism are not white noise.  Most of them is model error, which lasts for
 a good part of a stroke, appears in many references at once and repeats in every cycle of the
@@ -7,20 +7,20 @@ and be wrong by orders of magnitude.  Blocks of time (or a bootstrap over them) 
 cycle as independent, which it is not; and neither shows an error that acts the same way
 everywhere, because the fit has already absorbed it in the parameters.
 
-Residuals are therefore counted by the information they carry.  Their power is that of the sensors'
-noise, estimated from second differences, in which every sample is independent, and a rest, in which
-there are only
+Residuals are therefore counted by the information they carry.  Their power is the sum of the
+sensors' noise, estimated from second differences, in which every sample is independent, and a
+remainder, in which there are only
 
     D = min((sum lambda)^2 / sum lambda^2,  G)
 
 independent pieces: lambda is the power of the residuals' principal components at every frequency
 (the participation ratio of their spectrum: one line for an error that repeats, many for noise),
-and G the number of states that the mechanism went through, ``STRETCHES`` stretches of its main
-motion forward and back in every recording.  With N residuals,
+and G the number of states that the mechanism visited: each of the ``STRETCHES`` stretches of its
+main motion, forward and back, in every recording.  With N residuals,
 
     variance = noise + (mean(r^2) - noise) N / D,        cov = (A / variance + K)^-1,    A = J' W J,
 
-where K is what priors and bounds say.  docs/identification.md derives and tests it.
+where K is the information of priors and bounds.  docs/identification.md derives and tests it.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 STRETCHES: Final = 4
-"""Stretches of the main motion, each forward and back."""
+"""Number of stretches into which the main motion is divided, each forward and back."""
 
 VISITED: Final = 0.01
-"""Share of a recording from which a state counts as visited."""
+"""Fraction of a recording from which a state counts as visited."""
 
 AT_BOUND: Final = 1e-6
-"""Distance from a bound at which a number counts as at the bound, as a share of the range."""
+"""Distance within which a number counts as at a bound, as a fraction of the range."""
 
 RATE_WINDOW_S: Final = 0.05
 """Half the window in which the direction of motion is determined [s]."""
@@ -55,11 +55,11 @@ class Certainty(NamedTuple):
     """Accuracy of the numbers."""
 
     stddev: Vector
-    """[SI], shape (p,)."""
+    """Standard errors [SI], shape (p,)."""
     correlation: Table
-    """Shape (p, p)."""
+    """Correlation matrix, shape (p, p)."""
     findings: tuple[str, ...]
-    """Sentences on what the data cannot determine."""
+    """Messages about what the data cannot determine."""
 
 
 def certainty(
@@ -68,11 +68,11 @@ def certainty(
     """Standard errors and findings at a solution.
 
     Args:
-        problem: with the observations that residuals and Jacobian are of.
-        coordinates: of the solution, shape (p,).
-        residuals: without priors, shape (n,).
-        jacobian: without priors, shape (n, p).
-        weights: robust, shape (n,); ones for the linear loss.
+        problem: problem with the observations of the residuals and the Jacobian.
+        coordinates: the solution's coordinates, shape (p,).
+        residuals: residuals without priors, shape (n,).
+        jacobian: Jacobian without priors, shape (n, p).
+        weights: robust weights, shape (n,); ones for the linear loss.
     """
     information = jacobian.T @ (jacobian * weights[:, None])
     information = information / effective_variance(problem, residuals * np.sqrt(weights))
@@ -96,11 +96,11 @@ def certainty(
 def remaining_step(
     problem: Problem, coordinates: Vector, residuals: Vector, jacobian: Table, weights: Vector
 ) -> tuple[Vector, Vector]:
-    """(I4): the Gauss-Newton step that a solution leaves undone; arguments as for ``certainty``.
+    """(I4): the remaining Gauss-Newton step at a solution; arguments as for ``certainty``.
 
     Returns:
         The step in coordinates, and its size in standard errors, shape (p,) each; 0 for numbers
-        at a bound that it would leave.
+        at a bound that the step would violate.
     """
     variance = effective_variance(problem, residuals * np.sqrt(weights))
     information = jacobian.T @ (jacobian * weights[:, None]) / variance
@@ -124,11 +124,11 @@ def remaining_step(
 
 
 def effective_variance(problem: Problem, residuals: Vector) -> float:
-    """Variance of a residual as if all of them were independent.
+    """Variance that a residual would have if all residuals were independent.
 
     Args:
-        problem: with the observations that the residuals are of.
-        residuals: robust weights applied, shape (n,).
+        problem: problem with the observations of the residuals.
+        residuals: residuals with robust weights applied, shape (n,).
     """
     at = 0
     powers, noise = [], 0.0
@@ -166,7 +166,7 @@ def _powers(parts: Sequence[Vector]) -> Vector:
 
 
 def _states(problem: Problem) -> int:
-    """Stretches of the main motion, forward and back, that the recordings went through."""
+    """Number of stretches of the main motion, forward and back, that the recordings visit."""
     samples = [
         one.samples or thinned(samples_of(problem.begin, one.recorded), one.stride)
         for one in problem.observations
@@ -187,7 +187,7 @@ def _states(problem: Problem) -> int:
 
 
 def _moves_forward(stamp_ns: NDArray[np.int64], position: Vector) -> NDArray[np.int64]:
-    """1 where the position rises, 0 where it falls; at rest, as before."""
+    """1 where the position rises, 0 where it falls; at rest, the previous value."""
     time = (stamp_ns - stamp_ns[0]) * 1e-9
     earlier = np.interp(time - RATE_WINDOW_S, time, position)
     later = np.interp(time + RATE_WINDOW_S, time, position)
@@ -201,8 +201,8 @@ def _moves_forward(stamp_ns: NDArray[np.int64], position: Vector) -> NDArray[np.
 def _known_beforehand(problem: Problem, coordinates: Vector) -> Vector:
     """Information of the priors and of the bounds, in coordinates.
 
-    A number between bounds has a variance of at most a twelfth of their squared distance, which is
-    all that is known of a number without influence on the data.
+    A number between bounds is given a variance of at most a twelfth of their squared distance,
+    which is the only information about a number without influence on the data.
     """
     lower, upper = limits(problem)
     known = 12.0 / (upper - lower) ** 2

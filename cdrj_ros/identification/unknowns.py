@@ -1,8 +1,8 @@
-"""Numbers of the robot file to identify, alone or tied, each with a coordinate of its own.
+"""Numbers of the robot file to identify, single or tied, each with its own coordinate.
 
-The optimiser works on a coordinate ``u`` for every unknown, which is 0 at its start and in which a
-step of 1 is a fifth of the number.  The coordinate is logarithmic for numbers that can be neither
-zero nor of the other sign, and linear for all others.
+The optimiser works on a coordinate ``u`` for every unknown.  It is 0 at the start, and a step of 1
+is a fifth of the number.  The coordinate is logarithmic for numbers that can neither be zero nor
+change sign, and linear for all others.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from cdrj_ros.robot.parameters import Number, find_number, matching_paths, split
 Vector = NDArray[np.float64]
 
 STEP_SHARE: Final = 0.2
-"""Share of the number to which a coordinate step of 1 corresponds."""
+"""Fraction of the number to which a coordinate step of 1 corresponds."""
 
 LOG_REACH: Final = 30.0
-"""Factor by which a number without other bounds may grow or shrink."""
+"""Factor by which a number without other bounds may increase or decrease."""
 
 SIGNED_REACH: Final = 20.0
 """Steps by which a number of either sign may move."""
@@ -76,7 +76,7 @@ SHORT_FORMS: Final[Mapping[str, str]] = {
     "joint_scale": "joints.{*}.scale",
     "clock_offset": "joints.{*}.clock_offset",
 }  # fmt: skip
-"""Short names for common patterns: a number for every cable, joint or motor."""
+"""Short names for common patterns: one number for every cable, joint or motor."""
 
 
 @dataclass(frozen=True)
@@ -87,19 +87,19 @@ class Unknown:
     signs: tuple[int, ...]
     """The number at ``paths[k]`` is ``signs[k]`` times this one."""
     start: float
-    """[SI]."""
+    """Starting value [SI]."""
     lower: float
-    """[SI], below ``upper``."""
+    """Lower bound [SI], below ``upper``."""
     upper: float
-    """[SI]."""
+    """Upper bound [SI]."""
     step: float
-    """Change of the number per unit of the coordinate [SI]; 0: the coordinate is logarithmic."""
+    """Change of the number per unit of the coordinate [SI]; 0 if the coordinate is logarithmic."""
     prior: tuple[float, float] | None = None
     """Mean and standard deviation of prior knowledge [SI]."""
 
     @property
     def name(self) -> str:
-        """Its first path, and the number of further paths tied to it."""
+        """Its first path and the count of further paths tied to it."""
         return (
             self.paths[0] if len(self.paths) == 1 else f"{self.paths[0]} (+{len(self.paths) - 1})"
         )
@@ -117,7 +117,7 @@ class Unknown:
         return (value - self.start) / self.step
 
     def slope(self, coordinate: float) -> float:
-        """Change of the number with its coordinate [SI]."""
+        """Derivative of the number by its coordinate [SI]."""
         if self.step == 0.0:
             return STEP_SHARE * self.value(coordinate)
         return self.step
@@ -130,7 +130,7 @@ class Unknown:
 
 
 def values_by_path(unknowns: Sequence[Unknown], values: Iterable[float]) -> dict[str, float]:
-    """The numbers [SI] of all tied places."""
+    """The numbers [SI] by path, tied paths included."""
     return {
         path: sign * value
         for unknown, value in zip(unknowns, values, strict=True)
@@ -141,13 +141,14 @@ def values_by_path(unknowns: Sequence[Unknown], values: Iterable[float]) -> dict
 def parse_unknowns(document: Document, text: str) -> tuple[Unknown, ...]:
     """The unknowns of a list such as ``rho,cables.*.preload,joints.jaw.offset``.
 
-    Items are paths, patterns or short forms, with commas between them.  A pattern with ``*`` or
-    ``[a,b]`` is one common number, one with braces, ``{*}`` or ``{a,b}``, one for each.  Paths
-    joined by ``=`` are one number too, a minus before a path turns its sign there:
+    Items are paths, patterns or short forms, separated by commas.  A pattern with ``*`` or
+    ``[a,b]`` is one common number; a pattern with braces, ``{*}`` or ``{a,b}``, is one number for
+    each match.  Paths joined by ``=`` are one number too; a minus before a path changes its sign
+    there:
     ``cables.a.spans.3.slope=-cables.b.spans.3.slope``.
 
     Raises:
-        UsageError: an item is no parameter, or stands for a number that another one has already.
+        UsageError: an item is no parameter, or a number belongs to two items.
     """
     unknowns: list[Unknown] = []
     for item in split_outside(text, ","):
@@ -198,7 +199,7 @@ def _signed(member: str) -> tuple[str, int]:
 
 
 def _drum_radii(document: Document) -> list[Unknown]:
-    """The drums of each motor, one radius for all cables on it."""
+    """One unknown per motor: a common drum radius for all its cables."""
     by_motor: dict[str, list[str]] = {}
     for cable in document["cables"]:
         for k, node in enumerate(cable["nodes"]):
@@ -239,7 +240,7 @@ def _unknown(document: Document, paths: tuple[str, ...], signs: tuple[int, ...])
 
 
 def _allowed(number: Number) -> tuple[float, float]:
-    """What the schema allows."""
+    """Bounds of the schema."""
     rules = number.rules
     lower = float(rules.get("minimum", rules.get("exclusiveMinimum", -inf)))
     upper = float(rules.get("maximum", rules.get("exclusiveMaximum", inf)))
@@ -247,10 +248,10 @@ def _allowed(number: Number) -> tuple[float, float]:
 
 
 def with_bounds(unknowns: Sequence[Unknown], texts: Iterable[str]) -> tuple[Unknown, ...]:
-    """The unknowns with bounds from ``path=lower:upper`` [SI]; one end may be left out.
+    """The unknowns with bounds from ``path=lower:upper`` [SI]; either bound may be omitted.
 
     Raises:
-        UsageError: no such unknown, no numbers, or bounds that exclude every value.
+        UsageError: an unknown path, invalid numbers, or bounds that exclude every value.
     """
     result = list(unknowns)
     for text in texts:
@@ -271,10 +272,10 @@ def with_bounds(unknowns: Sequence[Unknown], texts: Iterable[str]) -> tuple[Unkn
 
 
 def with_priors(unknowns: Sequence[Unknown], texts: Iterable[str]) -> tuple[Unknown, ...]:
-    """The unknowns with what is known beforehand, from ``path=mean:stddev`` [SI].
+    """The unknowns with priors from ``path=mean:stddev`` [SI].
 
     Raises:
-        UsageError: no such unknown, no numbers, or a standard deviation that is not positive.
+        UsageError: an unknown path, invalid numbers, or a standard deviation that is not positive.
     """
     result = list(unknowns)
     for text in texts:
@@ -292,7 +293,7 @@ def starting_values(document: Document, texts: Iterable[str]) -> dict[str, float
     """Numbers by path from ``path=value`` [SI], patterns and short forms included.
 
     Raises:
-        UsageError: no such parameter, or no number.
+        UsageError: an unknown parameter, or an invalid number.
     """
     values: dict[str, float] = {}
     for text in texts:
@@ -308,7 +309,7 @@ def starting_values(document: Document, texts: Iterable[str]) -> dict[str, float
 def _addressed(
     unknowns: Sequence[Unknown], text: str, option: str, form: str
 ) -> tuple[list[int], str]:
-    """Which unknowns ``path=...`` means, and what stands behind the last equals sign."""
+    """Indices of the unknowns that ``path=...`` selects, and the text after the last ``=``."""
     name, _, given = text.rpartition("=")
     if not name or ":" not in given:
         raise UsageError(f"{option} must be PATH={form}, got {text!r}")
