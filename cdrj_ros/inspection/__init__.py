@@ -1,1 +1,1 @@
-"""Checks of a robot file without samples: values over the joint ranges, and suspicions."""
+"""What a robot file implies before anything moves."""

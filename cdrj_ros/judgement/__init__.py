@@ -1,1 +1,1 @@
-"""Comparison of estimates with recorded references."""
+"""Estimates beside recorded references."""
