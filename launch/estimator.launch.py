@@ -74,7 +74,7 @@ ARGUMENTS = [
 
 
 def _on_command_line(argv: list[str]) -> bool:
-    """Whether `ros2 launch` starts this file itself, and not one that includes it."""
+    """Whether `ros2 launch` starts this file itself, not a file that includes it."""
     here = Path(__file__)
     return any(
         Path(one).name == here.name and (before == PACKAGE or Path(one).resolve() == here.resolve())
@@ -83,7 +83,7 @@ def _on_command_line(argv: list[str]) -> bool:
 
 
 def _refuse_unknown(context: LaunchContext) -> None:
-    """Refuse arguments that nothing reads: a misspelt one would be ignored silently."""
+    """Refuse unknown arguments, since launch would ignore a misspelt one silently."""
     if not _on_command_line(sys.argv):
         return
     known = [argument.name for argument in ARGUMENTS]
@@ -98,7 +98,7 @@ def _refuse_unknown(context: LaunchContext) -> None:
 
 
 def _nodes(context: LaunchContext) -> list[SetEnvironmentVariable | Node]:
-    """The node, given only what the user has set."""
+    """The node, with only those arguments that the user has set."""
     given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
     parameters: dict[str, object] = {"robot": given["robot"]}
     if given["conditioning"]:

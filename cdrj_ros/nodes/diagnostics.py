@@ -14,7 +14,7 @@ from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, UNSURE
 
 WINDOW: Final = 4096
-"""Steps over which the step time is judged."""
+"""Number of latest steps over which the percentiles of the step time are computed."""
 
 
 @dataclass
@@ -25,7 +25,7 @@ class StepTimes:
     count: int = 0
 
     def add(self, seconds: float) -> None:
-        """Take the duration of one step [s]."""
+        """Record the duration of one step [s]."""
         self._seconds[self.count % WINDOW] = seconds
         self.count += 1
 
@@ -38,21 +38,21 @@ class StepTimes:
 
 
 class Health(NamedTuple):
-    """What the node knows of its inputs and outputs over time."""
+    """State of the node's inputs and outputs."""
 
     timeout_s: float
     silence_s: float = 0.0
-    """Since the last estimate [s]; infinite before the first."""
+    """Time since the last estimate [s]; infinite before the first."""
     age_s: float = 0.0
-    """Of the last estimate, as a controller would feel it [s]; infinite before the first."""
+    """Age of the last estimate as seen by a controller [s]; infinite before the first."""
     rate_hz: float = 0.0
-    """Estimates published."""
+    """Rate of published estimates [Hz]."""
     waiting: str = ""
     """Why there is no estimate yet."""
     refusing: str = ""
-    """Why many readings are refused; empty if few are."""
+    """Why many readings are refused; empty if only a few are."""
     clock_refused: int = 0
-    """Impossible times on /clock."""
+    """Number of invalid times received on /clock."""
 
 
 def names_with(estimate: Estimate, flag: int) -> list[str]:
@@ -66,7 +66,7 @@ def names_with(estimate: Estimate, flag: int) -> list[str]:
 def status_of(
     name: str, live: LiveEstimator, output: Output | None, health: Health, times: StepTimes
 ) -> DiagnosticStatus:
-    """One DiagnosticStatus of the estimator."""
+    """The estimator's DiagnosticStatus."""
     estimate = output.estimate if output else None
     flagged = {
         flag: names_with(estimate, flag) if estimate else []
@@ -98,7 +98,7 @@ def _steps(live: LiveEstimator) -> list[str]:
 def _verdict(
     live: LiveEstimator, flagged: Mapping[int, list[str]], health: Health
 ) -> tuple[bytes, str]:
-    """Level and message while there is an estimate: the gravest cause."""
+    """Level and message of the most severe cause; requires an estimate."""
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
     fusion = live.fusion.health.values() if live.fusion else ()
     dropped = [f"sensor {one.name} dropped: {one.dropped}" for one in fusion if one.dropped]
@@ -130,7 +130,7 @@ def _verdict(
 def _figures(
     live: LiveEstimator, flagged: Mapping[int, list[str]], times: StepTimes
 ) -> dict[str, str]:
-    """Counters and values by key."""
+    """Counters and other values for the status message, by key."""
     p50, p99 = times.percentiles_us()
     conditioner = live.conditioner
     values = {
@@ -166,7 +166,7 @@ def _figures(
 
 
 def diagnostic_array(stamp: object, status: DiagnosticStatus) -> DiagnosticArray:
-    """The message that carries one status."""
+    """A DiagnosticArray with one status."""
     array = DiagnosticArray(status=[status])
     array.header.stamp = stamp
     return array

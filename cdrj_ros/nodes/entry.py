@@ -1,4 +1,4 @@
-"""Entry points of the nodes: they answer Ctrl-C before ROS and the kernels are imported."""
+"""Entry points of the nodes, which handle Ctrl-C before they import ROS and the kernels."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def replay() -> NoReturn:
 
 
 def watch() -> NoReturn:
-    """Run the live table."""
+    """Run the watch node, which shows the live table."""
 
     def load() -> Callable[[], int]:
         from cdrj_ros.nodes.watch import main

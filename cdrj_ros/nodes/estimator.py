@@ -1,4 +1,4 @@
-"""The estimator node: encoder readings in; tensions, nodal forces and efforts out."""
+"""The estimator node: computes tensions, nodal forces and efforts from encoder readings."""
 
 from __future__ import annotations
 
@@ -48,31 +48,31 @@ from cdrj_ros.nodes.thinning import Thinning
 from cdrj_ros.nodes.words import TopicHeard
 
 WATCHES: Final = 4
-"""Looks at the inputs within the timeout."""
+"""Number of checks of the inputs per timeout."""
 
 WATCH_S: Final = 1.0
-"""Time between two looks at the inputs at most, however long the timeout is [s]."""
+"""Maximum time between two checks of the inputs, however long the timeout is [s]."""
 
 DIAGNOSIS_S: Final = 1.0
-"""Time between two statuses on /diagnostics [s]."""
+"""Time between two messages on /diagnostics [s]."""
 
 
 class EstimatorNode(Node):
-    """Subscribes, steps, publishes."""
+    """Subscribes to the inputs, steps the estimator and publishes the estimates."""
 
     def __init__(self, state_file: Path | None = None, **options: Any) -> None:
         """Read the parameters and the robot file, then open topics and services.
 
         Args:
-            state_file: read at the start and kept up to date; not a parameter, so that nobody on
-                the network can have a file written.
-            options: of rclpy's Node.
+            state_file: read at the start and updated every second; not a parameter, so that no
+                other node can choose the file to be written.
+            options: passed to rclpy's Node.
 
         Raises:
-            CdrjError: the robot file is missing or wrong.
+            CdrjError: a parameter or the robot file is missing or invalid.
         """
         self.clock_refused = 0
-        """Impossible times on /clock."""
+        """Number of invalid times received on /clock."""
         super().__init__("estimator", namespace="cdrj", **options)
         started = declare(self)
         if not started.robot:
@@ -96,7 +96,7 @@ class EstimatorNode(Node):
         self._open()
         self._show_in_force()
         gc.collect()
-        gc.freeze()  # skip what lives as long as the node at every later collection
+        gc.freeze()  # exclude objects that live as long as the node from later collections
         layout = model.layout
         self.get_logger().info(
             f"{model.robot.name}: {counted(len(layout.motors), 'motor')}, "
@@ -105,7 +105,7 @@ class EstimatorNode(Node):
         )
 
     def _begin(self) -> None:
-        """State of the node itself."""
+        """Initialise the state of the node itself."""
         self.output: Output | None = None
         self.times = StepTimes()
         self.silence = Silence(self.timeout_s, bool(self.get_parameter(SIMULATED).value))
@@ -115,7 +115,7 @@ class EstimatorNode(Node):
         self._showing = False
 
     def _open(self) -> None:
-        """Topics, services, timers."""
+        """Open topics, services and timers."""
         overridable = QoSOverridingOptions.with_default_policies()
 
         def publisher(message: Any, topic: str) -> Any:
@@ -134,7 +134,7 @@ class EstimatorNode(Node):
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(SetPreload, "~/set_preload", self._on_set_preload)
         self._subscribe()
-        # the node's clock may be simulated and stand still, or be set back: a steady one as well
+        # a simulated clock may stand still or be set back, so timers run on a steady clock as well
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSIS_S, self._on_diagnostics)
         self.create_timer(DIAGNOSIS_S / 2.0, self._on_steady, clock=steady)
@@ -168,7 +168,7 @@ class EstimatorNode(Node):
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *a: Any, **k: Any
     ) -> Any:
-        """As rclpy; impossible times on /clock do not reach rclpy, where they end the node."""
+        """As in rclpy, but drop invalid times on /clock, which would make rclpy end the node."""
         if msg_type is ClockMessage:
             take = callback
 
@@ -181,11 +181,11 @@ class EstimatorNode(Node):
         return super().create_subscription(msg_type, topic, callback, *a, **k)
 
     def _now_ns(self) -> int:
-        """Time of the node's clock, simulated time included [ns]."""
+        """Time of the node's clock, which may be simulated [ns]."""
         return int(self.get_clock().now().nanoseconds)
 
     def _warm_up(self) -> None:
-        """Compile or load the kernels before the first message, not during it."""
+        """Compile or load the kernels before the first message arrives."""
         robot = self.live.model.robot
         reference = Sample(
             1_000_000_000,
@@ -216,7 +216,7 @@ class EstimatorNode(Node):
     # --- messages ---------------------------------------------------------------------------------
 
     def _listener(self, kind: str, heard: TopicHeard | None = None) -> Callable[[bytes], None]:
-        """The callback of one topic: decode, condition, step, publish."""
+        """The callback of one topic: decodes, conditions, steps and publishes."""
         decode = JointStateDecoder()
         live, thinning = self.live, self._thinning
         feed, refused = live.feed, live.conditioner.refused
@@ -248,7 +248,7 @@ class EstimatorNode(Node):
         return on_message
 
     def _take(self, outputs: list[Output]) -> None:
-        """Publish what one message has made possible, as STALE if it is older than the timeout."""
+        """Publish the estimates that one message led to; those older than the timeout as STALE."""
         thinning = self._thinning
         newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.lag_ns
         fresh_ns = newest_ns - round(self.timeout_s * 1e9)
@@ -287,7 +287,7 @@ class EstimatorNode(Node):
             self._publish_stale(self.output)
 
     def _on_steady(self) -> None:
-        """Diagnose where the node's clock does not tell that it is time to."""
+        """Publish diagnostics if the timer on the node's clock has not done so."""
         if monotonic() - self.watch.looked_s > 1.5 * DIAGNOSIS_S:
             self._on_diagnostics()
 
@@ -367,7 +367,7 @@ class EstimatorNode(Node):
         return response
 
     def _show_in_force(self) -> None:
-        """Let the parameters show the preloads and the friction in force."""
+        """Set the parameters to the preloads and the friction in use."""
         self._showing = True
         try:
             with starting():

@@ -1,4 +1,4 @@
-"""The topics that ``watch`` listens to: their last messages as entries of a table."""
+"""The topics that ``watch`` subscribes to, with their last messages as table entries."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from cdrj_ros.model.status import OK, STALE
 from cdrj_ros.report.live_table import Line, Section
 
 SILENCE_S: Final = 1.5
-"""Time without a message after which the last one is stale and the reason is looked for [s]."""
+"""Time without a message after which the last one is marked stale and a note says why [s]."""
 
 RATE_S: Final = 2.0
-"""Time over which the rate is counted [s]."""
+"""Time window over which the rate is measured [s]."""
 
 LEAST_S: Final = 0.5
-"""Time after which a rate can be told [s]."""
+"""Shortest time over which a rate is reported [s]."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Which entries are shown, and how long their bars may get."""
+    """Which entries are shown, and the tensions at which their bars end."""
 
     pattern: str = "*"
     limits: Mapping[str, float] = field(default_factory=dict)
-    """By cable [N]."""
+    """Limit of the tension by cable [N]."""
     any_limit: float = float("inf")
-    """Of cables without one of their own [N]."""
+    """Limit for cables that are not in ``limits`` [N]."""
 
     def wants(self, name: str) -> bool:
         """Whether an entry is shown."""
@@ -46,32 +46,32 @@ class Choice:
 
 @dataclass
 class Feed:
-    """One topic: what came last, and how often something comes."""
+    """One topic: its last message and its message rate."""
 
     topic: str
     """Resolved name."""
     message: MessageType
     title: str
-    """What its entries are."""
+    """What an entry describes: ``element`` or ``pulley``."""
     value: str
-    """Field that is shown."""
+    """Name of the field that is shown."""
     limited: bool
-    """Whether limits of tension apply to the value."""
+    """Whether the tension limits apply to the value."""
     payload: bytes | None = None
     heard_s: float = field(default_factory=monotonic)
-    """Steady time of the last message, or of the start [s]."""
+    """Steady time of the last message, or of the construction before the first [s]."""
     count: int = 0
     looks: deque[tuple[float, int]] = field(default_factory=deque)
-    """Steady times [s] of recent looks and the messages counted until then."""
+    """Steady times [s] of recent calls of ``rate_hz``, with the message count at each."""
 
     def hear(self, payload: bytes) -> None:
-        """Take a message."""
+        """Store a received message."""
         self.payload = payload
         self.heard_s = monotonic()
         self.count += 1
 
     def rate_hz(self) -> float | None:
-        """Messages a second since the oldest look in ``RATE_S``; counts as a look."""
+        """Message rate since the oldest call within ``RATE_S`` [Hz]; None if that is too recent."""
         now = monotonic()
         while self.looks and now - self.looks[0][0] > RATE_S:
             self.looks.popleft()
@@ -80,14 +80,14 @@ class Feed:
         return (self.count - before) / (now - begin) if now - begin > LEAST_S else None
 
     def silent(self) -> bool:
-        """Whether nothing has come for ``SILENCE_S``."""
+        """Whether no message has been received for ``SILENCE_S``."""
         return monotonic() - self.heard_s > SILENCE_S
 
     def read(self, choice: Choice) -> tuple[int, Section]:
-        """Stamp [ns] and entries of the last message; in silence they are all stale.
+        """Stamp [ns] and entries of the last message; all are stale if the topic is silent.
 
         Raises:
-            MessageError: arrays of different lengths, or not the message at all.
+            MessageError: the arrays differ in length, or the message cannot be decoded.
         """
         payload = self.payload or b""
         found = read_layout(payload, self.message.fields)

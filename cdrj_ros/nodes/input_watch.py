@@ -1,4 +1,4 @@
-"""Watches the inputs: silence, refusals and missing axes, for the log and diagnostics."""
+"""Monitors the inputs for silence, refusals and missing axes, for the log and diagnostics."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from cdrj_ros.nodes.silence import Silence, age_s
 from cdrj_ros.nodes.words import missing_inputs, refusal_rate
 
 PATIENCE_S: Final = 3.0
-"""Time without an estimate before the log says why [s]."""
+"""Time without an estimate after which the reason is logged [s]."""
 
 AGAIN_S: Final = 10.0
-"""Time between two equal warnings [s]."""
+"""Minimum time between two equal warnings [s]."""
 
 
 class InputWatch:
-    """Knows when estimates begin, stop and come back, and why there is none."""
+    """Detects when estimates begin, stop and resume, and why there is none."""
 
     def __init__(
         self,
@@ -32,31 +32,31 @@ class InputWatch:
         silence: Silence,
         now_ns: Callable[[], int],
     ) -> None:
-        """Begin with no estimate.
+        """Start without an estimate.
 
         Args:
-            node: for its log.
-            live: for its counters.
+            node: provides the log.
+            live: provides the counters.
             inputs: the subscribed topics; those that carry axes are named in the log.
-            silence: time since the last estimate.
-            now_ns: the node's clock.
+            silence: measures the time since the last estimate.
+            now_ns: returns the time of the node's clock [ns].
         """
         self._node, self._live, self._inputs = node, live, inputs
         self._silence, self._now_ns = silence, now_ns
         self._refused: dict[str, int] = {}
         self.looked_s = self.estimated_s = monotonic()
-        """When ``health`` was last asked for, and when the last estimate came."""
+        """Steady times of the last call of ``health`` and of the last estimate [s]."""
         self._first = True
-        """No estimate has come since the start."""
+        """Whether there has been no estimate since the start."""
         self._quiet = True
-        """No estimate has come since the start, or for the timeout, and the log says so."""
+        """Whether there has been no estimate since the start or, as logged, for the timeout."""
 
     def silence_s(self) -> float:
         """Time since the last estimate [s]; infinite before the first."""
         return self._silence.seconds(self._now_ns(), monotonic())
 
     def note(self) -> None:
-        """Take note of an estimate; log the first one, and the first after a silence."""
+        """Record an estimate; log the first one, and the first one after a silence."""
         now_s = monotonic()
         self._silence.note(self._now_ns(), now_s)
         if self._quiet:
@@ -82,7 +82,7 @@ class InputWatch:
         return True
 
     def health(self, output: Output | None, rate_hz: float, clock_refused: int) -> Health:
-        """How the inputs and outputs are; ask once a second."""
+        """State of the inputs and outputs; call once a second."""
         conditioner = self._live.conditioner
         silence_s = self.silence_s()
         now_s = monotonic()
@@ -105,13 +105,13 @@ class InputWatch:
         return Health(timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused)
 
     def _adapt(self) -> None:
-        """Subscribe best-effort to topics whose publishers are, and log it."""
+        """Subscribe best-effort to topics with best-effort publishers, and log it."""
         for one in self._inputs:
             if words := one.look():
                 self._node.get_logger().warning(words, throttle_duration_sec=AGAIN_S)
 
     def warn(self, health: Health) -> None:
-        """Log why there is no estimate, or why many readings are refused; not every second."""
+        """Log why there is no estimate or why many readings are refused, at most every AGAIN_S."""
         words = ""
         if health.waiting and monotonic() - self.estimated_s > PATIENCE_S:
             self._quiet = True

@@ -1,4 +1,4 @@
-"""The estimator's input topics: subscribed, and matched to publishers of either reliability."""
+"""Subscriptions to the estimator's input topics that adapt to the publishers' reliability."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from cdrj_ros.nodes.words import TopicHeard
 
 
 class InputTopic:
-    """One subscription, reliable until a publisher turns out to be best-effort.
+    """One subscription, which is reliable until a best-effort publisher is found.
 
-    A best-effort subscription would match both kinds at once, but with it a reliable publisher's
-    messages are lost as well where the node cannot keep up for a moment.
+    A best-effort subscription would match both kinds of publishers at once, but it would also lose
+    messages of a reliable publisher whenever the node cannot keep up for a moment.
     """
 
     def __init__(
@@ -31,11 +31,11 @@ class InputTopic:
         """Subscribe.
 
         Args:
-            node: the subscriber.
-            message: class of the messages, which are received serialised.
+            node: the node that subscribes.
+            message: class of the messages; they are received serialised.
             topic: relative name.
-            callback: takes a message.
-            heard: kept up to date by the callback; its publishers by ``look``.
+            callback: called with every serialised message.
+            heard: updated by the callback; ``look`` updates its number of publishers.
         """
         self._node, self._message, self._topic, self._callback = node, message, topic, callback
         self.heard = heard
@@ -50,14 +50,14 @@ class InputTopic:
 
     @property
     def reliability(self) -> ReliabilityPolicy:
-        """What the subscription asks for at present."""
+        """Reliability that the subscription currently requests."""
         return self._subscription.qos_profile.reliability
 
     def look(self) -> str:
-        """Count the publishers and adapt to one that is best-effort; call while inputs are missing.
+        """Count the publishers and adapt to best-effort ones; call while inputs are missing.
 
         Returns:
-            What was found and done about it, for the log; empty if all publishers fit.
+            A log message about what was found and done; empty if all publishers are compatible.
         """
         publishers = self._node.get_publishers_info_by_topic(self.heard.topic)
         self.heard.publishers = len(publishers)
@@ -70,7 +70,7 @@ class InputTopic:
             return ""
         name = f"qos_overrides.{self.heard.topic}.subscription.reliability"
         who = f"{self.heard.topic}: the publisher in {', '.join(sorted(unreliable))} is best-effort"
-        if name in self._node._parameter_overrides:  # somebody has decided
+        if name in self._node._parameter_overrides:  # set by the user
             return (
                 f"{who}, but the parameter {name} asks for reliable: nothing arrives. Set it to "
                 "best_effort, or let the publisher be reliable"

@@ -1,4 +1,4 @@
-"""The estimator's parameters as data: names, defaults, units, ranges.  No ROS here.
+"""The estimator's parameters as data: names, defaults, units, ranges.  Does not depend on ROS.
 
 The node declares exactly these, and ``config/estimator.params.yaml`` is ``parameter_file()``.
 """
@@ -14,7 +14,7 @@ from cdrj_ros.conditioning.time_line import MODES
 from cdrj_ros.robot.document import schema
 
 UNSET: Final = -1.0
-"""Value of a number that leaves the robot file's."""
+"""Value of a number for which the robot file's value is used."""
 
 OutputMode = Literal["every_sample", "motor_stamps"]
 OUTPUT_MODES: Final[tuple[OutputMode, ...]] = get_args(OutputMode)
@@ -27,14 +27,14 @@ FRICTION: Final = (
     "bristle_stiffness",
     "viscous",
 )
-"""Keys of the robot file's common friction that may change while running."""
+"""Keys of the robot file's common friction that may change while the node runs."""
 
 SLOWEST_HZ: Final = 0.1
 FASTEST_HZ: Final = 1000.0
-"""Bandwidths of the filters between counts [Hz]."""
+"""Range of the bandwidth of the filters that interpolate between encoder counts [Hz]."""
 
 WIDTH: Final = 96
-"""Columns of a comment in the parameter file."""
+"""Maximum line length of comments in the parameter file [columns]."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class Setting:
     high: float = 0.0
     """Range of a number, both ends included."""
     choices: tuple[str, ...] = ()
-    """Allowed words of a text; empty for any."""
+    """Allowed values of a text; empty if any text is allowed."""
     changeable: bool = False
     """Whether it may be set while the node runs."""
 
     @property
     def bounded(self) -> bool:
-        """Whether it is a number with a range."""
+        """Whether the parameter is a number with a range."""
         return isinstance(self.default, float)
 
     @property

@@ -1,4 +1,4 @@
-"""Plays recorded messages to an estimator node and keeps count of its answers."""
+"""Plays recorded messages to an estimator node and tracks its outputs."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ from cdrj_ros.replay.keyboard import Keyboard
 from cdrj_ros.replay.playback import Playback
 
 Routes = dict[str, list[tuple[Any, Callable[[bytes], None] | None]]]
-"""By topic in the bag: what publishes its messages, and what foresees the answers."""
+"""By topic in the bag: functions that publish a message, each with one to predict the answers."""
 
 WINDOW: Final = 64
-"""Estimates under way at once: far fewer than any queue holds, so that none is lost."""
+"""Maximum number of estimates in flight; far below any queue depth, so that none is lost."""
 
 BATCH: Final = 16
-"""Messages sent between two looks at the answers."""
+"""Maximum number of messages sent before answers are processed."""
 
 UNANSWERABLE: Final = 256
-"""Inputs in a row that make no estimate possible (a slow or late channel); then the estimator is
-asked whether it is through with them."""
+"""Number of consecutive inputs without an expected estimate (because a channel is slow or late)
+after which the replay waits until the estimator has processed them."""
 
 CHORES_S: Final = 0.02
-"""Time between two looks at the keyboard and the display [s]."""
+"""Time between two updates of the keyboard and the display [s]."""
 
 PRESENCE_S: Final = 0.5
 """Time between two checks that the estimator is still there [s]."""
 
 NEWS_S: Final = 3.0
-"""Time between two lines that name what is still missing [s]."""
+"""Time between two messages that list what is still missing [s]."""
 
 SETTLE_S: Final = 2.0
-"""How long to wait for other listeners, so that they miss no message either [s]."""
+"""Maximum time to wait for other subscribers, so that they do not miss messages [s]."""
 
 
 class Ending(enum.Enum):
-    """Why a run is over."""
+    """Reason for the end of a run."""
 
     END = "at the end"
     SOUGHT = "by a seek"
@@ -64,15 +64,15 @@ class Played:
     heard: Heard
     ending: Ending
     whole: bool
-    """From the beginning to the end."""
+    """Whether the run went from the beginning to the end."""
     span_s: float
-    """Time of the recording that was covered [s]."""
+    """Duration of the played part of the recording [s]."""
     wall_s: float
-    """Wall time it took, pauses left out [s]."""
+    """Elapsed wall time, without pauses [s]."""
     from_s: float
-    """Where it began [s], from the beginning of what is played."""
+    """Start of the run [s], relative to the beginning of the playback."""
     behind_s: float
-    """Greatest delay of a message behind its due time [s]; 0 as fast as possible."""
+    """Maximum delay of a message after its due time [s]; 0 if played as fast as possible."""
 
 
 class Player:
@@ -88,14 +88,14 @@ class Player:
         keyboard: Keyboard,
         display: Display,
     ) -> None:
-        """Keep the parts; ``executor`` spins ``node``."""
+        """Store the components; ``executor`` spins ``node``."""
         self.model = model
         self.node = node
         self.executor = executor
         self.controls = controls
         self.display = display
         self.before = Tally()
-        """Of the runs before the present one."""
+        """Counters of the runs before the current one."""
         self.runs = 0
         self._stop = stop
         self._keyboard = keyboard
@@ -105,23 +105,24 @@ class Player:
         self._clock_s = 0.0
         self._gone = False
         self.estimator = NodeSettings()
-        """How the estimator is set; known once it has been waited for."""
+        """Settings of the estimator; valid after ``wait_for_estimator``."""
 
     @property
     def stopping(self) -> bool:
-        """By signal, key or service."""
+        """Whether a signal, key or service has requested the end."""
         return bool(self._stop) or self.controls.stopped
 
     @property
     def tally(self) -> Tally:
-        """Of all runs."""
+        """Counters of all runs."""
         return self.before + self._run.tally()
 
     def wait_for_estimator(self, patience_s: float) -> bool:
-        """Wait until the estimator is connected both ways; False if the user stops.
+        """Wait until the estimator is connected in both directions; False if the user stops.
 
         Raises:
-            NoEstimatorError: after ``patience_s``.
+            NoEstimatorError: the estimator is not connected after ``patience_s``.
+            UsageError: the estimator does not publish every estimate.
         """
         begin = monotonic()
         news = begin + NEWS_S
@@ -154,11 +155,11 @@ class Player:
         return True
 
     def play(self, playback: Playback, delay_s: float = 0.0) -> list[Played]:
-        """One pass: a run of the estimator, and another after every seek.
+        """Play one pass: one run of the estimator, and another run after every seek.
 
         Raises:
-            NoEstimatorError: it does not reset, or hears everything and answers nothing.
-            AnotherRobotError: it is of another robot.
+            NoEstimatorError: the estimator does not reset, or answers none of the inputs.
+            AnotherRobotError: the estimator uses another robot.
         """
         self.controls.playback = playback
         played: list[Played] = []
@@ -204,7 +205,7 @@ class Player:
         )  # fmt: skip
 
     def _loop(self, playback: Playback, run: Run, watch: _Stopwatch) -> Ending:
-        """Send what is due and take answers until there is a reason to stop."""
+        """Send messages that are due and process answers until the run ends."""
         routes = self._routes(run)
         spin_once = self.executor.spin_once
         paced = 0
@@ -241,18 +242,21 @@ class Player:
         return Ending.END if ended else Ending.USER
 
     def _wait_until_through(self, run: Run, paced: int) -> int:
-        """Let the node catch up after ``UNANSWERABLE`` messages that get no answer; their count."""
+        """Wait for the node after every ``UNANSWERABLE`` inputs without an expected estimate.
+
+        ``paced`` is the number of such inputs at the last wait; returns its new value.
+        """
         if run.unanswerable - paced >= UNANSWERABLE:
             paced = run.unanswerable
             self._gone = not self.node.is_through(self.executor)
         return min(paced, run.unanswerable)
 
     def _broken_off(self, playback: Playback, run: Run) -> bool:
-        """Whether the run ends before the recording does."""
+        """Whether the run has to end before the end of the recording."""
         return self.stopping or playback.sought or self._gone or run.trouble is not None
 
     def _send(self, messages: Sequence[RawMessage], routes: Routes) -> None:
-        """Publish messages and note the answers that they make possible."""
+        """Publish messages and record the answers that they lead to."""
         for message in messages:
             for send, ask in routes[message.topic]:
                 if ask is not None:
@@ -261,15 +265,15 @@ class Player:
         self._reached_ns = messages[-1].log_ns
 
     def _let_answers_in(self, run: Run, now: float) -> None:
-        """Wait until another batch may be sent, or something else has to be done."""
+        """Wait until another batch may be sent or the chores are due."""
         room: Future = Future()
         run.call_at(WINDOW - BATCH, lambda: room.set_result(None))
-        # one call for many answers: spinning once for each takes longer than hearing it
+        # one call for many answers, since spin_once per answer costs more than its callback
         left_s = max(self._chores_s - now, 0.0)
         self.executor.spin_until_future_complete(room, timeout_sec=left_s)
 
     def _drain(self, playback: Playback, run: Run, watch: _Stopwatch) -> None:
-        """Wait for the answers that are under way."""
+        """Wait for the answers in flight."""
         while run.under_way and not self._gone and run.trouble is None:
             now = perf_counter()
             if now >= self._chores_s:
@@ -278,7 +282,7 @@ class Player:
             self.executor.spin_once(timeout_sec=max(self._chores_s - now, 0.0))
 
     def _routes(self, run: Run) -> Routes:
-        """By topic in the bag: what publishes its messages, and what foresees the answers."""
+        """Build the routes of a run, see ``Routes``."""
         node, topics, gate = self.node, self.node.wiring.topics, run.conditioner
         routes: Routes = {
             topic: [(publisher.publish, None)] for topic, publisher in node.extras.items()
@@ -290,7 +294,7 @@ class Player:
         ):
             route = (publisher.publish, run.asker(gate.feed_both if shared else feed))
             if not (shared and topics.motors == topics.joints and topic in routes):
-                routes.setdefault(topic, []).append(route)  # each message once on each topic
+                routes.setdefault(topic, []).append(route)  # each message only once a topic
         for topic in self.node.wiring.clock_topics & routes.keys():
             routes[topic].insert(0, (self._stamp_clock, None))
         return routes
@@ -301,7 +305,7 @@ class Player:
             self.node.publish_clock(playback.position_ns(perf_counter()))
 
     def _do_chores(self, now: float, playback: Playback, run: Run) -> None:
-        """Do what can wait for some milliseconds: keys, clock, display, missing answers."""
+        """Handle keys, clock, display and missing answers, which may wait some milliseconds."""
         self._chores_s = now + CHORES_S
         hertz = self.node.wiring.clock_hz
         if hertz > 0:
@@ -337,14 +341,14 @@ class Player:
 
 
 class _Stopwatch:
-    """Wall time spent playing, pauses left out."""
+    """Wall time of the playback, without pauses."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
         self._last: float | None = None
 
     def tick(self, now: float, playback: Playback) -> None:
-        """Count the time since the last tick, unless it was one of waiting."""
+        """Add the time since the last tick unless the playback was idle."""
         if self._last is not None:
             self.seconds += now - self._last
         idle = playback.paused or playback.wait_s(now) > 1e6

@@ -1,4 +1,4 @@
-"""Quality of service: the default, overrides from a file, and what a recording says was offered."""
+"""Quality of service: the default, overrides from a file, and the offered QoS in a recording."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ruamel.yaml.error import YAMLError
 from cdrj_ros.foundation.errors import UsageError
 
 DEPTH: Final = 1000
-"""Messages that a topic may queue."""
+"""Queue depth of a topic [messages]."""
 
 _POLICIES: Final[Mapping[str, Any]] = {
     "history": HistoryPolicy,
@@ -32,16 +32,16 @@ _DURATIONS: Final = ("deadline", "lifespan", "liveliness_lease_duration")
 
 
 def default_profile(*, latched: bool = False) -> QoSProfile:
-    """Reliable, and deep enough for the inputs under way."""
+    """A reliable profile whose queue holds all messages in flight."""
     durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
     return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
 
 
 def read_overrides(path: str) -> dict[str, QoSProfile]:
-    """Profiles by topic, from a file as `ros2 bag play --qos-profile-overrides-path` takes it.
+    """Profiles by topic, from a file in the format of `ros2 bag play --qos-profile-overrides-path`.
 
     Raises:
-        UsageError: what is wrong, with topic and key.
+        UsageError: the file is invalid; the message names the topic and the key.
         OSError: the file cannot be read.
     """
     try:
@@ -54,7 +54,7 @@ def read_overrides(path: str) -> dict[str, QoSProfile]:
 
 
 def profile(values: Any, where: str) -> QoSProfile:
-    """A profile from policies by name; what is not named is as ``default_profile``.
+    """A profile from policies by name; all others are those of ``default_profile``.
 
     Raises:
         UsageError: an unknown policy or value.
@@ -97,7 +97,7 @@ def _duration(value: Any, where: str) -> Duration:
 
 
 def was_latched(offered: str) -> bool:
-    """Whether a recording's `offered_qos_profiles` say that late listeners got the last message."""
+    """Whether a recording's `offered_qos_profiles` include transient-local durability."""
     try:
         profiles: Any = YAML(typ="safe").load(offered) if offered else None
     except YAMLError:

@@ -1,4 +1,4 @@
-"""The companion node: plays a bag's inputs to the estimator and judges its answers."""
+"""The replay node: plays a bag's inputs to the estimator and evaluates its estimates."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ from cdrj_ros.replay.playback import (
 )
 
 INCOMPLETE: Final = 1
-"""Exit code: played, but estimates were lost or the estimator went away."""
+"""Exit code: the bag was played, but estimates were lost or the estimator went away."""
 
 _STAMP: Final = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
 
@@ -72,10 +72,10 @@ class Bag:
 
 
 def _extras(arguments: argparse.Namespace, topics: Topics) -> list[Extra]:
-    """Topics that are played beside the inputs.
+    """Topics that are played in addition to the estimator's inputs.
 
     Raises:
-        UsageError: a topic that is not there, or one that cannot be left out.
+        UsageError: a topic does not exist in the bag, or a required one is excluded.
     """
     source = merged_source(arguments.bags)
     for file in source.files:
@@ -129,7 +129,7 @@ def _remap(arguments: argparse.Namespace) -> dict[str, str]:
 
 
 def _open(arguments: argparse.Namespace, model: Model, wiring: Wiring, paths: list[str]) -> Bag:
-    """Read what is needed to judge one recording, or several as one, and prepare its playing."""
+    """Read one recording, or several merged into one, and prepare its playback."""
     name = " + ".join(paths)
     topics = wiring.topics
     recording = read_recording(merged_source(paths), topics)
@@ -167,7 +167,7 @@ def _open(arguments: argparse.Namespace, model: Model, wiring: Wiring, paths: li
 
 
 def _header_stamp(message: RawMessage) -> int:
-    """[ns]; 0 where the message does not begin with a header."""
+    """Stamp of the header [ns]; 0 if the message does not begin with a header."""
     if BYTE_ORDER.get(message.data[:2]) is None:
         return 0
     try:
@@ -183,7 +183,7 @@ def _header_stamp(message: RawMessage) -> int:
 def _play_all(
     arguments: argparse.Namespace, player: Player, bags: Sequence[Bag]
 ) -> tuple[list[Outcome], Ending]:
-    """Every bag in turn, pass after pass; what was heard, by bag, and how it ended."""
+    """Play all bags in turn, pass after pass; returns an outcome for each bag and the ending."""
     outcomes = [Outcome(player.model) for _ in bags]
     rounds = math.inf if arguments.loop else arguments.passes
     ending, done = Ending.END, 0
@@ -223,7 +223,7 @@ def _replay(
     executor.add_node(node)
     try:
         return _play_and_report(arguments, model, node, executor, bags, stop)
-    finally:  # in this order: an event that comes in between would reach what is no longer there
+    finally:  # in this order: the executor must not serve a destroyed node
         executor.shutdown()
         node.destroy_node()
 
@@ -252,7 +252,7 @@ def _play_and_report(
 
 
 def _agreed(arguments: argparse.Namespace, player: Player) -> Model:
-    """The robot with the node's preloads if asked for; else a warning if they differ."""
+    """The robot, with the node's preloads if requested; otherwise warn if the preloads differ."""
     words = preload_difference(player.model, player.estimator)
     if words and arguments.use_node_preload:
         return load_model(arguments.robot, player.estimator.preload)
@@ -274,7 +274,7 @@ def _report(
     arguments: argparse.Namespace, model: Model, bags: Sequence[Bag],
     outcomes: Sequence[Outcome], ending: Ending,
 ) -> int:  # fmt: skip
-    """Print what was played and how it compares; returns the exit code."""
+    """Print what was played and the comparison with the references; returns the exit code."""
     comparisons = []
     for bag, outcome in zip(bags, outcomes, strict=True):
         if not outcome.tally.sent:
@@ -303,7 +303,7 @@ def _report(
 
 @contextmanager
 def _second_signal_aborts(stop: StopRequest) -> Iterator[None]:
-    """The first Ctrl-C ends the playing and leads to the report; a second one ends at once."""
+    """The first Ctrl-C ends the playback, and the report follows; a second one exits at once."""
 
     def on_signal(number: int, frame: FrameType | None) -> None:
         if stop:
@@ -318,9 +318,9 @@ def _second_signal_aborts(stop: StopRequest) -> Iterator[None]:
 
 
 def _divided(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Our own arguments, and those between ``--ros-args`` and ``--``.
+    """Split the arguments into the replay's own and those between ``--ros-args`` and ``--``.
 
-    rclpy's own division would take ``--remap OLD:=NEW`` for a rule of an older ROS.
+    rclpy's own parser would treat ``--remap OLD:=NEW`` as a deprecated remapping rule.
     """
     own: list[str] = []
     ros: list[str] = []

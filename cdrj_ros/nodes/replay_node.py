@@ -1,4 +1,4 @@
-"""The replay's topics and clients beside an estimator node's."""
+"""The ROS node of the replay: its topics and its clients of the estimator's services."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from cdrj_ros.replay.agreement import NodeSettings
 from cdrj_ros.replay.answers import KINDS, Run
 
 ANSWER_S: Final = 5.0
-"""How long a service of the estimator may take [s]."""
+"""Maximum response time of the estimator's services [s]."""
 
 
 class NoEstimatorError(CdrjError):
@@ -36,7 +36,7 @@ class NoEstimatorError(CdrjError):
 
 @dataclass(frozen=True)
 class Extra:
-    """A topic that is played although the estimator does not listen to it."""
+    """A topic that is played although the estimator does not subscribe to it."""
 
     topic: str
     msgtype: str
@@ -50,23 +50,24 @@ class Wiring:
     topics: Topics = field(default_factory=Topics)
     extras: tuple[Extra, ...] = ()
     remap: Mapping[str, str] = field(default_factory=dict)
-    """Names to publish under, by name in the bag."""
+    """Names under which topics are published, by name in the bag."""
     overrides: Mapping[str, QoSProfile] = field(default_factory=dict)
-    """By name in the bag, and for the answers by the name listened to."""
+    """QoS by name in the bag, or for the estimator's outputs by the name subscribed to."""
     clock_hz: float = 0.0
     clock_topics: frozenset[str] = frozenset()
-    """Topics whose messages are preceded by the clock."""
+    """Topics before whose messages the time is published on /clock."""
     estimator: str = "/cdrj/estimator"
 
 
 class ReplayNode(Node):
-    """Topics and clients beside an estimator's."""
+    """Publishes inputs, subscribes to the estimator's outputs and calls its services."""
 
     def __init__(self, wiring: Wiring, **options: Any) -> None:
         """Create publishers, subscriptions and clients.
 
         Raises:
-            UsageError: an extra topic whose type is not installed, or that would meet the answers.
+            UsageError: the type of an extra topic is not installed, or an extra topic has the name
+                of an output of the estimator.
         """
         super().__init__("replay", namespace="cdrj", **options)
         self.wiring = wiring
@@ -112,12 +113,12 @@ class ReplayNode(Node):
         return on_answer
 
     def listen(self, run: Run | None) -> None:
-        """Pass answers to this run from now on."""
+        """Pass the estimator's outputs to this run from now on."""
         for number in range(len(KINDS)):
             self._ears[number] = run.listener(number) if run else _ignore
 
     def missing(self) -> list[str]:
-        """Parts of the estimator that are missing, in words; empty if none is."""
+        """Descriptions of the missing parts of the estimator; empty if none is missing."""
         gaps = [f"no subscriber of {p.topic_name}" for p in self.inputs if not _matched(p)]
         gaps += [f"no publisher of {t}" for t in self.outputs if not self.count_publishers(t)]
         for client in (self._reset, self._ping):
@@ -126,7 +127,7 @@ class ReplayNode(Node):
         return gaps
 
     def unconnected(self) -> list[str]:
-        """Topics played of which a listener is known but not connected yet."""
+        """Played topics with a discovered subscriber that is not connected yet."""
         return [
             p.topic_name
             for p in (*self.inputs, *self.extras.values())
@@ -134,14 +135,14 @@ class ReplayNode(Node):
         ]
 
     def rivals(self) -> list[str]:
-        """Topics of the answers on which more than one node publishes."""
+        """Output topics of the estimator with more than one publisher."""
         return [topic for topic in self.outputs if self.count_publishers(topic) > 1]
 
     def reset_estimator(self, executor: EventsExecutor) -> str:
-        """Reset the estimator; returns its answer.
+        """Reset the estimator; returns the message of its response.
 
         Raises:
-            NoEstimatorError: it does not answer, or refuses.
+            NoEstimatorError: it does not respond, or refuses.
         """
         future = self._reset.call_async(Trigger.Request())
         executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
@@ -155,13 +156,13 @@ class ReplayNode(Node):
         return str(response.message)
 
     def is_through(self, executor: EventsExecutor) -> bool:
-        """Whether the estimator answers a question put to it now, behind all that was sent."""
+        """Whether the estimator responds to a request queued after all messages sent so far."""
         future = self._ping.call_async(GetParameters.Request(names=[]))
         executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
         return bool(future.done())
 
     def settings(self, executor: EventsExecutor) -> NodeSettings:
-        """How the estimator is set, by its parameters; the defaults if it does not answer."""
+        """Read the estimator's parameters; returns the defaults if it does not respond."""
         names = ["conditioning", "preload", "output", "max_rate"]
         future = self._ping.call_async(GetParameters.Request(names=names))
         executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
@@ -183,7 +184,7 @@ class ReplayNode(Node):
             self.clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
 
     def wait_for_acknowledgements(self, timeout_s: float) -> list[str]:
-        """Names of the topics of which not all listeners have acknowledged everything by then."""
+        """Wait for acknowledgements; returns the topics with a missing one after ``timeout_s``."""
         deadline = monotonic() + timeout_s
         slow = []
         for publisher in (*self.inputs, *self.extras.values()):
@@ -194,7 +195,7 @@ class ReplayNode(Node):
 
 
 def _ignore(_payload: bytes) -> None:
-    """Ignore an answer that nobody waits for."""
+    """Ignore an output received while no run is active."""
 
 
 def _matched(publisher: Any) -> bool:
@@ -202,10 +203,10 @@ def _matched(publisher: Any) -> bool:
 
 
 def message_class(msgtype: str) -> Any:
-    """The class of ``sensor_msgs/msg/Imu``.
+    """The Python class of a message type such as ``sensor_msgs/msg/Imu``.
 
     Raises:
-        UsageError: it is not installed.
+        UsageError: the type is not installed.
     """
     package, _, name = msgtype.replace("/msg/", "/").partition("/")
     try:
@@ -231,7 +232,7 @@ def wiring_of(
         clock_topics: None for every topic that is played.
 
     Raises:
-        UsageError: a topic that is not played, or a clock beside a clock.
+        UsageError: an option names a topic that is not played.
     """
     played = {topics.motors, topics.joints, *(extra.topic for extra in extras)}
     stamped = played if clock_topics is None else frozenset(clock_topics)

@@ -1,4 +1,4 @@
-"""The rig node: a simulated robot in real time; motor commands in, encoder readings out."""
+"""The rig node: simulates a robot in real time, from motor commands to encoder readings."""
 
 from __future__ import annotations
 
@@ -34,29 +34,29 @@ from cdrj_ros.rig.live_faults import FAULT_NAMES
 from cdrj_ros.rig.live_motion import program_of
 
 MOST_BEHIND_S: Final = 0.1
-"""Where the rig is further behind than this, it leaves the time out [s]."""
+"""If the simulation lags by more than this, it skips the lag instead of catching up [s]."""
 
 AT_ONCE: Final = 20
-"""Steps between two looks at commands and services."""
+"""Maximum number of steps before commands and services are processed again."""
 
 CLOCK_HZ: Final = 200.0
-"""Messages on /clock per second of the rig [Hz]."""
+"""Rate of /clock in simulated time [Hz]."""
 
 WARNING_S: Final = 10.0
-"""That it cannot keep up, the node says no more often than this [s]."""
+"""Minimum time between two warnings that the node cannot keep up [s]."""
 
 
 class RigNode(Node):
-    """Steps the rig as time goes by."""
+    """Advances the simulated rig in real time."""
 
     def __init__(self, **options: Any) -> None:
         """Read the parameters and the robot file, then open topics and services.
 
         Args:
-            options: of rclpy's Node.
+            options: passed to rclpy's Node.
 
         Raises:
-            CdrjError: the robot file or a parameter is wrong.
+            CdrjError: the robot file or a parameter is invalid.
         """
         super().__init__("rig", namespace="cdrj", **options)
         path = declare_text(self, "robot", "", "Robot file (YAML), or the name of an installed one")
@@ -85,7 +85,7 @@ class RigNode(Node):
         self._reported = (monotonic_ns(), 0, 0.0)
         self._open(model)
         gc.collect()
-        gc.freeze()  # what lives as long as the node is not looked at again and again
+        gc.freeze()  # exclude objects that live as long as the node from later collections
         self.get_logger().info(
             f"{model.robot.name}: {settings.cells} contact cells a pulley, "
             f"{model.robot.joints[settings.joint].name} moves freely, motion "
@@ -93,7 +93,7 @@ class RigNode(Node):
         )
 
     def _open(self, model: Any) -> None:
-        """Topics, services, timers."""
+        """Open topics, services and timers."""
         self.outputs = RigOutputs(self, model, self.options)
         self.commands = CommandListener(self, self.options.limits, self._on_command)
         self._clock_publisher = (
@@ -112,7 +112,7 @@ class RigNode(Node):
         self.create_timer(1.0, self._on_diagnostics, clock=steady)
 
     def _on_tick(self) -> None:
-        """Take the steps that are due."""
+        """Compute the steps that are due."""
         now_ns = monotonic_ns()
         if self._origin_ns is None:
             self._origin_ns = now_ns
@@ -129,13 +129,13 @@ class RigNode(Node):
         self._busy_s += perf_counter() - begin
 
     def _leave_out(self, steps: int) -> None:
-        """The machine is too slow: go on from here, and say so."""
+        """Skip steps because the machine is too slow, and log a warning."""
         lost_s = steps * self._period_s
         self._left_out_s += lost_s
         self._origin_ns = monotonic_ns() - round(
             self._done * self._period_s / self.options.speed * 1e9
         )
-        if self._clock_publisher is None:  # stamps stay near the machine's clock
+        if self._clock_publisher is None:  # keep the stamps close to the system clock
             self._zero_ns += round(lost_s * 1e9)
         cells = self.options.settings.cells
         fewer = f"fewer contact cells (cells:={cells // 2}) or " if cells > 1 else ""
@@ -146,7 +146,7 @@ class RigNode(Node):
         )
 
     def _step(self) -> None:
-        """Advance by one step and publish what is to be read then."""
+        """Advance by one step and publish the sensor readings that are due."""
         rig, drives = self.rig, self.drives
         now_s = (rig.steps + 1) * self._period_s
         angle = drives.next(rig.steps + 1, now_s, self._period_s, rig.motor_effort)
@@ -207,7 +207,7 @@ class RigNode(Node):
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             self.rig.reset()
-        except CdrjError as error:  # the load was changed, and nothing holds it at the start
+        except CdrjError as error:  # after a change of the load, no equilibrium at the start
             response.success, response.message = False, f"nothing changed: {error}"
             return response
         self._base_s = self._time_s

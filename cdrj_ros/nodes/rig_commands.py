@@ -1,4 +1,4 @@
-"""Commands to the rig's motors from topics: checked, carried out, or refused and counted."""
+"""Receives commands to the rig's motors: checks them, and executes or refuses and counts them."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from cdrj_ros.rig.live_commands import (
 from cdrj_ros.rig.live_limits import DriveLimits
 
 DEPTH = 10
-"""Commands that a topic may queue: old ones are of no use."""
+"""Queue depth of a topic [messages]; small because old commands are useless."""
 
 WARNING_S = 5.0
-"""Refusals are logged no more often than this [s]."""
+"""Minimum time between two logged refusals [s]."""
 
 
 class CommandListener:
-    """Subscribes to every kind of command."""
+    """Subscribes to the topics of all kinds of commands."""
 
     def __init__(
         self, node: Node, limits: DriveLimits, accept: Callable[[Command | Trajectory], None]
@@ -39,9 +39,9 @@ class CommandListener:
         """Open the topics.
 
         Args:
-            node: whose they are.
-            limits: of the drives.
-            accept: what is done with a command that can be carried out.
+            node: the node that subscribes.
+            limits: limits of the drives.
+            accept: called with every valid command.
         """
         self._node, self._limits, self._accept = node, limits, accept
         self.accepted = 0
@@ -54,7 +54,7 @@ class CommandListener:
         node.create_subscription(JointTrajectory, "motor_trajectory", self._on_trajectory, DEPTH)
 
     def _array_listener(self, mode: Mode) -> Callable[[Float64MultiArray], None]:
-        """Listen to one value for each motor, as forward command controllers of ros2_control do."""
+        """Callback for one value per motor, as in ros2_control's forward command controllers."""
 
         def on_array(message: Float64MultiArray) -> None:
             def read() -> Command:
@@ -89,7 +89,7 @@ class CommandListener:
         )  # fmt: skip
 
     def _take(self, topic: str, read: Callable[[], Command | Trajectory]) -> None:
-        """Carry out a command, or refuse all of it."""
+        """Execute a command, or refuse it as a whole."""
         try:
             command = read()
         except CommandError as error:

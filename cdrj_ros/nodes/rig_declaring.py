@@ -1,4 +1,4 @@
-"""How the rig's parameters are declared: with a description, a range, and whole numbers allowed."""
+"""Declare the rig's parameters with description and range; integers are accepted as doubles."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def declare_number(
     description: str,
     changeable: bool = False,
 ) -> float:
-    """A number with its range; ``payload:=1`` means 1.0."""
+    """Declare a number with its range; ``payload:=1`` means 1.0."""
     _allow_whole(node, Setting(name, default, description, "", low, high))
     descriptor = ParameterDescriptor(
         description=description,
@@ -32,20 +32,20 @@ def declare_number(
 
 
 def declare_numbers(node: Node, name: str, description: str) -> list[float]:
-    """Numbers that cannot change; empty where they are not set."""
+    """Declare a read-only array of numbers; empty if it is not set."""
     _allow_whole(node, Setting(name, None, description))
     return [float(one) for one in _array(node, name, Parameter.Type.DOUBLE_ARRAY, description)]
 
 
 def declare_names(node: Node, name: str, description: str) -> list[str]:
-    """Names that cannot change; empty where they are not set."""
+    """Declare a read-only array of names; empty if it is not set."""
     return [str(one) for one in _array(node, name, Parameter.Type.STRING_ARRAY, description)]
 
 
 def declare_count(
     node: Node, name: str, default: int, low: int, high: int, description: str
 ) -> int:
-    """A whole number that cannot change."""
+    """Declare a read-only integer."""
     descriptor = ParameterDescriptor(
         description=description,
         read_only=True,
@@ -55,13 +55,13 @@ def declare_count(
 
 
 def declare_text(node: Node, name: str, default: str, description: str) -> str:
-    """A text that cannot change."""
+    """Declare a read-only string."""
     descriptor = ParameterDescriptor(description=description, read_only=True)
     return str(node.declare_parameter(name, default, descriptor).value)
 
 
 def declare_flag(node: Node, name: str, default: bool, description: str) -> bool:
-    """A switch that cannot change."""
+    """Declare a read-only boolean."""
     descriptor = ParameterDescriptor(description=description, read_only=True)
     return bool(node.declare_parameter(name, default, descriptor).value)
 
@@ -72,8 +72,8 @@ def _array(node: Node, name: str, kind: Any, description: str) -> list[Any]:
 
 
 def _allow_whole(node: Node, setting: Setting) -> None:
-    """Take a whole number that was given for what it stands for."""
-    overrides = node._parameter_overrides  # there is no public way to what was given
+    """Convert a given integer to a double."""
+    overrides = node._parameter_overrides  # rclpy has no public access to the given values
     given = overrides.get(setting.name)
     if given is not None:
         overrides[setting.name] = as_double(given, setting)

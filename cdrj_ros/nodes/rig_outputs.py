@@ -1,4 +1,4 @@
-"""What the rig publishes: encoders as they read, and on request load cells and the truth."""
+"""The rig's publishers: encoder readings and, on request, load cells and the true state."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from cdrj_ros.rig.live_sensors import LiveCells, LiveEncoders
 from cdrj_ros.robot.description import Robot
 
 DEPTH: Final = 1000
-"""Messages that a topic may queue."""
+"""Queue depth of a topic [messages]."""
 
 
 def quality() -> QoSProfile:
-    """Of one topic."""
+    """QoS of one topic."""
     return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class _Encoders:
-    """Encoders that share a topic and a clock: one message for all of them."""
+    """Encoders that share a topic and a clock, and therefore a message."""
 
     def __init__(self, publisher: Any, sensor: LiveEncoders, columns: list[int], efforts: bool):
         self.publisher, self.sensor, self.columns = publisher, sensor, columns
@@ -41,7 +41,7 @@ class _Encoders:
 
 
 class RigOutputs:
-    """Reads the rig after every step and publishes what has come through."""
+    """Samples the rig after every step and publishes the readings whose latency has elapsed."""
 
     def __init__(self, node: Node, model: Model, options: RigOptions) -> None:
         """Open the topics."""
@@ -62,32 +62,32 @@ class RigOutputs:
         self._open_truth(node, model, options)
 
     def freeze(self, name: str) -> bool | None:
-        """Freeze the encoder of a motor or joint; None where there is none of this name."""
+        """Freeze the encoder of a motor or joint; None if there is none of this name."""
         for group in (*self._motors, *self._joints):
             if name in (axis.name for axis in group.sensor.axes):
                 return group.sensor.freeze(name)
         return None
 
     def thaw(self) -> None:
-        """Let all encoders read again."""
+        """Unfreeze all encoders."""
         for group in (*self._motors, *self._joints):
             group.sensor.thaw()
 
     @property
     def frozen(self) -> tuple[str, ...]:
-        """Axes whose encoders stand still."""
+        """Axes whose encoders are frozen."""
         groups = (*self._motors, *self._joints)
         return tuple(name for group in groups for name in group.sensor.frozen)
 
     def emit(
         self, rig: LiveRig, motor_speed: NDArray[np.float64], now_s: float, zero_ns: int
     ) -> None:
-        """Publish what arrives at this time.
+        """Publish the readings that are due at this time.
 
         Args:
-            rig: after a step.
-            motor_speed: [rad/s], shape (motors,).
-            now_s: time of the sensors, which a reset of the rig does not set back [s].
+            rig: the rig after a step.
+            motor_speed: speed of the motors [rad/s], shape (motors,).
+            now_s: time of the sensors [s]; a reset of the rig does not reset it.
             zero_ns: stamp of time 0 [ns].
         """
         if self._efforts is not None:
@@ -165,7 +165,7 @@ class RigOutputs:
 def _groups(
     publisher: Any, axes: Any, reader: Reader, seed: list[int], efforts: bool
 ) -> list[_Encoders]:
-    """Encoders by clock: a message has one stamp."""
+    """Group encoders by clock, since a message has only one stamp."""
     groups = []
     for offset in dict.fromkeys(axis.sensor.clock_offset_ns for axis in axes):
         columns = [k for k, axis in enumerate(axes) if axis.sensor.clock_offset_ns == offset]
@@ -177,7 +177,7 @@ def _groups(
 
 
 def _bounds(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Tensions at which every element counts as slack, and above which as overloaded [N]."""
+    """Tensions at or below which each element is slack, and above which it is overloaded [N]."""
     counts = [len(cable.nodes) - 1 for cable in robot.cables]
     return (
         np.repeat([cable.slack_tension for cable in robot.cables], counts),

@@ -1,4 +1,4 @@
-"""The rig's parameters: what is simulated, what reads it, and what of that is published."""
+"""The rig's parameters: the simulation, its sensors, and the published topics."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ from cdrj_ros.rig.load import Load, LoadKind, make_load, usual_load
 from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, Encoder, LoadCells
 
 USUAL: Final = 0.0
-"""Value of a parameter that leaves the choice to the rig."""
+"""Value of a parameter for which the rig chooses a default."""
 
 LOAD_PARAMETERS: Final = ("payload", "gravity", "damping")
-"""These may change while the rig runs."""
+"""Parameters that may change while the rig runs."""
 
 
 @dataclass(frozen=True)
 class Reader:
-    """One kind of encoder, and how late its messages are."""
+    """One kind of encoder and the latency of its messages."""
 
     encoder: Encoder
     latency_s: float
-    """[s]."""
+    """Time from a reading to its message [s]."""
 
 
 @dataclass(frozen=True)
 class RigOptions:
-    """All that the parameters say."""
+    """The values of all parameters."""
 
     settings: LiveSettings
     limits: DriveLimits
@@ -55,25 +55,25 @@ class RigOptions:
     motors: Reader
     joints: Reader
     efforts: LoadCells | None
-    """Noise and resolution of the torque in motor_states; None: there is none."""
+    """Noise and resolution of the torque in motor_states; None: no torque is published."""
     load_cells: tuple[int, ...]
-    """Elements with a load cell."""
+    """Indices of the elements with a load cell."""
     cells: LoadCells
     truth_rate: float
-    """[Hz]; 0: the truth is not published."""
+    """Rate of the truth topics [Hz]; 0: they are not published."""
     drive_clock: bool
     speed: float
-    """Seconds of the rig in one second [-]."""
+    """Simulated time per real time [-]."""
     seed: int
 
 
 def declare_rig_options(node: Node, model: Model) -> RigOptions:
-    """Declare and check every parameter but ``robot`` and ``preload``.
+    """Declare and check every parameter except ``robot`` and ``preload``.
 
-    Longer than a screen because each parameter is declared with its range and description.
+    The function is long because it declares each parameter with its range and description.
 
     Raises:
-        UsageError: a value that cannot be.
+        UsageError: a value is invalid.
     """
     joint = _joint(model, declare_text(node, "joint", "", "Joint that moves freely; the first"))
     kind, load = _load(node, model, joint)
@@ -138,10 +138,10 @@ def declare_rig_options(node: Node, model: Model) -> RigOptions:
 
 
 def changed_load(options: RigOptions, load: Load, changes: Sequence[Parameter]) -> Load | None:
-    """The load after a change of parameters; None where nothing concerns it.
+    """The load after a change of parameters; None if the change does not concern the load.
 
     Raises:
-        UsageError: a load that cannot be.
+        UsageError: the load is invalid.
     """
     body = cast(Any, load.body)
     given = {"payload": body.load_mass, "gravity": body.gravity, "damping": load.damping}
@@ -310,7 +310,7 @@ def _elements(node: Node, model: Model) -> tuple[int, ...]:
 
 
 def meant(changes: Sequence[Parameter]) -> list[Parameter]:
-    """The changes, whole numbers as what they stand for: a payload of 1 means 1.0."""
+    """The changes with integers converted to doubles: a payload of 1 means 1.0."""
     return [
         as_double(change, Setting(change.name, 0.0, ""))
         if change.name in LOAD_PARAMETERS

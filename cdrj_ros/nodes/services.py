@@ -1,4 +1,4 @@
-"""The services of a replay: each does what the key does, and answers in the same words."""
+"""The services of a replay; most act and answer like the corresponding key."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def offer_services(node: Node, controls: Controls, player: Player) -> None:
 
 
 def playback_state(controls: Controls, player: Player, response: Any) -> Any:
-    """Fill in where the replay stands; the counters are those of all runs so far."""
+    """Fill in the state of the replay; the counters include all runs so far."""
     tally = player.tally
     response.message = f"{controls.is_paused().words}; {counters(tally)}"
     response.run = player.runs
@@ -75,7 +75,7 @@ def playback_state(controls: Controls, player: Player, response: Any) -> Any:
 
 
 def _rate(controls: Controls) -> float:
-    """Of the playback; 0 as fast as possible, or where nothing is played."""
+    """Rate of the playback; 0 if it is as fast as possible or nothing is played."""
     return 0.0 if controls.playback is None else controls.playback.rate or 0.0
 
 

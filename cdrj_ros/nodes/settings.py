@@ -1,4 +1,4 @@
-"""The estimator's parameters in ROS: declared from ``parameters``, read, and changed."""
+"""Declare, read and change the estimator's ROS parameters, which ``parameters`` lists."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ _DOUBLES: Final = (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY)
 
 
 class Started(NamedTuple):
-    """The parameters that the node reads once, as it starts."""
+    """The parameters that the node reads once, at its start."""
 
     robot: str
     timeout_s: float
     frame_id: str
     preload: list[float] | None
-    """Of every cable [N]; None for the robot file's."""
+    """Preload of every cable [N]; None for the robot file's."""
     output: OutputMode
     max_rate_hz: float
-    """0: no limit."""
+    """Maximum rate of published estimates [Hz]; 0: no limit."""
     options: Options
     friction: dict[str, float]
-    """Common friction that replaces the robot file's, by path."""
+    """Common friction values that replace those of the robot file, by path."""
 
 
 def declare(node: Node) -> Started:
     """Declare every parameter and read it.
 
     Raises:
-        UsageError: a value that does not exist; ROS refuses other wrong ones.
+        UsageError: a value is not allowed; ROS itself checks types and ranges.
     """
-    overrides = node._parameter_overrides  # there is no public way to what was given
+    overrides = node._parameter_overrides  # rclpy has no public access to the given values
     values: dict[str, Any] = {}
     for setting in settings():
         given = overrides.get(setting.name)
@@ -95,7 +95,7 @@ def _descriptor(setting: Setting) -> ParameterDescriptor:
 
 
 def as_double(given: Parameter, setting: Setting) -> Parameter:
-    """The parameter, with whole numbers as what they stand for: ``timeout:=1`` means 1.0."""
+    """The parameter with integers converted to doubles: ``timeout:=1`` means 1.0."""
     wants_array = setting.default is None
     if setting.bounded and given.type_ == Parameter.Type.INTEGER:
         return Parameter(given.name, value=float(given.value))
@@ -105,7 +105,7 @@ def as_double(given: Parameter, setting: Setting) -> Parameter:
 
 
 def _bandwidth(value: float) -> float | None:
-    """What the parameter means: see ``Options.tracking``."""
+    """The value of ``Options.tracking`` for a value of the parameter."""
     if value == UNSET:
         return None
     if value == 0.0 or SLOWEST_HZ <= value <= FASTEST_HZ:
@@ -134,7 +134,7 @@ def _checked_friction(name: str, value: float) -> float:
 
 
 def in_force(live: LiveEstimator) -> list[Parameter]:
-    """The parameters that services and a state file change too, with the values in force."""
+    """Current values of the parameters that services and the state file can change."""
     robot = live.model.robot
     document = dict(robot.document)
     return [
@@ -147,10 +147,10 @@ def in_force(live: LiveEstimator) -> list[Parameter]:
 
 
 def meant(live: LiveEstimator, changes: Sequence[Parameter]) -> list[Parameter]:
-    """The changes with the numbers they stand for.
+    """The changes with the values that they stand for.
 
-    Whole numbers become doubles, and ``friction.*`` of ``UNSET`` the robot file's value, so that
-    the parameter shows what is in force.
+    Integers become doubles. ``UNSET`` of ``friction.*`` becomes the robot file's value, so that the
+    parameter shows the value in use.
     """
     by_name = {setting.name: setting for setting in settings()}
     found = []
@@ -168,10 +168,10 @@ def meant(live: LiveEstimator, changes: Sequence[Parameter]) -> list[Parameter]:
 def _checked(
     live: LiveEstimator, changes: Sequence[Parameter]
 ) -> tuple[dict[str, float], Sequence[float] | None]:
-    """Friction by path and preloads that are asked for.
+    """The requested friction values by path and the requested preloads.
 
     Raises:
-        UsageError: a value that cannot be, of any parameter.
+        UsageError: a value of any parameter is invalid.
     """
     values: dict[str, float] = {}
     preload: Sequence[float] | None = None
@@ -197,13 +197,13 @@ def _checked(
 
 
 def changed_options(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
-    """Apply changes of parameters to a running estimator, all or none.
+    """Apply all changes of parameters to a running estimator, or none of them.
 
     Returns:
-        What was done, in words; empty if nothing concerns the estimator.
+        A description of the changes; empty if none concerns the estimator.
 
     Raises:
-        CdrjError: what is wrong; nothing has changed then.
+        CdrjError: a change is invalid; no change has been applied then.
     """
     values, preload = _checked(live, changes)
     words = []

@@ -1,4 +1,4 @@
-"""How long the estimator has said nothing, and how old what it said last is.  No ROS here."""
+"""Time since the last estimate, and the age of that estimate.  Does not depend on ROS."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from math import inf
 from typing import Final
 
 COMPARABLE_S: Final = 60.0
-"""Stamps less than this behind the node's clock are taken for the same clock [s].  Beyond, they are
-those of a recording or of a clock of its own, and only differences between stamps count."""
+"""Stamps that lag the node's clock by less than this are assumed to come from the same clock [s].
+Older stamps come from a recording or another clock, and only their differences are used."""
 
 
 class Silence:
     """Time since the last estimate, by the node's clock and by a steady one.
 
-    The node's clock may be simulated, and then stand still or not exist.  While it has not moved
-    for the timeout, the steady clock counts.
+    A simulated clock may stand still or be missing.  If it has not advanced for the timeout, the
+    larger of both times is used.
     """
 
     def __init__(self, timeout_s: float, simulated: bool) -> None:
-        """Begin with nothing heard."""
+        """Start without an estimate."""
         self.timeout_s = timeout_s
         self._simulated = simulated
         self._node_ns: int | None = None
@@ -32,11 +32,11 @@ class Silence:
         return self._node_ns is not None
 
     def forget(self) -> None:
-        """Nothing has been heard."""
+        """Discard the time of the last estimate."""
         self._node_ns = None
 
     def note(self, node_ns: int, steady_s: float) -> None:
-        """An estimate has been made, at these times of both clocks."""
+        """Record an estimate made at these times of both clocks."""
         self._node_ns, self._steady_s = node_ns, steady_s
 
     def seconds(self, node_ns: int, steady_s: float) -> float:
@@ -46,9 +46,9 @@ class Silence:
         if self._node_ns is None:
             return inf
         steady = steady_s - self._steady_s
-        if not self._simulated:  # the system's clock may be set while the node runs
+        if not self._simulated:  # the system clock may be set while the node runs
             return steady
-        self._node_ns = min(self._node_ns, node_ns)  # set back
+        self._node_ns = min(self._node_ns, node_ns)  # the clock was set back
         simulated = (node_ns - self._node_ns) * 1e-9
         if steady_s - self._moved_s > self.timeout_s:
             return max(simulated, steady)
@@ -56,13 +56,13 @@ class Silence:
 
 
 def age_s(stamp_ns: int, now_ns: int, lag_s: float, silence_s: float) -> float:
-    """Age of the last estimate as a controller would feel it [s].
+    """Age of the last estimate as seen by a controller [s].
 
     Args:
-        stamp_ns: of the last estimate [ns].
+        stamp_ns: stamp of the last estimate [ns].
         now_ns: time of the node's clock [ns].
-        lag_s: how far it lay behind the newest reading when it was made [s].
-        silence_s: time since then [s].
+        lag_s: lag of the estimate behind the newest reading when it was computed [s].
+        silence_s: time since the estimate was computed [s].
     """
     by_readings = lag_s + silence_s
     by_clock = (now_ns - stamp_ns) * 1e-9

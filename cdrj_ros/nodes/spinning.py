@@ -1,4 +1,4 @@
-"""Start, spin and end nodes; Ctrl-C ends them cleanly, even during a callback."""
+"""Start, spin and shut down nodes; Ctrl-C ends them cleanly, even during a callback."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.interruption import deferring
 
 STOP_POLL_S: Final = 0.1
-"""A request to stop is seen within this time [s]."""
+"""Maximum time until a stop request is noticed [s]."""
 
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask a node to stop."""
@@ -36,15 +36,15 @@ REACH: Final = (
     "FASTDDS_DEFAULT_PROFILES_FILE",
     "CYCLONEDDS_URI",
 )
-"""Variables that choose the computers that nodes talk to."""
+"""Environment variables that determine with which computers nodes communicate."""
 
 
 class RosError(CdrjError):
-    """ROS cannot start: its arguments, its middleware or its security do not allow it."""
+    """ROS cannot start because of its arguments, its middleware or its security settings."""
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Reports a usage error in one line instead of after the usage text."""
+    """Reports a usage error in one line, without the usage text."""
 
     def error(self, message: str) -> NoReturn:
         """Raise the message.
@@ -71,11 +71,11 @@ class StopRequest:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """While inside, SIGINT and SIGTERM only ask; the caller looks and ends cleanly.
+        """Make SIGINT and SIGTERM only set this request; the caller polls it and ends cleanly.
 
-        rclpy's own handlers would shut the context down below a running callback, whose
-        publishing would then fail.  On leaving, both signals are ignored until the context is
-        shut down, so that a second Ctrl-C does not disturb the ending.
+        rclpy's own handlers would shut the context down during a running callback, which could
+        then no longer publish.  On exit, both signals are ignored until the context is shut
+        down, so that a second Ctrl-C does not interrupt the shutdown.
         """
         with deferring():
             for number in SIGNALS:
@@ -101,10 +101,10 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> bool:
 
 @contextmanager
 def starting() -> Iterator[None]:
-    """Turn what ROS objects to while a context or a node is made into one line.
+    """Convert errors of ROS during the creation of a context or node into one line.
 
     Raises:
-        RosError: an argument, a parameter, a name, a QoS or a middleware that is not possible.
+        RosError: an argument, parameter, name, QoS or middleware is invalid.
     """
     try:
         yield
@@ -115,13 +115,13 @@ def starting() -> Iterator[None]:
 
 @contextmanager
 def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
-    """Initialise rclpy and shut it down in the end; yields the request to stop.
+    """Initialise rclpy and shut it down on exit; yields the request to stop.
 
-    If the environment does not say which computers to talk to, it is this one only.  Until
-    ``StopRequest.listening`` a signal ends the process as it would end any command.
+    Discovery is limited to this computer unless the environment says otherwise.  Until
+    ``StopRequest.listening`` is entered, a signal ends the process as it ends any command.
 
     Raises:
-        RosError: what ROS says if it cannot start.
+        RosError: ROS cannot start.
     """
     stay_on_this_machine(os.environ)
     try:
@@ -141,9 +141,9 @@ def spin_until_stopped(
     """Run a node's callbacks until ``stop`` is set, then destroy the node.
 
     Args:
-        node: logs first if discovery is limited to this machine.
-        stop: of ``ros_context``.
-        before_end: called once no more callbacks run, also after a callback has raised.
+        node: the node; it logs first if discovery is limited to this machine.
+        stop: the request yielded by ``ros_context``.
+        before_end: called after the last callback, even if a callback has raised.
     """
     if os.environ.get(RANGE) == "LOCALHOST":
         node.get_logger().info(f"heard on this machine only; {RANGE}=SUBNET opens the network")

@@ -1,7 +1,7 @@
-"""Which estimates are published; every sample is computed in any case.  No ROS here.
+"""Selects the estimates that are published.  Does not depend on ROS.
 
-Friction remembers the way that a cable has gone, so leaving out samples would change the numbers.
-Leaving out messages does not: what is published is bit for bit what would be published without.
+The friction state depends on the path of the cable, so every sample is computed: skipping samples
+would change the estimates.  Skipping messages does not change the published values by a single bit.
 """
 
 from __future__ import annotations
@@ -13,36 +13,36 @@ from cdrj_ros.nodes.parameters import OutputMode
 from cdrj_ros.robot.description import Robot
 
 KEPT: Final = 20_000
-"""Stamps of motors that are remembered while the joints are waited for: 20 s at 1 kHz."""
+"""Maximum number of motor stamps stored while waiting for the joints: 20 s at 1 kHz."""
 
 
 class Thinning:
-    """Chooses estimates by the stamps of motors, by a maximum rate, or both."""
+    """Selects estimates by the stamps of motor readings, by a maximum rate, or by both."""
 
     def __init__(self, robot: Robot, output: OutputMode, max_rate_hz: float) -> None:
-        """Prepare.
+        """Set up the selection.
 
         Args:
-            robot: its motors, and the clock offsets of their sensors.
+            robot: provides the motors and the clock offsets of their sensors.
             output: ``motor_stamps`` to publish only at stamps of motor readings.
-            max_rate_hz: estimates per second of the stamps; 0 for no limit.
+            max_rate_hz: maximum number of estimates per second of the stamps; 0 for no limit.
         """
         self._offset_ns = {motor.name: motor.sensor.clock_offset_ns for motor in robot.motors}
         self._at_motors = output == "motor_stamps"
         self._interval_ns = round(1e9 / max_rate_hz) if max_rate_hz > 0.0 else 0
         self.active = self._at_motors or self._interval_ns > 0
-        """Whether anything is left out."""
+        """Whether any estimate may be skipped."""
         self._stamps: set[int] = set()
         self.reset()
 
     def reset(self) -> None:
-        """Start anew; the next estimate is published."""
+        """Discard the stored stamps; the maximum rate does not limit the next estimate."""
         self._stamps.clear()
         self._last_ns = -1
         self._due_ns = 0
 
     def note(self, stamp_ns: int, names: Sequence[str]) -> None:
-        """Take the stamp and the names of a message, before its estimates are asked about."""
+        """Store the stamp of a message; call before ``passes`` for the estimates it leads to."""
         if not self._at_motors:
             return
         self._stamps.update(
@@ -52,8 +52,8 @@ class Thinning:
             self._stamps = set(sorted(self._stamps)[-KEPT // 2 :])
 
     def passes(self, stamp_ns: int) -> bool:
-        """Whether the estimate of this stamp [ns] is published; ask once for each, in order."""
-        if stamp_ns <= self._last_ns:  # the clock has gone back
+        """Whether to publish the estimate of this stamp [ns]; call once for each, in order."""
+        if stamp_ns <= self._last_ns:  # the clock jumped back
             self._due_ns = 0
         self._last_ns = stamp_ns
         if self._at_motors:
@@ -66,7 +66,7 @@ class Thinning:
             return True
         if stamp_ns < self._due_ns:
             return False
-        # on a grid of intervals, so that jitter does not lower the rate; a new grid after a gap
+        # due times lie on a fixed grid so that jitter does not lower the rate; a gap restarts it
         self._due_ns += self._interval_ns
         if self._due_ns <= stamp_ns:
             self._due_ns = stamp_ns + self._interval_ns

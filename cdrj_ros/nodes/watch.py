@@ -1,4 +1,4 @@
-"""``watch``: the estimator's tensions as a live table in the terminal."""
+"""The ``watch`` command: show the estimator's tensions as a live table in the terminal."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ from cdrj_ros.report.live_table import View, live_table, plain_line
 from cdrj_ros.robot.reader import load_robot
 
 DRAW_S: Final = 0.125
-"""Time between two pictures in a terminal [s]."""
+"""Time between two updates of the table in a terminal [s]."""
 
 LINE_S: Final = 1.0
-"""Time between two lines where there is no terminal [s]."""
+"""Time between two lines if the output is not a terminal [s]."""
 
 DEPTH: Final = 100
-"""Messages that a topic may queue: a tenth of a second at 1 kHz."""
+"""Queue depth of a topic [messages]: 0.1 s at 1 kHz."""
 
 
 class NothingHeardError(CdrjError):
-    """No message came in time."""
+    """No message was received in time."""
 
 
 class WatchNode(Node):
-    """Keeps the last message of every topic."""
+    """Stores the last message of every topic."""
 
     def __init__(self, forces: bool, choice: Choice, **options: Any) -> None:
-        """Subscribe, best effort: that hears every publisher.  No service changes parameters."""
+        """Subscribe best-effort, which matches every publisher; offer no parameter services."""
         super().__init__("watch", namespace="cdrj", start_parameter_services=False, **options)
         self._choice = choice
         self._diagnosed: dict[str, DiagnosticStatus] = {}
@@ -70,7 +70,7 @@ class WatchNode(Node):
 
     def _listen(self, message: Any, feed: Feed) -> None:
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._qos[feed.topic] = qos  # with what overrides make of it
+        self._qos[feed.topic] = qos  # rclpy applies the overrides to this object
         self.create_subscription(
             message, feed.topic, feed.hear, qos, raw=True,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
@@ -81,11 +81,11 @@ class WatchNode(Node):
             self._diagnosed["/" + status.name.lstrip("/")] = status
 
     def heard_all(self) -> bool:
-        """Whether every topic has brought something."""
+        """Whether every topic has received a message."""
         return all(feed.payload is not None for feed in self.feeds)
 
     def view(self) -> View:
-        """What is known now."""
+        """The current content of the table."""
         sections, notes, age = [], [], None
         now_ns = self.get_clock().now().nanoseconds
         for feed in self.feeds:
@@ -128,7 +128,7 @@ class WatchNode(Node):
         return list(self.get_publishers_info_by_topic(feed.topic))
 
     def missing(self, feed: Feed) -> str:
-        """Why nothing comes on a topic, in words."""
+        """Explain why no message arrives on a topic."""
         there = self._endpoints(feed)
         if not there:
             return self._no_publisher(feed)
@@ -221,7 +221,7 @@ def _never() -> bool:
 
 
 def _spin(executor: EventsExecutor, seconds: float, until: Callable[[], bool] = _never) -> bool:
-    """Serve the topics for a time, or until something holds; returns whether it does."""
+    """Run callbacks for a time, or until ``until()`` is true; returns its last value."""
     end = monotonic() + seconds
     while not until() and (left := end - monotonic()) > 0.0:
         executor.spin_once(timeout_sec=left)
@@ -252,12 +252,12 @@ def _draw(node: WatchNode, executor: EventsExecutor, console: Console) -> None:
 
 
 def _is_read(stream: Any) -> bool:
-    """Whether nothing has gone wrong with an output that remembers its failure."""
+    """Whether writing to the stream has not failed so far."""
     return getattr(stream, "failure", None) is None
 
 
 def _is_plain(stream: Any) -> bool:
-    """Whether a stream cannot show the characters that bars are made of."""
+    """Whether a stream's encoding lacks the characters of which the bars consist."""
     try:
         "█▒▶±σ·".encode(getattr(stream, "encoding", None) or "ascii")
     except UnicodeEncodeError:
@@ -266,7 +266,7 @@ def _is_plain(stream: Any) -> bool:
 
 
 def _end(number: int, _frame: FrameType | None) -> NoReturn:
-    """Handle SIGTERM: leave with the terminal as it was."""
+    """Handle SIGTERM: exit through SystemExit, which restores the terminal."""
     sys.exit(128 + number)
 
 

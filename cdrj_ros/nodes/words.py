@@ -1,4 +1,4 @@
-"""What the estimator says about its inputs on the console.  No ROS here."""
+"""Log messages of the estimator about its inputs.  Does not depend on ROS."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.robot.description import Robot
 
 MANY: Final = 8
-"""Names that are listed at most."""
+"""Maximum number of names in a list."""
 
 LONG: Final = 60
-"""Characters of a name that are shown at most."""
+"""Maximum number of characters shown of a name."""
 
 TOLERATED_PER_S: Final = 5.0
-"""Refused readings per second that are nothing to worry about."""
+"""Rate of refused readings below which no warning is given [1/s]."""
 
 
 @dataclass
 class TopicHeard:
-    """What has come on one input topic."""
+    """What has been received on one input topic."""
 
     topic: str
-    """Full name."""
+    """Fully qualified name."""
     axes: tuple[str, ...] = ()
     """Motors and joints that it should carry."""
     messages: int = 0
-    """Decoded messages, since the start."""
+    """Number of messages decoded since the start."""
     names: Sequence[str] = ()
-    """Of the latest message."""
+    """Names in the latest message."""
     positions: Sequence[float] | NDArray[np.float64] = ()
-    """Of the latest message [rad or m]."""
+    """Positions in the latest message [rad or m]."""
     publishers: int = 0
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names from outside, few and short, safe to print."""
+    """A list of untrusted names, truncated and made printable."""
     shown = [printable(name)[:LONG] or "''" for name in names[:MANY]]
     more = f" and {len(names) - MANY} more" if len(names) > MANY else ""
     return ", ".join(shown) + more
 
 
 def refusals(refused: Mapping[str, int]) -> str:
-    """Counts of refused readings by cause, with what the cause means; empty if there are none."""
+    """Counts of refused readings by cause, with an explanation; empty if there are none."""
     return "; ".join(
         f"{count} {cause} ({REFUSALS.get(cause, cause)})"
         for cause, count in sorted(refused.items(), key=lambda item: -item[1])
@@ -57,7 +57,7 @@ def refusals(refused: Mapping[str, int]) -> str:
 
 
 def heard_on(topic: TopicHeard, unheard: Sequence[str], robot: Robot) -> str:
-    """One topic: what it should carry, what it carries instead, and readings out of range."""
+    """Describe one topic: messages received, missing names, and positions out of range."""
     expected = [axis for axis in topic.axes if axis in unheard]
     if not topic.messages:
         there = counted(topic.publishers, "publisher") if topic.publishers else "no publisher"
@@ -88,10 +88,10 @@ def missing_inputs(
     """Why there is no estimate.
 
     Args:
-        topics: what has come on each input topic.
-        unheard: motors and joints of which no reading has been accepted.
+        topics: what has been received on each input topic.
+        unheard: motors and joints without an accepted reading.
         refused: readings refused, by cause.
-        robot: its names and ranges.
+        robot: provides the joints and their ranges.
     """
     what = f"no reading of {listed(unheard)} accepted" if unheard else "no common time of all axes"
     lines = [what, *(heard_on(topic, unheard, robot) for topic in topics)]
@@ -103,12 +103,12 @@ def missing_inputs(
 def refusal_rate(
     refused: Mapping[str, int], before: Mapping[str, int], elapsed_s: float
 ) -> tuple[float, str]:
-    """Refused readings per second since the last look, and why.
+    """Rate of refused readings since the last call, and the reasons.
 
-    Names that the robot file does not have are left out: other axes on a shared topic are normal.
+    Unknown names are not counted: a shared topic may carry other axes.
 
     Returns:
-        The rate [1/s] and the words for it; empty words if it can be tolerated.
+        The rate [1/s] and a description of it, which is empty if the rate is tolerated.
     """
     since = {
         cause: count - before.get(cause, 0)

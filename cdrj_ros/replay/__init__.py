@@ -1,1 +1,1 @@
-"""Playing a bag, without ROS."""
+"""The parts of the replay that do not depend on ROS."""

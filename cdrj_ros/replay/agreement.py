@@ -1,4 +1,4 @@
-"""Whether the running estimator is set as the replay expects.  No ROS here."""
+"""Checks whether the estimator's settings match the replay's.  Does not depend on ROS."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from cdrj_ros.model.prepared import Model
 EVERY_SAMPLE: Final = "every_sample"
 
 TOLERANCE: Final = 1e-6
-"""Share of a preload by which two may differ and still be the same."""
+"""Relative difference up to which two preloads count as equal."""
 
 
 class NodeSettings(NamedTuple):
-    """Parameters of an estimator node."""
+    """Parameters of an estimator node that matter for a replay."""
 
     conditioning: Mode = MODES[0]
     preload: tuple[float, ...] = ()
-    """In force, of every cable [N]; empty if unknown."""
+    """Current preload of every cable [N]; empty if unknown."""
     output: str = EVERY_SAMPLE
     max_rate_hz: float = 0.0
-    """0: no limit."""
+    """Maximum rate of published estimates [Hz]; 0: no limit."""
 
 
 def require_every_sample(settings: NodeSettings) -> None:
     """Check that the node publishes every estimate.
 
     Raises:
-        UsageError: it does not; the replay would count the others as lost.
+        UsageError: it does not, and the replay would count the missing estimates as lost.
     """
     if settings.output != EVERY_SAMPLE or settings.max_rate_hz > 0.0:
         raise UsageError(
@@ -42,14 +42,14 @@ def require_every_sample(settings: NodeSettings) -> None:
 
 
 def preload_difference(model: Model, settings: NodeSettings) -> str:
-    """What to do about preloads of the node that differ from the replay's robot.
+    """Describe preloads of the node that differ from the replay's robot, with remedies.
 
     Args:
-        model: the robot of the replay's ``--robot`` and ``--preload``.
-        settings: of the node.
+        model: the robot from the replay's ``--robot`` and ``--preload``.
+        settings: settings of the node.
 
     Returns:
-        One line with both values; empty if they agree or the node's are unknown.
+        One line with both values; empty if they agree or the node's preloads are unknown.
     """
     cables = model.robot.cables
     ours = [cable.preload for cable in cables]

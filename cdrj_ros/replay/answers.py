@@ -1,7 +1,7 @@
-"""Which estimates an estimator owes for its inputs, and which it has sent.  No ROS here.
+"""Predicts the estimates expected for the inputs sent and matches answers.  Without ROS.
 
-The inputs go through the same gate as the estimator's own, so that every estimate to come is known
-the moment its inputs are sent: its stamp, its order, the time it was asked for.
+The inputs pass through the same conditioner as in the estimator.  The stamp and the order of every
+expected estimate and the time of its request are therefore known as soon as its inputs are sent.
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 STALLED_S: Final = 10.0
-"""Without an answer for this time, what is under way counts as lost, and as late if it comes after
-all [s].
+"""Time without an answer after which estimates in flight count as lost [s]; if such an estimate is
+received later, it counts as late.
 
-Fast DDS may notice only with its next heartbeat, up to 3 s later, that the last message did not get
-through, and the repair may fail too.
+Fast DDS may detect the loss of the last message only with its next heartbeat, up to 3 s later, and
+the retransmission may fail as well.
 """
 
 NEVER: Final = 2**63
-"""A place that no answer reaches."""
+"""A place beyond that of any answer."""
 
 FOLD: Final = 1024
-"""Messages decoded at once."""
+"""Number of messages decoded at once."""
 
 
 class AnotherRobotError(CdrjError):
-    """The estimator answers for other elements than the robot file has."""
+    """The estimator's names differ from those of the robot file."""
 
 
 class Kind(NamedTuple):
@@ -58,7 +58,7 @@ class Kind(NamedTuple):
     topic: str
     message: MessageType
     array: str
-    """Which of its arrays is compared."""
+    """Name of the array that is compared."""
 
 
 KINDS: Final = (
@@ -69,7 +69,7 @@ KINDS: Final = (
 
 
 def names_of(layout: Layout) -> tuple[tuple[str, ...], ...]:
-    """What the messages of each kind name, in their order."""
+    """Names in the messages of each kind, in the order of ``KINDS``."""
     return layout.elements, layout.pulleys, layout.motors + layout.joints
 
 
@@ -83,21 +83,21 @@ class Tally:
     """Counters so far."""
 
     sent: int = 0
-    """Inputs published."""
+    """Published inputs."""
     expected: int = 0
-    """Estimates that the inputs sent make possible."""
+    """Estimates that result from the inputs sent."""
     received: int = 0
-    """Estimates of which all three messages have come."""
+    """Estimates of which all three messages have been received."""
     lost: int = 0
-    """Expected, and given up or overtaken by a later one."""
+    """Expected estimates that were given up or skipped by a later one."""
     late: int = 0
-    """Received after having been counted as lost; no longer among the lost."""
+    """Estimates received after they were counted as lost; they no longer count as lost."""
     strange: int = 0
-    """Answers that belong to no input: of another estimator, or of an earlier run."""
+    """Answers that belong to no input: from another estimator or an earlier run."""
 
     @property
     def under_way(self) -> int:
-        """Neither received nor lost yet."""
+        """Estimates in flight, neither received nor lost yet."""
         return self.expected - self.received - self.lost
 
     def __add__(self, other: Tally) -> Tally:
@@ -113,29 +113,30 @@ class Tally:
 
 @dataclass(frozen=True, eq=False)
 class Heard:
-    """All that one run of the estimator, from a reset to the next, has answered."""
+    """All answers of one run of the estimator, that is between two resets."""
 
     tally: Tally
     stamp_ns: Stamps
-    """Stamps of the complete answers in the order asked for, shape (n,)."""
+    """Stamps of the complete answers in the order expected [ns], shape (n,)."""
     value: Floats
-    """``channels_of`` the robot, shape (n, channels)."""
+    """Estimates of ``channels_of`` the robot, shape (n, channels)."""
     latency_s: Floats
-    """From the sending of the input that made it possible to the last of its three messages."""
+    """Time from sending the last input needed to receiving the last of three messages [s],
+    shape (n,)."""
     stddev: Floats
-    """As ``value``; NaN where the estimator says nothing of it."""
+    """Standard deviation of ``value``; NaN where the estimator gives none."""
     angle: Floats
-    """Motors and joints of those samples [rad], shape (n, motors + joints)."""
+    """Motor and joint positions of the samples [rad or m], shape (n, motors + joints)."""
     accepted: int
-    """Readings that passed the gate."""
+    """Number of readings that the conditioner accepted."""
     refused: dict[str, int]
-    """Readings that the gate refused, by cause."""
+    """Number of readings that the conditioner refused, by cause."""
     clock_jumps: int
-    """Times that the clock of the recording went back."""
+    """Number of backward jumps of the recording's clock."""
     gaps: int
-    """Times that a channel was silent for long."""
+    """Number of long gaps in a channel."""
     steps: int = 0
-    """Times that a channel's readings stepped further than the axis can move."""
+    """Number of steps of a channel's readings that exceed the axis' possible motion."""
 
 
 @dataclass
@@ -145,21 +146,21 @@ class _Line:
     kind: Kind
     names: tuple[str, ...]
     place: int = 0
-    """Which estimate is expected next on this topic."""
+    """Index of the estimate expected next on this topic."""
     count: int = 0
-    """Estimates answered on this topic."""
+    """Number of estimates received on this topic."""
     given_up: dict[int, int] = field(default_factory=dict)
-    """Places of the estimates given up, by stamp."""
+    """Indices of the estimates given up, by stamp [ns]."""
     index: array[int] = field(default_factory=lambda: array("q"))
-    """Places of the messages, in order of arrival."""
+    """Indices of the estimates of the messages, in order of arrival."""
     heard_s: array[float] = field(default_factory=lambda: array("d"))
     payloads: list[bytes] = field(default_factory=list)
-    """Not yet decoded."""
+    """Messages not yet decoded."""
     blocks: list[Floats] = field(default_factory=list)
     """Values and their standard deviations, shape (2, m, names) each."""
 
     def fold(self) -> None:
-        """Decode the waiting payloads; one of unknown shape becomes NaN."""
+        """Decode the stored payloads; a payload with other names or lengths becomes NaN."""
         if not self.payloads:
             return
         block = np.full((2, len(self.payloads), len(self.names)), np.nan)
@@ -171,7 +172,7 @@ class _Line:
         self.payloads.clear()
 
     def _decode(self, payloads: Sequence[bytes]) -> Floats | float:
-        """A block of payloads of one length; NaN if they are of other names."""
+        """Decode payloads of equal length; NaN if their names differ from the expected ones."""
         layout = read_layout(payloads[0], self.kind.message.fields)
         if layout.texts["name"] != self.names:
             return np.nan
@@ -186,17 +187,17 @@ class _Line:
 
 
 class Run:
-    """Keeps track of one run of the estimator: what was sent, and what was answered."""
+    """Tracks one run of the estimator: the inputs sent and the answers received."""
 
     def __init__(self, model: Model, conditioning: Mode = "wait") -> None:
-        """Begin with nothing sent; ``conditioning`` is the estimator's."""
+        """Start an empty run; ``conditioning`` is the estimator's mode."""
         self.conditioner = Conditioner(model.robot, conditioning)
         self.trouble: CdrjError | None = None
-        """Why the run cannot continue."""
+        """Error because of which the run cannot continue."""
         self.sent = 0
         self.strange = 0
         self.heard_s = 0.0
-        """When anything expected was last heard [s]; 0 before."""
+        """Time of the last expected answer [s]; 0 before the first."""
         self._layout = model.layout
         self._expected = array("q")
         self._asked_s = array("d")
@@ -214,7 +215,10 @@ class Run:
     def asker(
         self, feed: Callable[[int, Sequence[str], Floats], list[Sample]]
     ) -> Callable[[bytes], None]:
-        """What to call with every payload sent on one topic; ``feed`` is of ``conditioner``."""
+        """Function to call with every payload sent on one topic.
+
+        ``feed`` is a method of ``conditioner``.
+        """
         decode = JointStateDecoder()
         refused = self.conditioner.refused
 
@@ -237,13 +241,13 @@ class Run:
 
     @property
     def unanswerable(self) -> int:
-        """Inputs sent since the last one that made an estimate possible."""
+        """Number of inputs sent since the last one that led to an estimate."""
         return self._unanswerable
 
     # -- answers -------------------------------------------------------------------------------
 
     def listener(self, number: int) -> Callable[[bytes], None]:
-        """What to call with every payload heard on the topic of ``KINDS[number]``."""
+        """Function to call with every payload received on the topic of ``KINDS[number]``."""
         line, expected = self._lines[number], self._expected
         keep, note = line.payloads.append, line.heard_s.append
         from_bytes = int.from_bytes
@@ -277,7 +281,7 @@ class Run:
         return hear
 
     def _find(self, line: _Line, stamp: int) -> int | None:
-        """The place of an answer that is not the next one expected; None for one not asked for."""
+        """Index of an answer that is not the next one expected; None if it was not expected."""
         late = line.given_up.pop(stamp, None)
         if late is not None:
             self._late.add(late)
@@ -286,7 +290,7 @@ class Run:
             place = self._expected.index(stamp, line.place)
         except ValueError:
             again = line.place > 0 and self._expected[line.place - 1] == stamp
-            if self._expected and not again:  # said again: marked stale, while nothing was played
+            if self._expected and not again:  # the last one, repeated as STALE during a pause
                 self.strange += 1
             return None
         for skipped in range(line.place, place):
@@ -310,17 +314,17 @@ class Run:
 
     @property
     def under_way(self) -> int:
-        """Estimates that have been asked for and not been answered on all topics."""
+        """Number of expected estimates not yet received or given up on all topics."""
         lines = self._lines
         return len(self._expected) - min(lines[0].place, lines[1].place, lines[2].place)
 
     def call_at(self, under_way: int, then: Callable[[], None]) -> None:
-        """Call ``then`` once, when an answer leaves about so many under way."""
+        """Call ``then`` once, when about ``under_way`` estimates remain in flight."""
         self._on_room = then
         self._room_at = len(self._expected) - 1 - under_way
 
     def give_up_stalled(self, now_s: float, patience_s: float = STALLED_S) -> int:
-        """Count what is under way as lost after ``patience_s`` of silence; returns how many."""
+        """Give up the estimates in flight after ``patience_s`` of silence; returns their number."""
         waiting = self.under_way
         if not waiting:
             return 0
@@ -334,7 +338,7 @@ class Run:
         return waiting
 
     def tally(self) -> Tally:
-        """The numbers so far."""
+        """The counters so far."""
         received = min(line.count for line in self._lines)
         lost = len(self._expected) - self.under_way - received
         return Tally(
@@ -342,7 +346,7 @@ class Run:
         )
 
     def finish(self) -> Heard:
-        """Return the whole run as arrays; what is not complete by now counts as lost."""
+        """Return the whole run as arrays; incomplete estimates count as lost."""
         n = len(self._expected)
         columns: list[Floats] = []
         last_s = np.zeros(n)

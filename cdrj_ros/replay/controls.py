@@ -1,4 +1,4 @@
-"""Requests to a replay, by key or by service; each is answered in words.  No ROS here."""
+"""Requests to a replay, by key or service, and their text replies.  Does not depend on ROS."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ KEYS: Final = (
 JUMP_S: Final = 10.0
 
 RATES: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-"""What the keys choose from."""
+"""Rates that the keys select."""
 
 
 class Reply(NamedTuple):
-    """The answer to a request."""
+    """Reply to a request."""
 
     done: bool
     words: str
@@ -31,17 +31,17 @@ IDLE: Final = Reply(False, "nothing is being played")
 
 
 def rate_in_words(rate: float | None) -> str:
-    """``1 x real time``."""
+    """The rate as text, for example ``1 x real time``."""
     return "as fast as possible" if rate is None else f"{rate:g} x real time"
 
 
 class Controls:
-    """Acts on the playback under way, if there is one."""
+    """Executes requests on the current playback, if there is one."""
 
     def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
         self.playback: Playback | None = None
         self.stopped = False
-        """The user has asked to stop."""
+        """Whether the user has requested to stop."""
         self._clock = clock
         self._keys: dict[str, Callable[[], Reply]] = {
             " ": self.toggle_paused,
@@ -60,7 +60,7 @@ class Controls:
         }
 
     def press(self, key: str) -> Reply | None:
-        """Act on a key; None for one without a meaning."""
+        """Execute the request of a key; None if the key has no function."""
         act = self._keys.get(key)
         return act() if act else None
 
@@ -73,7 +73,7 @@ class Controls:
         return Reply(True, f"{'already paused' if already else 'paused'} at {self._where()}")
 
     def resume(self) -> Reply:
-        """Continue."""
+        """Resume the playback."""
         if self.playback is None:
             return IDLE
         already = not self.playback.paused
@@ -87,7 +87,7 @@ class Controls:
         return self.resume() if paused else self.pause()
 
     def is_paused(self) -> Reply:
-        """Whether it is paused, as ``done``."""
+        """Report in ``done`` whether the playback is paused."""
         if self.playback is None:
             return IDLE
         if self.playback.paused:
@@ -95,7 +95,7 @@ class Controls:
         return Reply(False, f"playing at {self._where()}, {rate_in_words(self.playback.rate)}")
 
     def play_next(self) -> Reply:
-        """Send one message."""
+        """Send the next message while paused."""
         if self.playback is None:
             return IDLE
         if not self.playback.paused:
@@ -106,7 +106,7 @@ class Controls:
         return Reply(True, f"next message after {self._where()}")
 
     def burst(self, number: int) -> Reply:
-        """Send this number of messages at once; 0 for all that are left."""
+        """Send this number of messages at once; 0 for all remaining ones."""
         if self.playback is None:
             return IDLE
         if self.playback.ended:
@@ -116,7 +116,7 @@ class Controls:
         return Reply(True, f"sending {what} from {self._where()} at once")
 
     def seek(self, offset_s: float, *, relative: bool = False) -> Reply:
-        """Go to a time [s] from the beginning, or from where it is."""
+        """Go to a time [s] relative to the beginning or to the current position."""
         playback = self.playback
         if playback is None:
             return IDLE
@@ -139,7 +139,7 @@ class Controls:
         return Reply(True, f"{rate_in_words(self.playback.rate)} from {self._where()}")
 
     def faster(self) -> Reply:
-        """The next rate of ``RATES``; beyond the last, as fast as possible."""
+        """Select the next higher rate of ``RATES``; as fast as possible after the last."""
         if self.playback is None:
             return IDLE
         rate = self.playback.rate
@@ -147,7 +147,7 @@ class Controls:
         return self.set_rate(above[0] if above else 0.0)
 
     def slower(self) -> Reply:
-        """The next lower rate of ``RATES``; real time after as fast as possible."""
+        """Select the next lower rate of ``RATES``; real time after as fast as possible."""
         if self.playback is None:
             return IDLE
         rate = self.playback.rate
@@ -157,19 +157,19 @@ class Controls:
         return self.set_rate(below[-1] if below else rate)
 
     def stop(self) -> Reply:
-        """End, with the report of what was played."""
+        """Request the end of the replay; the report follows."""
         self.stopped = True
         return Reply(True, f"stopping at {self._where()}" if self.playback else "stopping")
 
     def offset_s(self) -> float:
-        """Where the playback is [s], from its beginning."""
+        """Position of the playback relative to its beginning [s]."""
         playback = self.playback
         if playback is None:
             return 0.0
         return (playback.position_ns(self._clock()) - playback.begin_ns) / 1e9
 
     def duration_s(self) -> float:
-        """How much there is to play [s]."""
+        """Duration of the playback [s]."""
         return 0.0 if self.playback is None else _length_s(self.playback)
 
     def _where(self) -> str:

@@ -1,4 +1,4 @@
-"""Progress of a replay: a bar with counters in a terminal, lines elsewhere."""
+"""Progress of a replay: a bar with counters in a terminal, otherwise lines of text."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from cdrj_ros.replay.playback import Playback
 REFRESH_S: Final = 0.1
 
 PACE_S: Final = 1.0
-"""The remaining time is shown after this much wall time [s]."""
+"""Wall time after which the remaining time is shown [s]."""
 
 
 def counters(tally: Tally) -> str:
-    """``5400 sent, 5398 answered, 2 under way, 0 lost, 0 late``."""
+    """The counters as text: ``5400 sent, 5398 answered, 2 under way, 0 lost, 0 late``."""
     words = (
         f"{tally.sent} sent, {tally.received} answered, {tally.under_way} under way, "
         f"{tally.lost} lost, {tally.late} late"
@@ -89,7 +89,7 @@ class Display:
         self._progress.refresh()
 
     def _left(self, playback: Playback, offset: float, duration: float, now: float) -> str:
-        """Remaining wall time, from the pace since the start, the last pause or the last seek."""
+        """Remaining wall time, from the pace since the start, last pause or last backward seek."""
         before = self._pace_from
         if before is None or before[0] is not playback or playback.paused or offset < before[2]:
             self._pace_from = (playback, now, offset)

@@ -1,4 +1,4 @@
-"""Single keys from a terminal, without Enter; the terminal's settings are always restored."""
+"""Read single keys from a terminal without Enter, and always restore its settings."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ SEQUENCES: Final = {
 
 
 class Keyboard:
-    """Keys pressed since the last ``read``; none unless standard input is our terminal."""
+    """Reads the pressed keys; none unless this process controls the terminal."""
 
     def __init__(self, descriptor: int | None = None) -> None:
-        """Leave the terminal alone; ``listening`` sets it up."""
+        """Store the descriptor; only ``listening`` changes the terminal's settings."""
         self._descriptor = sys.stdin.fileno() if descriptor is None else descriptor
         self._before: list[Any] | None = None
         self._rest = b""
 
     @contextlib.contextmanager
     def listening(self) -> Iterator[bool]:
-        """Take single keys; yields whether there is a terminal to take them from."""
+        """Enable the reading of single keys; yields whether there is a terminal to read from."""
         if not self._is_ours():
             yield False
             return
@@ -57,7 +57,7 @@ class Keyboard:
         while select.select([self._descriptor], [], [], 0.0)[0]:
             try:
                 more = os.read(self._descriptor, 64)
-            except OSError:  # in the background, or the terminal has gone
+            except OSError:  # in the background, or the terminal has been closed
                 break
             if not more:
                 break
@@ -71,7 +71,7 @@ class Keyboard:
                 keys.append(SEQUENCES[text[:3]])
                 text = text[3:]
             elif text in (b"\x1b[", b"\x1bO"):
-                self._rest = text  # the end of an arrow key is still to come
+                self._rest = text  # wait for the rest of an arrow key's sequence
                 break
             else:
                 keys.append(text[:1].decode("ascii", "replace"))
@@ -79,7 +79,7 @@ class Keyboard:
         return keys
 
     def _is_ours(self) -> bool:
-        """Whether it is a terminal with this process in its foreground; no other may be changed."""
+        """Whether this is a terminal with this process in the foreground."""
         try:
             return os.isatty(self._descriptor) and os.tcgetpgrp(self._descriptor) == os.getpgrp()
         except OSError:
@@ -92,13 +92,13 @@ class Keyboard:
             self._before = None
 
     def _on_stop(self, _number: int, _frame: FrameType | None) -> None:
-        """Ctrl-Z: not every shell sets the terminal back."""
+        """Handle Ctrl-Z: restore the terminal, since not every shell does."""
         if self._before is not None:
             with contextlib.suppress(termios.error):
                 termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
         os.kill(os.getpid(), signal.SIGSTOP)
 
     def _on_continue(self, _number: int, _frame: FrameType | None) -> None:
-        """After Ctrl-Z and `fg` the terminal is set as it was before."""
+        """Handle `fg` after Ctrl-Z: enable the reading of single keys again."""
         if self._before is not None and self._is_ours():
             tty.setcbreak(self._descriptor)

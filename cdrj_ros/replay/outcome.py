@@ -1,4 +1,4 @@
-"""Collects the answers run by run and compares them with the recorded references.  No ROS here."""
+"""Collects the answers of all runs and compares them with the references.  Without ROS."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.replay.answers import STALLED_S, Floats, Heard, Stamps, Tally, channels_of
 
 KEPT: Final = 1_000_000
-"""Latest latencies that are kept: an endless loop must not fill the memory."""
+"""Maximum number of stored latencies; it bounds the memory of an endless loop."""
 
 
 @dataclass(eq=False)
 class Outcome:
     """All answers to one recording, over all passes.
 
-    If two runs answer for the same stamp, the later one counts.
+    If two runs have an answer with the same stamp, the later one is used.
     """
 
     model: Model
     tally: Tally = field(default_factory=Tally)
     runs: int = 0
-    """Times that the estimator was started anew and played to."""
+    """Number of runs, each of which begins with a reset of the estimator."""
     passes: int = 0
-    """Runs from the beginning to the end."""
+    """Number of runs from the beginning to the end."""
     span_s: float = 0.0
-    """Time of the recording that was covered, repetitions included [s]."""
+    """Duration of the played parts of the recording, including repetitions [s]."""
     wall_s: float = 0.0
-    """Wall time it took, pauses left out [s]."""
+    """Elapsed wall time, without pauses [s]."""
     behind_s: float = 0.0
-    """Greatest delay of a message behind its due time [s]."""
+    """Maximum delay of a message after its due time [s]."""
     ending: str = ""
-    """How the last run ended, in words."""
+    """Description of how the last run ended."""
     difference: float = 0.0
-    """Greatest difference between two whole passes, over all channels [unit of the channel]."""
+    """Maximum difference between whole passes, over all channels [unit of the channel]."""
     refused: Counter[str] = field(default_factory=Counter)
     accepted: int = 0
     clock_jumps: int = 0
@@ -50,7 +50,7 @@ class Outcome:
     steps: int = 0
     latency_s: Floats = field(default_factory=lambda: np.empty(0))
     stamp_ns: Stamps = field(default_factory=lambda: np.empty(0, np.int64))
-    """Stamps of all answers, each once, increasing, shape (n,)."""
+    """Unique stamps of all answers in increasing order [ns], shape (n,)."""
 
     def __post_init__(self) -> None:
         layout = self.model.layout
@@ -74,7 +74,7 @@ class Outcome:
             gap = np.abs(self.value[mine] - heard.value[new])
             self.difference = max(self.difference, float(np.max(gap, initial=0.0)))
         self.passes += whole
-        # the later counts, after a jump of the clock within a run too
+        # use the later answer, also after a clock jump within a run
         stamps = np.concatenate((heard.stamp_ns[::-1], self.stamp_ns))
         self.stamp_ns, first = np.unique(stamps, return_index=True)
         self.value, self.stddev, self.angle = (
@@ -88,7 +88,7 @@ class Outcome:
 
     @property
     def complete(self) -> bool:
-        """Every estimate that was to be expected has come."""
+        """Whether all expected estimates have been received."""
         return self.tally.lost == 0
 
     def facts(self, duration_s: float) -> dict[str, str]:
@@ -145,7 +145,7 @@ class Outcome:
         return tuple(found)
 
     def comparison(self, path: str, recording: Recording) -> BagComparison:
-        """Compare with the references in the bag; without channels if it has none."""
+        """Compare with the references in the bag; the result has no channels if there are none."""
         layout = self.model.layout
         motors = len(layout.motors)
         samples = Samples(self.stamp_ns, self.angle[:, :motors], self.angle[:, motors:])

@@ -1,8 +1,8 @@
-"""Which recorded message is to be sent when: time, rate, pause, step, burst, seek.  No ROS here.
+"""Schedules recorded messages: time, rate, pause, step, burst, seek.  Does not depend on ROS.
 
-The wall clock is always handed in, in seconds of any monotonic clock, so that a test can play an
-hour in no time.  A recording is played in passes; within a pass every message comes once and in
-order, unless a seek says otherwise.
+The caller passes the wall time, in seconds of any monotonic clock, so that a test can play an hour
+of a recording at once.  A recording is played in passes; within a pass every message is sent once
+and in order unless the user seeks.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from cdrj_ros.bag.source import Source, open_source
 from cdrj_ros.foundation.errors import UsageError
 
 ORDERS: Final = ("received", "sent")
-"""By the time at which a message was recorded, or by the stamp in its header."""
+"""Order of messages by the time of recording, or by the stamp in the header."""
 
 MIN_RATE: Final = 1e-3
 MAX_RATE: Final = 1e6
 
 Reel = Callable[[int], Iterator[RawMessage]]
-"""Opens the recording at a time [ns]: the messages from there on, in order of ``log_ns``."""
+"""Opens the recording at a time [ns]; yields the messages from then on by ``log_ns``."""
 
 
 def checked_rate(rate: float) -> float:
-    """The rate, if it is one.
+    """Return the rate if it is valid.
 
     Raises:
-        UsageError: not a number in [MIN_RATE, MAX_RATE].
+        UsageError: the rate is not in [MIN_RATE, MAX_RATE].
     """
     if not MIN_RATE <= rate <= MAX_RATE:
         raise UsageError(
@@ -43,10 +43,10 @@ def checked_rate(rate: float) -> float:
 
 
 def check_span(begin_ns: int, end_ns: int) -> None:
-    """Check that there is something between two times [ns].
+    """Check that the end [ns] is not before the beginning [ns].
 
     Raises:
-        UsageError: the end lies before the beginning.
+        UsageError: the end is before the beginning.
     """
     if end_ns < begin_ns:
         raise UsageError(
@@ -55,10 +55,10 @@ def check_span(begin_ns: int, end_ns: int) -> None:
 
 
 class Playback:
-    """Gives out the messages that are due, and takes the user's requests.
+    """Returns the messages that are due, and executes the user's requests.
 
     Time runs from ``begin_ns`` to ``end_ns``, both included, at ``rate`` times real time, or jumps
-    from message to message where the rate is None (as fast as possible).
+    from message to message if the rate is None (as fast as possible).
     """
 
     def __init__(
@@ -70,15 +70,15 @@ class Playback:
         rate: float | None = None,
         paused: bool = False,
     ) -> None:
-        """Prepare; nothing is due before ``start``."""
+        """Prepare the playback; no message is due before ``start``."""
         check_span(begin_ns, end_ns)
         self.begin_ns, self.end_ns = begin_ns, end_ns
         self.rate = None if rate is None else checked_rate(rate)
         self.paused = paused
         self.sought = False
-        """A seek has broken the order; ``start`` or ``resume_after_seek`` clears it."""
+        """Whether a seek is pending; ``start`` or ``resume_after_seek`` clears it."""
         self.behind_s = 0.0
-        """How late, in wall time, the latest message of all was taken [s]."""
+        """Maximum delay in wall time with which a message was taken [s]."""
         self._reel = reel
         self._burst = 0.0
         self._not_before_s = inf
@@ -90,7 +90,7 @@ class Playback:
     # -- the flow ------------------------------------------------------------------------------
 
     def start(self, now_s: float, delay_s: float = 0.0) -> None:
-        """Begin a pass at ``begin_ns``, ``delay_s`` from now, unless a seek before the start."""
+        """Begin a pass ``delay_s`` from now, at ``begin_ns`` or the target of a pending seek."""
         if not self.sought:
             self._open(self.begin_ns)
         self.sought = False
@@ -98,12 +98,12 @@ class Playback:
         self._set_anchor(self._position_ns, now_s + delay_s)
 
     def resume_after_seek(self, now_s: float) -> None:
-        """Continue at the position sought; the time spent in between does not count."""
+        """Continue at the target of the seek; the time spent since then is not played."""
         self.sought = False
         self._set_anchor(self._position_ns, now_s)
 
     def take(self, now_s: float, at_most: int) -> Sequence[RawMessage]:
-        """The next messages that are due, in order; none after a seek until it is dealt with."""
+        """The next due messages in order; none while a seek is pending."""
         if self._next is None or self.sought or now_s < self._not_before_s:
             return ()
         if self._burst:
@@ -124,7 +124,7 @@ class Playback:
         return taken
 
     def wait_s(self, now_s: float) -> float:
-        """Until the next message is due [s]: 0 now, infinity while paused or at the end."""
+        """Time until the next message is due [s]; 0 if due now, infinite if paused or ended."""
         if self._next is None or self.sought:
             return inf
         if now_s < self._not_before_s:
@@ -139,11 +139,11 @@ class Playback:
 
     @property
     def ended(self) -> bool:
-        """Every message up to ``end_ns`` has been taken."""
+        """Whether every message up to ``end_ns`` has been taken."""
         return self._next is None and not self.sought
 
     def position_ns(self, now_s: float) -> int:
-        """Time of the recording now [ns]: never past a message that is still to be sent."""
+        """Current time of the recording [ns]; never later than the next message to be sent."""
         if self.paused or self.rate is None or self.sought or now_s < self._not_before_s:
             return self._position_ns
         limit = self.end_ns if self._next is None else self._next.log_ns
@@ -152,20 +152,20 @@ class Playback:
     # -- the controls --------------------------------------------------------------------------
 
     def pause(self, now_s: float) -> None:
-        """Pause; the rest of a burst is dropped."""
+        """Pause, and cancel the rest of a burst."""
         if not self.paused:
             self._position_ns = self.position_ns(now_s)
             self.paused = True
         self._burst = 0.0
 
     def resume(self, now_s: float) -> None:
-        """Continue at the present position."""
+        """Continue at the current position."""
         if self.paused:
             self.paused = False
             self._set_anchor(self._position_ns, now_s)
 
     def set_rate(self, rate: float | None, now_s: float) -> None:
-        """Change the rate from here on; None for as fast as possible.
+        """Change the rate from the current position on; None for as fast as possible.
 
         Raises:
             UsageError: as ``checked_rate``.
@@ -176,19 +176,19 @@ class Playback:
         self._set_anchor(self._position_ns, now_s)
 
     def burst(self, number: int) -> None:
-        """Send the next messages at once, 0 for all that are left; then stay as before.
+        """Send the next messages at once, 0 for all remaining; then return to the previous mode.
 
         Raises:
-            UsageError: a negative number.
+            UsageError: the number is negative.
         """
         if number < 0:
             raise UsageError(f"number of messages must not be negative, got {number}")
         self._burst = float(number) if number else inf
 
     def seek(self, time_ns: int) -> int:
-        """Go to a time, brought into [begin_ns, end_ns]; returns where that is [ns].
+        """Go to a time, clamped to [begin_ns, end_ns]; returns the clamped time [ns].
 
-        Nothing is due until ``resume_after_seek``: the estimator has to be reset first.
+        No message is due until ``resume_after_seek``, since the estimator must be reset first.
         """
         target = min(max(time_ns, self.begin_ns), self.end_ns)
         self._burst = 0.0
@@ -199,7 +199,7 @@ class Playback:
     # -- inside --------------------------------------------------------------------------------
 
     def _take_fast(self, now_s: float, at_most: int) -> Sequence[RawMessage]:
-        """Without regard to time: the fast rate, or a burst at any rate."""
+        """Take messages regardless of time: at the fast rate, or in a burst at any rate."""
         wanted = min(float(at_most), self._burst) if self._burst else at_most
         taken: list[RawMessage] = []
         if self._next is not None:
@@ -219,7 +219,7 @@ class Playback:
         return self._anchor_ns + int((now_s - self._anchor_s) * self.rate * 1e9)
 
     def _set_anchor(self, time_ns: int, now_s: float) -> None:
-        """Let time run from here on."""
+        """Let time run from this point on."""
         self._anchor_ns, self._anchor_s = time_ns, now_s
 
     def _open(self, time_ns: int) -> None:
@@ -236,7 +236,7 @@ class Playback:
 
 
 def log_order(source: Source, topics: Sequence[str]) -> Reel:
-    """The recording by log time, read as it is played.
+    """The recording ordered by log time, read during the playback.
 
     Raises:
         BagError: as ``read_messages``.
@@ -247,10 +247,11 @@ def log_order(source: Source, topics: Sequence[str]) -> Reel:
 def stamp_order(
     source: Source, topics: Sequence[str], stamp_of: Callable[[RawMessage], int]
 ) -> tuple[Reel, int, int]:
-    """The recording by header stamp, held whole in memory; with its first and last stamp [ns].
+    """The recording ordered by header stamp, with its first and last stamp [ns].
 
-    ``stamp_of`` returns a message's header stamp [ns], or 0 where it has none; such messages keep
-    their log time.  ``log_ns`` of the messages given is the time by which they are ordered.
+    The recording is held in memory.  ``stamp_of`` returns a message's header stamp [ns], or 0 if it
+    has none; such messages keep their log time.  ``log_ns`` of the returned messages is the time by
+    which they are ordered.
 
     Raises:
         BagError: as ``read_messages``.
@@ -271,10 +272,10 @@ def stamp_order(
 
 
 def merged_source(paths: Sequence[str]) -> Source:
-    """Several recordings as one: parts of one event, recorded side by side or one after another.
+    """Merge recordings of one event that were made in parallel or one after another.
 
     Raises:
-        BagError: one of them cannot be opened.
+        BagError: a recording cannot be opened.
     """
     sources = [open_source(path) for path in paths]
     return Source(
