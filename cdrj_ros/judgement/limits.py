@@ -1,4 +1,4 @@
-"""Bounds on the figures of a comparison, read from a file, for continuous integration."""
+"""Limits on the figures of a comparison, read from a file, for continuous integration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LIMITED: Final = ("n", *FIGURES)
 """Figures that may have limits."""
 
 JUDGED: Final = ("all", "each")
-"""What is judged: the joined samples of all recordings; "each": every recording as well."""
+"""Values of ``judge``: "all" judges the pooled samples, "each" every recording as well."""
 
 LARGEST_FILE: Final = 1_000_000
 """Size of the largest file that is read [bytes]."""
@@ -34,8 +34,8 @@ class Limit:
     """Bounds on one figure of the channels that match a pattern."""
 
     pattern: str
-    """A channel's name, with ``*``, ``?`` and ``[...]`` as in file names; or a quantity alone
-    ("tension"), which stands for the mean over its channels."""
+    """A channel's name, which may contain the wildcards ``*``, ``?`` and ``[...]``; or a quantity
+    alone ("tension"), which denotes the mean over its channels."""
     figure: str
     """One of LIMITED."""
     least: float | None = None
@@ -47,10 +47,10 @@ class Limits:
     """The content of one file."""
 
     source: str
-    """The file."""
+    """Name of the file."""
     limits: tuple[Limit, ...]
     each: bool = False
-    """Whether every recording is judged by itself as well."""
+    """Whether every recording is also judged individually."""
 
 
 @dataclass(frozen=True)
@@ -58,19 +58,19 @@ class Outside:
     """One figure that is not within its limit."""
 
     where: str
-    """The recording; "all recordings" where their joined samples are meant."""
+    """The recording, or "all recordings" for the pooled samples."""
     channel: str
     """The channel, or the pattern that no channel matches."""
     figure: str
     value: float | None
-    """None where the figure is not known."""
+    """Value of the figure; None if it is unknown."""
     bound: float
     least: bool
-    """Whether ``bound`` is the least that is allowed, not the most."""
+    """Whether ``bound`` is a minimum; otherwise it is a maximum."""
 
     @property
     def by(self) -> float | None:
-        """How far beyond the bound, at least 0, in the figure's unit; None where not known."""
+        """Distance beyond the bound, at least 0, in the figure's unit; None if unknown."""
         return None if self.value is None else abs(self.value - self.bound)
 
 
@@ -80,7 +80,7 @@ class Judgement:
 
     source: str
     checked: int
-    """Comparisons of a figure with a bound."""
+    """Number of comparisons of a figure with a bound."""
     outside: tuple[Outside, ...]
 
 
@@ -129,7 +129,7 @@ def parse_limits(text: str, source: str) -> Limits:
 
 
 def judge(limits: Limits, errors: Errors) -> Judgement:
-    """Compare the figures with their limits; a figure that is not known is outside."""
+    """Compare the figures with their limits; an unknown figure counts as outside."""
     judged = [("all recordings", errors.pooled)]
     if len(errors.bags) == 1:
         judged = [(errors.bags[0].path, errors.pooled)]
@@ -148,7 +148,7 @@ def judge(limits: Limits, errors: Errors) -> Judgement:
 def _check(
     limit: Limit, where: str, matching: Mapping[str, ChannelError]
 ) -> tuple[int, list[Outside]]:
-    """The number of figures checked, and those outside; a pattern without a channel is outside."""
+    """Number of checked figures, and those outside; a pattern without a match is outside."""
     checked, outside = 0, []
     for bound, least in ((limit.least, True), (limit.most, False)):
         if bound is None:
@@ -184,7 +184,7 @@ def _limit(pattern: str, figure: str, bounds: Any, where: str, source: str) -> L
 
 
 def _mapping(value: Any, where: str, known: Sequence[str] | None, source: str) -> dict[str, Any]:
-    """A mapping of known keys (None: any)."""
+    """Check that the value is a mapping with only known keys (None: any keys) and return it."""
     if not isinstance(value, dict):
         wanted = f"a mapping of {', '.join(known)}" if known else "a mapping"
         raise LimitsError(f"{where or 'the file'} must be {wanted}, got {_shown(value)} ({source})")

@@ -1,9 +1,9 @@
-"""Figures for the difference between estimates and references: the paper's, and common ones.
+"""Error figures of estimates against references: those of the paper and common ones.
 
-The paper reports mean error and mean relative error of single channels; RMSE, the largest error
-and R² stand beside them, the mean error at reversals apart from the rest, and how often the
-reference lies within two standard deviations.  Several recordings are pooled by joining their
-samples, never by averaging their figures: a short recording does not weigh as much as a long one.
+The paper reports the mean error and the mean relative error of single channels.  Added to these are
+RMSE, the largest error, R², separate mean errors at reversals and elsewhere, and the share of
+references within two standard deviations.  Several recordings are pooled by joining their samples
+and not by averaging their figures, so that long recordings weigh more than short ones.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from cdrj_ros.judgement.channels import BagComparison, Channel
 
 MINIMUM_SHARE: Final = 0.01
-"""Share of a channel's largest |reference| below which a sample has no relative error.
+"""Fraction of a channel's largest |reference| below which samples are left out of relative errors.
 
-Where a reference passes through zero, |error| / |reference| grows without bound however good the
-estimate is, and one such sample would outweigh a thousand others.
+Where a reference passes through zero, |error| / |reference| grows without bound even for a good
+estimate, and one such sample would dominate the mean.
 """
 
 
@@ -31,26 +31,27 @@ COVERAGE_SIGMAS: Final = 2.0
 
 @dataclass(frozen=True)
 class ChannelError:
-    """Difference of one channel's estimate from its reference; None where it is not known."""
+    """Error figures of one channel; None where a figure is unknown."""
 
     n: int
-    """Compared samples."""
+    """Number of compared samples."""
     mean_abs_error: float | None
     """Mean |estimate - reference| [channel's unit]."""
     mean_relative_error: float | None
-    """Mean |estimate - reference| / |reference| over samples of at least MINIMUM_SHARE."""
+    """Mean |estimate - reference| / |reference| over samples with |reference| at least
+    MINIMUM_SHARE of its largest value [-]."""
     rmse: float | None
     """Root of the mean squared error [channel's unit]."""
     max_abs_error: float | None
     """Largest |estimate - reference| [channel's unit]."""
     r2: float | None
-    """1 - SSE/SST: share of the reference's variance that the estimate explains."""
+    """1 - SSE/SST: share of the reference's variance that the estimate explains [-]."""
     reversal_error: float | None = None
     """Mean |estimate - reference| where a motor or joint reverses [channel's unit]."""
     smooth_error: float | None = None
     """Mean |estimate - reference| everywhere else [channel's unit]."""
     coverage: float | None = None
-    """Share of samples of known standard deviation within COVERAGE_SIGMAS of the estimate."""
+    """Share of references within COVERAGE_SIGMAS standard deviations, where these are known [-]."""
 
 
 FIGURES: Final = (
@@ -63,7 +64,7 @@ FIGURES: Final = (
     "smooth_error",
     "coverage",
 )
-"""Names of ChannelError's figures, in the order in which they are shown."""
+"""Names of ChannelError's figures, in display order."""
 
 NO_SAMPLES: Final = ChannelError(0, None, None, None, None, None)
 """The error of a channel that has no sample."""
@@ -82,12 +83,12 @@ def channel_error(
         estimate: finite, shape (n,), in any unit.
         reference: finite, shape (n,), in the same unit.
         stddev: of the estimate, NaN where unknown, shape (n,), in the same unit.
-        reversal: whether the motion reverses there, shape (n,).
+        reversal: whether the motion reverses at the sample, shape (n,).
 
     Returns:
-        Errors in that unit, the others without one.  ``mean_relative_error`` is None where the
-        reference is zero throughout, ``r2`` where it does not vary, ``coverage`` where no standard
-        deviation is known, all where n is 0.
+        Errors in the given unit; the other figures are dimensionless.  ``mean_relative_error`` is
+        None if the reference is zero throughout, ``r2`` if it does not vary, ``coverage`` if no
+        standard deviation is known, and all figures if n is 0.
 
     Raises:
         ValueError: shapes that differ, or values that are not finite.
@@ -113,7 +114,7 @@ def channel_error(
         telling = magnitude >= MINIMUM_SHARE * largest
         relative = float(np.mean(size[telling] / magnitude[telling]))
     r2: float | None = None
-    # Compared exactly, since the mean of equal numbers need not round to that number.
+    # Exact comparison, because the rounded mean of equal numbers may differ from them.
     if n >= 2 and recorded.min() < recorded.max():
         deviation = recorded - recorded.mean()
         variation = float(np.dot(deviation, deviation))
@@ -144,7 +145,7 @@ def _coverage(size: NDArray[np.float64], stddev: NDArray[np.float64]) -> float |
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Recordings and their figures, computed once for table, JSON, report and limits."""
+    """Recordings and their figures, shared by table, JSON file, report and limits."""
 
     bags: tuple[BagComparison, ...]
     of_bags: tuple[Mapping[str, ChannelError], ...]
@@ -154,7 +155,7 @@ class Errors:
 
 
 def errors_of(bags: Sequence[BagComparison]) -> Errors:
-    """Compute the figures of recordings, each by itself and pooled."""
+    """Compute the figures of each recording and of all recordings pooled."""
     of_bags = tuple(pooled_errors([bag]) for bag in bags)
     return Errors(tuple(bags), of_bags, of_bags[0] if len(bags) == 1 else pooled_errors(bags))
 
@@ -185,11 +186,11 @@ def _joined(parts: Sequence[NDArray[Any] | None]) -> NDArray[Any] | None:
 
 
 def mean_over_channels(errors: Iterable[ChannelError]) -> ChannelError:
-    """One line for many channels, each channel counting alike, as in the paper's tables.
+    """Summary of many channels with equal weights, as in the paper's tables.
 
     Returns:
-        ``n``: samples of all channels together; ``max_abs_error``: the largest of all channels;
-        every other figure: its mean over the channels that have it, None where none has.
+        ``n`` is the total number of samples and ``max_abs_error`` the maximum over all channels;
+        every other figure is its mean over the channels that have it, None if no channel has it.
     """
     listed = list(errors)
 

@@ -1,4 +1,4 @@
-"""Passes of a recording whose clock went back: each is compared with its own references."""
+"""Passes of a recording whose clock was set back; each is compared with its own references."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from cdrj_ros.judgement.channels import Channel
 from cdrj_ros.judgement.reversals import clock_resets
 
 BETWEEN_PASSES_NS: Final = 1_000_000_000
-"""Time between two passes where they are put one behind the other [ns]."""
+"""Time inserted between two passes when they are joined [ns]."""
 
 
 def slices_of(stamps: NDArray[np.int64]) -> list[slice]:
-    """The passes of stamps that go back between them."""
+    """Slices of stamps that increase strictly; the stamps go back between slices."""
     starts = np.flatnonzero(np.diff(stamps) <= 0) + 1
     edges = [0, *starts.tolist(), stamps.size]
     return [slice(a, b) for a, b in pairwise(edges)]
@@ -29,7 +29,7 @@ def slices_of(stamps: NDArray[np.int64]) -> list[slice]:
 def references_of_passes(
     references: Mapping[str, Series], recording: Recording, passes: int
 ) -> list[dict[str, Series]]:
-    """The references of every pass: those of the same turn of the clock."""
+    """References of every pass, cut where the clock was set back."""
     if passes == 1 or not references:
         return [dict(references) for _ in range(passes)]
     clock = next(iter({**recording.joints, **recording.motors}.values()))
@@ -42,11 +42,11 @@ def references_of_passes(
 
 
 def passes_of(series: Series, jumps: int, clock: Series) -> list[Series]:
-    """Cut a series where its clock went back, into one more part than there are jumps.
+    """Cut a series at the jumps of its clock into ``jumps + 1`` parts.
 
-    If its own stamps do not show as many jumps, it is cut at the log times of the jumps of
-    ``clock``.  If those are not as many either, every part is the whole series, and the stamps
-    alone decide.
+    If its own stamps show a different number of jumps, the series is cut at the log times of the
+    jumps of ``clock``.  If their number differs too, every part is the whole series, and the stamps
+    alone assign samples to passes.
     """
     at = clock_resets(series.stamp_ns)
     if len(at) != jumps:
@@ -62,7 +62,7 @@ def passes_of(series: Series, jumps: int, clock: Series) -> list[Series]:
 
 
 def one_after_another(passes: Sequence[Sequence[Channel]]) -> tuple[Channel, ...]:
-    """Join the channels of several passes; the stamps of later ones are shifted behind.
+    """Join the channels of several passes, with the stamps of later passes shifted.
 
     Args:
         passes: channels of the same names in the same order, of every pass.

@@ -1,4 +1,4 @@
-"""Where the stamps of a reference lie among the stamps of the estimates."""
+"""Position of a reference's stamps among the stamps of the estimates."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ DROP_CAUSES: Final[Mapping[str, str]] = MappingProxyType(
         "estimate_not_finite": "reference values beside an estimate that is NaN or infinite",
     }
 )
-"""Why a reference is left out: name of the counter, and what is counted in words."""
+"""Reasons for leaving out a reference: name of the counter, and what it counts in words."""
 
 
 class Placement(NamedTuple):
-    """Where reference stamps lie among the estimates' stamps; shapes (k,) unless said."""
+    """Position of reference stamps among the estimates' stamps; arrays have shape (k,)."""
 
     stamp_ns: Stamps
-    """Stamps that have an estimate on or around them."""
+    """Reference stamps at or between usable estimates [ns]."""
     source: NDArray[np.intp]
-    """Index of each in the reference as given."""
+    """Index of each stamp in the given reference."""
     left: NDArray[np.intp]
     """Index of the last estimate not after the stamp."""
     right: NDArray[np.intp]
     """Index of the first estimate not before the stamp; equal to ``left`` where they coincide."""
     share: Floats
-    """How far the stamp lies from ``left`` to ``right``, in [0, 1)."""
+    """Fraction of the way from ``left`` to ``right`` at which the stamp lies, in [0, 1)."""
     dropped: Mapping[str, int]
     """Number of stamps left out, by cause."""
 
@@ -44,9 +44,9 @@ def place(stamps: Stamps, own_stamps: Stamps, max_gap_ns: int) -> Placement:
     """Find the neighbours of every stamp.
 
     Args:
-        stamps: of the reference [ns], in any order, shape (m,); of equal ones the first counts.
+        stamps: of the reference [ns], in any order, shape (m,); of equal stamps the first is used.
         own_stamps: of the estimates [ns], strictly increasing, shape (n,).
-        max_gap_ns: greatest distance of two neighbours.
+        max_gap_ns: largest accepted distance between two neighbours.
     """
     dropped = {}
     if np.all(stamps[1:] > stamps[:-1]):
@@ -73,18 +73,18 @@ def place(stamps: Stamps, own_stamps: Stamps, max_gap_ns: int) -> Placement:
     source, wanted, left, right, width = (
         column[near] for column in (source, wanted, left, right, width)
     )
-    # Integers are subtracted before they become floats: epoch stamps exceed a float's 53 bits.
+    # Subtract as integers: epoch stamps in nanoseconds exceed the 53-bit mantissa of a float.
     share = (wanted - own_stamps[left]).astype(np.float64) / np.maximum(width, 1)
     return Placement(wanted, source, left, right, share, dropped)
 
 
 def interpolated(before: Floats, after: Floats, placement: Placement, part: slice) -> Floats:
-    """The straight line between neighbours; ``before`` itself where the stamps coincide.
+    """Linear interpolation between neighbours; exactly ``before`` where the stamps coincide.
 
     Args:
         before, after: values at ``placement.left[part]`` and ``placement.right[part]``.
         placement: of all stamps.
-        part: which of them.
+        part: the stamps to interpolate at.
     """
     same = placement.left[part] == placement.right[part]
     if same.all():
@@ -95,7 +95,7 @@ def interpolated(before: Floats, after: Floats, placement: Placement, part: slic
 
 
 def angle_at(stamp_ns: Stamps, angle: Angle | None, max_gap_ns: int) -> Floats:
-    """Angle [rad] at the stamps, NaN where no reading is near enough, shape of ``stamp_ns``."""
+    """Angle [rad] at the stamps, NaN where no reading is close enough, shape of ``stamp_ns``."""
     result = np.full(len(stamp_ns), np.nan)
     if angle is not None:
         values = np.asarray(angle.value, dtype=np.float64)

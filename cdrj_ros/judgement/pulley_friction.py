@@ -1,4 +1,4 @@
-"""Friction at every pulley over a recording: its size, and its loop over the cable passed."""
+"""Friction at every pulley over a recording: its magnitude, and its loop over the cable passed."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from cdrj_ros.model.prepared import Layout
 Floats = NDArray[np.float64]
 
 BLOCK: Final = 4096
-"""Samples that fit into a processor's cache."""
+"""Samples per block, such that a block fits into the processor's cache."""
 
 LOOP_BUCKETS: Final = 16
-"""Of every BLOCK the loop keeps the smallest and largest sample in so many buckets."""
+"""Buckets per BLOCK; of each bucket the loop keeps the smallest and largest sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,27 +25,27 @@ class PulleyFriction:
     """Friction at one pulley; its share is |t_i - t_(i-1)| over the larger of the two tensions."""
 
     name: str
-    """``cable/node``."""
+    """Name of the pulley, ``cable/node``."""
     mean: float
     """Mean |t_i - t_(i-1)| [N]."""
     largest: float
-    """[N]."""
+    """Largest |t_i - t_(i-1)| [N]."""
     mean_share: float
-    """Over the samples in which the cable is taut [-]."""
+    """Mean share over the samples in which the cable is taut [-]."""
     largest_share: float
-    """[-]."""
+    """Largest share [-]."""
     passed: Floats | None = None
-    """Length of cable that has passed the pulley since the begin [m], shape (n,), thinned so that
-    no extreme is lost; for one pulley only."""
+    """Length of cable that has passed the pulley since the beginning [m], shape (n,), thinned such
+    that extremes are kept; given for one pulley only."""
     friction: Floats | None = None
-    """t_i - t_(i-1) at the same time [N], shape (n,)."""
+    """t_i - t_(i-1) at the same samples [N], shape (n,)."""
 
 
 class FrictionSums:
-    """Sums over the estimates of one pass, taken in pieces."""
+    """Accumulates friction over the estimates of one pass, given in pieces."""
 
     def __init__(self, layout: Layout) -> None:
-        """For the pulleys of a robot."""
+        """Start with empty sums for the pulleys of a robot."""
         place = {name: k for k, name in enumerate(layout.elements)}
         pulleys = len(layout.pulleys)
         self._layout = layout
@@ -60,9 +60,9 @@ class FrictionSums:
         self._loops: list[list[tuple[Floats, Floats]]] = [[] for _ in range(pulleys)]
 
     def add(self, stamp_ns: NDArray[np.int64], values: Floats) -> None:
-        """Take the next estimates.
+        """Add the next estimates.
 
-        Sums do not depend on the pieces if each but the last has a multiple of BLOCK samples.
+        Sums do not depend on the pieces if the size of each but the last is a multiple of BLOCK.
 
         Args:
             stamp_ns: increasing [ns], shape (n,).
@@ -96,7 +96,7 @@ class FrictionSums:
             loop.append((passed[kept, k], friction[kept, k]))
 
     def result(self) -> tuple[PulleyFriction, ...]:
-        """Friction of all pulleys; that of the largest mean share has its loop."""
+        """Friction of all pulleys; only the pulley of the largest mean share has a loop."""
         n = self._count
         if not n:
             return ()

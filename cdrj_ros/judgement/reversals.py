@@ -19,28 +19,27 @@ Indices = NDArray[np.intp]
 Stamps = NDArray[np.int64]
 
 REVERSAL_SHARE: Final = 0.05
-"""A reversal counts if the angle then comes back by this share of its range."""
+"""A reversal counts if the angle then moves back by at least this share of its range [-]."""
 
 AROUND_NS: Final = 100_000_000
-"""A reversal lasts from this long before the angle's extreme to at least as long after it [ns]."""
+"""Time before the angle's extreme, and least time after it, that belongs to a reversal [ns]."""
 
 _SCAN_BUCKETS: Final = 4000
-"""Number of parts of a recording in which reversals are searched."""
+"""Number of buckets of the envelope in which reversals are searched."""
 
 
 def envelope(buckets: int, *series: Floats) -> Indices:
-    """Choose samples that keep the outline of series drawn in few pixels, with every peak.
+    """Choose samples that preserve the outline and every peak of series drawn in few pixels.
 
-    The samples are divided into buckets of consecutive ones.  The smallest and the largest sample
-    of every series in each bucket are kept, and the first and last of all.
+    The samples are divided into buckets of consecutive samples.  Kept are the smallest and the
+    largest sample of every series in each bucket, and the first and the last sample.
 
     Args:
         buckets: how many buckets, at least 1.
         series: finite, shape (n,) each, drawn together.
 
     Returns:
-        Indices to draw, strictly increasing, shape (k,) with k ≤ 2 * buckets * len(series) + 2
-        unless the series are as short as that.
+        Indices to draw, strictly increasing, shape (k,) with k ≤ 2 * buckets * len(series) + 2.
     """
     n = len(series[0])
     size = -(-n // max(buckets, 1))
@@ -62,7 +61,7 @@ def turning_points(angle: Floats) -> Indices:
     """Samples at which a motion reverses; noise and ripple are ignored.
 
     Args:
-        angle: joint angle [rad], shape (n,); NaN where there is none.
+        angle: joint angle [rad], shape (n,); NaN where unknown.
 
     Returns:
         Indices of the extremes between which the angle covers at least REVERSAL_SHARE of its
@@ -135,7 +134,7 @@ def reversal_zones(stamp_ns: Stamps, angles: Iterable[Floats]) -> Stamps:
 
 
 def within(zones: Stamps, stamp_ns: Stamps) -> NDArray[np.bool_]:
-    """Which stamps lie in a zone, both ends included; shape of ``stamp_ns``."""
+    """Whether each stamp lies in a zone, both ends included; shape of ``stamp_ns``."""
     begun = np.searchsorted(zones[:, 0], stamp_ns, side="right")
     ended = np.searchsorted(zones[:, 1], stamp_ns, side="left")
     inside: NDArray[np.bool_] = begun > ended
@@ -145,8 +144,8 @@ def within(zones: Stamps, stamp_ns: Stamps) -> NDArray[np.bool_]:
 def clock_resets(stamp_ns: Stamps) -> Indices:
     """Indices of the samples at which the clock was set back, in order of arrival, shape (k,).
 
-    A single wild stamp is no reset: the CONFIRMATIONS samples from there on must increase and lie
-    before the median of as many samples before them, the first by more than MAX_GAP_NS.
+    A single outlier is not a reset: the next CONFIRMATIONS stamps must increase and lie before the
+    median of the CONFIRMATIONS preceding stamps, the first of them by more than MAX_GAP_NS.
     """
     resets = []
     for at in (np.flatnonzero(np.diff(stamp_ns) < -MAX_GAP_NS) + 1).tolist():

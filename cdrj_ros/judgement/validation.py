@@ -1,4 +1,4 @@
-"""A recording through the estimator, and its estimates against its references."""
+"""Validation: estimation over a recording and comparison with its references."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ MAX_GAP_NS: Final = 100_000_000
 """References are compared only between estimates at most this far apart [ns]."""
 
 WHOLE: Final = (0.0, float("inf"))
-"""The window that is all of a recording [s]."""
+"""The window that covers a whole recording [s]."""
 
 PRELOAD_DIFFERS: Final = 0.1
-"""Share by which all tensions of a cable differ on average where its preload must be another."""
+"""Relative difference of all mean tensions of a cable beyond which its preload is questioned."""
 
 Window = tuple[float, float]
-"""Seconds after the recording's begin from and to which references are compared."""
+"""Begin and end of the compared references, relative to the start of the recording [s]."""
 
 
 def require_reference_topics(path: str, topics: Topics) -> None:
-    """Refuse a bag without reference topics before it is read, if its index tells its topics.
+    """Refuse a bag without reference topics before reading it, if its index lists the topics.
 
     Raises:
-        BagError: there is none, or the bag cannot be opened.
+        BagError: there is no reference topic, or the bag cannot be opened.
     """
     source = open_source(path)
     there = source.channels()
@@ -57,10 +57,10 @@ def require_reference_topics(path: str, topics: Topics) -> None:
 
 
 def read_inputs(path: str, topics: Topics, model: Model) -> Recording:
-    """Read a bag for a robot.
+    """Read a bag and check that it has all motors and joints of a robot.
 
     Raises:
-        BagError: as ``read_recording``; or a motor or joint of the robot is missing.
+        BagError: as ``read_recording``, or a motor or joint of the robot is missing.
     """
     layout = model.layout
     recording = read_recording(path, topics)
@@ -80,7 +80,7 @@ def read_inputs(path: str, topics: Topics, model: Model) -> Recording:
 def condition_recording(model: Model, recording: Recording) -> Conditioned:
     """Pass the recording's readings through the gates that the node uses.
 
-    Where motors and joints share a topic, an unknown name is counted once.
+    If motors and joints share a topic, an unknown name is counted only once.
     """
     joints = recording.joints
     if set(joints) == set(recording.motors):
@@ -96,7 +96,7 @@ def _readings(channels: Mapping[str, Series]) -> dict[str, Readings]:
 
 
 def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int]:
-    """Number of readings refused, by cause, and of jumps, gaps and steps; zeros are left out."""
+    """Number of refused readings by cause, and of clock jumps, gaps and steps, without zeros."""
     counts = {cause: n for cause, n in conditioned.refused.items() if n}
     malformed = sum(recording.malformed.values())
     if malformed:
@@ -111,14 +111,14 @@ def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int
 
 
 class ByChannel(NamedTuple):
-    """Estimates that follow one another, by channel name."""
+    """Consecutive estimates by channel name."""
 
     n: int
-    """How many."""
+    """Number of estimates."""
     estimates: Mapping[str, Floats]
-    """[unit of the name], shape (n,) each."""
+    """Estimated values [unit of the channel], shape (n,) each."""
     stddev: Mapping[str, Floats]
-    """Standard deviations where they are known [unit of the name], shape (n,) each."""
+    """Standard deviations where they are known [unit of the channel], shape (n,) each."""
 
 
 def validate_recording(
@@ -139,12 +139,12 @@ def validate_recording(
     Args:
         model: the prepared robot.
         path: the recording, as the user named it.
-        recording: as read.
+        recording: the recorded series.
         conditioned: its samples; each segment is compared with the references of its own pass.
-        spread: standard deviations too.
-        window: of the references that are compared.
-        progress: called with the share that is done, from 0 to 1.
-        keep: called with every piece of the estimates; they are not kept here.
+        spread: whether to estimate standard deviations.
+        window: time interval of the references that are compared.
+        progress: called with the completed fraction, from 0 to 1.
+        keep: called with every piece of the estimates, which are not stored otherwise.
 
     Raises:
         BagError: there is nothing to compare.
@@ -215,17 +215,17 @@ def compare_with_references(
     facts: Mapping[str, str] | None = None,
     notes: tuple[str, ...] = (),
 ) -> BagComparison:
-    """Compare estimates of one pass, wherever they came from, with the recorded references.
+    """Compare estimates of one pass, from any source, with the recorded references.
 
     Args:
         model: the prepared robot.
         path: the recording, as the user named it.
-        recording: as read.
+        recording: the recorded series.
         conditioned: counters and the samples; exactly one segment.
         stamps: of the estimates [ns], strictly increasing, shape (n,).
-        estimates: n of them.
-        facts: rows of free text for the reader.
-        notes: sentences for the reader.
+        estimates: n estimates by channel name.
+        facts: further facts for the reader, by label.
+        notes: remarks for the reader.
 
     Raises:
         BagError: there is nothing to compare.
@@ -248,7 +248,7 @@ def compare_with_references(
 def _references(
     path: str, recording: Recording, conditioned: Conditioned, window: Window
 ) -> Mapping[str, Series]:
-    """The references to compare with; BagError where there is nothing to compare."""
+    """The references to compare with; BagError if there is nothing to compare."""
     references = _windowed(recording, window)
     if not references:
         raise _no_references(path, " in that time" if recording.references else "")
@@ -272,7 +272,7 @@ def _compare_pass(
     pieces: Iterable[ByChannel],
     references: Mapping[str, Series],
 ) -> tuple[Channel, ...]:
-    """One pass; ``segment`` has the angles, ``stamps`` are those of the estimates."""
+    """Compare one pass; ``segment`` holds the angles, ``stamps`` are those of the estimates."""
     comparing = Comparing(
         names,
         stamps,
@@ -292,7 +292,7 @@ def _duration_s(recording: Recording, window: Window) -> float:
 
 
 def _windowed(recording: Recording, window: Window) -> Mapping[str, Series]:
-    """The references within the window; without the channels that have none there."""
+    """The references within the window, without channels that have no sample in it."""
     begin, end = window
     if window == WHOLE:
         return recording.references
@@ -308,7 +308,7 @@ def _windowed(recording: Recording, window: Window) -> Mapping[str, Series]:
 
 
 def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
-    """A hint where all recorded tensions of a cable are larger or smaller than estimated."""
+    """Notes on cables whose recorded tensions are all larger or all smaller than estimated."""
     notes = []
     for cable in model.robot.cables:
         ratios = [

@@ -1,4 +1,4 @@
-"""Motors and joints of a robot file: ranges, sensors and torques of their own."""
+"""Motors and joints of a robot file: ranges, sensors and passive torques."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.refusal import Refusal
 
 DEFAULT_BREAKAWAY_ANGLE: Final = 1e-3
-"""Angle within which the friction of an axis builds up where the file does not say [rad]."""
+"""Default angle over which the friction of an axis builds up [rad]."""
 
 
 def read_motors(document: Document, refuse: Refusal) -> Iterator[Motor]:
     """The motors, in the file's order.
 
     Raises:
-        RobotFileError: what a schema cannot find.
+        RobotFileError: an error that the schema cannot express.
     """
     for k, entry in enumerate(document["motors"]):
         yield Motor(
@@ -35,7 +35,7 @@ def read_joints(document: Document, refuse: Refusal) -> Iterator[Joint]:
     """The joints, in the file's order.
 
     Raises:
-        RobotFileError: what a schema cannot find.
+        RobotFileError: an error that the schema cannot express.
     """
     for k, entry in enumerate(document["joints"]):
         lower, upper = map(float, entry["range"])
@@ -60,12 +60,12 @@ def read_joints(document: Document, refuse: Refusal) -> Iterator[Joint]:
 
 
 def given(entry: Document, *keys: str, **renamed: str) -> dict[str, float]:
-    """Numbers that an entry gives, by field; what it leaves out keeps the field's default.
+    """Numbers given by an entry, by field name; fields that are left out keep their defaults.
 
     Args:
         entry: a mapping of the file.
-        keys: that are called as their fields.
-        renamed: keys by field.
+        keys: keys with the same name as their fields.
+        renamed: keys by the name of their field.
     """
     fields = {**{key: key for key in keys}, **renamed}
     return {field: float(entry[key]) for field, key in fields.items() if key in entry}

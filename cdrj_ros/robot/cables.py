@@ -30,7 +30,7 @@ class CableReader:
     """Reads the cables of one robot file."""
 
     friction: Document
-    """Friction of the whole robot."""
+    """Friction entry of the whole robot, overridden by cables and pulleys."""
     motors: Sequence[Motor]
     frames: Sequence[Frame]
     profiles: ProfileReader
@@ -113,7 +113,7 @@ class CableReader:
         return self._pulley(path, entry, place, friction_layers)
 
     def _check_place(self, path: str, entry: Document, routed: bool) -> None:
-        """All nodes of a cable have positions, or none has."""
+        """Check that the nodes of a routed cable have positions and those of others do not."""
         if routed and "position" not in entry:
             raise self.refuse(
                 f"{path}.position",

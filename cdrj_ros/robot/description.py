@@ -17,7 +17,7 @@ StribeckForm = Literal["printed", "capstan"]
 """Forms of static friction."""
 
 FrameMotion = Literal["fixed", "revolute", "prismatic", "rolling"]
-"""How a frame moves with its joint."""
+"""Type of a frame's motion relative to its parent."""
 
 TABLE_INTERVALS: Final = 256
 """Intervals of a tabulated function over its joint's range."""
@@ -25,53 +25,53 @@ TABLE_INTERVALS: Final = 256
 
 @dataclass(frozen=True)
 class Sensor:
-    """Conversion of an angle sensor's readings, angle = scale reading + offset, and its accuracy.
+    """Conversion of an angle sensor's readings, angle = scale * reading + offset, and its accuracy.
 
-    Its clock may differ from other clocks, and its reading may wrap around after a turn.
+    Its clock may have an offset from the other clocks, and its reading may wrap around.
     """
 
     scale: float = 1.0
-    """[-]; negative where the sensor counts the other way."""
+    """Factor on the reading [-]; negative if the sensor counts in the opposite direction."""
     offset: float = 0.0
-    """[rad]."""
+    """Angle at reading 0 [rad]."""
     period: float = float("inf")
-    """The reading wraps around after this angle [rad]."""
+    """Angle after which the reading wraps around [rad]."""
     clock_offset_ns: int = 0
     """Added to the stamps of its readings [ns]."""
     resolution: float = 0.0
     """Size of a count [rad]."""
     noise: float = 0.0
-    """Standard deviation of a reading in addition to its resolution [rad]."""
+    """Standard deviation of a reading, in addition to quantisation [rad]."""
     tracking_bandwidth: float = 0.0
-    """Of the filter that finds the angle between counts [Hz]; 0 for none."""
+    """Bandwidth of the filter that estimates the angle between counts [Hz]; 0 for no filter."""
     corrected_at: tuple[float, ...] = ()
-    """Angles at which ``correction`` is given, increasing [rad]; empty for none."""
+    """Angles at which ``correction`` is given, increasing [rad]; empty for no correction."""
     correction: tuple[float, ...] = ()
-    """Added to the angle; linear between these values, constant beyond them [rad]."""
+    """Correction added to the angle; interpolated linearly, constant beyond the ends [rad]."""
 
 
 @dataclass(frozen=True)
 class PassiveTorque:
-    """Torque of the axis itself, in addition to that of the cables: (E13) in docs/model.md."""
+    """Passive torque of an axis, in addition to that of the cables: (E13) in docs/model.md."""
 
     bearing_torque: float = 0.0
-    """Coulomb friction [N m]."""
+    """Coulomb friction torque [N m]."""
     bearing_stiffness: float = 0.0
-    """Slope of the friction torque at reversals [N m/rad]; positive if there is friction."""
+    """Slope of the friction torque after a reversal [N m/rad]; positive if there is friction."""
     spring_stiffness: float = 0.0
-    """[N m/rad]."""
+    """Stiffness of the spring [N m/rad]."""
     spring_rest: float = 0.0
     """Angle at which the spring's torque vanishes [rad]."""
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance of numbers of the robot file."""
+    """Covariance of parameters of the robot file."""
 
     parameters: tuple[str, ...]
     """Paths, see ``cdrj_ros.robot.parameters``, length p."""
     covariance: NDArray[np.float64]
-    """Of the numbers in SI, symmetric and positive semidefinite, shape (p, p)."""
+    """Covariance of the parameters in SI, symmetric and positive semidefinite, shape (p, p)."""
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,9 @@ class Friction:
     mu_s: float = 0.0
     """Static coefficient of cable on pulley [-], at least mu_c."""
     stribeck_speed: float | None = None
-    """v_s [m/s]; has no default because published values lie orders of magnitude apart."""
+    """v_s [m/s]; no default, because published values differ by orders of magnitude."""
     stribeck_lag: float = 0.02
-    """Time by which static friction lags behind the slip speed [s], positive."""
+    """Time constant with which static friction follows the slip speed [s], positive."""
     rho: float = 1.0
     """Share of sliding friction in the blend; the bearing's share is 1 - rho [-]."""
     bearing_friction: float = 0.0
@@ -127,7 +127,7 @@ class Friction:
     bristle_stiffness: float = 1e6
     """sigma0 [N/m]."""
     bristle_damping: float = 0.0
-    """sigma1 [N s/m], fading with speed."""
+    """sigma1 [N s/m], decreasing with speed."""
     viscous: float = 0.0
     """sigma2 [N s/m]."""
     breakaway: float = 1.0
@@ -138,7 +138,7 @@ class Friction:
 
 @dataclass(frozen=True)
 class Profile:
-    """A function of one joint angle (or none): offset + table(angle)."""
+    """A function of one joint angle, tabulated on a uniform grid, or a constant."""
 
     joint: str | None
     angle: NDArray[np.float64]
@@ -151,16 +151,16 @@ class Profile:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a node is, for cables described by positions."""
+    """Position of a node, for cables described by positions."""
 
     frame: str
     x: float
-    """In the frame [m]."""
+    """Coordinate of the centre in the frame [m]."""
     y: float
-    """In the frame [m]."""
+    """Coordinate of the centre in the frame [m]."""
     turn: int
-    """+1 if the cable goes around counter-clockwise on its way from node 1, -1 if clockwise, 0 for
-    a point."""
+    """+1 if the cable, followed from node 1, goes round counter-clockwise, -1 if clockwise, 0 for a
+    point."""
 
 
 @dataclass(frozen=True)
@@ -185,12 +185,12 @@ class Pulley:
     bearing_diameter: float = 0.0
     """d of (39) [m]."""
     bearing_torque: float = 0.0
-    """Friction torque of the bearing without load [N m]."""
+    """Load-independent friction torque of the bearing [N m]."""
     wrap: tuple[Profile, ...] = ()
     """Wrap angle [rad] as a sum of functions; empty for pulleys described by positions."""
     place: Place | None = None
     cells: int = 1
-    """Number of equal contact cells of which this node is one; 1 for a whole pulley."""
+    """Number of equal contact cells into which the pulley is divided; 1 for a whole pulley."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ class Anchor:
     """A fixed end of a cable; with a radius, a sector that winds cable as its frame turns."""
 
     radius: float = 0.0
-    """Of the sector [m]; 0 for a point."""
+    """Radius of the sector [m]; 0 for a point."""
     place: Place | None = None
 
 
@@ -218,7 +218,7 @@ class Frame:
     y: float
     """Origin in the parent [m]."""
     angle: float
-    """In the parent at joint angle 0 [rad]."""
+    """Orientation in the parent at joint angle 0 [rad]."""
     direction: tuple[float, float] = (1.0, 0.0)
     """Unit vector of a prismatic motion."""
     rolling_radius: float = 0.0
@@ -238,11 +238,11 @@ class Cable:
     spans: tuple[tuple[Profile, ...], ...] = ()
     """Length between tangent points of every element [m]; empty for cables given by positions."""
     maximum_tension: float = float("inf")
-    """Above this an element counts as overloaded [N]."""
+    """Tension above which an element is reported as overloaded [N]."""
     slack_tension: float = 0.1
-    """At or below this an element counts as slack [N]."""
+    """Tension at or below which an element is reported as slack [N]."""
     sensor_noise: float = 0.1
-    """Standard deviation of a load cell whose messages do not give one [N]."""
+    """Standard deviation of a load cell whose messages do not contain one [N]."""
     law: Law = "elastoplastic"
     """Friction law of all its pulleys."""
 
@@ -253,7 +253,7 @@ class Cable:
 
     @property
     def routed(self) -> bool:
-        """Whether lengths and wraps follow from positions."""
+        """Whether lengths and wrap angles are computed from positions."""
         return self.nodes[0].place is not None
 
     @property
@@ -263,13 +263,13 @@ class Cable:
 
     @property
     def pulley_names(self) -> tuple[str, ...]:
-        """``cable/2`` to ``cable/n-1``: pulleys carry the number of their node."""
+        """``cable/2`` to ``cable/n-1``: a pulley has the number of its node."""
         return tuple(f"{self.name}/{i}" for i in range(2, len(self.nodes)))
 
 
 @dataclass(frozen=True)
 class Robot:
-    """Everything that the estimator knows about a robot before it runs."""
+    """All parameters of a robot that the estimator uses."""
 
     name: str
     motors: tuple[Motor, ...]
@@ -284,7 +284,7 @@ class Robot:
 
     @property
     def prismatic_joints(self) -> frozenset[str]:
-        """Names of the joints that are positions [m] and not angles."""
+        """Names of the joints whose readings are positions [m] instead of angles."""
         return frozenset(
             frame.joint for frame in self.frames if frame.motion == "prismatic" and frame.joint
         )

@@ -1,4 +1,4 @@
-"""YAML text to a validated document: plain containers, SI keys, every key known to the schema."""
+"""Parsing of YAML text into a validated document of plain containers in SI units."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cdrj_ros.foundation.yaml import YamlError, load_yaml
 UNIT_SUFFIXES: Final[Mapping[str, float]] = MappingProxyType(
     {"_deg": pi / 180.0, "_mm": 1e-3, "_gpa": 1e9}
 )
-"""Keys may end in one of these; their values are multiplied by the factor on reading."""
+"""Unit suffixes of keys and the factors by which values are multiplied on reading."""
 
 IN_THE_UNIT: Final = ("value", "offset", "slope", "sine")
 """Keys of a function of a joint whose values have the unit of the enclosing key."""
@@ -28,7 +28,7 @@ LARGEST: Final = 1e15
 """Largest magnitude of a number in SI, for keys to which the schema sets no narrower limit."""
 
 MAXIMUM_DEPTH: Final = 12
-"""Levels of nesting; the schema needs fewer."""
+"""Largest accepted depth of nesting; the schema needs less."""
 
 Document = dict[str, Any]
 
@@ -58,7 +58,7 @@ def parse_document(text: str, source: str) -> Document:
 
 @lru_cache(maxsize=1)
 def _schema() -> Document:
-    """The JSON schema of the robot file, shared: for this module, which does not change it."""
+    """The JSON schema of the robot file; shared within this module, must not be modified."""
     text = resources.files("cdrj_ros.robot").joinpath("robot.schema.json").read_text("utf-8")
     document: Document = json.loads(text)
     return document
@@ -82,24 +82,24 @@ def _frozen(value: Any) -> Any:
 
 
 def document_complaints(document: Document) -> Iterable[str]:
-    """One line for each way in which a document breaks the schema."""
+    """One line for each violation of the schema in a document."""
     return complaints(document, _schema())
 
 
 def term_complaints(term: Any, path: str) -> Iterable[str]:
-    """One line for each way in which ``term``, found at ``path``, is no function of one joint."""
+    """One line for each violation of the schema of a joint function in ``term`` at ``path``."""
     return complaints(term, {"$ref": "#/$defs/term", "$defs": _schema()["$defs"]}, path)
 
 
 def complaints(value: Any, rules: Document, path: str = "") -> Iterable[str]:
-    """One line for each way in which ``value``, found at ``path``, breaks the rules."""
+    """One line for each violation of the rules in ``value`` at ``path``."""
     validator = jsonschema.Draft202012Validator(rules)
     for error in sorted(validator.iter_errors(value), key=lambda error: len(error.path)):
         yield _complaint(error, path)
 
 
 def _impossible(value: Any, path: str) -> Iterator[tuple[str, float]]:
-    """Path and value of every number that is not finite or larger than ``LARGEST``."""
+    """Path and value of every number that is not finite or exceeds ``LARGEST`` in magnitude."""
     if isinstance(value, dict):
         for key, entry in value.items():
             yield from _impossible(entry, f"{path}.{key}" if path else key)
@@ -111,7 +111,7 @@ def _impossible(value: Any, path: str) -> Iterator[tuple[str, float]]:
 
 
 class _Reading:
-    """Turns what the YAML loader gives into plain containers with SI keys."""
+    """Converts the output of the YAML loader to plain containers with keys and values in SI."""
 
     def __init__(self, source: str) -> None:
         self.source = source
@@ -120,7 +120,7 @@ class _Reading:
         return RobotFileError(f"{path or 'the file'} {text} ({self.source})")
 
     def to_si(self, value: Any, path: str = "", depth: int = 0) -> Any:
-        """A copy of the value with its units applied; nothing in it is shared by an alias."""
+        """Deep copy of the value converted to SI; aliased parts are copied as well."""
         if depth > MAXIMUM_DEPTH:
             raise self.error(path, f"is nested more than {MAXIMUM_DEPTH} deep")
         if isinstance(value, dict):
@@ -154,7 +154,7 @@ class _Reading:
     def _scaled(self, value: Any, factor: float, path: str) -> Any:
         if isinstance(value, list):
             return [self._scaled(entry, factor, path) for entry in value]
-        if isinstance(value, dict):  # a function of a joint: its values carry the unit
+        if isinstance(value, dict):  # a function of a joint: the unit applies to its values
             return {
                 key: self._scaled(entry, factor, path) if key in IN_THE_UNIT else entry
                 for key, entry in value.items()
@@ -163,7 +163,7 @@ class _Reading:
             raise self.error(path, f"must be a number, got {_shown(value)}")
         try:
             return value * factor
-        except OverflowError:  # an integer that no float can hold
+        except OverflowError:  # an integer beyond the range of floats
             raise self.error(path, f"must be at most {LARGEST:g} in SI") from None
 
 

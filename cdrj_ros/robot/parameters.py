@@ -1,15 +1,15 @@
-"""The numbers of a robot file by name: ``cables.upper.friction.rho``, ``motors.spindle.offset``.
+"""Access to numbers of a robot file by path: ``cables.upper.friction.rho``.
 
-A path leads through the document after reading: SI, no unit suffixes, names instead of indices.
-Entries without a name count from 1, as elements and pulleys do in every message:
+A path refers to the parsed document: SI units, no unit suffixes, names instead of indices.
+Entries without a name are numbered from 1, like elements and pulleys in messages:
 ``cables.b.nodes.3.bearing_torque`` is pulley ``b/3``, ``cables.b.spans.3.slope`` element ``b/3``.
 
-A path may name a number that the file leaves out.  It then has its default, and setting it adds it
-where the path leads.  ``cables.upper.friction.mu_c`` is what the cable's pulleys use, unless a
-pulley has its own value, whether the cable or the whole robot gives it.
+A path may name a number that the file leaves out.  Such a number has its default, and setting it
+adds an entry at that path.  ``cables.upper.friction.mu_c`` is the value that applies to the pulleys
+of the cable, whether it is given for the cable or for the whole robot; a pulley may override it.
 
-The axial stiffness of a cable that is given by modulus and diameter is a number too; setting it
-scales the modulus.
+If the axial stiffness of a cable is given by modulus and diameter, it can be accessed too; setting
+it scales the modulus.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from cdrj_ros.robot.document import LARGEST, Document, schema
 Keys = tuple[str | int, ...]
 
 NOT_PARAMETERS: Final = ("uncertainty", "identified")
-"""Keys of the file that hold results."""
+"""Keys of the file that hold results instead of parameters."""
 
 
 def _defaults_of(kind: type) -> dict[str, float]:
@@ -56,7 +56,7 @@ DEFAULTS: Final[Mapping[str, Mapping[str, float]]] = {
     "frame": {"angle": 0.0},
     "term": {"offset": 0.0, "slope": 0.0, "sine": 0.0},
 }
-"""Defaults by kind of entry; numbers without one must be given."""
+"""Defaults by kind of entry; numbers without a default must be given."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Range:
 
 
 def allowed_range(rules: Mapping[str, Any]) -> Range:
-    """The range of a number by its part of the schema; at most ``LARGEST`` in size."""
+    """Range of a number from its part of the schema, within ±``LARGEST``."""
     return Range(
         float(rules.get("exclusiveMinimum", rules.get("minimum", -LARGEST))),
         float(rules.get("exclusiveMaximum", rules.get("maximum", LARGEST))),
@@ -98,19 +98,20 @@ class Number:
 
     path: str
     keys: Keys
-    """Where it stands in the document."""
+    """Keys and indices that lead to it in the document."""
     value: float
-    """[SI]."""
+    """Value in SI."""
     given: bool
-    """Whether the document has it; False: ``value`` is its default."""
+    """Whether the document contains it; otherwise ``value`` is the default."""
     factor: float
-    """``value`` over the document's number; not 1 for a stiffness given by its modulus."""
+    """Ratio of ``value`` to the document's number; differs from 1 for a stiffness given by its
+    modulus."""
     rules: Mapping[str, Any]
     """Its part of the schema."""
 
     @property
     def key(self) -> str:
-        """The last name of its path: ``preload``; ``spans`` or ``wrap_angle`` for plain entries."""
+        """Last name in its path: ``preload``, or ``spans`` for an entry of that list."""
         named = [key for key in self.keys if isinstance(key, str)]
         return self.path.rsplit(".", 1)[-1] if self.factor != 1.0 else named[-1]
 
@@ -121,18 +122,18 @@ class _Spot:
 
     keys: Keys
     value: Any
-    """None if the document has nothing there."""
+    """Content of the document at this place; None if it is absent."""
     rules: Mapping[str, Any]
     kind: str
-    """Name of its definition in the schema, or empty."""
+    """Name of the definition in the schema, or empty."""
 
 
 def find_number(document: Document, path: str) -> Number:
-    """The number that a path leads to.
+    """The number at a path.
 
     Raises:
-        UsageError: the path leads nowhere, or to something that is no number, or to a number that
-            is left out and has no default; names the alternatives.
+        UsageError: the path does not exist, is not a number, or is left out and has no default;
+            the message names the alternatives.
     """
     number = _find(document, path)
     if isnan(number.value):
@@ -141,7 +142,7 @@ def find_number(document: Document, path: str) -> Number:
 
 
 def _find(document: Document, path: str) -> Number:
-    """The number that a path leads to; its value is NaN without a default."""
+    """The number at a path; its value is NaN if it is left out and has no default."""
     spot = parent = _Spot((), document, schema(), "")
     for segment in path.split("."):
         spot, parent = _step(document, spot, segment, path), spot
@@ -149,7 +150,7 @@ def _find(document: Document, path: str) -> Number:
 
 
 def number_at(document: Document, path: str) -> float:
-    """The value [SI] of the number that a path leads to.
+    """The value of the number at a path [SI].
 
     Raises:
         UsageError: as ``find_number``.
@@ -158,13 +159,13 @@ def number_at(document: Document, path: str) -> float:
 
 
 def with_numbers(document: Document, values: Mapping[str, float]) -> Document:
-    """A copy of the document with other numbers, by path [SI].
+    """Copy of the document with new numbers, given by path [SI].
 
-    A number that the document leaves out is added where the path leads.  The result is not
-    checked; ``build_robot`` does that.
+    A number that the document leaves out is added at its path.  The result is not validated;
+    ``build_robot`` does that.
 
     Raises:
-        UsageError: as ``find_number``, but what has no default may be set.
+        UsageError: as ``find_number``, except that numbers without a default may be set.
     """
     numbers = [(_find(document, path), value) for path, value in values.items()]
     changed = deepcopy(document)
@@ -179,8 +180,8 @@ def with_numbers(document: Document, values: Mapping[str, float]) -> Document:
 def matching_paths(document: Document, pattern: str) -> tuple[tuple[str, ...], ...]:
     """Groups of paths that a pattern matches.
 
-    ``*`` or ``[a,b]`` in place of a name match several paths as one group.  With braces, ``{*}`` or
-    ``{a,b}``, each path is a group of its own.
+    ``*`` or ``[a,b]`` in place of a name matches several paths as one group.  With braces, ``{*}``
+    or ``{a,b}``, each path forms a separate group.
 
     Raises:
         UsageError: as ``find_number``, or nothing matches.
@@ -195,7 +196,7 @@ def matching_paths(document: Document, pattern: str) -> tuple[tuple[str, ...], .
 
 
 def split_outside(text: str, separator: str) -> list[str]:
-    """Split where the separator stands outside of brackets and braces."""
+    """Split at separators outside of brackets and braces."""
     parts, depth = [""], 0
     for letter in text:
         depth += (letter in "[{") - (letter in "]}")
@@ -209,7 +210,7 @@ def split_outside(text: str, separator: str) -> list[str]:
 def _expanded(
     document: Document, spot: _Spot, segments: list[str], pattern: str
 ) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """(names in braces, path) of everything below a place that a pattern matches."""
+    """All paths below a place that match a pattern, as (names in braces, path)."""
     if not segments:
         return [((), ())]
     segment, rest = segments[0], segments[1:]
@@ -226,7 +227,7 @@ def _expanded(
     for name in names:
         try:
             below = _expanded(document, _step(document, spot, name, pattern), rest, pattern)
-            if every:  # a winch has no bearing torque: * means those that have
+            if every:  # * matches only entries that have the number: a winch has no bearing torque
                 for _, path in below:
                     _find(document, ".".join([*_named(document, spot), name, *path]))
         except UsageError as error:
@@ -241,7 +242,7 @@ def _expanded(
 
 
 def _named(document: Document, spot: _Spot) -> list[str]:
-    """The path of a place: names, and counts from 1."""
+    """Segments of the path to a place: names, and numbers from 1."""
     names: list[str] = []
     value: Any = document
     for key in spot.keys:
@@ -256,7 +257,7 @@ def _named(document: Document, spot: _Spot) -> list[str]:
 
 
 def _names(spot: _Spot) -> list[str]:
-    """Names that may follow in a path."""
+    """Valid next segments of a path."""
     if isinstance(spot.value, list):
         if spot.value and all(isinstance(one, dict) and "name" in one for one in spot.value):
             return [one["name"] for one in spot.value]
@@ -272,7 +273,7 @@ def _leads_on(rules: Mapping[str, Any]) -> bool:
 
 
 def _step(document: Document, spot: _Spot, segment: str, path: str) -> _Spot:
-    """The place that the next segment leads to."""
+    """The place reached by the next segment."""
     names = _names(spot)
     if segment not in names:
         raise _unknown(document, spot, segment, names, path)
@@ -342,7 +343,7 @@ def _default(document: Document, parent: _Spot, key: str) -> float:
 
 
 def _friction_default(document: Document, keys: Keys, key: str) -> float:
-    """The value of the pulley, else the cable, else the robot; mu_s defaults to mu_c."""
+    """Value of the pulley, else of the cable, else of the robot; mu_s defaults to mu_c."""
     layers: list[Document] = [document.get("friction", {})]
     place: Any = document
     for step in keys[:-1]:

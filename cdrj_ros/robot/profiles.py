@@ -32,7 +32,7 @@ class ProfileReader:
         return self._joints[name]
 
     def read(self, path: str, entry: Any, unit: str) -> tuple[Profile, ...]:
-        """A number, a function of a joint, or a list of such terms, whose sum is meant.
+        """Read a number, a function of a joint, or a list of such terms to be summed.
 
         Raises:
             RobotFileError: names the key below ``path``, what was given and what is allowed.
@@ -94,7 +94,7 @@ def _monotone(
 ) -> NDArray[np.float64]:
     """Slopes limited so that a cubic through ``values`` never overshoots (Fritsch, Carlson 1980).
 
-    The grid's points do not fall on the table's, so a bend may lie within an interval.
+    The grid differs from the table's angles, so the curvature may change within an interval.
     """
     secants = np.diff(values) / step
     left = np.concatenate([secants[:1], secants])
@@ -105,7 +105,7 @@ def _monotone(
 
 
 def _is_plain_term(entry: Document) -> bool:
-    """Whether a function is so simple that the schema, which is slow, need not be asked."""
+    """Whether a function is so simple that the slow validation by the schema can be skipped."""
     return isinstance(entry.get("joint"), str) and all(
         key in ("offset", "slope", "sine") and type(value) in (int, float)
         for key, value in entry.items()

@@ -1,8 +1,7 @@
-"""A robot file to a ``Robot``: names, references between parts, and what the schema cannot say.
+"""Reading of a robot file into a ``Robot``, with the checks that the schema cannot express.
 
-Every mistake that a file can hold is found here, in the modules beside this one or in
-``cdrj_ros.robot.document``, with the path of the key, what was given and what is allowed.  All
-other code trusts a ``Robot``.
+Errors in a file are reported by this package with the path of the key, what was given and what is
+allowed.  All other code relies on a ``Robot`` being valid.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.refusal import Refusal, listed
 
 MAXIMUM_BYTES: Final = 1_000_000
-"""Of a robot file."""
+"""Largest accepted size of a robot file [bytes]."""
 
 
 def load_robot(path: str | Path) -> Robot:
@@ -35,7 +34,7 @@ def load_robot(path: str | Path) -> Robot:
 
 
 def load_document(path: str | Path) -> tuple[Document, str]:
-    """What a robot file says, in SI and checked against the schema, and the file's name.
+    """Content of a robot file, in SI and validated against the schema, and the file's name.
 
     Raises:
         RobotFileError: see ``load_robot``.
@@ -71,7 +70,7 @@ def parse_robot(text: str, source: str = "robot file") -> Robot:
 
 
 def build_robot(document: Document, source: str) -> Robot:
-    """The robot of a document that keeps to the schema; checks what a schema cannot say.
+    """Build a robot from a document that satisfies the schema, and check what the schema cannot.
 
     Raises:
         RobotFileError: see ``load_robot``.

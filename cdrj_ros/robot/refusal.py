@@ -1,4 +1,4 @@
-"""Complaints about a robot file, by the path of the key."""
+"""Errors of a robot file, each with the path of the key."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from typing import Final
 from cdrj_ros.foundation.errors import RobotFileError
 
 LONGEST_TEXT: Final = 400
-"""Characters of a complaint that quotes the file."""
+"""Largest length of an error text, which may quote the file."""
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """Makes the errors of one robot file."""
+    """Creates the errors of one robot file."""
 
     source: str
     """The file's name."""
 
     def __call__(self, path: str, text: str) -> RobotFileError:
-        """The error of a key: its path, what was given and what is allowed."""
+        """Create the error of a key; ``text`` says what was given and what is allowed."""
         text = text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
         return RobotFileError(f"{path} {text} ({self.source})")
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names in a message."""
+    """Format names for a message."""
     return ", ".join(sorted(names)) or "(none)"

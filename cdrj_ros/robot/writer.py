@@ -1,6 +1,6 @@
-"""Numbers replaced in the text of a robot file; comments, units and blanks stay where they are.
+"""Replacement of numbers in the text of a robot file, preserving comments, units and blanks.
 
-The text is not generated anew: scalars are replaced in place, at the positions that the YAML
+The text is not regenerated: scalars are replaced in place, at the positions that the YAML
 parser reports.  A number keeps the unit of its key: ``radius_mm: 5`` becomes ``radius_mm: 5.02``.
 Numbers that the file leaves out are added in SI to the mapping they belong to.
 """
@@ -19,7 +19,7 @@ from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, parse_document
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
 
 DIGITS: Final = 7
-"""Significant digits of a written number."""
+"""Number of significant digits that are written."""
 
 _PLAIN_KEY: Final = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*\s*:")
 
@@ -37,15 +37,15 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
     """The robot file's text with other numbers, by path (see ``cdrj_ros.robot.parameters``) [SI].
 
     Raises:
-        UsageError: a path leads nowhere.
-        RobotFileError: the text is no robot file, or a number in it cannot be changed alone
-            because the text repeats it by an alias.
+        UsageError: a path does not exist.
+        RobotFileError: the text is not a robot file, or a number cannot be changed separately
+            because an alias repeats it.
     """
     document = parse_document(text, source)
     wanted = with_numbers(document, values)
     for path, value in values.items():
         at = parse_document(text, source)
-        # a number that is left out has a place only in the changed document
+        # a number that the file leaves out is found only in the changed document
         number = find_number(with_numbers(at, {path: value}), path)
         text = _with_number(text, number)
     if not _alike(parse_document(text, source), wanted):
@@ -56,12 +56,12 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
 
 
 def with_section(text: str, key: str, section: str | None) -> str:
-    """The text with a top-level entry at its end, which replaces an entry of the same key.
+    """Append a top-level entry to the text, in place of an existing entry of the same key.
 
     Args:
-        text: YAML, a block mapping at its top.
+        text: YAML whose top level is a block mapping.
         key: of the entry.
-        section: its lines, the key's own included; None to leave it out.
+        section: lines of the entry, including its key; None removes the entry.
     """
     lines, kept, inside = text.splitlines(keepends=True), [], False
     for line in lines:
@@ -74,7 +74,7 @@ def with_section(text: str, key: str, section: str | None) -> str:
 
 
 def _with_number(text: str, number: Number) -> str:
-    """One number replaced or added."""
+    """The text with one number replaced or added."""
     node: Any = YAML(typ="rt", pure=True).compose(text)
     factor = 1.0
     keys = list(number.keys)
@@ -95,7 +95,7 @@ def _with_number(text: str, number: Number) -> str:
 
 
 def _entry(mapping: Any, key: str) -> tuple[str, Any] | None:
-    """The key as written, with its unit suffix, and the node of its value."""
+    """Key as written, including its unit suffix, and the node of its value."""
     for name, value in mapping.value:
         if name.value == key or any(name.value == key + suffix for suffix in UNIT_SUFFIXES):
             return str(name.value), value
@@ -103,7 +103,7 @@ def _entry(mapping: Any, key: str) -> tuple[str, Any] | None:
 
 
 def _replaced(text: str, begin: int, end: int, new: str) -> str:
-    """The text with one scalar replaced; a comment on its line keeps its column if it can."""
+    """The text with one scalar replaced; a comment on the line keeps its column if possible."""
     rest = text[end:]
     gap = re.match(r"( *)(?=#)", rest)
     if gap and len(gap.group(1)) > 1:
@@ -113,7 +113,7 @@ def _replaced(text: str, begin: int, end: int, new: str) -> str:
 
 
 def _inserted(text: str, mapping: Any, keys: Keys | list[str | int], value: float) -> str:
-    """A new entry ``a: {b: value}`` at the end of a mapping."""
+    """The text with a new entry ``a: {b: value}`` in a mapping."""
     entry = yaml_number(value)
     for key in reversed(keys[1:]):
         entry = f"{{{key}: {entry}}}"
@@ -137,7 +137,7 @@ def _inserted(text: str, mapping: Any, keys: Keys | list[str | int], value: floa
 
 
 def _alike(one: Any, other: Any) -> bool:
-    """Whether two documents are equal, numbers to within the digits that are written."""
+    """Whether two documents are equal, with numbers compared to the written precision."""
     if isinstance(one, dict) and isinstance(other, dict):
         return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
     if isinstance(one, list) and isinstance(other, list):
