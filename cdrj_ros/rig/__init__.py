@@ -1,1 +1,1 @@
-"""The simulated rig: prescribed joint motion, finer truth than the estimator's, real sensors."""
+"""The simulated rig: a model finer than the estimator's, with realistic sensors and faults."""

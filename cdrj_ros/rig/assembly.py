@@ -1,4 +1,4 @@
-"""The rig, a robot with contact cells and faulty ends, and the truth simulated on it."""
+"""The rig (a robot with contact cells and faulty ends) and the truth simulated on it."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ Table = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Truth:
-    """The true values on the rig, on its own time grid."""
+    """The true values of a simulation, on the simulation's time grid."""
 
     time: Vector
     """[s], shape (n,)."""
     motor_angle: Table
-    """As perfect encoders would read it [rad], shape (n, motors)."""
+    """Angles as ideal encoders would read them [rad], shape (n, motors)."""
     joint_angle: Table
     """[rad], shape (n, joints)."""
     tension: Table
-    """Of every element of the lumped robot [N], shape (n, elements)."""
+    """Tensions of all elements of the lumped robot [N], shape (n, elements)."""
     nodal_force: Table
-    """Magnitude on every pulley [N], shape (n, pulleys)."""
+    """Magnitude of the cable's force on every pulley [N], shape (n, pulleys)."""
     motor_effort: Table
-    """Of the cables on the motors [N m], shape (n, motors)."""
+    """Efforts of the cables on the motors [N m], shape (n, motors)."""
     joint_effort: Table
-    """Of the cables on the joints [N m], shape (n, joints)."""
+    """Efforts of the cables on the joints [N m], shape (n, joints)."""
     imbalance: Vector
-    """Effort of the cables beyond what the balanced joint needs [N m], shape (n,)."""
+    """Effort of the cables minus the effort that the balanced joint needs [N m], shape (n,)."""
     unseen: Table
-    """Turn of each faulty end that no encoder reads [rad], shape (n, faulty ends)."""
+    """Rotation of each faulty end that no encoder measures [rad], shape (n, faulty ends)."""
     notes: tuple[str, ...] = ()
     """Remarks for the user, one sentence each."""
 
@@ -53,7 +53,7 @@ class Truth:
 
 
 class MotionError(UsageError):
-    """A motion that the rig cannot make."""
+    """A motion that the rig cannot perform."""
 
 
 class SlackError(MotionError):
@@ -84,7 +84,7 @@ class Rig:
 
 
 def make_rig(robot: Robot, cells: int, faults: Sequence[Fault] = ()) -> Rig:
-    """Divide contacts and give faulty ends motors of their own.
+    """Divide contacts into cells and add a motor for every faulty end.
 
     Raises:
         UsageError: an impossible fault.
@@ -103,13 +103,13 @@ def joint_text(robot: Robot, joint: int, value: float) -> str:
 def require_taut(
     rig: Rig, time: Vector, joints: Table, estimates: Table, allow_slack: bool
 ) -> None:
-    """Refuse invalid elements, and slack ones unless they are allowed.
+    """Reject estimates with invalid elements, and with slack elements unless they are allowed.
 
     Args:
         rig: the rig.
-        time: of the estimates [s]; may be longer.
-        joints: of the estimates, shape (n, joints).
-        estimates: of the fine robot, shape (n, fine layout.size).
+        time: times of the estimates [s]; may be longer.
+        joints: joint angles of the estimates, shape (n, joints).
+        estimates: estimates of the fine robot, shape (n, fine layout.size).
         allow_slack: whether cables may lose their tension.
 
     Raises:
@@ -151,7 +151,7 @@ def read_out(
     imbalance: Vector,
     notes: tuple[str, ...] = (),
 ) -> Truth:
-    """The truth in the lumped robot's order: its free spans and whole pulleys."""
+    """The truth for the free spans and whole pulleys of the lumped robot, in its order."""
     robot, layout = rig.lumped.robot, rig.fine.layout
     tension = estimates[:, layout.tension][:, rig.divided.spans]
     _, wraps = shapes_along(rig.lumped, joint_angle)

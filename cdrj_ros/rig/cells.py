@@ -1,8 +1,9 @@
-"""Contact divided into cells: every pulley becomes a chain of cells with bristles of their own.
+"""Division of contacts: every pulley becomes a chain of cells, each with its own bristle.
 
-A divided cable is described by tables: spans and wraps over joint angle.  Those of a cable given by
-positions are tabulated here, which is exact (to the tables' step) where they are sums of functions
-of single joints: with one joint always, with several wherever no span crosses two joints at once.
+A divided cable is described by tables of spans and wraps over the joint angles.  For a cable given
+by positions the tables are computed here.  They are exact (up to the tables' step) where spans and
+wraps are sums of functions of single joints.  This always holds for one joint, and for several
+joints if no span crosses two joints at once.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ WRAP_TOLERANCE: Final = 1e-5
 """Largest deviation of a table from the positions [rad]."""
 
 CHECKED_POSES: Final = 64
-"""Random poses in which tables are compared with positions."""
+"""Number of random poses in which tables are compared with positions."""
 
 _EMPTY: Final[Vector] = np.empty(0)
 _NO_SPAN = (Profile(None, _EMPTY, np.zeros(1), _EMPTY),)
@@ -46,7 +47,7 @@ _NO_SPAN = (Profile(None, _EMPTY, np.zeros(1), _EMPTY),)
 
 @dataclass(frozen=True)
 class Divided:
-    """A robot with contact cells, and how its elements relate to those of the undivided robot."""
+    """A robot with contact cells, and the relation of its elements to the undivided robot's."""
 
     robot: Robot
     spans: NDArray[np.int64]
@@ -65,7 +66,7 @@ def divide_contacts(robot: Robot, cells: int) -> Robot:
 
 
 def divide(robot: Robot, cells: int) -> Divided:
-    """As ``divide_contacts``, with the relation of the elements."""
+    """Divide as ``divide_contacts`` does, and return the relation of the elements as well."""
     cables, columns, whole = [], [], []
     at = 0
     model = prepare(robot) if cells > 1 and any(cable.routed for cable in robot.cables) else None
@@ -111,18 +112,18 @@ def _cut(cable: Cable, counts: list[int]) -> Cable:
 
 @dataclass(frozen=True)
 class _Course:
-    """One cable along one joint, the others in the reference pose."""
+    """Geometry of one cable over one joint's angle, with the other joints in the reference pose."""
 
     length: NDArray[np.float64]
-    """(points, elements) [m]."""
+    """Lengths of the elements [m], shape (points, elements)."""
     by_joint: NDArray[np.float64]
-    """(points, elements)."""
+    """Derivatives of the lengths by the joint angle, shape (points, elements)."""
     wrap: NDArray[np.float64]
-    """(points, pulleys) [rad]."""
+    """Wrap angles of the pulleys [rad], shape (points, pulleys)."""
 
 
 def _tabulated(model: Model, index: int) -> Cable | None:
-    """The cable by tables instead of positions; None if sums of tables cannot express it."""
+    """The cable by tables instead of positions; None if sums of tables cannot represent it."""
     robot = model.robot
     cable = robot.cables[index]
     first = sum(len(other.nodes) - 1 for other in robot.cables[:index])
@@ -188,16 +189,16 @@ def _slopes(grid: Vector, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _without_place(node: Node) -> Node:
-    """An end node; the tables include what it winds up as its frame turns."""
+    """The end node without its position; the tables include cable wound as its frame turns."""
     return replace(node, place=None) if isinstance(node, Winch) else Anchor()
 
 
 def _agrees(model: Model, cable: Cable, elements: slice, pulleys: slice) -> bool:
-    """Whether tables and positions agree in random poses within the ranges."""
+    """Whether tables and positions agree in random poses within the joints' ranges."""
     robot = model.robot
     try:
         alone = prepare(replace(robot, cables=(cable,), frames=()))
-    except RobotFileError:  # a sum of such functions would be no cable
+    except RobotFileError:  # the sum of tables describes no valid cable
         return False
     lower = np.array([joint.lower for joint in robot.joints])
     upper = np.array([joint.upper for joint in robot.joints])

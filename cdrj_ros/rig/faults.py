@@ -1,6 +1,6 @@
-"""Faults of the rig that no encoder measures: a drum slips on its shaft, an anchor gives way.
+"""Faults of the rig that no encoder measures: a drum slips on its shaft, an anchor yields.
 
-The end of the cable that moves gets a motor of its own, which turns as the fault requires.
+The moving end of the cable is driven by an additional motor, which turns as the fault requires.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ Vector = NDArray[np.float64]
 FaultKind = Literal["slack", "snap", "slip"]
 KINDS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)
 """``slack``: the anchor creeps until hardly any preload is left in the cable and in those on the
-same motor; ``snap``: it gives way at once by half of the cable's own elongation under preload;
-``slip``: for a while the drum turns less than its encoder, by the same length of cable."""
+same motor; ``snap``: the anchor suddenly yields by half of the cable's own elongation under
+preload; ``slip``: for a while the drum turns less than its encoder, by the same length of cable."""
 
 DURATION_S: Final = {"slack": 2.0, "snap": 0.002, "slip": 0.5}
 """Duration of a fault [s]."""
 
 USUAL_SHARE: Final = {"slack": 0.9, "snap": 0.5, "slip": 0.5}
-"""Share of the elongation under preload that a fault takes away if no amount is given."""
+"""Share of the elongation under preload that a fault removes if no amount is given."""
 
 ANCHOR_RADIUS: Final = 0.01
-"""Radius of the drum that represents an anchor that gives way [m]; its value is arbitrary."""
+"""Radius of the drum that represents a yielding anchor [m]; its value is arbitrary."""
 
 
 @dataclass(frozen=True)
@@ -39,28 +39,29 @@ class Fault:
 
     kind: FaultKind
     begin: float
-    """[s] on the truth's clock."""
+    """Start of the fault on the truth's clock [s]."""
     amount: float | None = None
-    """Of cable [m] for ``slack`` and ``snap``, of drum [rad] for ``slip``; None: the usual."""
+    """Length of cable [m] for ``slack`` and ``snap``, angle of the drum [rad] for ``slip``; None
+    for the default."""
     cable: str | None = None
-    """Name; None: the first of the robot."""
+    """Name of the cable; None for the robot's first cable."""
 
 
 @dataclass(frozen=True)
 class Wiring:
-    """A robot whose faulty ends have motors of their own."""
+    """A robot with an additional motor for every faulty end."""
 
     robot: Robot
-    """Its first motors are those of the robot without faults."""
+    """The robot; its first motors are those of the robot without faults."""
     owner: NDArray[np.int64]
-    """Motor that each of its motors turns with, -1 for none; shape (all motors,)."""
+    """Index of the motor that each motor turns with, -1 for none; shape (all motors,)."""
     faults: tuple[tuple[int, Fault], ...]
-    """Motor that each fault moves, and the fault with its amount and cable filled in."""
+    """Index of the motor that each fault moves, and the fault with its amount and cable set."""
     turn: Vector
-    """Total turn of each of these motors [rad], shape (faults,)."""
+    """Total rotation of each of these motors [rad], shape (faults,)."""
 
     def offset(self, time: Vector) -> NDArray[np.float64]:
-        """How far each motor is from its owner [rad], shape (n, all motors)."""
+        """Angle of each motor relative to its owner [rad], shape (n, all motors)."""
         offset = np.zeros((time.size, self.owner.size))
         for (motor, fault), turn in zip(self.faults, self.turn, strict=True):
             share = np.clip((time - fault.begin) / DURATION_S[fault.kind], 0.0, 1.0)
@@ -76,10 +77,10 @@ class Wiring:
 
 
 def wire(robot: Robot, faults: tuple[Fault, ...]) -> Wiring:
-    """Give the ends that the faults move motors of their own.
+    """Add a motor for every cable end that the faults move.
 
     Raises:
-        UsageError: a cable that is not there, has no such end, or needs an amount.
+        UsageError: a cable does not exist, has no such end, or needs an amount.
     """
     names = [motor.name for motor in robot.motors]
     owner = list(range(len(names)))
@@ -136,7 +137,7 @@ def _cable_of(robot: Robot, fault: Fault) -> int:
 
 
 def _end(cable: Cable, fault: Fault) -> tuple[int, float, int]:
-    """Place of the node that moves, the radius of its drum and its winding."""
+    """Index of the moving node, radius of its drum, and winding."""
     for place in (0, -1) if fault.kind == "slip" else (-1, 0):
         node: Node = cable.nodes[place]
         at = place % len(cable.nodes)
@@ -149,14 +150,14 @@ def _end(cable: Cable, fault: Fault) -> tuple[int, float, int]:
 
 
 def _wound_together(robot: Robot, index: int) -> list[int]:
-    """Cables that share a motor with this one, itself among them."""
+    """Indices of the cables that share a motor with this one, including itself."""
     drums = drums_of(robot)
     motors = {motor for cable, _, motor, _ in drums if cable == index}
     return sorted({index} | {cable for cable, _, motor, _ in drums if motor in motors})
 
 
 def _elongation(robot: Robot, index: int) -> float:
-    """Of a cable under its preload in the reference pose [m]."""
+    """Elongation of a cable under its preload in the reference pose [m]."""
     cable = robot.cables[index]
     first = sum(len(other.nodes) - 1 for other in robot.cables[:index])
     pose = np.array([joint.reference_angle for joint in robot.joints])

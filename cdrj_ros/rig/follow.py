@@ -1,7 +1,7 @@
-"""Motor angles at which drums take up what the joints release, as a position controller asks.
+"""Motor angles at which the drums compensate the joints' motion, as a position controller commands.
 
-A cable keeps its tension if its drums take up its change of length: r dphi = -dL.  With more cables
-than motors this holds in the least-squares sense, and the rest stretches the cables.
+A cable keeps its tension if its drums compensate its change of length: r dphi = -dL.  With more
+cables than motors this holds in the least-squares sense, and the remainder stretches the cables.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ Table = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Following:
-    """Motors that follow the joints."""
+    """Motor angles that follow the joints."""
 
     motor_angle: Table
     """[rad], shape (n, motors)."""
     untaken: Table
-    """Change of length left over, 0 for cables without a winch [m], shape (n, cables)."""
+    """Uncompensated change of length [m], 0 for cables without a winch, shape (n, cables)."""
 
 
 @compiled
 def _shapes(
     plan: NDArray[np.int64], numbers: Vector, joint_angle: Table, lengths: Table, wraps: Table
 ) -> int:
-    """Lengths and wraps in many poses; returns the first that is impossible, or their number."""
+    """Lengths and wraps in many poses; returns the first impossible pose, or their number."""
     sizes = plan_views(plan).sizes
     scratch = np.empty(scratch_size(sizes))
     for k in range(joint_angle.shape[0]):
@@ -55,7 +55,7 @@ def shapes_along(model: Model, joint_angle: Table) -> tuple[Table, Table]:
         joint_angle: shape (n, joints).
 
     Raises:
-        UsageError: the geometry is impossible in one of them.
+        UsageError: the geometry is impossible in one of the poses.
     """
     n = joint_angle.shape[0]
     lengths, wraps = np.empty((n, model.sizes.elements)), np.empty((n, model.sizes.pulleys))
@@ -96,7 +96,7 @@ def follow_joints(model: Model, joint_angle: Table) -> Following:
 
 
 def pull_together(model: Model, joint: int) -> Vector:
-    """Ratios in which the motors turn to load one joint, the largest 1; shape (motors,).
+    """Ratios of the motor speeds that load one joint, scaled to a largest of 1; shape (motors,).
 
     Raises:
         UsageError: no motor acts on the joint.

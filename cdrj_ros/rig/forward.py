@@ -1,8 +1,8 @@
-"""Forward simulation: the motors move as prescribed, one joint by its dynamics under the cables.
+"""Forward simulation: the motors move as prescribed, and one joint moves by its dynamics.
 
 Every step solves for the joint's next angle with the cables' torque at both ends of the step
-(trapezoidal rule): cables are stiff, and an explicit step would let a light joint blow up.  Without
-friction and damping the rule keeps the energy of a linear spring exactly.
+(trapezoidal rule): cables are stiff, and an explicit step would be unstable for a light joint.
+Without friction and damping the rule conserves the energy of a linear spring exactly.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ UNSOLVED: Final = 1e-4
 """Largest imbalance of torque that is accepted in a step that did not converge [N m]."""
 
 START_POINTS: Final = 2001
-"""Poses in which the balance at the start is sought."""
+"""Number of poses among which the equilibrium at the start is sought."""
 
 
 def swing(
@@ -61,28 +61,28 @@ def swing(
     faults: Sequence[Fault] = (),
     allow_slack: bool = False,
 ) -> Truth:
-    """Turn the motors as prescribed and let one joint move under cables, weight and inertia.
+    """Turn the motors as prescribed and integrate one joint under cables, weight and inertia.
 
-    Takes 11 arguments because each is a choice of its own with a default; longer than a screen
-    because the kernel's state is carried from batch to batch.
+    It takes 11 arguments because each is an independent option, and is longer than a screen because
+    the kernel's state is carried from batch to batch.
 
     Args:
         robot: at least one joint.
         time: increasing [s], shape (n,).
         motor_angle: [rad], shape (n, motors).
-        load: what the joint carries.
+        load: load of the joint.
         cells: contact cells per pulley.
         progress: called with the number of samples done.
         joint: index of the free joint.
         joint_angle: of all joints, shape (n, joints); the column of the free one is ignored.
-            None: the others are held in the reference pose.
-        start: angle at which the joint is released at rest; None: where it is balanced.
+            If None, the other joints are held in the reference pose.
+        start: angle at which the joint is released at rest; None for its equilibrium.
         faults: injected faults.
-        allow_slack: cables may lose their tension; with faults they always may.
+        allow_slack: whether cables may lose their tension; with faults they always may.
 
     Raises:
         SlackError: a cable goes slack.
-        UsageError: no pose is balanced at the start, or the joint leaves its range.
+        UsageError: there is no equilibrium at the start, or the joint leaves its range.
     """
     if not robot.joints:
         raise UsageError("a free joint is needed, and the robot has none")
@@ -135,7 +135,7 @@ def swing(
 def balanced_start(
     rig: Rig, drums: Vector, joints: Vector, joint: int, coefficients: Vector
 ) -> float:
-    """Angle at which cables without friction hold the load, the nearest to the reference."""
+    """Angle nearest to the reference at which cables without friction hold the load."""
     axis = rig.lumped.robot.joints[joint]
     angles = np.linspace(axis.lower, axis.upper, START_POINTS)
     excess = np.empty(angles.size)
@@ -168,7 +168,7 @@ def balanced_start(
 def _required(
     load: Vector, q0: float, v0: float, q1: float, dt: float, torque0: float, torque1: float
 ) -> float:
-    """Torque that the step q0 -> q1 needs beyond what the cables give on average [N m]."""
+    """Torque that the step q0 -> q1 needs minus the mean torque of the cables [N m]."""
     q, v = 0.5 * (q0 + q1), (q1 - q0) / dt
     inertia = load[INERTIA] + load[INERTIA_COS] * cos(q)
     held = load[WEIGHT] + load[WEIGHT_COS] * cos(q) + load[WEIGHT_COS_2] * cos(2.0 * q)
@@ -194,12 +194,12 @@ def swing_steps(
     residual: Vector,
     estimates: Table,
 ) -> int:
-    """Steps of a free joint; returns how many stayed within its range.
+    """Integrate a free joint; returns the number of steps within its range.
 
-    Takes 15 arguments because compiled kernels take arrays and numbers; longer than a screen
-    because it is one loop over the steps.
+    It takes 15 arguments because compiled kernels take arrays and numbers, and is longer than a
+    screen because it is one loop over the steps.
 
-    ``course`` holds angle, speed, acceleration and torque of the cables, and is carried on.
+    ``course`` holds angle, speed, acceleration and torque of the cables, and is updated in place.
     """
     size = state.size
     wanted = estimates.shape[1]

@@ -1,7 +1,7 @@
-"""The rig step by step: motor commands in, truth out, with the physics of ``swing``.
+"""The rig advanced step by step: motor angles in, truth out, with the physics of ``swing``.
 
-One joint moves by its dynamics under the cables, the others are held.  Every step runs the kernel
-that ``swing`` runs over a whole recording, so the same motor angles give the same digits.
+One joint moves by its dynamics under the cables; the others are held.  Every step runs the kernel
+that ``swing`` runs over a whole recording, so the same motor angles give bit-identical results.
 """
 
 from __future__ import annotations
@@ -28,33 +28,33 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 MOST_TORQUE: Final = 1e4
-"""Largest push on a joint [N m], or [N] on a prismatic one."""
+"""Largest push on a joint [N m], or [N] on a prismatic joint."""
 
 LONGEST_PUSH: Final = 3600.0
-"""[s]."""
+"""Longest duration of a push [s]."""
 
 COURSE_ANGLE, COURSE_SPEED, COURSE_ACCELERATION, COURSE_TORQUE, COURSE_SIZE = range(5)
-"""Places in the course that ``swing_steps`` carries on."""
+"""Indices into the ``course`` array of ``swing_steps``."""
 
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """What the rig is made of and what it carries."""
+    """Settings of the rig and its load."""
 
     load: Load = field(default_factory=lambda: Load(RollingLoad()))
-    """Carried by the free joint."""
+    """Load of the free joint."""
     cells: int = 8
     """Contact cells per pulley."""
     rate: float = 1000.0
-    """Steps per second of the rig's time [Hz]."""
+    """Steps per second of simulated time [Hz]."""
     joint: int = 0
     """The joint that moves freely; the others are held in the reference pose."""
     lower: float | None = None
-    """Lower end stop of the free joint [rad] or [m]; None: the end of its range."""
+    """Lower end stop of the free joint [rad] or [m]; None for the end of its range."""
     upper: float | None = None
-    """Upper end stop [rad] or [m]; None: the end of its range."""
+    """Upper end stop [rad] or [m]; None for the end of its range."""
     start: float | None = None
-    """Angle at which the joint is released at rest [rad]; None: where it is balanced."""
+    """Angle at which the joint is released at rest [rad]; None for its equilibrium."""
 
 
 @dataclass(frozen=True)
@@ -62,22 +62,22 @@ class Push:
     """An external torque on the free joint."""
 
     torque: float
-    """Along positive joint angle [N m], or [N] on a prismatic joint."""
+    """Torque along positive joint angle [N m], or force [N] on a prismatic joint."""
     end_s: float
-    """Until this time of the rig [s]."""
+    """End of the push in simulated time [s]."""
 
 
 class LiveRig:
-    """A rig with a state.
+    """The rig and its current state.
 
     ``step`` takes the motors' next angles.  All arrays that it returns are new.
     """
 
     def __init__(self, robot: Robot, settings: LiveSettings | None = None) -> None:
-        """Put the rig at rest: motors at their reference angles, the joint at its balance.
+        """Put the rig at rest: motors at their reference angles, the joint in equilibrium.
 
         Raises:
-            UsageError: no joint, stops outside the range, or no balanced pose.
+            UsageError: no joint, stops outside the range, or no equilibrium pose.
         """
         self.robot = robot
         self.settings = _checked(robot, settings or LiveSettings())
@@ -94,10 +94,10 @@ class LiveRig:
         self.reset()
 
     def reset(self) -> None:
-        """Remove all faults and restart at time 0; load and stops do not change.
+        """Remove all faults and restart at time 0; the load and the stops are kept.
 
         Raises:
-            UsageError: the cables hold the load in no pose; nothing is changed then.
+            UsageError: the cables hold the load in no pose; the rig is left unchanged.
         """
         robot, fine = self.robot, self._sound.fine
         motors = np.array([motor.reference_angle for motor in robot.motors])
@@ -131,17 +131,17 @@ class LiveRig:
 
     @property
     def time_s(self) -> float:
-        """The rig's time [s]."""
+        """Simulated time [s]."""
         return self.steps / self.settings.rate
 
     @property
     def joint_angle(self) -> Vector:
-        """Of all joints [rad], shape (joints,)."""
+        """Angles of all joints [rad], shape (joints,)."""
         return self._joints[0].copy()
 
     @property
     def joint_speed(self) -> float:
-        """Of the free joint [rad/s]."""
+        """Speed of the free joint [rad/s]."""
         return float(self._course[COURSE_SPEED])
 
     @property
@@ -175,16 +175,16 @@ class LiveRig:
         """Inject a fault now.
 
         Args:
-            name: of the fault.
-            cable: whose fault it is.
-            amount: of cable [m] for ``slack`` and ``snap``, of drum [rad] for ``slip``; None: the
-                usual.  A cut takes none.
+            name: name of the fault.
+            cable: name of the faulty cable.
+            amount: length of cable [m] for ``slack`` and ``snap``, angle of the drum [rad] for
+                ``slip``; None for the default.  A cut takes no amount.
 
         Returns:
-            A sentence on what was done.
+            A description of the fault.
 
         Raises:
-            UsageError: an unknown fault or cable, or an amount that cannot be.
+            UsageError: an unknown fault or cable, or an impossible amount.
         """
         motor, fault = self._breakable.fault(name, cable, amount, self.time_s)
         if name == "cut":
@@ -200,9 +200,9 @@ class LiveRig:
         return f"{name} of {cable}: {fault.amount:.4g} {unit}, at t = {fault.begin:.4g} s"
 
     def _without_friction(self, cable: str) -> Model:
-        """The fine robot with one cable without friction: a loose cable has none.
+        """The fine robot without friction in one cable, since a loose cable has none.
 
-        The solver would need thousands of iterations for the friction of a cable without tension.
+        With friction the solver would need thousands of iterations for a cable without tension.
         """
         names = [*self._free, cable]
         self._free = tuple(dict.fromkeys(names))
@@ -213,10 +213,10 @@ class LiveRig:
         return make_rig(robot, self.settings.cells, possible_faults(self.robot)).fine
 
     def step(self, motor_angle: Vector) -> bool:
-        """Advance by one step, the motors turning to ``motor_angle`` [rad], shape (motors,).
+        """Advance by one step, turning the motors to ``motor_angle`` [rad], shape (motors,).
 
         If a cable cannot follow (it is wound in entirely, or its path is impossible), motors and
-        joint do not move and ``stalled`` counts up.
+        joint do not move and ``stalled`` is incremented.
 
         Returns:
             Whether the motors turned to these angles.
@@ -246,7 +246,7 @@ class LiveRig:
         return self._rig.drums(motor_angle[None], offset)
 
     def _advance(self, drums: Table, dt: Vector) -> bool:
-        """One step of the joint: free, or against a stop; False where no cable can follow."""
+        """Advance the joint freely or against a stop; False if a cable cannot follow."""
         self.at_stop = False
         if self._swing(drums, dt):
             self.unsolved += int(not abs(self._residual[0]) <= UNSOLVED)
@@ -260,7 +260,7 @@ class LiveRig:
         return self._valid()
 
     def _swing(self, drums: Table, dt: Vector) -> bool:
-        """The free joint's step; False where it would leave its range, the state is then kept."""
+        """Advance the free joint; returns False and keeps the state if it would leave its range."""
         fine, settings = self._rig.fine, self.settings
         coefficients = self._coefficients
         if self.pushes:
@@ -274,7 +274,7 @@ class LiveRig:
         return bool(done == 1)
 
     def _hold(self, angle: float, drums: Table, dt: Vector) -> None:
-        """Keep the free joint at an angle for one step; its speed becomes zero."""
+        """Hold the free joint at an angle for one step and set its speed to zero."""
         fine = self._rig.fine
         self._joints[0, self.settings.joint] = angle
         advance_all(
@@ -289,19 +289,19 @@ class LiveRig:
         return not np.any(status & INVALID) and bool(np.isfinite(row).all())
 
     def _read(self) -> None:
-        """Results in the robot's own order, as ``read_out`` orders them."""
+        """Store the results in the robot's own order, as ``read_out`` does."""
         row, layout = self._estimates[0], self._rig.fine.layout
         self.tension = row[layout.tension][self._rig.divided.spans]
-        """Of every element [N], shape (elements,)."""
+        """Tensions of all elements [N], shape (elements,)."""
         every = row[layout.motor_effort]
         owner = self._rig.wiring.owner
         self.motor_effort = every[: len(self.robot.motors)].copy()
-        """Of the cables on the motors [N m], shape (motors,)."""
+        """Efforts of the cables on the motors [N m], shape (motors,)."""
         for end in range(len(self.robot.motors), owner.size):
             if owner[end] >= 0:
                 self.motor_effort[owner[end]] += every[end]
         self.joint_effort = row[layout.joint_effort].copy()
-        """Of the cables on the joints [N m], shape (joints,)."""
+        """Efforts of the cables on the joints [N m], shape (joints,)."""
 
 
 def _checked(robot: Robot, settings: LiveSettings) -> LiveSettings:

@@ -1,4 +1,4 @@
-"""Commands to the motors of a live rig, checked once, and the causes of refusals."""
+"""Commands to the motors of a live rig, validated on creation, and the causes of refusals."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 Mode = Literal["position", "velocity", "effort"]
-"""What a motor is commanded: an angle [rad], a speed [rad/s] or a torque [N m]."""
+"""Commanded quantity: an angle [rad], a speed [rad/s] or a torque [N m]."""
 
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 
 Cause = Literal["malformed", "wrong length", "unknown name", "not finite", "out of range"]
-"""Why a command is refused."""
+"""Cause of a refusal."""
 
 CAUSES: Final[tuple[Cause, ...]] = get_args(Cause)
 
 MOST_POINTS: Final = 100_000
-"""Of a trajectory."""
+"""Largest number of points of a trajectory."""
 
 LONGEST_S: Final = 86_400.0
-"""Of a trajectory [s]."""
+"""Longest duration of a trajectory [s]."""
 
 UNITS: Final = {"position": "rad from its reference angle", "velocity": "rad/s", "effort": "N m"}
 
 
 class CommandError(UsageError):
-    """A refused command; no part of it is carried out."""
+    """A refused command; no part of it is executed."""
 
     def __init__(self, cause: Cause, message: str) -> None:
         self.cause: Cause = cause
@@ -45,39 +45,39 @@ class CommandError(UsageError):
 
 @dataclass(frozen=True)
 class Command:
-    """Targets of some motors until another command or the timeout."""
+    """Targets of some motors, valid until the next command or the timeout."""
 
     mode: Mode
     motors: tuple[int, ...]
     """Places in the robot's order."""
     values: tuple[float, ...]
-    """As many; unit by mode."""
+    """One target per motor; the unit depends on the mode."""
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Angles of some motors over time: straight between points, cubic where speeds are given."""
+    """Angles of some motors over time: linear between points, cubic where speeds are given."""
 
     motors: tuple[int, ...]
     """Places in the robot's order."""
     time: Vector
-    """From the start of the trajectory, increasing [s], shape (n,)."""
+    """Time from the start of the trajectory, increasing [s], shape (n,)."""
     angle: Table
-    """[rad], shape (n, motors)."""
+    """Angles at the points [rad], shape (n, motors)."""
     speed: Table | None
-    """[rad/s], shape (n, motors)."""
+    """Speeds at the points [rad/s], shape (n, motors); None if not given."""
 
 
 def checked_command(
     limits: DriveLimits, mode: Mode, names: Sequence[str] | None, values: Sequence[float]
 ) -> Command:
-    """A command whose values the drives can all carry out.
+    """Create a command whose values are all within the drives' limits.
 
     Args:
         limits: of the drives.
-        mode: what the values are.
-        names: of the motors; None: all of them, in the robot's order.
-        values: one for each.
+        mode: the commanded quantity.
+        names: names of the motors; None for all motors, in the robot's order.
+        values: one target per motor.
 
     Raises:
         CommandError: what is wrong with it.
@@ -95,7 +95,7 @@ def command_of_states(
     velocity: Sequence[float],
     effort: Sequence[float],
 ) -> Command:
-    """The command of a message that has a field for every mode, of which one must be filled in.
+    """Create the command of a message with one field per mode, exactly one of which is filled in.
 
     Raises:
         CommandError: what is wrong with it.
@@ -121,14 +121,14 @@ def checked_trajectory(
     positions: Sequence[Sequence[float]],
     velocities: Sequence[Sequence[float]],
 ) -> Trajectory:
-    """A trajectory whose points the drives can all reach; without points: stop.
+    """Create a trajectory whose points are all within the drives' limits; no points mean stop.
 
     Args:
         limits: of the drives.
-        names: of the motors.
-        time_s: of the points from the trajectory's start [s].
-        positions: of every point, one for each motor [rad].
-        velocities: of every point [rad/s]; each may be empty, but then all must be.
+        names: names of the motors.
+        time_s: times of the points from the trajectory's start [s].
+        positions: positions of every point, one per motor [rad].
+        velocities: velocities of every point [rad/s]; either all or none are empty.
 
     Raises:
         CommandError: what is wrong with it.
@@ -166,7 +166,7 @@ def checked_trajectory(
 def _places(
     limits: DriveLimits, names: Sequence[str] | None, count: int, what: str
 ) -> tuple[int, ...]:
-    """Places of the named motors."""
+    """Indices of the named motors."""
     if names is None:
         if count != len(limits.motors):
             raise CommandError(
@@ -191,7 +191,7 @@ def _places(
 
 
 def _require(limits: DriveLimits, mode: Mode, motor: int, value: float) -> None:
-    """Refuse what a motor cannot do."""
+    """Refuse a value beyond the motor's limits."""
     name = limits.motors[motor]
     if not np.isfinite(value):
         raise CommandError("not finite", f"the {mode} of {name} must be finite, got {value}")

@@ -1,8 +1,8 @@
-"""The drives of a live rig: from commands to the motors' next angles.
+"""The drives of a live rig, which turn commands into the motors' next angles.
 
-A motor under position goes to its angle at full speed and stays there; one under speed turns until
-its next command or the timeout; one under torque accelerates its rotor against the cables
-(semi-implicit Euler).  A motor that would need more than its torque stalls.
+In position mode a motor moves to its angle at full speed and stays there; in velocity mode it turns
+until the next command or the timeout; in effort mode its torque accelerates the rotor against the
+cables (semi-implicit Euler).  A motor that would need more than its torque limit stalls.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cdrj_ros.rig.live_limits import DriveLimits
 Vector = NDArray[np.float64]
 
 Program = Callable[[int], Vector]
-"""Angles of all motors [rad], shape (motors,), at a step of the rig."""
+"""Function from the step number to the angles of all motors [rad], shape (motors,)."""
 
 HOLDING: Final = "position"
 
@@ -28,11 +28,11 @@ class Drives:
     """All motors of a rig, each with its own mode."""
 
     def __init__(self, limits: DriveLimits, program: Program | None = None) -> None:
-        """At rest in the reference angles.
+        """Start at rest at the reference angles.
 
         Args:
-            limits: of the drives.
-            program: what the motors do until the first command; None: they hold.
+            limits: limits of the drives.
+            program: motion of the motors until the first command; if None, they hold.
         """
         self.limits = limits
         self._program = program
@@ -42,9 +42,9 @@ class Drives:
         """Discard all commands and restart the program."""
         count = len(self.limits.motors)
         self.angle = np.array(self.limits.reference, dtype=np.float64)
-        """Of all motors [rad], shape (motors,)."""
+        """Angles of all motors [rad], shape (motors,)."""
         self.speed = np.zeros(count)
-        """[rad/s], shape (motors,)."""
+        """Speeds of all motors [rad/s], shape (motors,)."""
         self.modes: list[Mode] = [HOLDING] * count
         self._target = self.angle.copy()
         self._heard_s = np.zeros(count)
@@ -53,10 +53,10 @@ class Drives:
         self._begin_s = 0.0
         self.program = self._program
         self.timeouts = 0
-        """How often a motor under speed or torque was not commanded in time."""
+        """Number of timeouts of motors in velocity or effort mode."""
 
     def command(self, command: Command | Trajectory, now_s: float) -> None:
-        """Apply a command; motors that it does not name keep theirs.
+        """Apply a command; motors that it does not name keep their previous commands.
 
         A command for one motor of a trajectory ends the trajectory for all its motors.
         """
@@ -73,7 +73,7 @@ class Drives:
             return
         self._heard_s[motors] = now_s
         for motor, value in zip(motors, command.values, strict=True):
-            # a torque accelerates the rotor from its present speed
+            # a torque accelerates the rotor from its current speed
             self.modes[motor] = command.mode
             self._target[motor] = value
 
@@ -81,10 +81,11 @@ class Drives:
         """Angles of all motors after a step [rad], shape (motors,).
 
         Args:
-            step: the number of the step that is to be taken.
-            now_s: time after it [s].
-            dt: its duration [s].
-            effort: of the cables on the motors, by the robot's signs [N m], shape (motors,).
+            step: number of the step.
+            now_s: time at the end of the step [s].
+            dt: duration of the step [s].
+            effort: efforts of the cables on the motors, with the robot's signs [N m], shape
+                (motors,).
         """
         if self.program is not None:
             self._target = self.program(step)
@@ -104,18 +105,18 @@ class Drives:
         return self.angle.copy()
 
     def stopped(self, angle: Vector) -> None:
-        """The cables let the motors no further than this [rad], shape (motors,)."""
+        """Set the angles at which the cables stopped the motors [rad], shape (motors,)."""
         self.angle = angle.copy()
         self.speed[:] = 0.0
 
     def _hold(self, motors: list[int]) -> None:
-        """Keep the angles that these motors have."""
+        """Hold the current angles of these motors."""
         for motor in motors:
             self.modes[motor] = HOLDING
             self._target[motor] = self.angle[motor]
 
     def _turn(self, motor: int, mode: Mode, torque: float, dt: float) -> None:
-        """Towards an angle, or at a speed."""
+        """Advance a motor towards its target angle, or at its target speed."""
         most = self.limits.speed[motor] * dt
         before = float(self.angle[motor])
         wanted = float(self._target[motor])
@@ -131,7 +132,7 @@ class Drives:
         self.speed[motor] = (wanted - before) / dt
 
     def _accelerate(self, motor: int, torque: float, dt: float) -> None:
-        """The rotor under its own and the cables' torque."""
+        """Advance a rotor under the motor's and the cables' torque."""
         limits = self.limits
         inertia, damping = limits.inertia[motor], limits.damping
         whole = float(self._target[motor]) + torque
@@ -141,7 +142,7 @@ class Drives:
         self.angle[motor] += speed * dt
 
     def _follow(self, trajectory: Trajectory, now_s: float) -> None:
-        """Targets on the way; after its end the last point is held."""
+        """Set the targets along a trajectory; after its end the last point is held."""
         motors = list(trajectory.motors)
         at = now_s - self._begin_s
         self._target[motors] = _interpolated(trajectory, self._from, at)

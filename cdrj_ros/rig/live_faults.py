@@ -1,4 +1,4 @@
-"""Faults that can be injected into a live rig at any time: all ends are prepared for them."""
+"""Faults that can be injected into a live rig at any time, as all cable ends are prepared."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from cdrj_ros.robot.description import Anchor, Robot, Winch
 
 FaultName = Literal["slack", "snap", "slip", "cut"]
 """Faults of the cables.  ``slack``, ``snap`` and ``slip`` are those of ``rig/faults.py``; ``cut``
-lets out ``CUT_LENGTH`` of cable, so that no winch takes it up again, and ends its friction."""
+releases ``CUT_LENGTH`` of cable, which no winch can take up again, and removes its friction."""
 
 FAULT_NAMES: Final[tuple[FaultName, ...]] = get_args(FaultName)
 
 CUT_LENGTH: Final = 10.0
-"""Cable that a cut lets out [m]."""
+"""Length of cable that a cut releases [m]."""
 
 LARGEST_AMOUNT: Final = {"slack": 1.0, "snap": 1.0, "slip": 100.0}
-"""Of cable [m] or of drum [rad]."""
+"""Largest amount of each fault: length of cable [m] or angle of the drum [rad]."""
 
 _ENDS: Final[tuple[tuple[FaultKind, type], ...]] = (
     ("slack", Anchor),
@@ -30,7 +30,7 @@ _ENDS: Final[tuple[tuple[FaultKind, type], ...]] = (
 
 
 def possible_faults(robot: Robot) -> tuple[Fault, ...]:
-    """Every fault that some cable of the robot may have; without preload with an amount."""
+    """All faults possible for the robot's cables; for cables without preload with an amount."""
     return tuple(
         Fault(kind, 0.0, None if cable.preload > 0.0 else 1e-3, cable.name)
         for cable in robot.cables
@@ -41,17 +41,17 @@ def possible_faults(robot: Robot) -> tuple[Fault, ...]:
 
 @dataclass(frozen=True)
 class Breakable:
-    """The ends of a rig's cables that have motors of their own."""
+    """The cable ends of a rig that have an additional motor for faults."""
 
     cables: tuple[str, ...]
     motors: Mapping[tuple[str, str], int]
-    """The motor of the end that a fault (kind, cable) moves."""
+    """Index of the motor of the end that a fault (kind, cable) moves."""
     usual: Mapping[tuple[str, str], float]
-    """Amounts by the preload, of cables that have one."""
+    """Default amounts, derived from the preload, for cables with a preload."""
 
     @classmethod
     def of(cls, robot: Robot, wiring: Wiring) -> Breakable:
-        """The possible faults where ``wiring`` is that of all ``possible_faults``."""
+        """Build it from ``wiring``, which must be that of all ``possible_faults``."""
         preloaded = {cable.name for cable in robot.cables if cable.preload > 0.0}
         places = {(str(fault.kind), str(fault.cable)): motor for motor, fault in wiring.faults}
         usual = {
@@ -64,17 +64,17 @@ class Breakable:
     def fault(
         self, name: FaultName, cable: str, amount: float | None, now_s: float
     ) -> tuple[int, Fault]:
-        """The motor that a fault moves, and the fault.
+        """Index of the motor that a fault moves, and the fault.
 
         Args:
-            name: of the fault.
-            cable: whose fault it is.
-            amount: of cable [m] for ``slack`` and ``snap``, of drum [rad] for ``slip``; None: the
-                usual.  A cut takes none.
-            now_s: time at which it begins [s].
+            name: name of the fault.
+            cable: name of the faulty cable.
+            amount: length of cable [m] for ``slack`` and ``snap``, angle of the drum [rad] for
+                ``slip``; None for the default.  A cut takes no amount.
+            now_s: start of the fault [s].
 
         Raises:
-            UsageError: an unknown fault or cable, or an amount that cannot be.
+            UsageError: an unknown fault or cable, or an impossible amount.
         """
         if name not in FAULT_NAMES:
             raise UsageError(f"fault must be one of {', '.join(FAULT_NAMES)}, got {name!r}")
@@ -89,7 +89,7 @@ class Breakable:
         )
 
     def _amount(self, name: FaultName, cable: str, amount: float | None) -> float:
-        """Of cable [m] or of drum [rad]."""
+        """Amount of a fault: length of cable [m] or angle of the drum [rad]."""
         if name == "cut":
             if amount is not None:
                 raise UsageError(f"a cut takes no amount, got {amount:g}")

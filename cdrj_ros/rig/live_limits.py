@@ -13,42 +13,42 @@ from cdrj_ros.rig.faults import drums_of
 from cdrj_ros.robot.description import Robot
 
 USUAL_SPEED: Final = 10.0
-"""Of a motor, unless its ``max_speed`` is lower [rad/s]."""
+"""Default largest speed of a motor, unless its ``max_speed`` is lower [rad/s]."""
 
 USUAL_TORQUE: Final = 10.0
-"""Of a motor whose cables have no greatest tension [N m]."""
+"""Default largest torque of a motor whose cables have no maximum tension [N m]."""
 
 USUAL_INERTIA: Final = 1e-4
-"""Of a rotor with its drum [kg m^2]; assumed."""
+"""Default inertia of a rotor with its drum [kg m^2]; assumed."""
 
 TRAVEL: Final = 1e3
-"""From the reference angle to either side [rad]."""
+"""Largest travel from the reference angle to either side [rad]."""
 
 RESOLVED: Final = 0.5
-"""Largest angular frequency of a rotor against its cables, as a share of a step's rate."""
+"""Largest angular frequency of a rotor on its cables' stiffness, as a fraction of the step rate."""
 
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """Of all motors, in the robot's order."""
+    """Limits of all motors, in the robot's order."""
 
     motors: tuple[str, ...]
     reference: tuple[float, ...]
-    """Angle from which travel counts [rad]."""
+    """Angle from which travel is measured [rad]."""
     effort_sign: tuple[int, ...]
-    """+1 where the robot's efforts are what the cables exert on the motor."""
+    """+1 where the robot's effort is the torque that the cables exert on the motor."""
     speed: tuple[float, ...]
-    """A motor never turns faster [rad/s]."""
+    """Largest speed [rad/s]."""
     torque: tuple[float, ...]
-    """A motor never exerts more [N m]; if position or speed require more, it stalls."""
+    """Largest torque [N m]; a motor stalls if its position or speed requires more."""
     inertia: tuple[float, ...]
-    """Of rotor and drum, for commands of torque [kg m^2]."""
+    """Inertia of rotor and drum, for effort commands [kg m^2]."""
     damping: float
-    """Of every rotor, for commands of torque [N m s/rad]."""
+    """Damping of every rotor, for effort commands [N m s/rad]."""
     timeout_s: float
-    """Without a new command for this time, a motor under speed or torque holds its angle [s]."""
+    """Time without a command after which a motor in velocity or effort mode holds its angle [s]."""
     travel: float = TRAVEL
-    """[rad]."""
+    """Largest travel from the reference angle to either side [rad]."""
 
 
 def drive_limits(
@@ -61,16 +61,17 @@ def drive_limits(
     damping: float = 1e-3,
     timeout_s: float = 0.5,
 ) -> DriveLimits:
-    """The same limits for all motors, or defaults that suit the robot.
+    """Limits from values common to all motors, or from defaults that depend on the robot.
 
     Args:
-        robot: its motors and cables.
+        robot: robot with the motors and cables.
         rate: steps per second [Hz].
-        speed: [rad/s]; None: 10, or the robot file's ``max_speed`` where that is less.
-        torque: [N m]; None: what loads one cable of the motor with its greatest tension.
-        inertia: [kg m^2]; None: 1e-4, or what the step can resolve where that is more.
-        damping: of the rotors [N m s/rad].
-        timeout_s: [s].
+        speed: largest speed [rad/s]; None for 10, or the robot file's ``max_speed`` if lower.
+        torque: largest torque [N m]; None for the torque that loads one cable of the motor with its
+            maximum tension.
+        inertia: inertia [kg m^2]; None for 1e-4, or the least that the step can resolve if larger.
+        damping: damping of the rotors [N m s/rad].
+        timeout_s: command timeout [s].
 
     Raises:
         UsageError: an inertia too small for the step against the cables' stiffness.
@@ -101,7 +102,7 @@ def drive_limits(
 
 
 def _stiffness(robot: Robot, motor: int) -> float:
-    """Of the cables against one motor [N m/rad]: of their first elements, all else held."""
+    """Stiffness of the cables' first elements against one motor, with all else held [N m/rad]."""
     pose = np.array([joint.reference_angle for joint in robot.joints])
     length = shape_at(prepare(robot, check_range=False), pose).length
     first = np.cumsum([0, *(len(cable.nodes) - 1 for cable in robot.cables)])

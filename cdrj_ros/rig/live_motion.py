@@ -1,4 +1,4 @@
-"""Motion of a live rig without commands: motors that follow a motion of the free joint."""
+"""Motion of a live rig before any command: the motors follow a motion of the free joint."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ MotionName = Literal["none", "sine", "ramps", "dwell", "random"]
 MOTIONS: Final[tuple[MotionName, ...]] = get_args(MotionName)
 
 BEGIN_S: Final = 1.0
-"""Rest before it [s]."""
+"""Rest before the motion [s]."""
 
 USUAL_SHARE: Final = 0.6
-"""Default amplitude, as a share of the way to the nearer end of the range."""
+"""Default amplitude, as a share of the distance to the nearer end of the range."""
 
 AHEAD: Final = 50
-"""Steps that are computed at once."""
+"""Number of steps that are computed at once."""
 
 
 @dataclass(frozen=True)
@@ -33,26 +33,26 @@ class Demonstration:
 
     kind: MotionName = "none"
     amplitude: float | None = None
-    """[rad] or [m]; None: ``USUAL_SHARE`` of what the range allows."""
+    """Amplitude [rad] or [m]; None for ``USUAL_SHARE`` of what the range allows."""
     frequency: float = 0.2
-    """Of the cycle, of a random motion the highest [Hz]."""
+    """Frequency of the cycle, or the highest frequency of a random motion [Hz]."""
     seed: int = 0
-    """Of a random motion."""
+    """Seed of a random motion."""
 
 
 def program_of(
     model: Model, joint: int, rate: float, demonstration: Demonstration
 ) -> Program | None:
-    """Angles of all motors over the steps of a rig, as ``simulate --mode forward`` moves them.
+    """Motor angles by step of a rig, the same as in ``simulate --mode forward``.
 
     Args:
         model: the prepared robot.
-        joint: the free one.
+        joint: index of the free joint.
         rate: steps per second [Hz].
-        demonstration: the motion; returns None if there is none.
+        demonstration: the motion; if it is none, the function returns None.
 
     Raises:
-        UsageError: an unknown motion, or one that leaves the joint's range.
+        UsageError: an unknown motion, or a motion that leaves the joint's range.
     """
     course = _course(model, joint, demonstration)
     if course is None:

@@ -1,4 +1,4 @@
-"""Sensors of a live rig: ``rig/sensors.py``, but step by step instead of over a whole truth."""
+"""Sensors of a live rig, as in ``rig/sensors.py`` but step by step instead of over a whole run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cdrj_ros.robot.description import Joint, Motor
 Vector = NDArray[np.float64]
 
 SCHEDULED: Final = 1000
-"""Readings that are planned at once."""
+"""Number of readings that are scheduled at once."""
 
 LONGEST_LATENCY_S: Final = 10.0
 
@@ -27,13 +27,13 @@ class Reading:
     """The content of one message."""
 
     stamp_s: float
-    """On the rig's clock [s]."""
+    """Stamp on the rig's clock [s]."""
     values: Vector
-    """Of all axes or channels, shape (n,)."""
+    """Values of all axes or channels, shape (n,)."""
 
 
 class _Due:
-    """Times at which a sensor reads, and its readings that are not sent yet."""
+    """Times at which a sensor reads, and its readings that have not been sent yet."""
 
     def __init__(self, sensor: Encoder | LoadCells, seed: Sequence[int], latency_s: float) -> None:
         if not 0.0 <= latency_s <= LONGEST_LATENCY_S:
@@ -46,7 +46,7 @@ class _Due:
         self._sent: deque[tuple[float, Reading]] = deque()
 
     def _planned(self, generator: np.random.Generator) -> Iterator[Schedule]:
-        """Plans of ``SCHEDULED`` readings each, one after the other."""
+        """Consecutive schedules of ``SCHEDULED`` readings each."""
         rate = self._sensor.rate
         phase_s = self._sensor.phase_s if isinstance(self._sensor, Encoder) else 0.0
         begin = 0
@@ -99,10 +99,10 @@ class LiveEncoders:
         """Start without readings.
 
         Args:
-            encoder: of every axis.
-            axes: whose readings the values are, in this order.
-            seed: of everything random.
-            latency_s: from a reading to its message [s]; the stamp is that of the reading.
+            encoder: encoder model, the same for every axis.
+            axes: names of the axes, in the order of the values.
+            seed: seed of the random generator.
+            latency_s: time from a reading to its message [s]; the stamp is that of the reading.
         """
         self.axes = tuple(axes)
         self._encoder = encoder
@@ -113,7 +113,7 @@ class LiveEncoders:
         self._frozen: dict[int, float] = {}
 
     def freeze(self, name: str) -> bool:
-        """Let the encoder of an axis repeat its last reading; False where it has none yet."""
+        """Make an axis's encoder repeat its last reading; returns False if there is none yet."""
         index = [axis.name for axis in self.axes].index(name)
         if np.isnan(self._last[index]):
             return False
@@ -121,20 +121,20 @@ class LiveEncoders:
         return True
 
     def thaw(self) -> None:
-        """Let all encoders read again."""
+        """Release all frozen encoders."""
         self._frozen.clear()
 
     @property
     def frozen(self) -> tuple[str, ...]:
-        """Axes whose encoders are frozen."""
+        """Names of the axes whose encoders are frozen."""
         return tuple(self.axes[index].name for index in self._frozen)
 
     def take(self, now_s: float, angle: Vector) -> list[Reading]:
-        """Messages that arrive by now.
+        """Messages that have arrived by ``now_s``.
 
         Args:
-            now_s: time of the truth, later than at the last call [s].
-            angle: of the axes [rad], shape (n,).
+            now_s: time of the truth, later than in the last call [s].
+            angle: angles of the axes [rad], shape (n,).
         """
         time0, angle0 = self._before or (now_s, angle)
         self._before = (now_s, angle.copy())
@@ -158,7 +158,7 @@ class LiveEncoders:
 
 
 class LiveCells:
-    """Load cells, or torque sensors: several channels that are read together."""
+    """Load cells or torque sensors: several channels that are read together."""
 
     def __init__(
         self,
@@ -172,12 +172,12 @@ class LiveCells:
         """Start without readings.
 
         Args:
-            cells: when they read.
+            cells: timing of the readings.
             noise: standard deviation of a reading.
-            step: its resolution.
-            bias: constant error of its readings.
-            seed: of everything random.
-            latency_s: from a reading to its message [s].
+            step: resolution of a reading.
+            bias: constant error of the readings.
+            seed: seed of the random generator.
+            latency_s: time from a reading to its message [s].
         """
         self._noise, self._step, self._bias = noise, step, bias
         self._due = _Due(cells, [*seed, 0], latency_s)
@@ -185,7 +185,7 @@ class LiveCells:
         self._before: tuple[float, Vector] | None = None
 
     def take(self, now_s: float, values: Vector) -> list[Reading]:
-        """Messages that arrive by now; arguments as those of ``LiveEncoders.take``."""
+        """Messages that have arrived by ``now_s``; arguments as for ``LiveEncoders.take``."""
         time0, before = self._before or (now_s, values)
         self._before = (now_s, values.copy())
         times, stamps = self._due.until(now_s)

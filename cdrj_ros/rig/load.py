@@ -1,9 +1,9 @@
-"""Load of a joint of the rig: inertia, gravity and damping in its angle q.
+"""Load of a joint of the rig: inertia, gravity and damping as functions of its angle q.
 
     (a0 + a1 cos q) q'' - 1/2 a1 sin q q'^2 + c q' + w0 + w1 cos q + w2 cos 2q = torque
 
-holds for the rolling joint (9'), for a pendulum and for a weight that is lifted; the torque is
-that of the cables.
+holds for the rolling joint (9'), for a pendulum and for a lifted weight; the torque is that of the
+cables.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ INERTIA, INERTIA_COS, WEIGHT, WEIGHT_COS, WEIGHT_COS_2, DAMPING, COEFFICIENTS = 
 
 LoadKind = Literal["rolling", "pendulum", "lift"]
 KINDS: Final[tuple[LoadKind, ...]] = get_args(LoadKind)
-"""Loads by name: the source's rolling joint, a mass on an arm that turns, a mass that is lifted."""
+"""Names of the loads: the source's rolling joint, a mass on a turning arm, a lifted mass."""
 
 
 @dataclass(frozen=True)
 class Pendulum:
-    """A mass on an arm that turns with a revolute joint; level at q = 0, gravity against +q."""
+    """A mass on the arm of a revolute joint; the arm is level at q = 0, gravity acts against +q."""
 
     load_mass: float = 0.3
     """[kg]."""
@@ -83,7 +83,7 @@ class Load:
         return row
 
     def torque(self, angle: Vector, speed: Vector, acceleration: Vector) -> Vector:
-        """What the cables must exert about the joint [N m]; all of shape (n,)."""
+        """Torque that the cables must exert about the joint [N m]; all arrays of shape (n,)."""
         if isinstance(self.body, RollingLoad):
             torque = self.body.torque(angle, speed, acceleration)
         else:
@@ -93,14 +93,14 @@ class Load:
 
 
 def weight(coefficients: Vector, angle: Vector) -> Vector:
-    """The part of the torque that holds the load still [N m]."""
+    """Torque that holds the load at rest [N m]."""
     k = coefficients
     held: Vector = k[WEIGHT] + k[WEIGHT_COS] * np.cos(angle) + k[WEIGHT_COS_2] * np.cos(2.0 * angle)
     return held
 
 
 def energy(coefficients: Vector, angle: Vector, speed: Vector) -> Vector:
-    """Kinetic energy and that of gravity [J], zero at rest at q = 0; shape (n,)."""
+    """Sum of kinetic and gravitational energy [J], zero at rest at q = 0; shape (n,)."""
     k = coefficients
     inertia = k[INERTIA] + k[INERTIA_COS] * np.cos(angle)
     raised = (
@@ -128,7 +128,7 @@ def make_load(kind: LoadKind, mass: float, damping: float = 0.0, gravity: float 
 
 
 def usual_load(robot: Robot, joint: int) -> LoadKind:
-    """The kind of load for the motion of the joint's frames; rolling for a joint without frames."""
+    """Default load for the joint's type of frame motion; rolling for a joint without frames."""
     name = robot.joints[joint].name
     motions = {frame.motion for frame in robot.frames if frame.joint == name}
     if motions == {"prismatic"}:

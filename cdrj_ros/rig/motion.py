@@ -1,7 +1,7 @@
 """Motions of a joint: functions of time that give angle, speed and acceleration.
 
-Every motion rests at its centre until ``begin`` and has no jump in speed.  Angles in [rad], or [m]
-for a prismatic joint.
+Every motion rests at its centre until ``begin`` and has a continuous speed.  Angles are in [rad],
+or in [m] for a prismatic joint.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from cdrj_ros.foundation.errors import UsageError
 Vector = NDArray[np.float64]
 
 BLEND: Final = 0.2
-"""Share of a move that accelerates, and share that decelerates."""
+"""Share of a move's duration spent accelerating, and the same share decelerating."""
 
 RANDOM_TONES: Final = 4
-"""Sines in a random motion."""
+"""Number of sines in a random motion."""
 
 RECORDED_BAND: Final = 5.0
 """Cutoff frequency of the smoothing of a recorded motion [Hz]."""
@@ -78,7 +78,7 @@ def sine(amplitude: float, frequency: float, begin: float = 0.0, centre: float =
 
 
 def ramps(amplitude: float, frequency: float, begin: float = 0.0, centre: float = 0.0) -> Motion:
-    """From end to end at constant speed, ``frequency`` cycles per second."""
+    """Move from end to end at constant speed, with ``frequency`` cycles per second."""
     return moves((amplitude, -amplitude), 0.5 / frequency, 0.0, begin, centre)
 
 
@@ -97,14 +97,14 @@ def moves(
     begin: float = 0.0,
     centre: float = 0.0,
 ) -> Motion:
-    """Visit the stations in turn, again and again, with trapezoidal speed.
+    """Visit the stations repeatedly in order, with a trapezoidal speed profile.
 
     Args:
-        stations: angles from the centre [rad]; the way to the first starts at the centre.
+        stations: angles from the centre [rad]; the first move starts at the centre.
         move_s: duration of a move [s], positive.
-        rest_s: rest after it [s].
-        begin: of the first move [s].
-        centre: [rad].
+        rest_s: rest after a move [s].
+        begin: start of the first move [s].
+        centre: centre of the motion [rad].
     """
     places = np.asarray(stations, dtype=np.float64)
     blend = BLEND * move_s
@@ -144,7 +144,7 @@ def random(
     """
     generator = np.random.default_rng([seed, 0x6D6F7665])
     edges = np.linspace(0.1, 1.0, RANDOM_TONES + 1)
-    share = generator.uniform(edges[:-1], edges[1:])  # one in every part of the band
+    share = generator.uniform(edges[:-1], edges[1:])  # one in each part of the band
     pulsation = 2.0 * np.pi * frequency * share
     phase = generator.uniform(0.0, 2.0 * np.pi, RANDOM_TONES)
 
@@ -169,13 +169,13 @@ def recorded(time: Vector, angle: Vector, begin: float = 0.0, blend_s: float = 1
     """A recorded motion, smoothed so that its acceleration is usable.
 
     It starts from rest: during the first ``blend_s`` [s] the recording is played more slowly, which
-    takes half of ``blend_s`` longer.  After its end the joint stays where it is.
+    adds half of ``blend_s`` to its duration.  After its end the joint keeps its angle.
 
     Args:
         time: increasing [s], shape (n,).
         angle: [rad], shape (n,).
-        begin: when it starts [s].
-        blend_s: [s].
+        begin: start of the motion [s].
+        blend_s: duration of the slow start [s].
 
     Raises:
         UsageError: too short, not increasing, or not finite.
@@ -200,7 +200,7 @@ def recorded(time: Vector, angle: Vector, begin: float = 0.0, blend_s: float = 1
     def course(time: Vector) -> Course:
         moving = np.maximum(time - begin, 0.0)
         inside = np.clip(moving / blend_s, 0.0, 1.0)
-        # the recording's own time: its rate rises as a smooth step, 3 u^2 - 2 u^3
+        # the playback rate rises as a smooth step, 3 u^2 - 2 u^3
         own = np.where(
             inside < 1.0, blend_s * (inside**3 - 0.5 * inside**4), moving - 0.5 * blend_s
         )
@@ -216,7 +216,7 @@ def recorded(time: Vector, angle: Vector, begin: float = 0.0, blend_s: float = 1
 
 
 def recorded_duration(time: Vector, blend_s: float = 1.0) -> float:
-    """Duration of the motion that ``recorded`` makes [s]."""
+    """Duration of the motion that ``recorded`` returns [s]."""
     return float(time[-1] - time[0]) + 0.5 * blend_s
 
 

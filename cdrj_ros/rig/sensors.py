@@ -18,18 +18,18 @@ MOST_JITTER: Final = 0.45
 
 @dataclass(frozen=True)
 class Encoder:
-    """An angle sensor that counts."""
+    """An incremental angle sensor."""
 
     counts: int
     """Counts per turn; on a prismatic joint, per 2 pi m."""
     rate: float
     """Readings per second [Hz]."""
     phase_s: float = 0.0
-    """Time of its first reading after the recording's start [s]."""
+    """Time from the recording's start to the first reading [s]."""
     noise: float = 0.0
-    """Standard deviation before counting [rad]."""
+    """Standard deviation of the noise before quantisation [rad]."""
     bias: float = 0.0
-    """Added to every reading [rad]."""
+    """Constant added to every reading [rad]."""
     jitter_s: float = 0.0
     """Standard deviation of the stamps about the time of reading [s]."""
     dropout: float = 0.0
@@ -45,17 +45,17 @@ class LoadCells:
     rate: float = 100.0
     """Readings per second [Hz]."""
     force_noise: float = 0.02
-    """Standard deviation [N]."""
+    """Standard deviation of the forces' noise [N]."""
     torque_noise: float = 0.0005
-    """Standard deviation [N m]."""
+    """Standard deviation of the torques' noise [N m]."""
     force_step: float = 2.0**-7
-    """Resolution [N]."""
+    """Resolution of the forces [N]."""
     torque_step: float = 2.0**-13
-    """Resolution [N m]."""
+    """Resolution of the torques [N m]."""
     force_bias: float = 0.0
-    """Added to every reading [N]."""
+    """Constant added to every force reading [N]."""
     torque_bias: float = 0.0
-    """Added to every reading [N m]."""
+    """Constant added to every torque reading [N m]."""
     jitter_s: float = 0.0
     """Standard deviation of the stamps about the time of reading [s]."""
     dropout: float = 0.0
@@ -66,12 +66,12 @@ class LoadCells:
 
 @dataclass(frozen=True)
 class Schedule:
-    """When a sensor reads, and the stamps of its messages."""
+    """Times of a sensor's readings, and the stamps of its messages."""
 
     times: Vector
-    """Of the readings that arrive [s], shape (n,), increasing."""
+    """Times of the readings that arrive [s], shape (n,), increasing."""
     stamps: Vector
-    """[s], shape (n,), increasing."""
+    """Stamps of the messages [s], shape (n,), increasing."""
 
 
 MOTOR_ENCODER = Encoder(81_920, 1000.0)
@@ -88,7 +88,7 @@ def reading_times(begin: float, end: float, rate: float, phase_s: float = 0.0) -
 def schedule(
     sensor: Encoder | LoadCells, begin: float, end: float, generator: np.random.Generator
 ) -> Schedule:
-    """Readings within [begin, end] [s] with jitter, without those that are lost."""
+    """Readings within [begin, end] [s] with jitter, excluding lost ones."""
     phase_s = sensor.phase_s if isinstance(sensor, Encoder) else 0.0
     times = reading_times(begin, end, sensor.rate, phase_s)
     stamps = times
@@ -131,12 +131,12 @@ def read_encoder(
     """Readings as whole counts at the given times [s].
 
     Args:
-        encoder: its counts, noise and bias.
-        times: of the readings [s], shape (n,).
+        encoder: encoder with its counts, noise and bias.
+        times: times of the readings [s], shape (n,).
         truth_time, angle: the truth [s], [rad].
-        generator: of the noise; needed where there is some.
-        sensor: conversion of readings into angles in the robot file, whose inverse is applied;
-            None: none.
+        generator: random generator; required if the encoder has noise.
+        sensor: the robot file's conversion of readings into angles, whose inverse is applied;
+            None for no conversion.
     """
     step = 2.0 * np.pi / encoder.counts
     sensor = sensor or Sensor()
@@ -146,7 +146,7 @@ def read_encoder(
             raise ValueError("noise needs a generator")
         seen = seen + generator.normal(0.0, encoder.noise, times.size)
     counted: Vector = np.round(seen / step) * step
-    if np.isfinite(sensor.period):  # starts again half a turn from 0
+    if np.isfinite(sensor.period):  # wraps around half a period from 0
         counted -= sensor.period * np.round(counted / sensor.period)
     return counted
 

@@ -1,11 +1,11 @@
 """Prescribed motion of the rig: at the joints, at the motors, or at both.
 
 The estimator lumps the friction of a pulley into one contact.  In the rig every pulley is a chain
-of contact cells with bristles of their own, in which sliding and adhesion arcs (Grashof) form.
+of contact cells with one bristle each, in which sliding and adhesion arcs (Grashof) form.
 
 ``simulate`` finds the motor angle at which the cables balance a joint, ``follow`` turns the motors
-as a position controller would, ``prescribe`` takes both; ``rig/forward.py`` lets a joint move
-freely.
+as a position controller would, and ``prescribe`` takes motor and joint angles.  In
+``rig/forward.py`` a joint moves freely.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ BALANCE_TOLERANCE: Final = 1e-6
 """Largest imbalance of the joint [N m]."""
 
 WORTH_SAYING: Final = 0.02
-"""Imbalance of a waiting joint that a note reports, as a share of 1 N m plus its torque."""
+"""Imbalance of a waiting joint above which a note reports it, relative to 1 N m plus its torque."""
 
 BATCH: Final = 1000
 """Samples between two reports of progress."""
 
 SEARCHED: Final = 20.0
-"""Half the range in which the first motor angle is sought, about that of the joints [rad]."""
+"""Half the range of the search for the first motor angle, about that of the joints [rad]."""
 
 SEARCH_POINTS: Final = 40001
-"""Motor angles tried in that range."""
+"""Number of motor angles tried in that range."""
 
 
 def simulate(
@@ -70,24 +70,24 @@ def simulate(
 ) -> Truth:
     """Move the joints as prescribed and turn the motors so that one joint's torques balance.
 
-    One motor is turned freely.  Several follow the joints (``follow``) and beyond that turn in
-    proportion, in the way in which they load the joint.  The other joints are held.  Takes 10
-    arguments because each is a choice of its own with a default; longer than a screen because the
+    A single motor turns freely.  Several motors follow the joints (``follow``), plus a common
+    motion in the ratios in which they load the joint.  The other joints are held.  It takes 10
+    arguments because each is an independent option, and is longer than a screen because the
     kernel's state is carried from batch to batch.
 
     Args:
         robot: at least one motor and one joint.
         time: increasing [s], shape (n,).
         joint_angle: prescribed [rad], shape (n,) for one joint, (n, joints) for several.
-        joint_torque: what the cables must exert on the balanced joint [N m], shape (n,).
-        motor_speed: the motor turns no faster than this [rad/s]; the joint waits for it.  At a
-            reversal friction holds the joint's tensions while the motor takes up the difference
-            along the cable: the joint dwells, as on the real machine.
+        joint_torque: torque that the cables must exert on the balanced joint [N m], shape (n,).
+        motor_speed: largest motor speed [rad/s]; the joint waits for the motor.  At a reversal
+            friction holds the joint's tensions while the motor takes up the difference along the
+            cable, so the joint dwells, as on the real machine.
         cells: contact cells per pulley.
         progress: called with the number of samples done.
         joint: index of the balanced joint.
-        faults: injected faults.  While the motor makes up for a fault the joint waits unbalanced.
-        allow_slack: cables may lose their tension; with faults they always may.
+        faults: injected faults.  While the motor compensates a fault the joint waits unbalanced.
+        allow_slack: whether cables may lose their tension; with faults they always may.
 
     Raises:
         SlackError: a cable goes slack.
@@ -148,7 +148,7 @@ def _unbalanced(where: str, torque: float, asked: float, motor_speed: float) -> 
 def _waiting_notes(
     time: Vector, phases: NDArray[np.int64], lacking: Vector, torque: Vector
 ) -> tuple[str, ...]:
-    """A note if the joint, waiting for its motor, was out of balance by more than a little."""
+    """A note if the imbalance of the joint while waiting for its motor exceeds ``WORTH_SAYING``."""
     waiting = np.diff(phases, prepend=-1) == 0
     worst = float(np.abs(lacking[waiting]).max(initial=0.0))
     if worst <= WORTH_SAYING * (1.0 + float(np.abs(torque).max())):
@@ -171,9 +171,9 @@ def follow(
     faults: Sequence[Fault] = (),
     allow_slack: bool = False,
 ) -> Truth:
-    """Move the joints as prescribed, and the motors so that the cables keep their lengths.
+    """Move the joints as prescribed and the motors so that the cables keep their lengths.
 
-    Arguments and errors as ``simulate``.
+    Arguments and errors are those of ``simulate``.
     """
     joints = _columns(joint_angle, time.size, len(robot.joints), "joint_angle")
     model = prepare(robot)
@@ -201,17 +201,17 @@ def prescribe(
     allow_slack: bool = False,
     notes: tuple[str, ...] = (),
 ) -> Truth:
-    """Move motors and joints as prescribed; tensions and efforts follow.
+    """Move motors and joints as prescribed and compute tensions and efforts.
 
-    Takes 9 arguments because each is a choice of its own with a default.
+    It takes 9 arguments because each is an independent option.
 
     Args:
-        robot: any.
+        robot: any robot.
         time: increasing [s], shape (n,).
         motor_angle: [rad], shape (n, motors).
         joint_angle: [rad], shape (n, joints).
         cells, progress, faults, allow_slack: as in ``simulate``.
-        notes: for the truth.
+        notes: notes to store in the truth.
 
     Raises:
         SlackError: a cable goes slack.
@@ -239,7 +239,7 @@ def prescribe(
 
 
 def _columns(values: NDArray[np.float64], n: int, columns: int, name: str) -> Table:
-    """The values in shape (n, columns); for one column they may have shape (n,)."""
+    """The values in shape (n, columns); a single column may have shape (n,)."""
     shaped = values[:, None] if values.ndim == 1 and columns == 1 else values
     if shaped.shape != (n, columns):
         raise UsageError(f"{name} must have the shape {(n, columns)}, got {values.shape}")
@@ -251,7 +251,7 @@ def _drive(rig: Rig, joints: Table, joint: int) -> tuple[Table, Vector, float]:
 
     Returns:
         ``base`` [rad], shape (n, all motors of the fine robot), ``direction`` [-], shape (all
-        motors,), and the drive about which the first is sought [rad].
+        motors,), and the drive about which the first one is sought [rad].
     """
     robot, owner = rig.lumped.robot, rig.wiring.owner
     direction = np.where(owner >= 0, pull_together(rig.lumped, joint)[owner], 0.0)
@@ -299,7 +299,7 @@ def _scan(
     effort_place: int,
     efforts: Vector,
 ) -> None:
-    """Effort on a joint without friction for many drives."""
+    """Effort on a joint for many drives, without friction."""
     sizes = plan_views(plan).sizes
     size = state_size(sizes)
     state = np.zeros(size)
@@ -325,9 +325,9 @@ def _imbalance(
     effort_place: int,
     out: Vector,
 ) -> float:
-    """Effort of the cables on the joint less the torque that it needs [N m].
+    """Effort of the cables on the joint minus the torque that it needs [N m].
 
-    Takes 13 arguments because compiled kernels take arrays and numbers.
+    It takes 13 arguments because compiled kernels take arrays and numbers.
     """
     for m in range(motor_angle.size):
         motor_angle[m] = base[m] + direction[m] * drive + offset[m]
@@ -361,12 +361,12 @@ def _balance(
     """Drive of the motors sample by sample: bracket, then regula falsi (Illinois).
 
     Just after a reversal, friction makes the joint's effort a very flat function of the winch
-    angle, so the bracket is widened geometrically.  Takes 20 arguments because compiled kernels
-    take arrays and numbers; longer than a screen because it is one loop over the samples.
+    angle, so the bracket is widened geometrically.  It takes 20 arguments because compiled kernels
+    take arrays and numbers, and is longer than a screen because it is one loop over the samples.
 
     Returns:
-        Samples done, drive [rad], phase, whether the motor is making up for a fault, and the
-        speed asked of the motor in the sample that could not be balanced [rad/s].
+        Number of samples done, drive [rad], phase, whether the motor is compensating a fault, and
+        the motor speed required in the sample that could not be balanced [rad/s].
     """
     size = state.size
     wanted = estimates.shape[1]
