@@ -1,1 +1,1 @@
-"""Samples become estimates with standard deviations."""
+"""Estimates with standard deviations from samples."""

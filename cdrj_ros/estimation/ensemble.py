@@ -1,14 +1,14 @@
-"""How sure the estimate is: an ensemble of estimators that differ in everything that is not known.
+"""Uncertainty of the estimate from an ensemble that varies every unknown quantity.
 
-Every member has its own parameters, drawn from their covariance, its own readings, within noise
-and resolution, and its own friction history, since at the start nobody knows on which side of its
-bound a pulley's friction lies.  Members go through the same ``advance`` as the estimate, so what
-pulleys forget when they slip, members forget too, and the spread narrows by itself.
+Each member has its own parameters (drawn from their covariance), its own reading errors (within
+noise and resolution) and its own friction history, because the initial friction of every pulley
+is unknown within its bound.  Members are stepped by the same ``advance`` as the estimate.  A pulley
+that slips loses its friction history in every member, so the spread narrows without further rules.
 
-At each sample one member in turn is brought up to date: the cost is that of one more estimate,
-whatever the number of members, and the spread is complete after as many samples.  Friction hardly
-depends on rate, so a member may take all the samples since its last turn in one step.
-docs/uncertainty.md.
+At each sample one member in turn is updated.  The cost is that of one more estimate, independent
+of the number of members, and the spread is complete after as many samples as there are members.
+Friction hardly depends on rate, so a member can cover all samples since its last update in one
+step.  See docs/uncertainty.md.
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 MEMBERS: Final = 32
-"""Members of the ensemble: the standard deviation is known to 1 / sqrt(2 * 32) = 12 %."""
+"""Members of the ensemble: the standard deviation is accurate to 1 / sqrt(2 * 32) = 12 %."""
 
 
 def spread_columns(layout: Layout) -> NDArray[np.int64]:
-    """Where the quantities with a standard deviation lie in the estimate.
+    """Indices in the estimate of the quantities that have a standard deviation.
 
-    Tensions of all elements, magnitudes of the force on all pulleys, efforts of all motors, then
-    of all joints.
+    In order: tensions of all elements, magnitudes of the force on all pulleys, efforts of all
+    motors, efforts of all joints.
     """
     parts = (layout.tension, layout.magnitude, layout.motor_effort, layout.joint_effort)
     return np.concatenate([np.arange(part.start, part.stop) for part in parts]).astype(np.int64)
 
 
 def _elements_of(layout: Layout) -> NDArray[np.int64]:
-    """Of every spread column an element of its cable; -1 for efforts, which all cables make."""
+    """An element of each spread column's cable; -1 for efforts, to which all cables contribute."""
     cables = [name.rsplit("/", 1)[0] for name in layout.elements]
     elements = [cables.index(cable) for cable in cables]
     pulleys = [cables.index(name.rsplit("/", 1)[0]) for name in layout.pulleys]
@@ -65,7 +65,7 @@ def _elements_of(layout: Layout) -> NDArray[np.int64]:
 
 
 class Spread:
-    """The ensemble of one robot; ``update`` after every ``step``, with what it took and gave."""
+    """The ensemble of one robot; call ``update`` after every ``step``, with sample and estimate."""
 
     def __init__(
         self, model: Model, members: int = MEMBERS, seed: int = 0, preload_share: float = 0.0
@@ -73,11 +73,11 @@ class Spread:
         """Draw the members.
 
         Args:
-            model: the prepared robot; its uncertainty and its sensors say what is not known.
-            members: their number, even and at least 8.
-            seed: of the draws; the same seed gives the same spread.
-            preload_share: standard deviation of every preload beside the robot file's, as a share
-                of it.
+            model: the prepared robot; its uncertainty and its sensors define what is unknown.
+            members: number of members, even and at least 8.
+            seed: seed of the draws; the same seed gives the same spread.
+            preload_share: standard deviation of every preload in addition to the robot file's, as
+                a fraction of the preload.
         """
         if members < 8 or members % 2:
             raise ValueError(f"members must be even and at least 8, got {members}")
@@ -119,7 +119,7 @@ class Spread:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what the members have seen; the next sample starts them anew."""
+        """Discard the members' history; the next sample starts them anew."""
         self.states[:] = 0.0
         self._progress[:] = (0, -1, 0)
         self._intervals[:] = 0
@@ -127,7 +127,7 @@ class Spread:
         self.variance[:] = 0.0
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """What the members know, to be given to ``recall`` later."""
+        """The ensemble's memory, which ``recall`` restores."""
         return {
             "members": self.states,
             "member_stamps": self.stamps,
@@ -139,7 +139,7 @@ class Spread:
         }
 
     def recall(self, arrays: Mapping[str, NDArray[Any]]) -> bool:
-        """Take up what ``memory`` gave; False, and nothing changed, where it does not fit."""
+        """Restore the arrays from ``memory``; False, with nothing changed, if they do not fit."""
         own = self.memory()
         for name, values in own.items():
             there = arrays.get(name)
@@ -153,13 +153,13 @@ class Spread:
         return True
 
     def shift_clock(self, by_ns: int) -> None:
-        """Move the members' stamps."""
+        """Shift the members' stamps by ``by_ns`` [ns]."""
         self.stamps += by_ns
         if self._progress[LAST_STAMP] >= 0:
             self._progress[LAST_STAMP] += by_ns
 
     def update(self, sample: Sample, estimate: Estimate) -> Vector:
-        """Take the sample of a step and what came of it.
+        """Update the ensemble with the sample of a step and the resulting estimate.
 
         Returns:
             Standard deviations, in the order of ``spread_columns``.
@@ -169,7 +169,7 @@ class Spread:
         return stddev
 
     def catch_up(self, sample: Sample, estimate: Estimate) -> None:
-        """Bring all members to the sample that ``update`` has seen last."""
+        """Update all members to ``sample``, the last one given to ``update``."""
         if np.all(self.stamps == sample.stamp_ns):
             return
         self._advance(sample, estimate, len(self.states), np.empty(self.columns.size))
@@ -190,9 +190,9 @@ class Spread:
         into: Table | None = None,
         stddev_into: Table | None = None,
     ) -> tuple[State, Estimates]:
-        """``step`` and ``update`` over many samples in one call; bit for bit the same numbers.
+        """Apply ``step`` and ``update`` to many samples in one call; the results are bit-identical.
 
-        ``into`` as for the estimator's ``run``, ``stddev_into`` of shape (n, columns).
+        ``into`` is as for the estimator's ``run``; ``stddev_into`` has shape (n, columns).
         """
         model = self.model
         stamps = samples.stamp_ns

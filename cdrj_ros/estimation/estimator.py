@@ -1,4 +1,4 @@
-"""One estimator, many doors: ``step(model, state, sample) -> (state, estimate)``.
+"""The estimator: ``step(model, state, sample) -> (state, estimate)``.
 
 The node, the offline validation, the identification and the benchmark all call these functions.
 """
@@ -18,7 +18,7 @@ from cdrj_ros.model.prepared import Layout, Model
 Vector = NDArray[np.float64]
 
 NEVER: Final = -1
-"""Stamp of a state that has seen no sample."""
+"""Stamp of a state before its first sample."""
 
 
 _empty: Final = np.empty
@@ -26,14 +26,14 @@ _tuple: Final = tuple.__new__
 
 
 class State(NamedTuple):
-    """What the past has left in the cables; opaque, never changed in place."""
+    """History-dependent state of the cables; opaque, never changed in place."""
 
     stamp_ns: int
     values: Vector
 
 
 class Estimate(NamedTuple):
-    """Everything that is estimated at one time; views of one vector."""
+    """All estimated quantities at one time, as views of one vector."""
 
     stamp_ns: int
     values: Vector
@@ -69,12 +69,12 @@ class Estimate(NamedTuple):
 
     @property
     def friction(self) -> Vector:
-        """Tension after less tension before every pulley [N], shape (pulleys,)."""
+        """Tension after minus tension before every pulley [N], shape (pulleys,)."""
         return self.values[self.layout.friction]
 
     @property
     def slip_speed(self) -> Vector:
-        """Material passing every pulley [m/s], shape (pulleys,)."""
+        """Slip speed of the cable over every pulley [m/s], shape (pulleys,)."""
         return self.values[self.layout.slip_speed]
 
     @property
@@ -90,7 +90,7 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True)
 class Estimates:
-    """Everything that is estimated over time."""
+    """All estimated quantities over time."""
 
     stamp_ns: NDArray[np.int64]
     """[ns], shape (n,)."""
@@ -103,16 +103,16 @@ class Estimates:
 
 
 def initial_state(model: Model) -> State:
-    """A robot of which nothing has been seen: the first sample starts it without friction."""
+    """The state before any sample; the first sample initialises it without friction."""
     return State(NEVER, np.zeros(model.state_size))
 
 
 def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
-    """Take one sample.
+    """Process one sample.
 
     Args:
         model: the prepared robot.
-        state: from ``initial_state`` or the step before.
+        state: from ``initial_state`` or the previous step.
         sample: later than the state; finite (see ``cdrj_ros.conditioning.time_line``).
 
     Returns:
@@ -123,7 +123,7 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     out = _empty(model.out_size)
     dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
     solved = advance(model.plan, model.numbers, values, motor_angle, joint_angle, dt, out)
-    # the constructors of named tuples take twice as long and do the same
+    # the constructors of named tuples give the same result but take twice as long
     return (
         _tuple(State, (stamp, out[model.state_part])),
         _tuple(Estimate, (stamp, out[model.estimate_part], model.layout, solved)),
@@ -133,13 +133,13 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
 def run(
     model: Model, state: State, samples: Samples, into: NDArray[np.float64] | None = None
 ) -> tuple[State, Estimates]:
-    """``step`` over many samples in one call; bit for bit the same numbers.
+    """Apply ``step`` to many samples in one call; the results are bit-identical.
 
     Args:
         model: the prepared robot.
         state: as for ``step``.
-        samples: n of them.
-        into: where the estimates are to be written, shape (n, layout.size); None: a new array.
+        samples: n samples.
+        into: output array for the estimates, shape (n, layout.size); None: a new array.
     """
     stamps = samples.stamp_ns
     estimates = np.empty((stamps.size, model.layout.size)) if into is None else into

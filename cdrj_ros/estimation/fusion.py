@@ -1,10 +1,10 @@
-"""Measured tensions and efforts beside the angles: an ensemble Kalman filter, and who is believed.
+"""Fusion of measured tensions and efforts by an ensemble Kalman filter, with sensor checks.
 
-A load cell at one element says something of every element of its cable, by how the members'
-tensions vary together; a motor's effort says something of all cables on its drum.  The ensemble
-knows how much (Evensen 2003; perturbed observations, restricted to the cables concerned).  What is
-corrected is the material in the elements: elongation, friction history and the preload in one.
-docs/uncertainty.md.
+A load cell at one element corrects every element of its cable through the covariance of the
+members' tensions; a motor's effort corrects all cables on its drum.  The gain is computed from the
+ensemble (Evensen 2003; perturbed observations, restricted to the cables concerned).  The corrected
+quantity is the material in the elements, which determines elongation, friction history and preload
+together.  See docs/uncertainty.md.
 """
 
 from __future__ import annotations
@@ -28,63 +28,65 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 MODEL_ERROR: Final = 0.01
-"""Share of a measured value that the model may miss, beside the sensor's noise."""
+"""Standard deviation of the model's error, in addition to the sensor's noise, as a fraction of the
+measured value."""
 
 SLOW_DRIFT: Final = 0.002
-"""Spread that a preload gains in a second beside a load cell, as a share of it."""
+"""Random-walk spread of a preload after 1 s with load cells, as a fraction of the preload."""
 
 FREE_DRIFT: Final = 0.02
-"""The same where the preload is tracked from a motor's effort."""
+"""The same where the preload is tracked by a motor's effort."""
 
 JUDGED: Final = 50
-"""Readings over which a sensor is judged."""
+"""Number of latest readings over which a sensor is checked."""
 
 TOO_FAR: Final = 9.0
-"""A sensor whose squared residuals, over their expected variance, are more on average is wrong."""
+"""A sensor is dropped if its squared residuals divided by their variance exceed this on average."""
 
 OUTLIER: Final = 100.0
-"""A reading whose squared residual, over its expected variance, is more is not used."""
+"""A reading is rejected if its squared residual divided by its variance exceeds this."""
 
 STIFF: Final = 4.0
-"""A reading that stands still while the estimate moves by more deviations than this is frozen."""
+"""A sensor is frozen if its reading is constant while the estimate moves by more standard
+deviations than this."""
 
 RESPONSE: Final = (0.3, 3.0)
-"""A sensor is used once its readings move this many times as far as the estimate does."""
+"""A sensor is used once the slope of its readings over the estimate lies in this range (U4)."""
 
 TRIAL_STEP: Final = 0.25
-"""Between readings on trial the estimate must move by this share of their deviation."""
+"""Between readings on trial the estimate must move by this fraction of their standard deviation."""
 
 PROOF: Final = 0.05
-"""A motion must change the estimate by this share of its greatest value to prove a sensor."""
+"""A sensor passes its trial only if the estimate changes by this fraction of its largest value."""
 
 TRIED: Final = 400
-"""Latest readings, each after some motion, by which that is found out."""
+"""Number of latest readings on trial, each taken after some motion, that determine the slope."""
 
 HISTORY_NS: Final = 200_000_000
-"""A measurement may be this old [ns]."""
+"""Maximum age of a measurement [ns]."""
 
 KEPT: Final = 5_000
-"""Estimates kept for measurements that are yet to come, however close they are."""
+"""Maximum number of past estimates kept for late measurements."""
 
 LARGEST: Final = 1e9
-"""Measured values beyond this are none [N or N m]."""
+"""Measured values of larger magnitude are refused [N or N m]."""
 
 
 @dataclass
 class SensorHealth:
-    """Whether one sensor is used: on trial at first, then trusted, dropped for good if it fails."""
+    """State of one sensor: on trial first, then trusted; dropped permanently if it fails."""
 
     name: str
     dropped: str = ""
-    """Why it is not used any more; empty while it is."""
+    """Why the sensor was dropped; empty while it is not."""
     trusted: bool = False
-    """Whether its readings have followed a motion in proportion; before, none is used."""
+    """Whether the readings have followed a motion in proportion; until then none is used."""
     used: int = 0
     """Readings used so far."""
     refused: int = 0
-    """Readings refused: not finite, too old, far off, or of a sensor that has been dropped."""
+    """Readings refused: not finite, too old, outliers, or from a dropped sensor."""
     tried: int = 0
-    """Readings taken on trial, which correct nothing."""
+    """Readings on trial, which do not correct the estimate."""
     _squares: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     _values: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     _unaided: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
@@ -95,14 +97,14 @@ class SensorHealth:
     def judge(
         self, value: float, expected: float, unaided: float, variance: float, own: float
     ) -> bool:
-        """Take a reading; True where it may be used.
+        """Check a reading; True if it may be used.
 
         Args:
-            value: measured [N] or [N m].
-            expected: estimated for the same time.
-            unaided: the same without what was corrected so far: how it moves by itself.
-            variance: of value less expected, if all is as assumed.
-            own: the sensor's and the model's part of it.
+            value: measured value [N] or [N m].
+            expected: estimate for the same time.
+            unaided: the same estimate without the corrections made so far.
+            variance: expected variance of value minus expected.
+            own: the part of the variance due to sensor noise and model error.
         """
         if self.dropped:
             self.refused += 1
@@ -121,7 +123,7 @@ class SensorHealth:
         return True
 
     def _fault(self, value: float, expected: float, variance: float) -> str:
-        """What the last ``JUDGED`` readings have against the sensor; empty where nothing."""
+        """The fault that the last ``JUDGED`` readings show; empty if none."""
         mean = sum(self._squares) / JUDGED
         if max(self._values) == min(self._values) and (
             max(self._unaided) - min(self._unaided) > STIFF * variance**0.5
@@ -135,7 +137,7 @@ class SensorHealth:
         return ""
 
     def _try(self, value: float, unaided: float, own: float) -> bool:
-        """A reading on trial: whether, with those before it, it follows the motion, (U4)."""
+        """Add a reading on trial; True once the readings follow the motion, (U4)."""
         self.tried += 1
         if self._trial and abs(unaided - self._trial[-1][1]) < TRIAL_STEP * own**0.5:
             return False
@@ -161,14 +163,14 @@ class SensorHealth:
 
 
 class Fusion:
-    """Corrects estimate and ensemble by what other sensors say."""
+    """Corrects the estimate and the ensemble with measured tensions and efforts."""
 
     def __init__(self, spread: Spread, drift: float = SLOW_DRIFT) -> None:
         """Prepare for one robot.
 
         Args:
-            spread: its ensemble, changed by every correction.
-            drift: spread that preloads gain in a second, as a share of them.
+            spread: the robot's ensemble, changed by every correction.
+            drift: random-walk spread of a preload after one second, as a fraction of the preload.
         """
         model = spread.model
         layout, robot = model.layout, model.robot
@@ -192,56 +194,56 @@ class Fusion:
         }
         self.health: dict[str, SensorHealth] = {}
         self._history: deque[tuple[int, Vector, Vector]] = deque(maxlen=KEPT)
-        """Stamps, estimates, and what had been corrected in all by then, by column."""
+        """Stamps, estimates, and the total correction of each column up to then."""
         self._corrected = np.zeros(spread.columns.size)
         self._last_ns: dict[str, int] = {}
 
     def reset(self) -> None:
-        """Forget what was measured; every sensor is on trial again."""
+        """Discard all measurements; every sensor is on trial again."""
         self.health.clear()
         self.forget()
 
     def forget(self) -> None:
-        """Forget what was measured, but not which sensors are trusted or dropped."""
+        """Discard all measurements, but keep which sensors are trusted or dropped."""
         self._history.clear()
         self._last_ns.clear()
         self._corrected = np.zeros(self.spread.columns.size)
 
     @property
     def dropped(self) -> int:
-        """How many sensors have been dropped."""
+        """Number of dropped sensors."""
         return sum(bool(one.dropped) for one in self.health.values())
 
     def remember(self, estimate: Estimate) -> None:
-        """Keep an estimate for measurements that are yet to come."""
+        """Store an estimate for late measurements."""
         history = self._history
         history.append((estimate.stamp_ns, estimate.values, self._corrected))
         while estimate.stamp_ns - history[0][0] > HISTORY_NS:
             history.popleft()
 
     def noise_of(self, element: str) -> float:
-        """Noise of a load cell whose messages do not give one [N]."""
+        """Noise of a load cell whose messages give no standard deviation [N]."""
         return self.model.robot.cables[self._element_cable[element]].sensor_noise
 
     def knows(self, element: str) -> bool:
-        """Whether there is such an element."""
+        """Whether the robot has this element."""
         return element in self._element
 
     def tension(
         self, sample: Sample, state: State, stamp_ns: int, element: str, value: float, noise: float
     ) -> State:
-        """Correct by a measured tension.
+        """Correct the state and the ensemble with a measured tension.
 
         Args:
-            sample: the last one taken.
-            state: after it.
-            stamp_ns: time of the measurement [ns], after ``HISTORY_NS`` before the sample.
+            sample: the last processed sample.
+            state: the state after that sample.
+            stamp_ns: time of the measurement [ns], at most ``HISTORY_NS`` before the sample.
             element: ``cable/element``.
-            value: measured [N].
-            noise: its standard deviation [N], positive.
+            value: measured tension [N].
+            noise: standard deviation of the measurement [N], positive.
 
         Returns:
-            The corrected state; the same one where the reading was refused.
+            The corrected state; the same object if the reading was refused.
         """
         column = self._element[element]
         cables = [self._element_cable[element]]
@@ -250,7 +252,7 @@ class Fusion:
     def motor_effort(
         self, sample: Sample, state: State, stamp_ns: int, motor: str, value: float, noise: float
     ) -> State:
-        """Correct by a motor's measured effort [N m]; otherwise as ``tension``."""
+        """Correct with a motor's measured effort [N m]; otherwise as ``tension``."""
         column, cables = self._motor[motor], self._motor_cables[motor]
         return self._correct(sample, state, stamp_ns, motor, column, cables, value, noise)
 
@@ -306,10 +308,10 @@ class Fusion:
         return State(state.stamp_ns, values)
 
     def _expected(self, stamp_ns: int, place: int, column: int) -> float | None:
-        """What is now estimated for the time of a measurement; None where that is too long ago.
+        """The current estimate for the time of a measurement; None outside the stored history.
 
-        What has been corrected since is part of it: measurements that come late would otherwise
-        each tell the same news again.
+        It includes the corrections made since then; otherwise late measurements would apply the
+        same correction repeatedly.
         """
         history = self._history
         if not history or not history[0][0] <= stamp_ns <= history[-1][0]:
@@ -330,7 +332,7 @@ class Fusion:
         return then(after - 1) + share * (then(after) - then(after - 1))
 
     def _let_drift(self, name: str, stamp_ns: int, cables: list[int]) -> None:
-        """Let every member's preloads drift by a random walk, since they are not constant."""
+        """Add a random walk to every member's preloads, since preloads are not constant."""
         passed = (stamp_ns - self._last_ns.get(name, stamp_ns)) * 1e-9
         self._last_ns[name] = stamp_ns
         if passed <= 0.0:
@@ -351,7 +353,7 @@ class Fusion:
 
 
 class _CablePlaces:
-    """Where one cable's values lie in states, numbers and deviations."""
+    """Indices of one cable's values in states, numbers and deviations."""
 
     def __init__(self, model: Model, c: int) -> None:
         robot, layout = model.robot, model.layout
@@ -378,7 +380,7 @@ class _CablePlaces:
         ]
 
     def stretch(self, states: Table, numbers: Table, shift: Table) -> None:
-        """Move the tensions of some states by ``shift`` [N], shape (states, elements)."""
+        """Change the tensions in ``states`` by ``shift`` [N], shape (states, elements)."""
         cables: Any = number_views(self._sizes, numbers).cables
         stiffness = cables["axial_stiffness"][:, self._cable, None]
         state = state_views(self._sizes, states)
@@ -389,6 +391,6 @@ class _CablePlaces:
 
 
 def _mean_wrap(model: Model, pulley: int) -> float:
-    """Wrap of a pulley in the reference pose [rad]."""
+    """Wrap angle of a pulley in the reference pose [rad]."""
     reference = np.array([joint.reference_angle for joint in model.robot.joints])
     return float(shape_at(model, reference).wrap[pulley])

@@ -1,6 +1,6 @@
-"""Compiled steps of the ensemble's members, and the standard deviations from them.
+"""Compiled steps of the ensemble's members, and the resulting standard deviations.
 
-Called by ``cdrj_ros.estimation.ensemble``, which says what the members are.
+Called by ``cdrj_ros.estimation.ensemble``, which describes the members.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from cdrj_ros.model.status import INVALID, UNSURE
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
-# What is kept of the members' progress.
+# Indices in the array of the members' progress.
 TURN, LAST_STAMP, BEHIND, PROGRESS = range(4)
 
 MOVED: Final = 0.01
-"""An axis that has moved further than this in a gap has an unknown history [rad]."""
+"""If an axis moves further than this in a gap, the friction history is unknown [rad]."""
 
 UNSEEN_NS: Final = 1_000_000_000
-"""A longer time between two samples is a gap [ns]."""
+"""A longer time between two samples counts as a gap [ns]."""
 
 ROUND_NS: Final = 4_000_000
-"""Time in which all members are brought up to date while an axis is not seen [ns]."""
+"""Time within which all members are updated while an axis has no readings [ns]."""
 
 
-# A literal in a call has a type of its own, for which numba compiles the callee once more.
+# A literal argument has its own type, for which numba would compile the callee again.
 ONE: Final[Any] = np.int64(1)
 ANY: Final[Any] = np.int64(-1)
 
@@ -51,7 +51,7 @@ def _advance_member(
     estimate_size: int,
     out: Vector,
 ) -> bool:
-    """Bring one member up to date, or start it with its friction history; False: not solved.
+    """Update one member, or initialise it with its friction history; False: not solved.
 
     Takes 9 arguments because it passes the 7 of ``advance`` on.
     """
@@ -70,7 +70,7 @@ def _advance_member(
 
 @compiled
 def _is_invalid(estimate: Vector, elements: int, element: int) -> bool:
-    """Whether an estimate says nothing of an element, or of some element for ``ANY``."""
+    """Whether an element of the estimate is ``INVALID``; for ``ANY``, whether any element is."""
     if element >= 0:
         return int(estimate[elements + element]) & INVALID != 0
     flags = 0
@@ -83,7 +83,7 @@ def _is_invalid(estimate: Vector, elements: int, element: int) -> bool:
 def _was_unseen(
     last_stamp: int, stamp: int, last_angle: Vector, motor_angle: Vector, joint_angle: Vector
 ) -> bool:
-    """Whether an axis has moved in a gap before this sample."""
+    """Whether a gap precedes this sample during which an axis moved."""
     if last_stamp < 0 or stamp - last_stamp <= UNSEEN_NS:
         return False
     motors = motor_angle.size
@@ -98,15 +98,15 @@ def _was_unseen(
 
 @compiled
 def _is_on_the_way(unseen: Table) -> bool:
-    """Whether an axis may have been elsewhere between the sample before and this one."""
+    """Whether an axis may have moved unseen between the previous sample and this one."""
     return unseen.shape[0] > 0 and bool(np.any(unseen[1] > 0.0))
 
 
 @compiled
 def _note_unseen(unseen: Table, intervals: NDArray[np.int64]) -> bool:
-    """Count every axis's intervals without readings; whether one is not seen now.
+    """Count every axis's intervals without readings; True if an axis is in one now.
 
-    Twice the number of intervals, and one more during one of them.
+    ``intervals`` holds twice the number of past intervals, plus one during an interval.
     """
     hidden = False
     for a in range(intervals.size):
@@ -129,10 +129,10 @@ def _deviate(
     member: int,
     span: Table,
 ) -> None:
-    """Move a member's readings by its share of what has not been seen, within the axes' ranges.
+    """Shift a member's readings by its share of the angles' deviation, within the axes' ranges.
 
-    A member keeps its sense and size over a whole interval between readings: its way is a smooth
-    one, and what slips on it slips.
+    A member keeps sign and size of its share throughout an interval between readings, so its path
+    is smooth and cables slip along it as they would in a real motion.
     """
     for a in range(readings.size):
         if deviation[a] > 0.0:
@@ -150,7 +150,7 @@ def _forget(
     progress: NDArray[np.int64],
     intervals: NDArray[np.int64],
 ) -> None:
-    """Let all members start anew, since nobody knows what they have passed through."""
+    """Reset all members, because their friction history is unknown."""
     states[:] = 0.0
     deviation[:] = 0.0
     variance[:] = 0.0
@@ -160,7 +160,7 @@ def _forget(
 
 @compiled
 def _read(readings: Vector, angle: Vector, errors: Vector) -> None:
-    """What a member reads where the axes are at ``angle`` [rad]."""
+    """Write a member's readings, with its errors, for axes at ``angle`` [rad]."""
     for a in range(readings.size):
         readings[a] = angle[a] + errors[a]
 
@@ -177,9 +177,9 @@ def _take_deviation(
     variance: Vector,
     member: int,
 ) -> None:
-    """Take over a member's difference from the estimate, and its part in the variance (U1).
+    """Store a member's difference from the estimate and its contribution to the variance (U1).
 
-    What was not solved in either keeps its last difference.  Takes 9 arguments because kernels
+    Quantities not solved in either keep their last difference.  Takes 9 arguments because kernels
     take arrays and numbers, not objects.
     """
     members = deviation.shape[0]
@@ -192,7 +192,7 @@ def _take_deviation(
         d = own[columns[c]] - estimate[columns[c]]
         variance[c] += (d * d - deviation[member, c] * deviation[member, c]) / members
         deviation[member, c] = d
-    if member == members - 1:  # rounding does not add up
+    if member == members - 1:  # recompute, so that rounding errors do not accumulate
         for c in range(columns.size):
             total = 0.0
             for i in range(members):
@@ -228,11 +228,11 @@ def update_members(
     out: Vector,
     stddev: Vector,
 ) -> None:
-    """Bring the next ``count`` members up to date and write the standard deviations.
+    """Update the next ``count`` members and write the standard deviations.
 
-    All members where they have seen nothing yet, where an axis moved during a gap (their
-    histories start anew then), after samples of which something was not solved, and where an axis
-    may have been elsewhere since the sample before: each member then takes a path of its own (U3).
+    All members are updated at the first sample, after a gap during which an axis moved (their
+    histories then start anew), after samples that were not fully solved, and when an axis may have
+    moved unseen since the previous sample: each member then takes a path of its own (U3).
 
     Takes 25 arguments because kernels take arrays and numbers, not objects, and members share
     all of the memory of ``Spread``.  Longer than a screen because its arguments take half of one.
@@ -323,9 +323,9 @@ def run_members(
     estimates: Table,
     stddevs: Table,
 ) -> None:
-    """``advance`` and ``update_members`` over many samples, the very same functions.
+    """Call ``advance`` and ``update_members`` for many samples.
 
-    Takes 27 arguments because it passes those of ``update_members`` on.
+    Takes 27 arguments because it passes on those of ``update_members``.
     """
     size = state.size
     wanted = estimates.shape[1]
@@ -344,13 +344,13 @@ def run_members(
 
 @compiled
 def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -> None:
-    """Set ``UNSURE`` where a standard deviation exceeds a share of the tension or the preload.
+    """Set ``UNSURE`` where the standard deviation exceeds a fraction of the tension or preload.
 
     Args:
-        values: an estimate: tensions, then status of all elements, then the rest; changed.
-        preload: of every element's cable [N], shape (elements,).
-        stddev: of the tensions, then the rest [N].
-        share: see ``Options.unsure_share``.
+        values: an estimate: tensions, then status of all elements, then the rest; changed in place.
+        preload: preload of every element's cable [N], shape (elements,).
+        stddev: standard deviations of the tensions [N], then of the rest.
+        share: see ``Options.unsure_share``; of the tension or the preload, whichever is greater.
     """
     elements = preload.size
     for e in range(elements):

@@ -1,7 +1,7 @@
-"""What the members of the ensemble are drawn from: everything that is not known of a robot.
+"""Random draws for the members of the ensemble, one for every unknown of a robot.
 
-Parameters from their covariance, preloads, the tension of the cable on the drums, friction
-histories at the start, reading errors, and ways between readings.  docs/uncertainty.md.
+These are parameters (from their covariance), preloads, the tension of the cable on the drums,
+initial friction histories, reading errors, and paths between readings.  See docs/uncertainty.md.
 """
 
 from __future__ import annotations
@@ -23,26 +23,27 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 PERTURBATIONS: Final = 1021
-"""Rows of random reading errors that members take in turn; a prime, so that none has its own."""
+"""Rows of random reading errors, used by the members in turn; a prime, so that no member always
+gets the same rows."""
 
 SATURATED: Final = 0.7
-"""Share of cables whose pulleys start at their bounds, as after a long motion."""
+"""Fraction of cables whose pulleys start at their friction bounds, as after a long motion."""
 
 FRONTS: Final = (0.6, 0.25, 0.15)
-"""Chances that the sense of friction changes nowhere along a cable, at one place, at two."""
+"""Probabilities that the sign of friction changes at zero, one and two places along a cable."""
 
 WAYS: Final = 61
-"""Rows of deviations that members take in turn from interval to interval."""
+"""Rows of deviations, used in turn from one interval without readings to the next."""
 
 WOUND_SPREAD: Final = 0.3
-"""Spread of the logarithm of the tension at which the cable on a drum was wound."""
+"""Standard deviation of the logarithm of the tension at which the cable on a drum was wound."""
 
 
 def draw_members(robot: Robot, members: int, generator: np.random.Generator) -> list[Robot]:
-    """Robots whose parameters are drawn from their covariance; empty where all are exact.
+    """Robots with parameters drawn from their covariance; empty if all parameters are exact.
 
-    In pairs to both sides of the mean, and where there are fewer parameters than pairs with
-    exactly the given covariance, so that what depends linearly on them has exactly its spread.
+    The draws are antithetic pairs.  If there are no more parameters than pairs, the sample
+    covariance equals the given one, so quantities linear in the parameters have the exact spread.
     """
     known = robot.uncertainty
     if known is None or not robot.document:
@@ -58,7 +59,7 @@ def draw_members(robot: Robot, members: int, generator: np.random.Generator) -> 
 
 
 def _drawn(robot: Robot, parameters: tuple[str, ...], draw: Vector) -> Robot:
-    """The robot with its parameters moved by ``draw``, less far where no robot is there."""
+    """The robot with its parameters changed by ``draw``, or by less if that robot is invalid."""
     document: Any = robot.document
     for share in (1.0, 0.5, 0.25):
         values = {}
@@ -73,7 +74,7 @@ def _drawn(robot: Robot, parameters: tuple[str, ...], draw: Vector) -> Robot:
 
 
 def _within(value: float, rules: Mapping[str, Any], given: float) -> float:
-    """The value within the range that the schema allows."""
+    """The value limited to the schema's range; ``given`` if it violates an exclusive bound."""
     value = max(value, rules.get("minimum", value))
     value = min(value, rules.get("maximum", value))
     if value <= rules.get("exclusiveMinimum", -np.inf) or value >= rules.get(
@@ -84,14 +85,14 @@ def _within(value: float, rules: Mapping[str, Any], given: float) -> float:
 
 
 def wind_differently(model: Model, numbers: Table, generator: np.random.Generator) -> None:
-    """Let the cable on the drums have been wound at tensions of which nothing is known.
+    """Vary the unknown tension at which the cable on each drum was wound.
 
-    It lies there at the tension of the moment in which it was wound (E3), not at the preload.
+    Wound cable keeps the tension at which it was wound (E3), not the preload.
 
     Args:
         model: the prepared robot.
-        numbers: of all members, shape (members, numbers), changed.
-        generator: of the draws.
+        numbers: numbers of all members, shape (members, numbers), changed in place.
+        generator: random generator.
     """
     half = len(numbers) // 2
     cables: Any = number_views(model.sizes, numbers).cables
@@ -104,7 +105,7 @@ def wind_differently(model: Model, numbers: Table, generator: np.random.Generato
 def preload_differently(
     model: Model, numbers: Table, share: float, generator: np.random.Generator
 ) -> None:
-    """Let the members' preloads differ, cable by cable, by ``share`` of them."""
+    """Vary the members' preloads, cable by cable, with standard deviation ``share`` times each."""
     shape = shape_at(model, np.array([joint.reference_angle for joint in model.robot.joints]))
     half = len(numbers) // 2
     cables: Any = number_views(model.sizes, numbers).cables
@@ -122,12 +123,12 @@ def preload_differently(
 
 
 def friction_shares(members: int, pulleys: int, generator: np.random.Generator) -> Table:
-    """Friction histories that motions before the start may have left behind.
+    """Friction histories that motions before the start may have left.
 
     Returns:
-        Share of every pulley's bound that its friction holds, shape (members, pulleys): of one
-        sense as far as the last motion has come along the cable, of the other beyond, mostly all
-        of the bound; as many members with one sense as with the other.
+        Friction of every pulley as a fraction of its bound, shape (members, pulleys).  The sign
+        changes where the last motion ended along the cable; most members have the full bound.
+        Members come in pairs of opposite sign.
     """
     half = members // 2
     fronts = generator.integers(0, pulleys + 1, (half, len(FRONTS) - 1))
@@ -141,7 +142,7 @@ def friction_shares(members: int, pulleys: int, generator: np.random.Generator) 
 
 
 def reading_errors(robot: Robot, generator: np.random.Generator) -> Table:
-    """Errors of motor and joint angles [rad] from noise and resolution, (PERTURBATIONS, axes)."""
+    """Errors of motor and joint angles from noise and resolution [rad], (PERTURBATIONS, axes)."""
     sensors = [axis.sensor for axis in robot.axes]
     scale = np.array([abs(sensor.scale) for sensor in sensors])
     noise = scale * np.array([sensor.noise for sensor in sensors])

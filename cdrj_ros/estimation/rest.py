@@ -1,4 +1,4 @@
-"""Whether a robot has been at rest: a tare in motion would make every tension wrong."""
+"""Check that a robot is at rest: a tare in motion would make every tension wrong."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ REST_NS: Final = 300_000_000
 """Time for which every axis must have stood still before a tare [ns]."""
 
 REST_STEP_NS: Final = 10_000_000
-"""Samples further apart than this are looked at for that [ns]."""
+"""Minimum interval between the samples that are checked [ns]."""
 
 REST_FLOOR: Final = 1e-3
-"""An axis whose sensor has neither resolution nor noise stands still within this [rad]."""
+"""Movement allowed at rest for an axis whose sensor has neither resolution nor noise [rad]."""
 
 
 class RestWatch:
@@ -27,7 +27,7 @@ class RestWatch:
     def __init__(self) -> None:
         """Begin with no samples."""
         self._samples: deque[Sample] = deque()
-        """Thinned out to one in ``REST_STEP_NS``."""
+        """At most one sample per ``REST_STEP_NS``."""
         self._last: Sample | None = None
 
     def add(self, sample: Sample) -> None:
@@ -40,9 +40,9 @@ class RestWatch:
                 kept.popleft()
 
     def in_motion(self, robot: Robot) -> str:
-        """Why the robot does not count as at rest: the axis, its movement and what is allowed.
+        """Why the robot is not considered at rest: the axis, its movement and the allowed movement.
 
-        Empty where every axis has stayed within its sensor's errors for ``REST_NS``.
+        Empty if every axis has stayed within its sensor's errors for ``REST_NS``.
         """
         samples = [*self._samples, *([self._last] if self._last else [])]
         watched = samples[-1].stamp_ns - samples[0].stamp_ns if samples else 0

@@ -1,6 +1,6 @@
-"""The estimator as it lives in a node: readings in, estimates out, and what may change meanwhile.
+"""The live estimator of a node: readings in, estimates out, with changes at run time.
 
-No ROS here: a node converts messages, calls this, publishes what comes out.
+This module is independent of ROS: a node converts messages, calls it and publishes the results.
 """
 
 from __future__ import annotations
@@ -31,62 +31,63 @@ from cdrj_ros.robot.reader import build_robot
 Vector = NDArray[np.float64]
 
 EFFORT_INTERVAL_NS: Final = 50_000_000
-"""A motor's effort is used at most this often [ns]: its errors last longer than a sample."""
+"""Minimum interval between used efforts of a motor [ns]: their errors are correlated over time."""
 
 
 DOUBT: Final = 0.2
-"""Standard deviation of every preload, as a share of it, where something else is measured too."""
+"""Standard deviation of every preload, as a fraction of it, when tensions or efforts are used."""
 
 SMALLEST_NOISE: Final = 1e-6
 LARGEST_NOISE: Final = 1e6
-"""A load cell whose message gives a noise outside of these has the robot file's [N]."""
+"""Outside these limits a load cell's standard deviation is replaced by the robot file's [N]."""
 
 UNWATCHED_NS: Final = 100_000_000
-"""So long a time between two runs counts as nobody looking [ns]."""
+"""After a longer time between two runs, the friction history of a moved robot is unknown [ns]."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to run."""
+    """Options of the live estimator."""
 
     conditioning: Mode = "wait"
     """``wait`` for the slower channel, or ``predict`` it."""
     uncertainty: bool = True
     """Whether to estimate standard deviations."""
     unsure_share: float = 0.1
-    """An element is ``UNSURE`` whose standard deviation exceeds this share of its tension."""
+    """An element is ``UNSURE`` if its standard deviation exceeds this fraction of its tension or
+    preload, whichever is greater."""
     tension_sensors: bool = False
-    """Whether load cells are to be expected; their preloads may then drift."""
+    """Whether to use load cells; preloads may then drift."""
     track_preload: bool = False
-    """Whether to correct the preloads by the motors' efforts."""
+    """Whether to correct the preloads with the motors' efforts."""
     effort_noise: float = 0.01
     """Standard deviation of a motor's effort [N m]."""
     tracking: float | None = None
-    """Bandwidth of the filters between counts [Hz], 0 for none; None: the robot file's."""
+    """Bandwidth of the tracking filters [Hz], 0 for none; None: the robot file's."""
 
 
 def kernels_of(options: Options) -> tuple[Callable[..., Any], ...]:
-    """Outermost kernels of a live estimator, of which compilation takes noticeable time."""
+    """Outermost kernels of a live estimator, whose compilation takes noticeable time."""
     return (shape, advance, update_members) if options.uncertainty else (shape, advance)
 
 
 class Output(NamedTuple):
-    """One estimate and how sure it is."""
+    """One estimate and its standard deviations."""
 
     estimate: Estimate
     stddev: Vector | None
-    """In the order of ``spread_columns``; None where no uncertainty is estimated."""
+    """In the order of ``spread_columns``; None if no uncertainty is estimated."""
 
 
 class LiveEstimator:
-    """One robot's conditioning, estimate, uncertainty and sensors."""
+    """Conditioning, estimate, uncertainty and sensor fusion of one robot."""
 
     def __init__(self, model: Model, options: Options | None = None) -> None:
         """Prepare.
 
         Args:
             model: the prepared robot.
-            options: how to run.
+            options: the options; None: the defaults.
 
         Raises:
             UsageError: options that exclude each other or are out of range.
@@ -98,32 +99,32 @@ class LiveEstimator:
         self.options = options
         self.conditioner = Conditioner(model.robot, options.conditioning, tracking=options.tracking)
         self.unsolved = 0
-        """Samples of which some element was not solved."""
+        """Samples with at least one unsolved element."""
         self.unknown_elements = 0
-        """Readings of load cells at elements that the robot does not have."""
+        """Load cell readings of elements that the robot does not have."""
         self.overlooked = 0
-        """Readings of load cells and efforts that no sample came for."""
+        """Load cell readings and efforts discarded because no sample reached their stamp."""
         self.fusion: Fusion | None = None
         self._pending: list[tuple[int, str, float, float]] = []
         self._efforts_ns: dict[str, int] = {}
         self.started = model
-        """The robot in the beginning."""
+        """The robot as given at construction."""
         self.changes: dict[str, float] = {}
-        """Reference angles and preloads that were set since, by path [SI]."""
+        """Reference angles and preloads that were set since then, by path [SI]."""
         self.use(model)
         self.reset()
 
     def set_unsure_share(self, share: float) -> None:
-        """Change the share above which an element is ``UNSURE``."""
+        """Change ``Options.unsure_share``."""
         self.options = replace(self.options, unsure_share=share)
 
     def set_tracking(self, bandwidth: float | None) -> None:
-        """Change the filters between counts, see ``Options.tracking``; the estimate goes on."""
+        """Change the bandwidth of the tracking filters (``Options.tracking``); state is kept."""
         self.options = replace(self.options, tracking=bandwidth)
         self.conditioner.set_tracking(bandwidth)
 
     def use(self, model: Model) -> None:
-        """Go on with another robot of the same parts; state and readings stay."""
+        """Continue with other numbers of the same robot; state and readings are kept."""
         options = self.options
         measured = options.tension_sensors or options.track_preload
         spread: Spread | None = None
@@ -144,7 +145,7 @@ class LiveEstimator:
         )
 
     def reset(self) -> None:
-        """Forget readings, friction history and what was measured; the counters stay."""
+        """Discard readings, friction history and measurements; the counters are kept."""
         self.conditioner.reset()
         self._restart()
 
@@ -154,9 +155,9 @@ class LiveEstimator:
         self._steps = self.conditioner.steps
         self.state: State = initial_state(self.model)
         self.unaided: State = self.state
-        """What the state would be without other sensors."""
+        """The state without corrections by other sensors."""
         self.taught: set[str] = set()
-        """Sensors that make the difference between ``state`` and ``unaided``."""
+        """Sensors whose corrections distinguish ``state`` from ``unaided``."""
         self.sample: Sample | None = None
         self.overlooked += len(self._pending)
         self._pending.clear()
@@ -174,13 +175,13 @@ class LiveEstimator:
         unaided: Vector | None = None,
         taught: Iterable[str] = (),
     ) -> None:
-        """Continue from the state of an earlier run; the next sample shows what happened since.
+        """Continue from the state of an earlier run at the next sample.
 
         Args:
-            state: of the earlier run.
-            arrays: ``motor_angle`` and ``joint_angle``, as far as they are known.
+            state: the last state of the earlier run.
+            arrays: ``motor_angle`` and ``joint_angle`` at that state, where known.
             unaided: values of the state without other sensors; None: of the state itself.
-            taught: the sensors that make the difference.
+            taught: sensors whose corrections distinguish the two.
         """
         motor, joint = arrays.get("motor_angle"), arrays.get("joint_angle")
         self._restart_from = (state, motor, joint, unaided)
@@ -189,7 +190,7 @@ class LiveEstimator:
             self.conditioner.expect(np.concatenate([motor, joint]))
 
     def _take_up(self, sample: Sample) -> None:
-        """Join an earlier run's state to the first sample of this one."""
+        """Continue an earlier run's state at the first sample of this one."""
         assert self._restart_from is not None
         state, motor, joint, unaided = self._restart_from
         self._restart_from = None
@@ -206,7 +207,7 @@ class LiveEstimator:
             if before is not None and before.shape == now.shape and now.size:
                 moved = max(moved, float(np.max(np.abs(now - before))))
         if moved > MOVED and not 0 < late <= UNWATCHED_NS and self.spread is not None:
-            self.spread.reset()  # how it got there nobody has seen
+            self.spread.reset()  # the robot moved between the runs along an unknown path
 
     def feed(
         self,
@@ -215,15 +216,16 @@ class LiveEstimator:
         names: Sequence[str],
         positions: Sequence[float] | Vector,
     ) -> tuple[bool, list[Output]]:
-        """Take a message of angles.
+        """Process a message of angles.
 
         Args:
             kind: ``motors``, ``joints`` or ``both``.
-            stamp_ns: its stamp [ns].
-            names, positions: what it says [rad].
+            stamp_ns: stamp of the message [ns].
+            names: names of the axes.
+            positions: their angles [rad].
 
         Returns:
-            Whether the clock went back, and the estimates that are now possible.
+            Whether the clock jumped back, and the estimates that the message completes.
         """
         conditioner = self.conditioner
         if kind == "motors":
@@ -238,7 +240,7 @@ class LiveEstimator:
         return jumped, [self.take(sample) for sample in samples]
 
     def take(self, sample: Sample) -> Output:
-        """One sample through the estimator."""
+        """Process one sample."""
         if self._restart_from is not None:
             self._take_up(sample)
         self.state, estimate = step(self.model, self.state, sample)
@@ -268,13 +270,13 @@ class LiveEstimator:
         tensions: Sequence[float] | Vector,
         stddevs: Sequence[float] | Vector,
     ) -> None:
-        """Take a message of load cells; they are used with the sample that reaches their stamp.
+        """Queue a message of load cells; it is used with the first sample not before its stamp.
 
         Args:
-            stamp_ns: its stamp [ns].
+            stamp_ns: stamp of the message [ns].
             names: ``cable/element``.
-            tensions: measured [N].
-            stddevs: [N], as long, or empty for the robot file's.
+            tensions: measured tensions [N].
+            stddevs: one standard deviation per name [N]; empty: the robot file's.
         """
         fusion = self.fusion
         if fusion is None:
@@ -294,7 +296,7 @@ class LiveEstimator:
     def feed_efforts(
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
     ) -> None:
-        """Take measured efforts of motors [N m]; others are ignored."""
+        """Queue measured efforts of motors [N m]; other names are ignored."""
         if not self.options.track_preload:
             return
         for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
@@ -312,13 +314,13 @@ class LiveEstimator:
             )
 
     def _queue(self, stamp_ns: int, name: str, value: float, noise: float) -> None:
-        if len(self._pending) >= 10_000:  # nobody takes them: no angles come
+        if len(self._pending) >= 10_000:  # without angles no sample consumes them
             del self._pending[:5_000]
             self.overlooked += 5_000
         self._pending.append((stamp_ns, name, value, noise))
 
     def _use_pending(self, fusion: Fusion, sample: Sample) -> bool:
-        """Correct by what the sample has reached; True where corrections were undone."""
+        """Apply the pending measurements up to the sample; True if corrections were undone."""
         later = []
         for stamp, name, value, noise in self._pending:
             if stamp > sample.stamp_ns:
@@ -340,10 +342,10 @@ class LiveEstimator:
         return False
 
     def _take_back(self, fusion: Fusion) -> None:
-        """Undo all corrections by other sensors, since one of those sensors was wrong.
+        """Undo all corrections by other sensors, because one of these sensors was wrong.
 
-        The state becomes the uncorrected one, and the ensemble starts anew.  The sensors that are
-        still trusted correct both from there.
+        The uncorrected state replaces the state, and the ensemble starts anew.  Sensors that are
+        still trusted then correct both again.
         """
         self._pending.clear()
         self.taught.clear()
@@ -352,10 +354,10 @@ class LiveEstimator:
         fusion.forget()
 
     def tare(self) -> str:
-        """Take the present angles for the reference pose.
+        """Make the current angles the reference pose.
 
         Returns:
-            What was done, in words and numbers.
+            A description of the new reference.
 
         Raises:
             UsageError: no sample yet, or the robot is not at rest.
@@ -377,7 +379,7 @@ class LiveEstimator:
         return f"reference is now {', '.join(words)}; there the preloads are {preloads}"
 
     def set_preload(self, preloads: Mapping[str, float]) -> str:
-        """Set the preloads of cables in the reference pose [N]; starts anew.
+        """Set preloads of cables in the reference pose [N]; the estimate starts anew.
 
         Raises:
             UsageError: an unknown cable or a tension out of range.
@@ -394,21 +396,21 @@ class LiveEstimator:
         return "; ".join(f"{n}: {known[n]:g} N, now {v:g} N" for n, v in preloads.items())
 
     def set_numbers(self, values: Mapping[str, float]) -> str:
-        """Change numbers of the robot file, by path; friction history and readings stay.
+        """Change numbers of the robot file, by path; friction history and readings are kept.
 
         Raises:
-            UsageError, RobotFileError: what cannot be; nothing has changed then.
+            UsageError, RobotFileError: a value is invalid; nothing has changed then.
         """
         self.use(with_other_numbers(self.model, values))
         return ", ".join(f"{path} = {value:g}" for path, value in values.items())
 
     def change(self, values: Mapping[str, float]) -> None:
-        """Change reference angles and preloads, by path, for good; the estimate starts anew.
+        """Change reference angles and preloads, by path; the estimate starts anew.
 
-        A state file keeps them, and sensors that start again after a turn keep their turns.
+        The changes are written to the state file.  Sensors that wrap keep their count of turns.
 
         Raises:
-            UsageError, RobotFileError: what cannot be; nothing has changed then.
+            UsageError, RobotFileError: a value is invalid; nothing has changed then.
         """
         self.use(with_other_numbers(self.model, values))
         self.changes.update(values)
@@ -429,10 +431,10 @@ def mark_all_unsure(estimate: Estimate) -> None:
 
 
 def with_other_numbers(model: Model, values: Mapping[str, float]) -> Model:
-    """The robot with other numbers of its file, by path [SI].
+    """The robot with some numbers of its file replaced, by path [SI].
 
     Raises:
-        UsageError, RobotFileError: what cannot be.
+        UsageError, RobotFileError: a value is invalid.
     """
     document = with_numbers(dict(model.robot.document), values)
     for path, value in values.items():

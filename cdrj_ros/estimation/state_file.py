@@ -1,4 +1,4 @@
-"""What an estimator knows, in a file, so that a restart goes on where the last run ended."""
+"""State files: the memory of an estimator, so that a restart continues the last run."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model
 
 HEADER: Final = b"cdrj_ros state 4\n"
-"""How a state file begins."""
+"""First bytes of a state file."""
 
 MAXIMUM_BYTES: Final = 50_000_000
-"""A state file is small; more is not one."""
+"""Maximum size of a state file; a larger file is refused."""
 
 CHANGED: Final = re.compile(r"(motors|joints)\.\w+\.reference_angle|cables\.\w+\.preload")
 """Paths of the numbers that ``~/tare`` and ``~/set_preload`` set."""
@@ -37,7 +37,7 @@ class StateFileError(CdrjError):
 
 
 def _digest(model: Model) -> NDArray[np.uint8]:
-    """Of everything that a state only makes sense with."""
+    """Digest of the plan and the numbers, without which a state is meaningless."""
     digest = hashlib.sha256(b"cdrj_ros state 2")
     digest.update(model.plan.tobytes())
     digest.update(model.numbers.tobytes())
@@ -45,7 +45,7 @@ def _digest(model: Model) -> NDArray[np.uint8]:
 
 
 def with_checksum(content: bytes) -> bytes:
-    """The content of a state file: a line of its format, a checksum, then the arrays."""
+    """The content of a state file: a header line, a checksum, then the arrays."""
     return HEADER + hashlib.sha256(content).digest() + content
 
 
@@ -53,7 +53,7 @@ def _arrays(content: bytes, path: Path) -> dict[str, NDArray[Any]]:
     """The arrays in a state file.
 
     Raises:
-        StateFileError: the file is something else, or has changed since it was written.
+        StateFileError: not a state file, or damaged.
     """
     body = content[len(HEADER) + hashlib.sha256().digest_size :]
     if not content.startswith(HEADER):
@@ -73,13 +73,13 @@ def _packed(value: Any) -> NDArray[np.uint8]:
 
 
 def write_state(live: LiveEstimator, path: Path) -> bool:
-    """Write what an estimator knows, all or nothing: a crash leaves the old file or the new one.
+    """Write an estimator's memory atomically: a crash leaves the old file or the new one.
 
-    That is its state, and the reference angles and preloads that were set while it ran; these alone
-    where they were set and no sample has come since.
+    The file holds the state and the reference angles and preloads set at run time; only the latter
+    if no sample has been processed since they were set.
 
     Returns:
-        False where there is nothing to keep yet.
+        False if there is nothing to write yet.
 
     Raises:
         StateFileError: the file cannot be written.
@@ -112,13 +112,15 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
 
 
 def read_state(live: LiveEstimator, path: Path) -> str:
-    """Take up what a file says; the estimator is as it was where it says nothing usable.
+    """Restore an estimator from a file.
+
+    Reference angles and preloads are restored even if the state itself is refused afterwards.
 
     Returns:
-        What was taken up, in words; empty where there is no such file.
+        A description of what was restored; empty if there is no such file.
 
     Raises:
-        StateFileError: the file is not one, or another robot's.
+        StateFileError: the file is not a usable state file, or belongs to another robot.
     """
     try:
         if path.stat().st_size > MAXIMUM_BYTES:
@@ -142,10 +144,10 @@ def read_state(live: LiveEstimator, path: Path) -> str:
 
 
 def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
-    """State, ensemble, and what other sensors have taught the state.
+    """Restore the state, the ensemble and the sensors whose corrections the state contains.
 
     Raises:
-        StateFileError: what the file holds is unusable; nothing has changed then.
+        StateFileError: the content is unusable; the state has not changed then.
     """
     values, stamp = arrays["state"], arrays.get("stamp")
     unaided = arrays.get("unaided", values)
@@ -165,10 +167,10 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
 
 
 def _take_up_changes(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> str:
-    """Reference angles and preloads that were set in the earlier run; returns them in words.
+    """Restore reference angles and preloads that the earlier run set; returns a description.
 
     Raises:
-        StateFileError: what the file says cannot be; nothing has changed then.
+        StateFileError: the changes are unusable; nothing has changed then.
     """
     try:
         changes = json.loads(arrays["changes"].tobytes())
