@@ -1,4 +1,4 @@
-"""Recordings on disk; nothing else opens one."""
+"""Reading and writing of recordings; no other package opens them."""
 
 from cdrj_ros.bag.messages import RawMessage, TopicInfo, list_topics, read_messages
 from cdrj_ros.bag.recording import Recording, Topics, read_recording

@@ -1,6 +1,6 @@
-"""Recorded messages as they lie in a file: still bytes, but with their places in flat arrays.
+"""Recorded messages as undecoded bytes, with their offsets in flat arrays.
 
-Both kinds of files give the same: a `Batch` for every `Stretch`.
+Both storage formats are read as one `Batch` for every `Stretch`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Channel:
     topic: str
     msgtype: str
     encoding: str
-    """How messages are written: `cdr`."""
+    """Serialisation of the messages: `cdr`."""
     definition_encoding: str
     """`ros2msg`, `ros2idl` or empty."""
     definition: str
@@ -40,10 +40,10 @@ class Stretch:
     """Bytes of the file: the chunk's data, or the run."""
     first_ns: int
     last_ns: int
-    """Log times of the earliest and the latest message, as the chunk claims them."""
+    """Log times of the earliest and the latest message, as stated by the chunk."""
     compression: str = ""
     size: int = 0
-    """Bytes when decompressed."""
+    """Decompressed size [bytes]."""
     crc: int = 0
     cut: bool = False
     """The file ends before the chunk does."""
@@ -51,31 +51,31 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Batch:
-    """The messages of one stretch, in the order in which they lie there, still as bytes."""
+    """The undecoded messages of one stretch, in the order of the file."""
 
     raw: bytes
-    """What `start` counts from."""
+    """The bytes to which `start` refers."""
     channel: npt.NDArray[np.uint16]
     log_ns: Int64s
     start: Int64s
-    """First byte of each payload; the record's head lies before it."""
+    """Offset of each payload; the record's header precedes it."""
     length: Int64s
     """Bytes of each payload."""
     unpacked: Unpacked
-    """Counts messages that are unpacked on their own."""
+    """Counts the bytes of individually compressed messages when they are unpacked."""
     declared: tuple[tuple[int, bytes], ...] = ()
     """Schema and channel records found among the messages: (code, content)."""
     note: str = ""
-    """What was wrong with the stretch, as a sentence; empty where nothing was."""
+    """Description of a fault in the stretch; empty if there is none."""
 
     @property
     def octets(self) -> Octets:
-        """`raw` as numbers."""
+        """`raw` as an array of bytes."""
         return np.frombuffer(self.raw, np.uint8)
 
 
 def pick(octets: Octets, offsets: Int64s, width: int) -> Octets:
-    """The `width` bytes from each offset on, shape (n, width); copied row by row, not by byte."""
+    """The `width` bytes from each offset on, shape (n, width), copied by whole rows."""
     if not len(offsets):
         return np.empty((0, width), np.uint8)
     anywhere = np.lib.stride_tricks.as_strided(

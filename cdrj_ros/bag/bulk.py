@@ -1,8 +1,8 @@
-"""Many messages of one topic decoded at once.
+"""Bulk decoding of the messages of one topic.
 
-Payloads of equal length are stacked into rows.  The layout of one row is parsed with every check
-(`cdrj_ros.messages.cdr.read_layout`); all rows that agree with it in the bytes that decide the
-layout are then read by slicing columns.  A row that disagrees is parsed on its own.
+Payloads of equal length are stacked into rows.  The layout of one row is parsed with all checks
+(`cdrj_ros.messages.cdr.read_layout`); all rows whose layout-determining bytes equal those of that
+row are then read by slicing columns.  The layout of the first remaining row is parsed next.
 """
 
 from __future__ import annotations
@@ -23,45 +23,45 @@ from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.cdr import TEXT, Field, Layout, MessageError, MessageType, read_layout
 
 LEAD: Final = 8
-"""Bytes that lie before every payload, so that rows can be padded to words."""
+"""Bytes in front of every payload, so that rows can be padded to words."""
 
 _LAYOUTS_AT_ONCE: Final = 16
-"""New layouts tried on all rows of a batch; beyond, every message is likely to be different."""
+"""New layouts compared with all rows; after these, each row is parsed individually."""
 _LAYOUTS_KEPT: Final = 32
-"""Layouts remembered for each length of payload."""
+"""Layouts cached for each payload length."""
 _LAYOUT_BYTES_KEPT: Final = 1 << 24
-"""Of the payloads whose layouts are remembered; beyond, all are forgotten."""
+"""Total size of the payloads whose layouts are cached; beyond it the cache is cleared."""
 _UNPACKED_AT_ONCE: Final = 1 << 24
-"""Bytes of messages compressed on their own that are unpacked before they are decoded."""
+"""Bytes of individually compressed messages that are unpacked before decoding starts."""
 _SEC, _NANOSEC, _NAME = "header.stamp.sec", "header.stamp.nanosec", "name"
 
 
 @dataclass(frozen=True)
 class _Pattern:
-    """A layout, and how to tell the payloads that have it from those that do not."""
+    """A layout and the mask that identifies the payloads that have it."""
 
     layout: Layout
     mask: npt.NDArray[np.uint64]
-    """All ones over the bytes that decide the layout, shape (words,)."""
+    """All ones over the bytes that determine the layout, shape (words,)."""
     expected: npt.NDArray[np.uint64]
     """Those bytes, zero elsewhere, shape (words,)."""
     usable: bool
-    """There are as many values as names."""
+    """The numbers of values and names are equal."""
 
 
 class BulkDecoder:
-    """Takes the messages of one topic and keeps, per name, one array of each message.
+    """Decodes one array, by name, from the messages of one topic.
 
-    With `may_be_empty`, a message whose array is empty is passed over and not malformed.
+    With `may_be_empty`, a message whose array is empty is skipped instead of being malformed.
     """
 
     def __init__(self, message: MessageType, array: str, *, may_be_empty: bool = False) -> None:
-        """Decode `array` of `message`, which must have it and an array of names."""
+        """Decode `array` of `message`; the type must have this array and an array of names."""
         self.decoded = Decoded()
         self.refused: list[Int64s] = []
-        """Places (as in `Decoded.arrival`) of the messages refused whole."""
+        """Indices (as `Table.arrival`) of the refused messages."""
         self.first_refusal = ""
-        """What is wrong with the first of them."""
+        """Reason for the first refusal."""
         self._message = message
         self._array = array
         self._may_be_empty = may_be_empty
@@ -70,7 +70,7 @@ class BulkDecoder:
         _require(message, array)
 
     def add(self, batch: Batch, chosen: Int64s, first: int) -> None:
-        """Decode the messages of `batch` at the indices `chosen`; `first` lie before the batch."""
+        """Decode messages `chosen` of `batch`; `first` messages precede the batch."""
         for octets, start, length, index in plain_payloads(batch, chosen):
             log_ns, arrival = batch.log_ns[index], first + index
             for size in np.unique(length).tolist():
@@ -87,7 +87,7 @@ class BulkDecoder:
         self.first_refusal = self.first_refusal or reason
 
     def _add_rows(self, rows: Octets, pad: int, log_ns: Int64s, arrival: Int64s) -> None:
-        """Payloads of one length, each in the last bytes of its row."""
+        """Decode payloads of one length, each right-aligned in its row."""
         if self._pattern_bytes > _LAYOUT_BYTES_KEPT:
             self._patterns.clear()
             self._pattern_bytes = 0
@@ -124,7 +124,7 @@ class BulkDecoder:
         arrival: Int64s,
         todo: Int64s,
     ) -> Int64s:
-        """Keep those of the rows `todo` that have the pattern's layout; return the others."""
+        """Decode the rows among `todo` that have the pattern's layout; return the others."""
         words = rows.view(np.uint64)
         fits = _fits(words if len(todo) == len(rows) else words[todo], pattern)
         found, others = (todo, todo[:0]) if fits.all() else (todo[fits], todo[~fits])
@@ -163,13 +163,13 @@ class BulkDecoder:
 
 
 def _fits(words: npt.NDArray[np.uint64], pattern: _Pattern) -> npt.NDArray[np.bool_]:
-    """Which rows agree with the pattern's layout: `words` (m, w) → (m,)."""
+    """Whether each row has the pattern's layout: `words` (m, w) → (m,)."""
     same: npt.NDArray[np.bool_] = ((words & pattern.mask) == pattern.expected).all(axis=1)
     return same
 
 
 def _require(message: MessageType, array: str) -> None:
-    """Refuse a definition that lacks what is to be read."""
+    """Raise BagError unless the definition has the array and the names."""
     fields = {field.name: field for field in message.fields}
     for name, text in ((_NAME, True), (array, False)):
         field: Field | None = fields.get(name)
@@ -181,11 +181,11 @@ def _require(message: MessageType, array: str) -> None:
 
 
 def plain_payloads(batch: Batch, chosen: Int64s) -> Iterator[tuple[Octets, Int64s, Int64s, Int64s]]:
-    """(octets, start, length, index) of the messages at the indices `chosen`, none compressed.
+    """(octets, start, length, index) of the messages at the indices `chosen`, decompressed.
 
-    Messages that were compressed on their own (rosbag2's message mode) are known by zstd's first
-    bytes, since plain CDR begins with a zero; they are decompressed into octets of their own, some
-    of them at a time.  At least eight bytes lie before every payload.
+    Individually compressed messages (rosbag2's message mode) are recognised by zstd's magic bytes,
+    since plain CDR begins with a zero; they are decompressed in groups into new octets.  At least
+    eight bytes precede every payload.
     """
     octets, start, length = batch.octets, batch.start[chosen], batch.length[chosen]
     magic = np.frombuffer(ZSTD_MAGIC, np.uint8)
@@ -208,7 +208,7 @@ def plain_payloads(batch: Batch, chosen: Int64s) -> Iterator[tuple[Octets, Int64
 
 
 def unpack_message(data: bytes, unpacked: Unpacked) -> bytes:
-    """A payload that was compressed on its own; empty where that cannot be undone or is too large.
+    """Decompress one payload; empty if that fails or the result is too large.
 
     Raises:
         BagError: the file unpacks to more than `unpacked` allows.

@@ -1,4 +1,4 @@
-"""Message definitions: those embedded in a bag taken apart, our own made ready for embedding."""
+"""Message definitions: parsing those embedded in a bag, and providing our own for embedding."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Definition(NamedTuple):
     """A message definition as it is embedded in a bag."""
 
     text: str
-    """The .msg text, with every message it uses appended."""
+    """The .msg text, with the definitions of nested messages appended."""
     hash: str
     """The type's RIHS01 hash."""
 
@@ -65,10 +65,10 @@ def long_name(msgtype: str) -> str:
 
 @lru_cache(maxsize=64)
 def message_type(msgtype: str, encoding: str, text: str) -> MessageType:
-    """The fields of a message as its bag defines them; ours where the bag has no .msg text.
+    """The fields of a message as its bag defines them, or our own if the bag has no .msg text.
 
-    Raises BagError for a definition that cannot be read, and for a message whose numbers have no
-    fixed place (sequences of messages, wide strings).
+    Raises BagError for a definition that cannot be parsed, and for unsupported fields (sequences of
+    messages, wide strings).
     """
     if encoding == "ros2msg" and text.strip():
         return parse_definition(msgtype, text)
@@ -78,7 +78,7 @@ def message_type(msgtype: str, encoding: str, text: str) -> MessageType:
 
 
 def parse_definition(msgtype: str, text: str) -> MessageType:
-    """Take apart a .msg text to which the messages it uses are appended."""
+    """Parse a .msg text with the definitions of nested messages appended."""
     if len(text) > DEFINITION_BYTES:
         raise BagError(f"the definition of {msgtype} has more than {DEFINITION_BYTES} characters")
     parts = _SECTION.split(text)
@@ -90,7 +90,7 @@ def parse_definition(msgtype: str, text: str) -> MessageType:
 
 
 class _Flattening:
-    """The fields of a definition with nested messages written out."""
+    """The fields of a definition with nested messages expanded."""
 
     def __init__(self, msgtype: str, sections: dict[str, str]) -> None:
         """`sections` holds the texts of the nested messages by short name."""
@@ -100,7 +100,7 @@ class _Flattening:
         self._lines = 0
 
     def add(self, text: str, package: str, prefix: str, depth: int) -> None:
-        """Append what `text` defines; short type names are looked up in `package`."""
+        """Append the fields that `text` defines; short type names are looked up in `package`."""
         if depth > DEFINITION_DEPTH:
             raise self._error(f"is nested too deeply at {prefix!r}")
         for raw in text.splitlines():
@@ -136,7 +136,7 @@ class _Flattening:
 
 
 def _count(inside: str) -> int:
-    """Values in an array by what stands in its brackets; 0 where the message itself says."""
+    """Length of an array from the text in its brackets; 0 for a sequence."""
     if not (inside.isascii() and inside.isdigit()):
         return 0
     return int(inside[:20])

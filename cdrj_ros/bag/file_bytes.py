@@ -1,4 +1,4 @@
-"""The bytes of one file, read where they are needed."""
+"""Random access to the bytes of one file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def open_regular(path: Path) -> IO[bytes]:
     """Open a regular file for reading; a pipe or a device might never end.
 
     Raises:
-        BagError: it cannot be read or is no regular file.
+        BagError: it cannot be read or is not a regular file.
     """
     try:
         stream = open(path, "rb", opener=_without_waiting)  # noqa: SIM115
@@ -30,30 +30,30 @@ def open_regular(path: Path) -> IO[bytes]:
 
 
 def _without_waiting(path: str, flags: int) -> int:
-    """Opening a named pipe would otherwise wait for a writer."""
+    """Open without blocking: opening a named pipe would otherwise wait for a writer."""
     return os.open(path, flags | os.O_NONBLOCK)
 
 
 class FileBytes:
-    """A file read by place, from any thread.
+    """A file read by offset, from any thread.
 
-    The file is not mapped into memory: a file that is cut while it is read would end the process
-    (SIGBUS).  Here it gives fewer bytes.
+    The file is not memory-mapped: truncating a mapped file while it is read would kill the process
+    (SIGBUS).  Here, reading it returns fewer bytes.
     """
 
     def __init__(self, stream: IO[bytes]) -> None:
-        """Keep a regular file open, whatever becomes of `stream`."""
+        """Keep a regular file open, independently of `stream`."""
         self._descriptor = os.dup(stream.fileno())
         self._window = b""
         self._at = 0
         self.size = os.fstat(self._descriptor).st_size
 
     def __del__(self) -> None:
-        """Close the file: nobody else knows when the last batch has been read."""
+        """Close the file; there is no other point at which the last batch is known to be read."""
         os.close(self._descriptor)
 
     def read(self, start: int, stop: int) -> bytes:
-        """The bytes [start, stop), fewer where the file has become shorter."""
+        """The bytes [start, stop), or fewer if the file has been truncated."""
         parts: list[bytes] = []
         while start < stop and (part := os.pread(self._descriptor, stop - start, start)):
             parts.append(part)
@@ -61,7 +61,7 @@ class FileBytes:
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def peek(self, start: int, count: int) -> bytes:
-        """As `read`, of a few bytes, for one thread that goes through the file in order."""
+        """Read a few bytes through a window, for a single thread that reads in order."""
         at = start - self._at
         if at < 0 or at + count > len(self._window):
             self._window, self._at, at = self.read(start, start + _WINDOW), start, 0

@@ -1,4 +1,4 @@
-"""The part of an MCAP file that holds messages, a chunk or a run of records, as a `Batch`."""
+"""Decoding of a chunk, or a run of message records, of an MCAP file into a `Batch`."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from cdrj_ros.bag.batch import Batch, Int64s, Stretch, column, pick
 from cdrj_ros.bag.bounds import DEFINITION_BYTES, Unpacked
 
 FRAME: Final = struct.Struct("<BQ")
-"""Before every record: its code, and the length of its content [bytes]."""
+"""Header of every record: its code and the length of its content [bytes]."""
 SCHEMA, CHANNEL, MESSAGE = 3, 4, 5
 MESSAGE_HEAD: Final = 31
 """Bytes of a message record before its payload: code, length, channel, sequence and two times."""
 AT_A_TIME: Final = 1 << 20
-"""Bytes that are decompressed at a time."""
+"""Number of bytes decompressed at a time."""
 
 
 def read_chunk(packed: bytes, stretch: Stretch, unpacked: Unpacked, where: str) -> Batch:
-    """The messages of a stretch; a note begins with `where`."""
+    """The messages of a stretch; `where` begins the note on a fault."""
     shortened = len(packed) < stretch.stop - stretch.start
     if shortened:
         stretch = replace(stretch, cut=True)
@@ -41,7 +41,7 @@ def read_chunk(packed: bytes, stretch: Stretch, unpacked: Unpacked, where: str) 
 
 
 def _unpack_chunk(packed: bytes, stretch: Stretch) -> tuple[bytes | None, str]:
-    """A chunk's data, and what was wrong with it.  A cut chunk gives what decompresses."""
+    """A chunk's data, as far as it decompresses if truncated, and a note on its fault."""
     try:
         if stretch.compression == "":
             raw = packed
@@ -63,7 +63,7 @@ def _unpack_chunk(packed: bytes, stretch: Stretch) -> tuple[bytes | None, str]:
 
 
 def _unzstd(packed: bytes, size: int, *, cut: bool) -> bytes:
-    """At most `size` + 1 bytes, however many the data claims."""
+    """Decompress at most `size` + 1 bytes, whatever size the data claims."""
     claimed = zstandard.frame_content_size(packed) if len(packed) >= 18 else -1
     if not cut and claimed == size:
         return zstandard.ZstdDecompressor().decompress(packed)
@@ -77,7 +77,7 @@ def _unzstd(packed: bytes, size: int, *, cut: bool) -> bytes:
 
 
 def _walk_chunk(raw: bytes) -> tuple[Int64s, tuple[tuple[int, bytes], ...], int]:
-    """Starts of the message records, other records' content, and the bytes left over at the end."""
+    """Offsets of the message records, schema and channel records, and the number of bytes left."""
     offsets = array("q")
     declared: list[tuple[int, bytes]] = []
     append, unpack = offsets.append, FRAME.unpack_from

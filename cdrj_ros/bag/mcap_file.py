@@ -1,12 +1,12 @@
-"""One MCAP file as it is: whole, without an index, or cut; compressed in chunks or not at all.
+"""Reader of an MCAP file that may be complete, unindexed or truncated, compressed or not.
 
-The file is walked record by record from its start, never by its index, so that every state of a
-file is read by the same code and a cut file gives all that lies before the cut.  Records are only
-framed here (code, length); what they hold goes into flat arrays, a `Batch` per stretch of the file.
+The file is read record by record from its start, never through its index, so that the same code
+reads every kind of file and returns all messages before a truncation.  This module only frames the
+records (code, length); their content goes into flat arrays, one `Batch` per stretch of the file.
 
-The project has a reader of its own beside the `mcap` package's because that one gives one message
-at a time and stops where a file is cut.  Reading and decoding takes 0.07 of the time that `rosbags`
-takes (docs/speed.md).  The records themselves are `mcap`'s.
+This reader replaces that of the `mcap` package, which yields one message at a time and stops with
+an error at a truncation.  Reading and decoding takes 0.07 of the time that `rosbags` takes
+(docs/speed.md).  The record classes are those of `mcap`.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ _FOOTER, _CHUNK, _STATISTICS, _DATA_END = 2, 6, 11, 15
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _MESSAGE_TIME = struct.Struct("<15xq")
 _LONGEST_NAME = 32
-"""Bytes of the name of a chunk's compression."""
+"""Maximum length of the name of a chunk's compression [bytes]."""
 _RUN_BYTES = 1 << 22
-"""Of messages outside chunks that are read at once."""
+"""Size of a run of messages outside chunks that is read at once."""
 _MALFORMED = (EndOfFile, struct.error, ValueError, IndexError)
 
 
@@ -58,17 +58,17 @@ class McapFile:
     """An MCAP file opened for reading.
 
     `channels` grows while batches are read, since channels may be declared inside chunks;
-    `counts` is known from the start where the file has statistics.
+    `counts` is available from the start if the file has statistics.
     """
 
     def __init__(self, path: Path) -> None:
-        """Frame the file's records; no message is read yet."""
+        """Frame the file's records without reading messages."""
         self.path = path
         self.channels: dict[int, Channel] = {}
         self.counts: Mapping[int, int] | None = None
         self.stretches: tuple[Stretch, ...] = ()
         self.complete = False
-        """The file ends with a footer, as a closed one does."""
+        """Whether the file ends with a footer, i.e. was closed properly."""
         self.indexed = False
         self.notes: list[str] = []
         self.messages_read = 0
@@ -103,7 +103,7 @@ class McapFile:
                 yield self._accept(ahead.popleft()[1].result())
 
     def declare_all(self) -> None:
-        """Make `channels` complete, reading the whole file if its summary does not list them."""
+        """Complete `channels`, reading the whole file if its summary does not list them."""
         if not (self.complete and self.indexed):
             for _ in self.batches():
                 pass
@@ -145,7 +145,7 @@ class McapFile:
         return FileBytes(stream)
 
     def _unpack(self, packed: IO[bytes], plain: IO[bytes]) -> None:
-        """Undo rosbag2's compression of whole files, as far as the file goes."""
+        """Decompress a file compressed as a whole (rosbag2's file mode), as far as possible."""
         unpacked = Unpacked(self.path, self._packed_size)
         decompressor = zstandard.ZstdDecompressor()
         with decompressor.stream_reader(packed, read_across_frames=True) as reader:
@@ -203,7 +203,7 @@ class McapFile:
         self.stretches = tuple(stretches)
 
     def _loose(self, start: int, stop: int) -> Stretch | None:
-        """A message record outside chunks; None where it is too short to be one, or too long."""
+        """A message record outside chunks; None if it is too short or too long."""
         head = self._data.peek(start, MESSAGE_HEAD)
         if stop - start < MESSAGE_HEAD or len(head) < MESSAGE_HEAD:
             return None
@@ -217,7 +217,7 @@ class McapFile:
         return Stretch(start, stop, log_ns, log_ns, size=stop - start)
 
     def _note_record(self, code: int, body: int, after: int, data_ended: bool) -> None:
-        """Take in a record that holds no messages."""
+        """Process a record that holds no messages."""
         if code in (SCHEMA, CHANNEL):
             content = self._data.read(body, min(after, body + DEFINITION_BYTES + 1))
             self._declare(code, content)
@@ -228,7 +228,7 @@ class McapFile:
             self.complete = self._data.read(after, after + len(MAGIC)) == MAGIC
 
     def _chunk(self, body: int, stop: int, *, cut: bool) -> list[Stretch]:
-        """The chunk record [body, stop); nothing where it is too short to have begun."""
+        """The stretch of the chunk record [body, stop); empty if the chunk has no usable header."""
         head = self._data.read(body, min(stop, body + _CHUNK_HEAD.size + _LONGEST_NAME + 8))
         if len(head) < _CHUNK_HEAD.size:
             return []
@@ -300,7 +300,7 @@ class McapFile:
 
 
 def _joined(run: Stretch, more: Stretch) -> Stretch:
-    """Two runs of messages outside chunks that follow one another."""
+    """Join two consecutive runs of messages outside chunks."""
     return Stretch(
         run.start,
         more.stop,
@@ -311,7 +311,7 @@ def _joined(run: Stretch, more: Stretch) -> Stretch:
 
 
 def _require_printable(name: str) -> None:
-    """Names end up in messages of one line; a name with control characters is damage."""
+    """Refuse names with control characters: names appear in one-line messages."""
     if not name.isprintable():
         raise ValueError(name)
 

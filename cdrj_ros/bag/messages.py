@@ -1,4 +1,4 @@
-"""The messages of a bag in order of time, still as bytes, and its topics."""
+"""The undecoded messages of a bag in order of time, and its topics."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class RawMessage(NamedTuple):
 
     topic: str
     log_ns: int
-    """When it was recorded [ns]."""
+    """Log time [ns]."""
     data: bytes
-    """CDR, encapsulation included; empty where its own compression is damaged."""
+    """CDR payload with encapsulation; empty if the message could not be decompressed."""
     msgtype: str
 
 
@@ -35,11 +35,11 @@ class TopicInfo:
     name: str
     msgtype: str
     count: int
-    """Messages that are there to be read."""
+    """Number of readable messages."""
 
 
 def list_topics(path: Path | str) -> tuple[TopicInfo, ...]:
-    """The topics of a bag by name; messages are read only where the file has no statistics."""
+    """The topics of a bag, sorted by name; messages are read only if a file has no statistics."""
     source = open_source(path)
     found: dict[str, TopicInfo] = {}
     for file in source.files:
@@ -60,9 +60,9 @@ def read_messages(
 ) -> Iterator[RawMessage]:
     """The messages of these topics in order of log time, across topics and split files.
 
-    Only those with start_ns ≤ log_ns < end_ns, where given.  Equal times keep the order of the
-    file.  Missing topics are ignored, but BagError is raised at once where all are missing.  Only
-    the parts of the bag that overlap in time are in memory.
+    Only messages with start_ns ≤ log_ns < end_ns are yielded.  Messages with equal times keep the
+    order of the file.  Missing topics are ignored, but BagError is raised at once if all are
+    missing.  Only parts of the bag that overlap in time are in memory together.
     """
     source = path if isinstance(path, Source) else open_source(path)
     for file in source.files:
@@ -82,7 +82,7 @@ def read_messages(
 
 
 def _counts(file: BagFile) -> dict[int, int]:
-    """Messages by channel number, every declared channel included."""
+    """Number of messages by channel number, for every declared channel."""
     if file.complete and file.indexed and file.counts is not None:
         return {number: file.counts.get(number, 0) for number in file.channels}
     counts: dict[int, int] = {}
@@ -94,10 +94,10 @@ def _counts(file: BagFile) -> dict[int, int]:
 
 
 class _Waiting(NamedTuple):
-    """Messages of one batch that are still to be yielded, in order of log time."""
+    """Messages of one batch not yet yielded, in order of log time."""
 
     rank: int
-    """Place of the batch among all of the bag; decides the order of equal times."""
+    """Index of the batch in the bag; determines the order of messages with equal times."""
     batch: Batch
     channels: dict[int, Channel]
     place: Int64s
@@ -106,7 +106,7 @@ class _Waiting(NamedTuple):
 
 
 def _in_order(source: Source, topics: set[str], low: int, high: int) -> Iterator[RawMessage]:
-    """Merge: a message is yielded once no later stretch can hold an earlier one."""
+    """Merge the stretches; a message is yielded once no later stretch can hold an earlier one."""
     parts = [(stretch, file) for file in source.files for stretch in file.stretches]
     plan = [
         (rank, stretch, file)
@@ -133,7 +133,7 @@ def _in_order(source: Source, topics: set[str], low: int, high: int) -> Iterator
 
 
 def _split(waiting: list[_Waiting], until: int) -> tuple[list[_Waiting], list[_Waiting]]:
-    """Split into messages from `until` on, which must wait, and those before."""
+    """Split into messages from `until` on, which must wait, and earlier ones."""
     later: list[_Waiting] = []
     ready: list[_Waiting] = []
     for part in waiting:

@@ -1,4 +1,4 @@
-"""The text of rosbag2's metadata.yaml (version 9, as ROS 2 Jazzy writes it)."""
+"""Text of rosbag2's metadata.yaml (version 9, as written by ROS 2 Jazzy)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _text(content: object) -> str:
 
 
 def _qos() -> dict[str, Any]:
-    """Reliable, the last ten; a fresh value each time, so that YAML writes no anchors."""
+    """Reliable with depth 10; a new object for each call, so that YAML writes no anchors."""
 
     def forever() -> dict[str, int]:
         return {"sec": 9223372036, "nsec": 854775807}
@@ -43,7 +43,7 @@ def _qos() -> dict[str, Any]:
 
 
 OFFERED_QOS: Final = _text([_qos()]).strip()
-"""What publishers of written topics are said to have offered, in a channel's metadata."""
+"""QoS profiles that a channel's metadata states for the publishers of written topics."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,12 @@ class WrittenTopic:
     name: str
     msgtype: str
     type_hash: str
-    """RIHS01 hash, empty where not known."""
+    """RIHS01 hash; empty if unknown."""
     count: int
 
 
 def information(file_name: str, start_ns: int, end_ns: int, topics: Sequence[WrittenTopic]) -> str:
-    """What is known of a bag of one file, in YAML, as it also stands inside the MCAP file."""
+    """Metadata of a bag of one file, in YAML; the same text is stored inside the MCAP file."""
     count = sum(topic.count for topic in topics)
 
     def extent() -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A bag as channels of numbers over time: measured inputs and the references beside them."""
+"""A bag as time series: measured inputs and references."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cdrj_ros.messages.cdr import JOINT_STATE, REFERENCE_ARRAYS
 
 @dataclass(frozen=True)
 class Topics:
-    """Names of the topics that are read."""
+    """Names of the topics to read."""
 
     motors: str = "/cdrj/motor_states"
     joints: str = "/cdrj/joint_states"
@@ -29,18 +29,18 @@ class Topics:
         "/reference/nodal_forces",
         "/reference/efforts",
     )
-    """Each holds CableTensions, NodalForces or efforts in a JointState; all may be missing."""
+    """Each carries CableTensions, NodalForces or JointState with efforts; all may be missing."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """The numbers of one bag."""
+    """Time series of one bag."""
 
     path: Path
     start_ns: int
     """Log time [ns] of the earliest message read from the selected topics."""
     end_ns: int
-    """Log time [ns] of the latest."""
+    """Log time [ns] of the latest such message."""
     motors: Mapping[str, Series]
     """Motor angles by name [rad]."""
     joints: Mapping[str, Series]
@@ -48,9 +48,9 @@ class Recording:
     references: Mapping[str, Series]
     """`tension/upper/8` [N], `nodal_force/upper/3` (magnitude) [N], `effort/spindle` [N·m]."""
     malformed: Mapping[str, int]
-    """Messages refused whole, by topic: not decodable, or not as many values as names."""
+    """Number of refused messages by topic: undecodable, or unequal numbers of values and names."""
     notes: tuple[str, ...]
-    """Anything unusual about the bag, as sentences."""
+    """Irregularities of the bag, as sentences."""
 
 
 def read_recording(
@@ -60,10 +60,10 @@ def read_recording(
     motor_names: Collection[str] | None = None,
     joint_names: Collection[str] | None = None,
 ) -> Recording:
-    """Read a rosbag2 folder, a folder of MCAP files, or one MCAP file, whole, cut or unindexed.
+    """Read a rosbag2 folder, a folder of files, or one file; it may be truncated or unindexed.
 
-    Of names given, all must appear, and no others are kept; of None, all are kept.  A name that a
-    message gives twice has both values.  Raises BagError.
+    If names are given, all must appear and only these are kept; None keeps all names.  If a message
+    repeats a name, both values are kept.  Raises BagError.
     """
     source = path if isinstance(path, Source) else open_source(path)
     reading = _Reading(source, topics)
@@ -80,17 +80,17 @@ def read_recording(
 
 @dataclass(frozen=True)
 class _Role:
-    """What one channel is read for."""
+    """A use of one channel, as input or as reference."""
 
     topic: str
     is_input: bool
     prefix: str
-    """Of the names of its series."""
+    """Prefix of the names of its series."""
     decoder: BulkDecoder
 
 
 class _Reading:
-    """Decoders by topic and type, made when a channel's first message is seen."""
+    """Decoders of the selected channels, each created at its channel's first message."""
 
     def __init__(self, source: Source, topics: Topics) -> None:
         self._source = source
@@ -102,7 +102,7 @@ class _Reading:
         self._notes: list[str] = []
 
     def require_inputs(self) -> None:
-        """Refuse a bag without the topics that the angles come from."""
+        """Raise BagError if a topic of motor or joint angles is missing."""
         there = self._source.channels()
         for topic in self._inputs:
             if topic not in there:
@@ -158,7 +158,7 @@ class _Reading:
         return references
 
     def _plausible(self, name: str, series: Series) -> Series:
-        """The series, where necessary with NaN in place of values that are no measurements."""
+        """The series with implausibly large values replaced by NaN."""
         beyond = np.isfinite(series.value) & (np.abs(series.value) > LARGEST_REFERENCE)
         if not beyond.any():
             return series
@@ -170,7 +170,7 @@ class _Reading:
         return replace(series, value=value)
 
     def _series(self, topic: str, *, is_input: bool) -> dict[str, Series]:
-        """What a topic holds, by name; the decoders are emptied."""
+        """The series of a topic by name; this empties the decoders."""
         by_prefix: dict[str, list[Decoded]] = {}
         for made in self._roles.values():
             for role in made:
@@ -183,7 +183,7 @@ class _Reading:
         }
 
     def _refusals(self, malformed: Mapping[str, int]) -> list[str]:
-        """Why messages were refused, by topic."""
+        """Sentences with the number of refused messages and the first reason, by topic."""
         return [
             f"{topic}: {count} malformed messages, the first: {self._first_refusal(topic)}"
             for topic, count in malformed.items()
@@ -222,7 +222,7 @@ class _Reading:
         return {name: there[name] for name in names}
 
     def _malformed(self, topic: str) -> int:
-        """Messages refused in any role; one refused in two roles counts once."""
+        """Number of messages refused in any role; one refused in two roles counts once."""
         refused = [
             places
             for made in self._roles.values()
@@ -262,7 +262,7 @@ class _Reading:
 
 
 def require_cdr(path: Path, channel: Channel) -> None:
-    """Refuse a channel whose messages are not CDR."""
+    """Raise BagError if the channel's messages are not CDR."""
     if channel.encoding != "cdr":
         raise BagError(
             f"{path}: topic {channel.topic} is encoded as {channel.encoding!r}, expected 'cdr'"

@@ -1,4 +1,4 @@
-"""One channel of a recording over time, and how it is assembled from decoded messages."""
+"""Time series of a recording's channels, assembled from decoded messages."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ Float64s = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Series:
-    """One scalar channel over time, in order of log time; every value as recorded, NaN included."""
+    """One scalar channel in order of log time; values are as recorded, including NaN."""
 
     stamp_ns: Int64s
-    """Header stamps [ns], shape (n,); log times where every header stamp of the topic is zero."""
+    """Header stamps [ns], shape (n,); log times if all header stamps of the topic are zero."""
     log_ns: Int64s
-    """When each message was recorded [ns], shape (n,), never decreasing."""
+    """Log times [ns], shape (n,), never decreasing."""
     value: Float64s
     """Shape (n,)."""
 
 
 class Decoded:
-    """Numbers of the messages of one topic, one table for each list of names."""
+    """Decoded values of the messages of one topic, one table for each list of names."""
 
     def __init__(self) -> None:
-        """No message yet."""
+        """Start without messages."""
         self.tables: dict[tuple[str, ...], Table] = {}
 
     def add(
@@ -55,16 +55,16 @@ class Decoded:
 
 
 class Table:
-    """Messages of the same names, in arrays that grow in place.
+    """Messages with the same names, in arrays that grow in place.
 
-    A list of small arrays to be joined at the end would need twice the memory.
+    Concatenating a list of small arrays at the end would need twice the memory.
     """
 
     def __init__(self, width: int) -> None:
         """`width` is the number of names."""
         self.rows = 0
         self.arrival = np.empty(0, np.int64)
-        """Place in the order of the file(s), shape (capacity,)."""
+        """Index of each message in the order of the files, shape (capacity,)."""
         self.log_ns = np.empty(0, np.int64)
         self.stamp_ns = np.empty(0, np.int64)
         self.value = np.empty((0, width))
@@ -90,10 +90,10 @@ class Table:
 
 
 def series_by_name(parts: Iterable[Decoded]) -> dict[str, Series]:
-    """Assemble the channels of one topic; the tables of `parts` are removed from them.
+    """Assemble the channels of one topic; this empties `parts`.
 
-    Equal log times keep the order of the file.  Arrays are contiguous and read-only; channels
-    whose messages are the same share their times.
+    Messages with equal log times keep the order of the file.  Arrays are contiguous and read-only;
+    if all messages have the same names, the channels share their arrays of times.
     """
     tables: list[tuple[tuple[str, ...], Table]] = []
     for part in parts:
@@ -120,7 +120,7 @@ def _of_one_table(names: Sequence[str], table: Table) -> dict[str, Series]:
 
 
 def _of_several_tables(tables: Sequence[tuple[Sequence[str], Table]]) -> dict[str, Series]:
-    """As `series_by_name`, where messages differ in their names or give one twice."""
+    """As `series_by_name`, for messages that differ in their names or repeat a name."""
     columns: dict[str, list[tuple[Table, int]]] = {}
     for names, table in tables:
         for i, name in enumerate(names):
@@ -139,7 +139,7 @@ def _of_several_tables(tables: Sequence[tuple[Sequence[str], Table]]) -> dict[st
 
 
 def _order(log_ns: Int64s, arrival: Int64s) -> Int64s | None:
-    """The order of log time, equal times in order of arrival; None where it is so already."""
+    """Permutation that sorts by log time, then by arrival; None if already sorted."""
     if (log_ns[1:] >= log_ns[:-1]).all() and (arrival[1:] > arrival[:-1]).all():
         return None
     return np.lexsort((arrival, log_ns))

@@ -1,4 +1,4 @@
-"""From a path to the files of one recording, in order."""
+"""Find and open the files of one recording, in order."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Source:
     path: Path
     files: tuple[BagFile, ...]
     notes: tuple[str, ...]
-    """What was unusual about the folder."""
+    """Irregularities of the folder."""
 
     def all_notes(self) -> tuple[str, ...]:
         """Notes of the folder and of every file, as far as the files have been read."""
@@ -43,11 +43,11 @@ class Source:
         return tuple(map(printable, found))
 
     def channels_known(self) -> bool:
-        """Every channel is declared before the messages have been read."""
+        """Whether all channels are known without reading messages."""
         return all(file.complete and file.indexed for file in self.files)
 
     def channels(self) -> Mapping[str, Channel]:
-        """Channels by topic, as far as they have been declared; the first declaration counts."""
+        """Channels by topic, as declared so far; the first declaration of a topic counts."""
         found: dict[str, Channel] = {}
         for file in self.files:
             for channel in file.channels.values():
@@ -56,7 +56,7 @@ class Source:
 
 
 def open_source(path: Path | str) -> Source:
-    """Open a rosbag2 folder, a folder of MCAP files, or one MCAP file."""
+    """Open a rosbag2 folder, a folder of its files, or one .mcap, .mcap.zstd or .db3 file."""
     path = Path(path)
     if not _exists(path):
         raise BagError(f"{path} does not exist, expected a rosbag2 folder or an .mcap file")
@@ -71,7 +71,7 @@ def open_source(path: Path | str) -> Source:
 
 
 def size_of(path: Path | str) -> int:
-    """Bytes of a bag's files, at least 1; for shares of progress only."""
+    """Total size of a bag's files [bytes], at least 1; only for progress display."""
     path = Path(path)
     try:
         files = list(path.iterdir()) if path.is_dir() else [path]
@@ -87,7 +87,7 @@ def _open(path: Path) -> BagFile:
 
 
 def _opened(path: Path, notes: list[str]) -> BagFile | None:
-    """One part of a recording; a part that cannot be read at all is left out, with a note."""
+    """Open one part of a recording; None, with a note, if it cannot be opened."""
     try:
         return _open(path)
     except BagError as error:
@@ -96,7 +96,7 @@ def _opened(path: Path, notes: list[str]) -> BagFile | None:
 
 
 def _listed(folder: Path, notes: list[str]) -> list[Path]:
-    """The files that metadata.yaml names and that are there."""
+    """The existing files among those listed in metadata.yaml."""
     if not _exists(folder / METADATA):
         notes.append(f"no {METADATA}")
         return []
@@ -125,7 +125,7 @@ def _listed(folder: Path, notes: list[str]) -> list[Path]:
 
 
 def _exists(path: Path) -> bool:
-    """As `Path.exists`; a name that no file can have, such as one with a zero byte, does not."""
+    """As `Path.exists`, but False for invalid names such as one with a zero byte."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -133,7 +133,7 @@ def _exists(path: Path) -> bool:
 
 
 def _file_names(text: str) -> list[str]:
-    """File names of a metadata.yaml; none where it is not one."""
+    """File names listed in a metadata.yaml; empty if the text is not valid metadata."""
     try:
         content: Any = load_yaml(text, METADATA)
         information = content["rosbag2_bagfile_information"]
@@ -143,7 +143,7 @@ def _file_names(text: str) -> list[str]:
 
 
 def _found(folder: Path, notes: list[str]) -> list[Path]:
-    """The files of a folder without usable metadata: the parts of one recording."""
+    """The parts of one recording in a folder without usable metadata."""
     recordings: dict[str, list[tuple[int, Path]]] = {}
     try:
         paths = sorted(folder.iterdir())

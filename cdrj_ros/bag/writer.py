@@ -1,4 +1,4 @@
-"""Write a rosbag2 folder: metadata.yaml and one MCAP file, for every reader of such bags."""
+"""Write a rosbag2 folder that holds metadata.yaml and one MCAP file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, Tem
 
 _CHUNK_BYTES: Final = 1 << 20
 _AT_ONCE: Final = 4096
-"""Messages that are made at once."""
+"""Number of messages encoded at once."""
 _COMPRESSIONS: Final = {
     "zstd": CompressionType.ZSTD,
     "lz4": CompressionType.LZ4,
@@ -38,12 +38,12 @@ _COMPRESSIONS: Final = {
 
 ArrayLike = npt.ArrayLike
 Queued = tuple[int, str, bytes]
-"""Log time [ns], topic and payload of a message that is about to be written."""
+"""Log time [ns], topic and payload of a message to be written."""
 
 
 @dataclass(frozen=True)
 class _Encoded:
-    """Messages of one topic whose bytes are made when the file is written."""
+    """Messages of one topic, encoded when the file is written."""
 
     topic: str
     log_ns: Int64s
@@ -77,10 +77,9 @@ class _Copied:
 class BagWriter:
     """Collects messages and writes them, in order of log time, when closed.
 
-    A context manager; nothing is left behind where its body raises.  The folder appears whole, when
-    everything has been written, or not at all.  Every `write_…` may be called repeatedly for a
-    topic.  `log_ns` is when each message counts as recorded; None: at its stamp.  Equal log times
-    keep the order of the calls.
+    The writer is a context manager; if its body raises, nothing is written.  The folder is created
+    atomically.  Every `write_…` may be called repeatedly for a topic.  `log_ns` are the log times;
+    None: the stamps.  Messages with equal log times keep the order of the calls.
     """
 
     def __init__(
@@ -102,7 +101,7 @@ class BagWriter:
         self._closed = False
 
     def __enter__(self) -> BagWriter:
-        """Nothing is written yet."""
+        """Return the writer; nothing is written yet."""
         return self
 
     def __exit__(
@@ -128,7 +127,7 @@ class BagWriter:
         log_ns: ArrayLike | None = None,
         frame_id: str = "",
     ) -> None:
-        """sensor_msgs/JointState; stamps (n,), arrays (n, len(names)); None is written as empty."""
+        """Add sensor_msgs/JointState; stamps (n,), arrays (n, len(names)) or None for empty."""
         arrays = {"position": position, "velocity": velocity, "effort": effort}
         self._write(JOINT_STATE.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
 
@@ -144,9 +143,9 @@ class BagWriter:
         log_ns: ArrayLike | None = None,
         frame_id: str = "",
     ) -> None:
-        """cdrj_msgs/CableTensions [N]; stamps (n,), arrays (n, len(names)).
+        """Add cdrj_msgs/CableTensions [N]; stamps (n,), arrays (n, len(names)).
 
-        `stddev` of None is written as empty (not known), `status` of None as OK.
+        `stddev` of None is written as empty (unknown), `status` of None as OK.
         """
         status = np.zeros(np.shape(tension), np.uint8) if status is None else status
         arrays = {"tension": tension, "stddev": stddev, "status": status}
@@ -169,9 +168,9 @@ class BagWriter:
         log_ns: ArrayLike | None = None,
         frame_id: str = "",
     ) -> None:
-        """cdrj_msgs/NodalForces [N, m/s]; stamps (n,), arrays (n, len(names)).
+        """Add cdrj_msgs/NodalForces [N, m/s]; stamps (n,), arrays (n, len(names)).
 
-        `status` of None is written as OK, any other array of None as empty (not known).
+        `status` of None is written as OK, any other array of None as empty (unknown).
         Takes 14 arguments because the message has eight arrays and each may be missing.
         """
         status = np.zeros(np.shape(magnitude), np.uint8) if status is None else status
@@ -188,9 +187,9 @@ class BagWriter:
         self._write(NODAL_FORCES.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
 
     def copy(self, path: Path | str, topic_names: Collection[str] | None = None) -> None:
-        """Take over the messages of another bag unchanged, of these topics or (None) of all.
+        """Copy the messages of these topics (None: all) from another bag, unchanged.
 
-        They are read when the bag is closed.
+        They are read when this writer is closed.
         """
         source = open_source(path)
         for file in source.files:
@@ -207,7 +206,7 @@ class BagWriter:
             self._queue.append(_Copied(path, tuple(chosen)))
 
     def close(self) -> None:
-        """Write the folder.  Called by the context manager."""
+        """Write the folder; called by the context manager."""
         if self._closed:
             return
         self._closed = True
@@ -227,7 +226,7 @@ class BagWriter:
             shutil.rmtree(draft, ignore_errors=True)
 
     def _write_file(self, stream: IO[bytes], name: str) -> str:
-        """Write the MCAP file; return what metadata.yaml tells, which is also kept inside it."""
+        """Write the MCAP file; return the metadata text, which is also stored inside the file."""
         writer = Writer(stream, chunk_size=self._chunk_bytes, compression=self._compression)
         writer.start(profile="ros2", library="cdrj_ros")
         numbers = self._register(writer)
@@ -252,7 +251,7 @@ class BagWriter:
         return text
 
     def _register(self, writer: Writer) -> dict[str, int]:
-        """Numbers of the channels by topic; equal definitions share a schema."""
+        """Channel numbers by topic; equal definitions share a schema."""
         schemas: dict[tuple[str, str, str], int] = {}
         numbers: dict[str, int] = {}
         for topic, channel in self._channels.items():
@@ -298,7 +297,7 @@ class BagWriter:
         self._queue.append(_Encoded(topic, times, stamps, template, given))
 
     def _declare(self, wanted: Channel) -> None:
-        """Make the topic's channel; a known topic keeps its type, whose comments may differ."""
+        """Declare a topic; a known topic must keep its type and fields (comments may differ)."""
         if self._closed:
             raise BagError(f"{self.path} is closed")
         known = self._channels.setdefault(wanted.topic, wanted)
@@ -314,7 +313,7 @@ class BagWriter:
 
 
 def _fields(channel: Channel) -> object:
-    """What a definition says apart from comments; its text where it cannot be taken apart."""
+    """The parsed fields of a definition; its text if it cannot be parsed."""
     try:
         return message_type(channel.msgtype, channel.definition_encoding, channel.definition)
     except BagError:
@@ -322,7 +321,7 @@ def _fields(channel: Channel) -> object:
 
 
 def _type_hash(channel: Channel) -> str:
-    """The type's hash: as the copied bag has it, else as computed for this project's types."""
+    """The type's hash: from the copied bag, or as computed for this project's types; else empty."""
     copied = dict(channel.metadata).get("topic_type_hash")
     if copied is not None:
         return copied
