@@ -1,1 +1,1 @@
-"""What every room stands on: errors, writing files, progress on a terminal."""
+"""Utilities shared by all packages: errors, writing of files, output and progress, YAML."""

@@ -1,4 +1,4 @@
-"""What can go wrong, in the words of the domain. Libraries raise these; only commands exit."""
+"""Exceptions of this package.  Library code raises them; only commands exit."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from cdrj_ros.foundation.text import printable
 
 
 class CdrjError(Exception):
-    """Base of every error that this package raises on purpose; its text is one clear line.
+    """Base class of all errors raised deliberately by this package; the text is one line.
 
     Control characters in the text, which may come from a file, are escaped.
     """
@@ -16,7 +16,7 @@ class CdrjError(Exception):
 
 
 class RobotFileError(CdrjError):
-    """A robot file that does not describe a possible robot."""
+    """A robot file that does not describe a valid robot."""
 
     def __init__(self, text: str) -> None:
         line = printable(" ".join(text.split()))  # a key may hold line breaks and escapes
@@ -24,11 +24,11 @@ class RobotFileError(CdrjError):
 
 
 class BagError(CdrjError):
-    """A recording that cannot be read, or lacks what was asked for."""
+    """A recording that cannot be read, or lacks the requested data."""
 
     def __init__(self, text: str) -> None:
-        super().__init__(printable(text))  # names and paths may hold anything
+        super().__init__(printable(text))  # names and paths may hold any characters
 
 
 class UsageError(CdrjError):
-    """A command line or call that asks for something impossible."""
+    """A command line or call with invalid arguments."""

@@ -1,4 +1,4 @@
-"""One way to write a file: whole or not at all, and never over what is being read."""
+"""Atomic writing of files, and checks that outputs do not overwrite inputs."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ StrPath = str | os.PathLike[str]
 
 @contextmanager
 def replacing(path: StrPath) -> Iterator[BinaryIO]:
-    """Yield a binary stream; what is written to it becomes ``path`` when the block ends.
+    """Yield a binary stream whose content replaces ``path`` when the block ends.
 
-    The content goes to a temporary file in the same folder, is synchronised to the disk and then
-    renamed.  A reader sees the old file or the new one; if the block raises or the disk is full,
-    ``path`` stays as it was.  A symbolic link is followed; the permissions of a replaced file are
-    kept.  What is no file, such as /dev/null or a named pipe, is written to as it is.
+    The content goes to a temporary file in the same folder, which is synchronised to the disk and
+    then renamed.  A reader sees the old file or the new one; if the block raises or the disk is
+    full, ``path`` is unchanged.  A symbolic link is followed; the permissions of a replaced file
+    are kept.  Special files such as /dev/null or a named pipe are written directly.
 
     Raises:
         OSError: the folder is missing, full or not writable.
@@ -45,12 +45,12 @@ def replacing(path: StrPath) -> Iterator[BinaryIO]:
 
 
 def _is_device(target: Path) -> bool:
-    """Whether the path is something else than a file or a folder."""
+    """Whether the path exists and is neither a regular file nor a folder."""
     return target.exists() and not target.is_file() and not target.is_dir()
 
 
 def _permissions(target: Path) -> int:
-    """Those of the file that is replaced, else what the process gives to a new file."""
+    """Permissions of the replaced file, or the process's default for a new file."""
     try:
         return target.stat().st_mode & 0o777
     except OSError:
@@ -71,12 +71,12 @@ def write_text(path: StrPath, text: str) -> None:
 
 
 def check_outputs(outputs: Mapping[str, StrPath | None], inputs: Iterable[StrPath] = ()) -> None:
-    """Check before long work that every output can be written and replaces no input.
+    """Check before a long computation that every output can be written and replaces no input.
 
     Args:
-        outputs: files by the option that names them; None where the option is not used.
-        inputs: files and folders that are read.  An output may neither be one of them nor lie in
-            an input folder.
+        outputs: files by the option that names them; None if the option is not used.
+        inputs: files and folders to be read.  An output must neither be one of them nor lie in an
+            input folder.
 
     Raises:
         UsageError: an output names an input, another output, a folder, or a file in a folder that
@@ -105,13 +105,13 @@ def check_outputs(outputs: Mapping[str, StrPath | None], inputs: Iterable[StrPat
 
 
 def check_new(outputs: Mapping[str, StrPath | None], *, force: bool) -> None:
-    """Check before long work that no output replaces an existing file, unless that is asked for.
+    """Check before a long computation that no output replaces a file, unless ``force`` is set.
 
-    This is for results that cost work: robot files and figures.  Reports are replaced, since the
-    same command makes them again.
+    This applies to results that are expensive to reproduce: robot files and figures.  Reports may
+    be replaced, since the same command produces them again.
 
     Args:
-        outputs: files by the option that names them; None where the option is not used.
+        outputs: files by the option that names them; None if the option is not used.
         force: whether existing files may be replaced.
 
     Raises:

@@ -1,9 +1,9 @@
-"""Ctrl-C ends a command at any moment: one line, exit code 130, within two seconds.
+"""Handling of Ctrl-C: a command ends within two seconds, with one line and exit code 130.
 
-Python runs a signal handler between two byte codes of the main thread only.  An interrupt during a
-kernel, a compilation or the wait for a thread pool would therefore come late, and one during an
-import prints a traceback.  A watching thread sees the signal at once through the wakeup file
-descriptor and ends the process if the main thread has not done so by itself.
+Python runs signal handlers only between two bytecode instructions of the main thread.  An interrupt
+during a kernel, a compilation or the wait for a thread pool would therefore be handled late, and
+one during an import would print a traceback.  A watcher thread receives the signal immediately
+through the wakeup file descriptor and ends the process if the main thread has not ended in time.
 """
 
 from __future__ import annotations
@@ -18,46 +18,46 @@ from types import FrameType
 from typing import Any, Final, NoReturn
 
 INTERRUPTED: Final = 130
-"""Exit code after Ctrl-C, as shells have it: 128 and the number of SIGINT."""
+"""Exit code after Ctrl-C, by the convention of shells: 128 plus the number of SIGINT."""
 
 GRACE_S: Final = 1.0
-"""Time that the main thread has to end by itself after Ctrl-C [s]."""
+"""Time for the main thread to end by itself after Ctrl-C [s]."""
 
 SHOW_CURSOR: Final = "\x1b[?25h"
-"""Progress bars hide it."""
+"""Terminal sequence that shows the cursor, which progress bars hide."""
 
 
 class _Phase:
-    """What an interrupt means at the moment; one a process, as signals are."""
+    """The current handling of interrupts; one instance per process, because signals are global."""
 
     def __init__(self) -> None:
         self.loading = False
-        """Nothing has to be cleaned up yet."""
+        """The command is being imported, so that no cleanup is needed."""
         self.deferred = 0
-        """Depth of ``deferring``."""
+        """Nesting depth of ``deferring``."""
         self.announced = False
-        """The line has been printed, or is being printed."""
+        """Whether the line has been printed or is being printed."""
         self.announcing = threading.RLock()
-        """Held while the line is printed: no thread ends the process meanwhile."""
+        """Held while the line is printed, so that no thread ends the process meanwhile."""
 
 
 _PHASE = _Phase()
 
 
 def announce_interruption(name: str) -> None:
-    """Print the line that an interrupted command ends with, once."""
+    """Print the final line of an interrupted command, once."""
     with _PHASE.announcing:
         if _PHASE.announced:
             return
         _PHASE.announced = True
         shown = SHOW_CURSOR if os.isatty(2) else ""
-        with suppress(OSError):  # nobody reads it
+        with suppress(OSError):  # standard error may be closed
             os.write(2, f"{shown}{name}: interrupted\n".encode())
 
 
 @contextmanager
 def deferring() -> Iterator[None]:
-    """While inside, the caller's own handler ends the command; the watching thread does not."""
+    """Within the block, the caller ends the command after an interrupt, not the watcher thread."""
     _PHASE.deferred += 1
     try:
         yield
@@ -66,11 +66,11 @@ def deferring() -> Iterator[None]:
 
 
 def run_interruptibly(name: str, load: Callable[[], Callable[[], int]]) -> NoReturn:
-    """Load a command and run it so that Ctrl-C ends it at any moment; exits.
+    """Load and run a command, with Ctrl-C handled at any time, then exit.
 
     Args:
-        name: of the command, for its line.
-        load: imports the command and returns its ``main``.
+        name: name of the command, for the final line.
+        load: function that imports the command and returns its ``main``.
     """
     _PHASE.loading = True
 
@@ -99,7 +99,7 @@ def _end(name: str) -> NoReturn:
 
 
 def _watch(name: str) -> None:
-    """Start the thread that ends the process ``GRACE_S`` after an interrupt at the latest."""
+    """Start the thread that ends the process at most ``GRACE_S`` after an interrupt."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
@@ -117,6 +117,6 @@ def _watch(name: str) -> None:
 
 
 def _without_interrupts(event: Any) -> None:
-    """Print what a destructor raised, as Python does, unless it was the interrupt."""
+    """Report an exception from a destructor, as Python does, unless it is the interrupt."""
     if not issubclass(event.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(event)

@@ -1,4 +1,4 @@
-"""Printing that neither changes what a command does nor controls the reader's terminal."""
+"""Output whose failure does not affect a command, with control characters escaped."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from cdrj_ros.foundation.text import printable
 
 
 def say(text: object = "", *, file: TextIO | None = None, flush: bool = False) -> None:
-    """Print text that may hold names from outside: control characters are escaped, line by line."""
+    """Print text with control characters escaped, since it may contain names from files."""
     lines = "\n".join(printable(line) for line in str(text).split("\n"))
     print(lines, file=file, flush=flush)
 
 
 class LastingStream:
-    """A text stream whose failures are remembered instead of raised.
+    """A text stream whose failures are stored instead of raised.
 
-    A pipe whose reader has gone, a full disk, a closed descriptor: what is written afterwards is
-    discarded.  Characters that the encoding lacks are escaped.
+    After a failure (a closed pipe, a full disk, a closed descriptor) all output is discarded.
+    Characters that the encoding lacks are escaped.
     """
 
     def __init__(self, stream: Any) -> None:
-        """``stream`` is None where the process has none."""
+        """Wrap ``stream``; None if the process has no such stream."""
         self._stream = stream
         self.failure: OSError | ValueError | None = None
         with contextlib.suppress(AttributeError, ValueError):
@@ -50,7 +50,7 @@ class LastingStream:
                 self._fail(error)
 
     def isatty(self) -> bool:
-        """Whether this is a terminal that still listens."""
+        """Whether this is a terminal and output has not failed."""
         try:
             return self.failure is None and bool(self._stream is not None and self._stream.isatty())
         except ValueError:
@@ -64,7 +64,7 @@ class LastingStream:
         return text.encode(encoding, "backslashreplace").decode(encoding)
 
     def _fail(self, error: OSError | ValueError) -> None:
-        """Let the rest, also what is still buffered, go nowhere."""
+        """Discard all further output, including what is still buffered."""
         self.failure = error
         with contextlib.suppress(OSError, ValueError, AttributeError):
             nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -74,11 +74,11 @@ class LastingStream:
 
 @contextlib.contextmanager
 def lasting_output(name: str) -> Iterator[None]:
-    """Keep failures of standard output and standard error from ending the block.
+    """Prevent failures of standard output and standard error from ending the block.
 
     Args:
-        name: of the command; if output failed for another reason than a reader that has gone, a
-            line on standard error says so.
+        name: name of the command, for a line on standard error if output failed for a reason
+            other than a closed pipe.
     """
     before = sys.stdout, sys.stderr
     out, err = LastingStream(sys.stdout), LastingStream(sys.stderr)

@@ -1,4 +1,4 @@
-"""Progress of long work, on standard error."""
+"""Progress display on standard error."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from time import monotonic
 from typing import Final
 
 LINE_S: Final = 5.0
-"""Time between two lines of progress where there is no terminal [s]."""
+"""Time between two lines of progress without a terminal [s]."""
 
 
 def _lines(description: str, total: float) -> Callable[[float], None]:
-    """Progress where there is no terminal: a line every LINE_S."""
+    """Progress without a terminal: one line every LINE_S."""
     begin = last = monotonic()
 
     def report(done: float) -> None:
@@ -31,7 +31,7 @@ def _lines(description: str, total: float) -> Callable[[float], None]:
 
 @contextmanager
 def progress_bar(description: str, total: float) -> Iterator[Callable[[float], None]]:
-    """Show a bar on standard error; yields a function that takes the amount done."""
+    """Show a progress bar on standard error; yields a function that takes the amount done."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -49,11 +49,11 @@ def progress_bar(description: str, total: float) -> Iterator[Callable[[float], N
 
 @contextmanager
 def progress_text(lasts: Callable[[str], bool]) -> Iterator[Callable[[str], None]]:
-    """Show what is being done on standard error; yields a function that takes a line of text.
+    """Show the current activity on standard error; yields a function that takes a line of text.
 
     Args:
-        lasts: whether a line stays on the screen; others replace each other in a terminal and
-            appear every ``LINE_S`` elsewhere.
+        lasts: whether a line stays on the screen; other lines replace each other in a terminal, and
+            without a terminal are printed at most every ``LINE_S``.
     """
     from rich.console import Console
     from rich.text import Text

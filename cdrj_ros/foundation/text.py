@@ -1,4 +1,4 @@
-"""Words for people: outside text made safe to print, and counts with their nouns."""
+"""Text for users: escaping of untrusted text, counts with nouns, and numbers."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from __future__ import annotations
 def printable(text: object) -> str:
     """The text with every control, format or unpaired surrogate character escaped.
 
-    Names, keys and paths come from files that anybody may have written.  An ANSI escape in one of
-    them must not reach a terminal, nor a line break split a one-line message.
+    Names, keys and paths may come from untrusted files.  An ANSI escape in one of them must not
+    reach a terminal, and a line break must not split a one-line message.
     """
     text = str(text)
     if text.isprintable():
@@ -24,6 +24,6 @@ def counted(number: int, noun: str) -> str:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """The number with so many decimals; what rounds to zero has no sign."""
+    """The number with a fixed number of decimals; zero after rounding has no sign."""
     text = f"{value:.{decimals}f}"
     return text.removeprefix("-") if float(text) == 0.0 else text

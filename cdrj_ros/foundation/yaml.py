@@ -1,4 +1,4 @@
-"""Read YAML that anybody may have written, in bounded time and memory."""
+"""Read untrusted YAML in bounded time and memory."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.text import printable
 
 MAXIMUM_CHARACTERS: Final = 1_000_000
-"""Of a file; parsing that many takes a few seconds."""
+"""Maximum length of a text; parsing one of this length takes a few seconds."""
 MAXIMUM_NODES: Final = 100_000
-"""Scalars, sequences and mappings, a repeated one counted wherever an alias or a merge key repeats
-it: a kilobyte of nested aliases can stand for billions."""
+"""Maximum number of scalars, sequences and mappings after expansion of aliases and merge keys: a
+kilobyte of nested aliases can expand to billions."""
 MAXIMUM_DEPTH: Final = 50
-"""Of nesting, aliases included; what walks through the result may recurse."""
+"""Maximum depth of nesting, including aliases, since users of the result may recurse."""
 MAXIMUM_DIGITS: Final = 300
-"""Of an integer: no double is larger, and Python refuses to print thousands of digits."""
+"""Maximum length of an integer, close to the largest double; Python does not print thousands of
+digits."""
 
 _INVALID: Final = (
     YAMLError,
@@ -33,25 +34,25 @@ _INVALID: Final = (
     TypeError,
     ValueError,
 )
-"""What the parser raises for tagged values that do not convert, such as `!!int ''`, and for keys
-that are no scalars."""
+"""Exceptions of the parser for tagged values that do not convert, such as `!!int ''`, and for keys
+that are not scalars."""
 
 
 class YamlError(CdrjError):
-    """A text that is not YAML, or exceeds a bound of this module."""
+    """A text that is not valid YAML or exceeds a limit of this module."""
 
 
 def load_yaml(text: str, source: str) -> Any:
     """The value of a YAML text: dicts, lists, strings, numbers, booleans, dates and None.
 
-    Repeated parts (aliases) are the same object.  No value contains itself.
+    Aliases refer to the same object.  No value contains itself.
 
     Args:
         text: one YAML document.
         source: the file's name, for the error.
 
     Raises:
-        YamlError: one line that names the source and the first thing wrong.
+        YamlError: one line that names the source and the first error.
     """
     source = printable(source)
     if len(text) > MAXIMUM_CHARACTERS:
@@ -71,7 +72,7 @@ def load_yaml(text: str, source: str) -> Any:
 
 
 class _BoundedComposer(Composer):
-    """Counts nodes while the text is parsed, so that a large text is refused early."""
+    """Counts nodes during parsing, so that a large text is refused early."""
 
     def __init__(self, loader: Any = None) -> None:
         super().__init__(loader=loader)
@@ -92,7 +93,7 @@ class _BoundedComposer(Composer):
 
 
 class _BoundedConstructor(SafeConstructor):
-    """Measures the document before anything is made of it: merge keys copy what they merge."""
+    """Checks the expanded size before constructing values, since merge keys copy their content."""
 
     def construct_document(self, node: Any) -> Any:
         _extent(node, {})
@@ -100,10 +101,10 @@ class _BoundedConstructor(SafeConstructor):
 
 
 def _extent(node: Node, known: dict[int, tuple[int, int] | None]) -> tuple[int, int]:
-    """Number of nodes and depth of what `node` stands for, every alias followed.
+    """Number of nodes and depth of `node` with all aliases expanded.
 
-    Nodes are shared between aliases, so each is measured once; an alias comes after its anchor,
-    so the recursion is no deeper than the text's own nesting.
+    Nodes are shared between aliases, so each is measured once.  An alias follows its anchor, so the
+    recursion is no deeper than the nesting of the text.
     """
     if id(node) in known:
         extent = known[id(node)]

@@ -1,1 +1,1 @@
-"""Serialised messages to values and back."""
+"""Conversion between serialised messages and values."""

@@ -1,12 +1,12 @@
-"""ROS messages as bytes: plain CDR (XCDR version 1, both byte orders) read and written by layout.
+"""Serialisation of ROS messages in plain CDR (XCDR version 1, both byte orders) by layout.
 
-A message of numbers and names has a *layout*: the places of its numbers, decided by the bytes that
-hold lengths and names.  Two payloads that agree in those bytes have their numbers in the same
-places, so a layout is worked out carefully once (`read_layout`) and used for every payload that
-agrees with it: for one message at a time by `JointStateDecoder`, in bulk by `cdrj_ros.bag`.
-`Template` is the reverse: the bytes of a message made once, its numbers patched in.
+A message of numbers and names has a *layout*: the offsets of its numbers, which are determined by
+the bytes that hold lengths and names.  Two payloads with equal such bytes have their numbers at the
+same offsets.  A layout is therefore parsed with all checks once (`read_layout`) and reused for
+every matching payload: for single messages by `JointStateDecoder`, in bulk by `cdrj_ros.bag`.
+`Template` does the reverse: it encodes a message once and then patches its numbers.
 
-Numbers align to their own size, counted from the end of the four encapsulation bytes.
+Numbers are aligned to their own size, counted from the end of the four encapsulation bytes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ENCAPSULATION: Final = 4
 """Bytes before the first field: representation (2) and options (2)."""
 
 BYTE_ORDER: Final[Mapping[bytes, str]] = {b"\x00\x00": ">", b"\x00\x01": "<"}
-"""NumPy's sign of the byte order by CDR representation."""
+"""NumPy's byte order character by CDR representation."""
 
 XCDR2: Final = frozenset(bytes((0, number)) for number in range(6, 12))
 """Representations of CDR version 2: plain, delimited and as parameter lists, in both orders."""
@@ -41,7 +41,7 @@ class MessageError(BagError):
 
 @dataclass(frozen=True)
 class Field:
-    """One field of a message whose nested messages are written out flat."""
+    """One field of a message whose nested messages are flattened."""
 
     name: str
     """Dotted path, such as `header.stamp.sec`."""
@@ -53,7 +53,7 @@ class Field:
 
 @dataclass(frozen=True)
 class MessageType:
-    """A message's name and its fields in the order in which they are sent."""
+    """A message's name and its fields in the order of serialisation."""
 
     name: str
     fields: tuple[Field, ...]
@@ -83,7 +83,7 @@ NODAL_FORCES: Final = _stamped(
 MESSAGE_TYPES: Final[Mapping[str, MessageType]] = {
     message.name: message for message in (JOINT_STATE, CABLE_TENSIONS, NODAL_FORCES)
 }
-"""The messages of this project, by name; a test holds them against the .msg files."""
+"""The messages of this project, by name; a test compares them with the .msg files."""
 REFERENCE_ARRAYS: Final[Mapping[str, tuple[str, str]]] = {
     CABLE_TENSIONS.name: (TENSION, "tension"),
     NODAL_FORCES.name: (NODAL_FORCE, "magnitude"),
@@ -94,7 +94,7 @@ REFERENCE_ARRAYS: Final[Mapping[str, tuple[str, str]]] = {
 
 @dataclass(frozen=True)
 class Span:
-    """Where the numbers of one field lie in a payload."""
+    """Location of the numbers of one field in a payload."""
 
     offset: int
     """Bytes from the start of the payload, encapsulation included."""
@@ -105,7 +105,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where everything lies in payloads of one length whose `fixed` bytes agree."""
+    """Locations of all fields in payloads of one length with equal `fixed` bytes."""
 
     length: int
     """Bytes of the payload, encapsulation included."""
@@ -115,12 +115,12 @@ class Layout:
     texts: Mapping[str, tuple[str, ...]]
     """Strings by field; a single string is a tuple of one."""
     fixed: tuple[tuple[int, int], ...]
-    """Ranges [start, stop) of the bytes that decide the layout: representation, lengths, names.
-    Not among them: numbers, padding, and the text of single strings such as the frame."""
+    """Ranges [start, stop) of the bytes that determine the layout: representation, lengths, names.
+    They exclude numbers, padding, and the text of single strings such as the frame."""
 
 
 class _Walk:
-    """A cursor over one payload; every step checks that the payload holds what is claimed."""
+    """A cursor over one payload; every step is checked against the payload's length."""
 
     def __init__(self, payload: bytes) -> None:
         order = BYTE_ORDER.get(payload[:2])
@@ -142,7 +142,7 @@ class _Walk:
         self._uint32 = struct.Struct(order + "I")
 
     def take(self, size: int, alignment: int, what: str) -> int:
-        """Offset of the next `size` bytes; the cursor moves behind them."""
+        """Offset of the next `size` bytes; the cursor moves past them."""
         start = self.at + -(self.at - ENCAPSULATION) % alignment if size else self.at
         if start + size > len(self.payload):
             raise MessageError(
@@ -176,10 +176,10 @@ class _Walk:
 
 
 def read_layout(payload: bytes, fields: Sequence[Field]) -> Layout:
-    """Work out where each of `fields` lies in `payload`.
+    """Locate each of `fields` in `payload`.
 
-    Nothing is allocated for lengths that a payload only claims.  Bytes behind the last field are
-    allowed: some senders pad to four.
+    Claimed lengths are checked before anything is allocated.  Bytes after the last field are
+    allowed, since some senders pad to four bytes.
     """
     walk = _Walk(payload)
     numbers: dict[str, Span] = {}
@@ -200,14 +200,14 @@ def read_layout(payload: bytes, fields: Sequence[Field]) -> Layout:
 
 @dataclass(frozen=True)
 class _KnownJointState:
-    """A layout in the form in which `JointStateDecoder` compares it."""
+    """A layout prepared for comparison by `JointStateDecoder`."""
 
     representation: bytes
     head: bytes
     """From the frame's length to the first position."""
     head_stop: int
     tail: tuple[tuple[int, int, bytes], ...]
-    """Start, stop and bytes of the lengths behind the positions."""
+    """Start, stop and bytes of the lengths after the positions."""
     names: tuple[str, ...]
     stamp: struct.Struct
     dtype: np.dtype[Any]
@@ -215,21 +215,22 @@ class _KnownJointState:
 
 
 class JointStateDecoder:
-    """Call with one CDR payload of a JointState: (stamp_ns, names, position [rad], shape (n,)).
+    """Callable that decodes the CDR payload of a JointState.
 
-    Layouts seen lately are remembered, so that a message like one before costs about a microsecond.
-    A payload that is not a JointState, or whose positions are not as many as its names, raises
-    `MessageError`.  The position array is read-only, aligned and in native byte order.
+    It returns (stamp_ns, names, position [rad], shape (n,)).  Recent layouts are cached, so a
+    message with a known layout takes about a microsecond.  `MessageError` is raised for a payload
+    that is not a JointState or has unequal numbers of positions and names.  The position array is
+    read-only, aligned and in native byte order.
     """
 
     KEPT: Final = 8
-    """Layouts remembered for each payload length; several senders may share a topic."""
+    """Layouts cached for each payload length; several senders may share a topic."""
 
     KEPT_BYTES: Final = 4_000_000
-    """Total size of the payloads whose layouts are remembered."""
+    """Total size of the payloads whose layouts are cached [bytes]."""
 
     def __init__(self) -> None:
-        """Nothing is remembered yet."""
+        """Start with an empty cache."""
         self._known: dict[int, list[_KnownJointState]] = {}
         self._bytes = 0
 
@@ -253,7 +254,7 @@ class JointStateDecoder:
         return self(payload)
 
     def _learn(self, payload: bytes) -> None:
-        """Remember the layout of a payload that differs from those before, or raise."""
+        """Cache the layout of a payload that matches no cached one, or raise MessageError."""
         layout = read_layout(payload, JOINT_STATE.fields)
         names, span = layout.texts["name"], layout.numbers["position"]
         if len(names) != span.count:
@@ -281,7 +282,7 @@ class JointStateDecoder:
 def cable_tensions(
     payload: bytes,
 ) -> tuple[int, tuple[str, ...], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """A CableTensions: (stamp_ns, names, tension [N], stddev [N]), the arrays of any length.
+    """Decode a CableTensions: (stamp_ns, names, tension [N], stddev [N]), arrays of any length.
 
     Raises:
         MessageError: not a CableTensions.
@@ -296,12 +297,13 @@ def cable_tensions(
 
 
 def joint_state_efforts(payload: bytes) -> tuple[int, tuple[str, ...], npt.NDArray[np.float64]]:
-    """The efforts of a JointState: (stamp_ns, names, effort [N m], shape (n,)); n is 0 without any.
+    """Decode the efforts of a JointState: (stamp_ns, names, effort [N m], shape (n,)).
 
-    The whole layout is read each time, where `JointStateDecoder` remembers it.
+    n is 0 if the message has no efforts.  Unlike `JointStateDecoder`, this parses the layout each
+    time.
 
     Raises:
-        MessageError: not a JointState, or some but not as many efforts as names.
+        MessageError: not a JointState, or unequal numbers of efforts (if any) and names.
     """
     layout = read_layout(payload, JOINT_STATE.fields)
     names, span = layout.texts["name"], layout.numbers["effort"]
@@ -313,9 +315,9 @@ def joint_state_efforts(payload: bytes) -> tuple[int, tuple[str, ...], npt.NDArr
 
 
 class Template:
-    """The bytes of one message of fixed names and array sizes, its numbers to be patched in.
+    """An encoded message with fixed names and array sizes, into which numbers are patched.
 
-    Every sequence of `arrays` has one value per name, every other is empty.  Little-endian.
+    Every sequence in `arrays` has one value per name; the others are empty.  Little-endian.
     """
 
     def __init__(
@@ -325,7 +327,7 @@ class Template:
         arrays: Collection[str] | None = None,
         frame_id: str = "",
     ) -> None:
-        """`arrays` of None means every sequence of numbers that the message has."""
+        """Encode the message; `arrays` of None means all of its sequences of numbers."""
         sequences = [f.name for f in message.fields if f.code != TEXT and f.count == 0]
         chosen = set(sequences if arrays is None else arrays)
         if unknown := chosen.difference(sequences):
@@ -333,7 +335,7 @@ class Template:
         self.message = message
         self.names = tuple(names)
         self.spans: Mapping[str, Span]
-        """Places of the arrays given to `encode`, in the order of the message."""
+        """Locations of the arrays given to `encode`, in the order of the message."""
         self.payload, self.spans = _blank(message, self.names, chosen, frame_id)
         self._buffer = bytearray(self.payload)
         self._views = {
@@ -343,7 +345,7 @@ class Template:
         self._stamp = struct.Struct("<iI")
 
     def encode(self, stamp_ns: int, **arrays: npt.ArrayLike) -> bytes:
-        """The message with this header stamp and these arrays, each of shape (len(names),)."""
+        """Encode a message with this stamp and these arrays, each of shape (len(names),)."""
         views = self._views
         if len(arrays) != len(views):
             raise self._mismatch(arrays)
@@ -362,7 +364,7 @@ class Template:
         stamp_ns: npt.NDArray[np.int64],
         arrays: Mapping[str, npt.NDArray[Any]],
     ) -> npt.NDArray[np.uint8]:
-        """Messages as rows, shape (n, length).
+        """Encode n messages as rows, shape (n, length).
 
         `stamp_ns` has shape (n,), each array shape (n, len(names)).
         """
@@ -399,7 +401,7 @@ class Template:
 def _blank(
     message: MessageType, names: tuple[str, ...], arrays: Collection[str], frame_id: str
 ) -> tuple[bytes, dict[str, Span]]:
-    """A message of zeros, encapsulation included, and the places of its arrays."""
+    """A message of zeros, including encapsulation, and the locations of its arrays."""
     body = bytearray()
     spans: dict[str, Span] = {}
 

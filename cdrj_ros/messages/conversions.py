@@ -1,4 +1,4 @@
-"""Between messages (as CDR bytes) and the estimator's values; the only such place."""
+"""Conversion between messages (as CDR bytes) and the estimator's values."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ FORCE_ARRAYS: Final = (
 
 
 PADDING: Final = 7
-"""Bytes that a middleware may append to a message."""
+"""Maximum number of bytes that a middleware may append to a message."""
 
 
 class EstimateEncoder:
-    """Writes estimates of one robot as messages, always into the same buffers."""
+    """Encodes estimates of one robot as messages, reusing its buffers."""
 
     def __init__(self, layout: Layout, frame_id: str = "", uncertain: bool = False) -> None:
-        """Prepare the three messages; the names never change.
+        """Prepare the messages; their names are fixed.
 
         Args:
-            layout: places in the estimate.
-            frame_id: of the headers.
-            uncertain: whether standard deviations will be given.
+            layout: layout of the estimates.
+            frame_id: frame of the headers.
+            uncertain: whether the messages include standard deviations.
         """
         self._layout = layout
         more = ("stddev",) if uncertain else ()
@@ -54,7 +54,7 @@ class EstimateEncoder:
         self._flat = np.zeros(len(layout.pulleys))
 
     def tensions(self, estimate: Estimate, stddev: NDArray[np.float64] | None = None) -> bytes:
-        """cdrj_msgs/CableTensions; with standard deviations, in the order of ``spread_columns``."""
+        """Encode cdrj_msgs/CableTensions; ``stddev`` is in the order of ``spread_columns``."""
         values, layout = estimate.values, self._layout
         more = {} if stddev is None else {"stddev": stddev[: self._elements]}
         return self._tensions.encode(
@@ -62,7 +62,7 @@ class EstimateEncoder:
         )
 
     def nodal_forces(self, estimate: Estimate, stddev: NDArray[np.float64] | None = None) -> bytes:
-        """cdrj_msgs/NodalForces; a pulley has the flags of both of its elements."""
+        """Encode cdrj_msgs/NodalForces; a pulley has the flags of both adjacent elements."""
         values, layout = estimate.values, self._layout
         first = self._elements
         more = {} if stddev is None else {"stddev": stddev[first : first + self._pulleys]}
@@ -80,9 +80,9 @@ class EstimateEncoder:
         )
 
     def efforts(self, estimate: Estimate) -> bytes:
-        """sensor_msgs/JointState with efforts of all motors, then all joints [N m].
+        """Encode sensor_msgs/JointState with the efforts of all motors, then all joints [N m].
 
-        Without any where some element is ``INVALID``: the message has no status to say so.
+        The efforts are empty if any element is ``INVALID``, because the message has no status.
         """
         layout = self._layout
         if not estimate.solved:
@@ -93,7 +93,7 @@ class EstimateEncoder:
         )
 
     def efforts_stddev(self, estimate: Estimate, stddev: NDArray[np.float64]) -> bytes:
-        """sensor_msgs/JointState whose efforts are the standard deviations of ``efforts``."""
+        """Encode sensor_msgs/JointState with the standard deviations of ``efforts`` [N m]."""
         if not estimate.solved:
             return self._no_efforts.encode(estimate.stamp_ns)
         return self._efforts_stddev.encode(
@@ -102,7 +102,7 @@ class EstimateEncoder:
 
 
 def marked_stale(estimate: Estimate) -> Estimate:
-    """The same numbers, every element marked ``STALE``."""
+    """A copy of the estimate with every element marked ``STALE``."""
     values = estimate.values.copy()
     status = values[estimate.layout.status]
     status[:] = status.astype(np.uint8) | STALE
@@ -110,10 +110,10 @@ def marked_stale(estimate: Estimate) -> Estimate:
 
 
 class AnswerReader:
-    """Reads back messages that ``EstimateEncoder`` wrote for a robot of this layout."""
+    """Decodes messages that ``EstimateEncoder`` wrote for a robot of this layout."""
 
     def __init__(self, layout: Layout) -> None:
-        """Prepare the places of the arrays."""
+        """Prepare the locations of the arrays."""
         self.layout = layout
         tensions, forces = ("tension", "status"), FORCE_ARRAYS
         self._templates = {
@@ -138,8 +138,8 @@ class AnswerReader:
     ) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]:
         """Stamps [ns], shape (n,), and arrays, shape (n, names), of messages of one kind.
 
-        With ``stddev`` where the first message has it.  Messages of another shape (another
-        robot's, say) are left out.
+        The arrays include ``stddev`` if the first message has it.  Messages of another length, for
+        instance of another robot, are skipped.
         """
         template = self._templates[kind][-1]
         for candidate in self._templates[kind]:
