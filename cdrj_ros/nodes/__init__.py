@@ -1,1 +1,1 @@
-"""The ROS 2 nodes: convert, call, publish. Only this package imports rclpy and the messages."""
+"""The ROS 2 nodes: convert, call, publish. The only room that imports rclpy and the messages."""

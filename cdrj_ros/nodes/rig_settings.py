@@ -70,7 +70,7 @@ class RigOptions:
 def declare_rig_options(node: Node, model: Model) -> RigOptions:
     """Declare and check every parameter except ``robot`` and ``preload``.
 
-    The function is long because it declares each parameter with its range and description.
+    Longer than a screen because each parameter is declared with its range and description.
 
     Raises:
         UsageError: a value is invalid.

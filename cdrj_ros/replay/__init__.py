@@ -1,1 +1,1 @@
-"""The parts of the replay that do not depend on ROS."""
+"""Playing a bag, without ROS."""

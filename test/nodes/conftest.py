@@ -1,4 +1,4 @@
-"""A ROS context for the test, and the installed executables as processes beside it."""
+"""Fixtures: a ROS context for the test, and the installed executables as processes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
 
 
 class StartNode(Protocol):
-    """Start an installed executable; it ends with the test, as by Ctrl-C."""
+    """Start an installed executable; it is interrupted after the test as by Ctrl-C."""
 
     def __call__(
         self,
@@ -32,7 +32,7 @@ class StartNode(Protocol):
 
 @pytest.fixture(scope="session")
 def executables() -> Path:
-    """The folder of the executables that `ros2 run cdrj_ros` would start."""
+    """The folder of the executables that `ros2 run cdrj_ros` starts."""
     from ament_index_python.packages import get_package_prefix
 
     return Path(get_package_prefix("cdrj_ros"), "lib", "cdrj_ros")
@@ -64,7 +64,7 @@ def node(ros: None) -> Iterator[object]:
 
 @pytest.fixture
 def start_node(executables: Path) -> Iterator[StartNode]:
-    """Start installed executables as processes; whatever still runs is ended after the test."""
+    """Start installed executables as processes; those still running are ended after the test."""
     started: list[subprocess.Popen[bytes]] = []
 
     def start(
@@ -90,7 +90,7 @@ def start_node(executables: Path) -> Iterator[StartNode]:
 
 @pytest.fixture
 def wait_until() -> Callable[[Callable[[], bool], float], bool]:
-    """Wait for a condition, at most so many seconds: discovery takes what it takes."""
+    """Wait for a condition for at most ``timeout_s``, since discovery takes a variable time."""
     import time
 
     def wait(condition: Callable[[], bool], timeout_s: float) -> bool:

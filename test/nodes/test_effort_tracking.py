@@ -1,4 +1,4 @@
-"""Motor efforts find a lost preload: an estimator process over DDS, truth from contact cells."""
+"""Tracking a lost preload by motor efforts: an estimator over DDS against the simulated rig."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from cdrj_ros.rig.truth import simulate
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 WHOLE, LOST = "36.85,26.26", "29.48,26.26"
-"""Preloads of the robot file, and after the upper cable has lost 20 % [N]."""
+"""Preloads of the robot file, and those after a loss of 20 % in the upper cable [N]."""
 LOST_N = 7.37
 CREEP = Fault("slack", 7.0, 2.32e-3, "upper")
-"""The upper anchor gives way until t = 9 s, when the estimator has become sure.  Both cables then
-have lost 7.37 N: on one motor they balance each other."""
+"""The upper anchor creeps until t = 9 s, when the estimator's standard deviations have decreased.
+Both cables then have lost 7.37 N, since they share a motor and balance each other."""
 FREQUENCY_HZ = 0.25
 EVERY = 4
-"""Of the rig's milliseconds one in so many is read: 250 Hz."""
+"""Only every n-th sample of the 1 kHz simulation is read: 250 Hz."""
 PATIENCE_S = 120.0
 BURST, AHEAD = 50, 200
-"""Samples sent without listening, and samples that may be unanswered."""
+"""Samples sent between two checks of the answers, and samples allowed without an answer."""
 INPUTS = ("motor_states", "joint_states")
 MOTOR = Template(JOINT_STATE, ("winch",), ("position", "effort"))
 MOTOR_ALONE = Template(JOINT_STATE, ("winch",), ("position",))
@@ -40,20 +40,20 @@ JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
 
 @dataclass(frozen=True)
 class Measured:
-    """What the rig's sensors say, and what was true; one row a sample."""
+    """Sensor readings and true tensions of the rig, with one row per sample."""
 
     stamp_ns: np.ndarray
     motor: np.ndarray
     joint: np.ndarray
     effort: np.ndarray
-    """With noise [N m]."""
+    """Motor effort with noise [N m]."""
     tension: np.ndarray
-    """Of every element [N], shape (n, elements)."""
+    """True tension of every element [N], shape (n, elements)."""
 
 
 @cache
 def measure(preload: str, cycles: int, *faults: Fault) -> Measured:
-    """A second of rest and so many cycles of a rig with these preloads."""
+    """Simulate one second of rest and ``cycles`` cycles of a rig with these preloads."""
     time = np.arange(0.0, 1.0 + cycles / FREQUENCY_HZ, 1e-3)
     course = sine(np.radians(38.0), FREQUENCY_HZ, 1.0)(time)
     torque = RollingLoad().torque(course.angle, course.speed, course.acceleration)
@@ -71,7 +71,7 @@ def measure(preload: str, cycles: int, *faults: Fault) -> Measured:
 
 
 class Remote:
-    """An estimator process in a namespace of its own, and our ends of its topics."""
+    """An estimator process in its own namespace, with the test's ends of its topics."""
 
     def __init__(self, node: Any, start_node: Any, side: str, **parameters: Any) -> None:
         from cdrj_msgs.msg import CableTensions
@@ -109,7 +109,7 @@ class Remote:
         return True
 
     def send(self, measured: Measured, count: int, *, efforts: bool = True) -> None:
-        """So many samples; waits for their answers."""
+        """Send the first ``count`` samples and wait for their estimates."""
         for k in range(count):
             stamp = int(measured.stamp_ns[k])
             self.joints.publish(JOINT.encode(stamp, position=measured.joint[k]))
@@ -124,7 +124,7 @@ class Remote:
         assert self.until(lambda: len(self.answers) == count)
 
     def heard(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tensions and standard deviations of all answers [N], shapes (n, elements)."""
+        """Tensions and standard deviations of all estimates [N], shapes (n, elements)."""
         got = [cable_tensions(one) for one in self.answers]
         tension, stddev = (np.array([one[k] for one in got]) for k in (2, 3))
         return tension, stddev

@@ -1,4 +1,4 @@
-"""The estimator as a process of its own, fed and heard over DDS."""
+"""The estimator in a separate process, tested over DDS."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 120.0
 ASK_AGAIN_S = 5.0
 COMPILING_S = 600.0
-"""A first start compiles the kernels."""
+"""Timeout of a first start, which compiles the kernels [s]."""
 
 
 class Robot:
-    """What a robot's drivers publish, and what comes back, on a node of its own."""
+    """A node with the publishers of a robot's drivers and subscriptions to the estimates."""
 
     WINDOW = 64
-    """Messages under way at once: fewer than any queue holds."""
+    """Maximum number of messages in flight; less than any queue depth."""
 
     def __init__(self, layout: Layout, remap: tuple[str, ...]) -> None:
         from cdrj_msgs.msg import CableTensions, NodalForces
@@ -59,11 +59,11 @@ class Robot:
             keep = self.answers[kind].append
             self.node.create_subscription(message, topic, keep, qos, raw=True)
         self.reset = self.node.create_client(Trigger, "estimator/reset")
-        # announced last: an estimator that answers it knows all the others
+        # created last: an estimator that responds to it has discovered all the others
         self.ping = self.node.create_client(GetParameters, "estimator/get_parameters")
 
     def ready(self) -> bool:
-        """Whether both ways are open."""
+        """Whether the topics are connected in both directions."""
         return all(p.get_subscription_count() for p in self.inputs.values()) and all(
             self.node.count_publishers(f"/cdrj/{topic}")
             for topic in ("tensions", "nodal_forces", "efforts")
@@ -71,18 +71,18 @@ class Robot:
 
     @property
     def answered_ns(self) -> int:
-        """Stamp that all three topics have reached [ns]."""
+        """Latest stamp received on all three topics [ns]."""
         return min(self.reader.stamp(heard[-1]) if heard else -1 for heard in self.answers.values())
 
     def forget(self) -> None:
-        """Listen anew."""
+        """Discard the received messages."""
         for heard in self.answers.values():
             heard.clear()
 
 
 @dataclass
 class Bench:
-    """A robot in this process, beside an estimator in another."""
+    """A robot in this process and an estimator in another one."""
 
     robot: Robot
     executor: Any
@@ -101,7 +101,7 @@ class Bench:
         return True
 
     def connect(self) -> None:
-        """Until both know each other: an answer to a client not yet known is dropped."""
+        """Wait for mutual discovery; a response to an undiscovered client would be dropped."""
         from rcl_interfaces.srv import GetParameters
 
         assert self.spin_until(self.robot.ready, COMPILING_S)
@@ -113,7 +113,7 @@ class Bench:
         )
 
     def reset(self) -> None:
-        """Have the estimator forget, and listen anew."""
+        """Reset the estimator and discard the received messages."""
         from std_srvs.srv import Trigger
 
         assert self.spin_until(self.robot.reset.service_is_ready)
@@ -123,7 +123,7 @@ class Bench:
         self.robot.forget()
 
     def play(self, bag: str, last_ns: int) -> None:
-        """Publish a bag's inputs, never further ahead than the window; wait for the last answer."""
+        """Publish a bag's inputs, about WINDOW of them in flight; wait for the last estimate."""
         robot, topics = self.robot, Topics()
         publishers = {topics.motors: robot.motors, topics.joints: robot.joints}
         under_way: list[int] = []
@@ -148,7 +148,7 @@ class Bench:
 
 @pytest.fixture
 def bench(start_node: Any) -> Iterator[Callable[..., Bench]]:
-    """Start an estimator that is never stale, or soon, and open the topics beside it."""
+    """Start an estimator with a given timeout, and connect the robot's topics to it."""
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.experimental import EventsExecutor
 
@@ -226,7 +226,7 @@ def _joint_state(stamp_ns: int, names: tuple[str, ...], positions: list[float]) 
 
 
 def _unequal(stamp_ns: int) -> bytes:
-    """Two names, one position."""
+    """A truncated message of two names."""
     two = _joint_state(stamp_ns, ("winch", "other"), [0.0, 0.0])
     one = bytearray(two[:-8])
     layout_end = len(two) - 24  # position count, two doubles, then empty velocity and effort

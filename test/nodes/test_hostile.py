@@ -1,7 +1,7 @@
-"""Everything a network can throw at the node: it lives, forgets nothing, counts all, stays right.
+"""Hostile messages: the node keeps running, counts all of them, and its estimates stay correct.
 
-`make test` sends 100 000 messages, seeded, to the callbacks of a node in this process and some more
-over DDS to a node of its own; `make soak` sends CDRJ_HOSTILE of them.
+`make test` sends 100 000 messages from a fixed seed to the callbacks of a node in this process, and
+some more over DDS to a node in another process; `make soak` sends CDRJ_HOSTILE messages.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ NAMES = {"motors": "winch", "joints": "elbow"}
 GROWTH_MB = 8.0
 PATIENCE_S = 180.0
 COMPILING_S = 600.0
-"""A first start compiles the kernels."""
+"""Timeout of a first start, which compiles the kernels [s]."""
 
 
 @lru_cache(maxsize=64)
@@ -73,7 +73,7 @@ def valid(topic: str, stamp_ns: int) -> bytes:
 
 
 def offline(model: Model, stamps: Mapping[str, Sequence[int]]) -> Estimates:
-    """What the same valid messages give without a node, from a fresh start."""
+    """Estimates from the same valid messages without a node, from the initial state."""
 
     def readings(topic: str) -> dict[str, Readings]:
         when = np.array(stamps[topic], dtype=np.int64)
@@ -85,7 +85,7 @@ def offline(model: Model, stamps: Mapping[str, Sequence[int]]) -> Estimates:
 
 
 class Heard:
-    """Estimates, in room taken beforehand: what grows meanwhile is not the test's."""
+    """Stores estimates in preallocated arrays, so that the test's own memory does not grow."""
 
     def __init__(self, model: Model, room: int) -> None:
         self._stamps = np.full(room, 1, dtype=np.int64)
@@ -115,7 +115,7 @@ def assert_equal(model: Model, values: np.ndarray, wanted: Estimates) -> None:
 
 @pytest.fixture
 def node(ros: None) -> Iterator[Any]:
-    """An estimator in this process; what it publishes is kept in `heard`."""
+    """An estimator in this process; its published estimates are stored in `heard`."""
     from rclpy.parameter import Parameter
 
     from cdrj_ros.nodes.estimator import EstimatorNode
@@ -136,7 +136,7 @@ def node(ros: None) -> Iterator[Any]:
 
 @dataclass
 class Traffic:
-    """Messages to the callbacks of one node, and what was sent."""
+    """Sends messages to the callbacks of one node and counts them."""
 
     node: Any
     whole: int = 0
@@ -169,7 +169,7 @@ class Traffic:
 
 
 def names_in(payload: bytes) -> int:
-    """Readings in a message that is not refused whole, else 0."""
+    """Number of readings in a message; 0 if the message is refused as a whole."""
     try:
         layout = layout_of(payload, JOINT_STATE.fields)
     except MessageError:
@@ -182,7 +182,7 @@ def names_in(payload: bytes) -> int:
 
 
 def own_mb(process: int | str = "self") -> float:
-    """Memory of the process alone: neither libraries nor what it shares with others."""
+    """Anonymous memory of the process [MB], without libraries and shared memory."""
     gc.collect()
     (line,) = (
         line
@@ -197,7 +197,7 @@ MANY = tuple(f"n{k}" for k in range(500))
 
 
 def refusable(kind: int, topic: str, last: int, rng: Any) -> tuple[bytes, str, int]:
-    """A message that must leave no trace, why, and for how many readings it counts.
+    """A message that must be refused, the cause, and the number of readings it counts for.
 
     ``last`` is the newest stamp accepted on the topic.
     """
@@ -238,12 +238,12 @@ def refusable(kind: int, topic: str, last: int, rng: Any) -> tuple[bytes, str, i
         ),
         lambda: (
             Template(NODAL_FORCES, name, ("force_x",)).encode(last + 1, force_x=[1e9]),
-            outside,  # its beginning is a JointState's
+            outside,  # its beginning can be decoded as a JointState
             1,
         ),
     )
     payload, cause, count = table[kind % len(table)]()
-    if not cause:  # bytes that happen to be a message are none of these
+    if not cause:  # random bytes that form a valid message are replaced
         if names_in(payload):
             return b"\0", "malformed", 1
         cause, count = "malformed", 1
@@ -251,12 +251,12 @@ def refusable(kind: int, topic: str, last: int, rng: Any) -> tuple[bytes, str, i
 
 
 def _claiming(good: bytes) -> bytes:
-    """A message that says it holds four thousand million names."""
+    """A message that claims to contain 2^32 - 1 names."""
     return good[:20] + b"\xff\xff\xff\xff" + good[24:]
 
 
 def _one_position_less(stamp: int, topic: str) -> bytes:
-    """Two names and one position."""
+    """A message with two names and one position."""
     whole = joint_state(stamp, (NAMES[topic], "other"), [0.0, 0.0])
     at = layout_of(whole, JOINT_STATE.fields).numbers["position"].offset
     count = at - 4 if whole[at - 4 : at] == struct.pack("<I", 2) else at - 8
@@ -271,7 +271,7 @@ def test_hostile_messages_leave_the_numbers_as_if_they_had_never_come(node: Any)
     node.heard = Heard(model, MESSAGES // 4)
     traffic = Traffic(node)
     expected: Counter[str] = Counter()
-    stamps = {"motors": array("q"), "joints": array("q")}  # a list of them would grow with the test
+    stamps = {"motors": array("q"), "joints": array("q")}  # a list would need more memory
     whole = MESSAGES // 2
     k = 0
     warm = 0.0
@@ -280,7 +280,7 @@ def test_hostile_messages_leave_the_numbers_as_if_they_had_never_come(node: Any)
         for topic in ("joints", "motors") if k % 2 == 0 else ("motors",):
             traffic.send(topic, valid(topic, stamp))
             stamps[topic].append(stamp)
-        for _ in range(int(rng.integers(2, 9))):  # fewer than five in a row on a channel that agree
+        for _ in range(int(rng.integers(2, 9))):  # fewer than five consistent in a row
             topic = "motors" if rng.integers(2) else "joints"
             kind = int(rng.integers(1000))
             payload, cause, count = refusable(kind, topic, stamps[topic][-1], rng)
@@ -290,7 +290,7 @@ def test_hostile_messages_leave_the_numbers_as_if_they_had_never_come(node: Any)
         if not warm and traffic.sent > whole // 3:
             warm = own_mb()
     grown = own_mb() - warm
-    for topic in NAMES:  # what is held is decided upon
+    for topic in NAMES:  # decides on held readings
         traffic.send(topic, valid(topic, BEGIN + k * MILLISECOND))
         stamps[topic].append(BEGIN + k * MILLISECOND)
 
@@ -310,7 +310,7 @@ def test_hostile_messages_leave_the_numbers_as_if_they_had_never_come(node: Any)
 
 
 def wild(rng: Any, now: int) -> Iterator[tuple[str, bytes]]:
-    """One message, or a burst that a channel may take for a new clock."""
+    """One message, or a burst that a channel may interpret as a clock jump."""
     topic = "motors" if rng.integers(2) else "joints"
     chance = rng.integers(10)
     name = ("winch", "elbow", "stranger", "")[rng.integers(4)]
@@ -411,9 +411,9 @@ def is_tensions(payload: bytes) -> bool:
 
 
 def as_sent(payload: bytes) -> bytes:
-    """Padded to four bytes, as the middleware does, and never shorter than its encapsulation.
+    """Pad to a multiple of four bytes like the middleware, with at least four bytes of content.
 
-    Fast DDS takes no shorter one for a sample, and asks its sender for it again and again.
+    Fast DDS does not accept a shorter sample and requests it from the sender again and again.
     """
     payload = payload.ljust(ENCAPSULATION + 4, b"\0")
     return payload + bytes(-len(payload) % 4)
@@ -462,7 +462,7 @@ def test_a_node_fed_with_hostile_bytes_over_dds_lives_counts_and_goes_on_rightly
         return True
 
     def counted() -> int:
-        """Messages refused whole and readings, as the node tells them."""
+        """Number of messages refused as a whole and of readings, from the node's diagnostics."""
         keys = ["readings accepted", "readings held", "readings for another topic"]
         keys += [key for key in said if key.startswith("refused: ")]
         return sum(int(said.get(key, "0")) for key in keys if key != "refused: unknown element")

@@ -1,4 +1,4 @@
-"""What the node makes of its inputs: missing, refused, best-effort, silent, late or thinned."""
+"""The node with missing, refused, best-effort, silent or late inputs, and thinned outputs."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def bench(ros: None) -> Iterator[Bench]:
 
 @pytest.fixture
 def log(bench: Bench) -> list[tuple[int, str]]:
-    """Severity and text of what estimators log from now on."""
+    """Severity and text of the estimators' log messages from now on."""
     from rcl_interfaces.msg import Log
 
     lines: list[tuple[int, str]] = []
@@ -57,7 +57,7 @@ def logged(bench: Bench, lines: list[tuple[int, str]], level: str, words: str) -
 
 
 def diagnosed(node: Any) -> Any:
-    """The status that the node publishes now, a second after the last one."""
+    """The status that the node publishes one simulated second after the last one."""
     kept: list[Any] = []
     node.diagnostics = SimpleNamespace(publish=kept.append)
     node.watch.looked_s -= 1.0
@@ -268,12 +268,12 @@ def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
 
 
 def test_estimates_that_lag_behind_are_marked_and_said(bench: Bench) -> None:
-    """Joint readings come ten seconds late beside a motor that is on time."""
+    """Joint readings arrive ten seconds late while the motor readings are on time."""
     node = bench.estimator(timeout=0.5)
     node.live.set_unsure_share(10.0)
     published: list[Any] = []
     node._publish = published.append
-    late = 1000  # of 10 ms
+    late = 1000  # samples of 10 ms
     for k in range(late + 100):
         sample = sample_at(10 * k)
         node.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
@@ -292,7 +292,7 @@ def test_estimates_that_lag_behind_are_marked_and_said(bench: Bench) -> None:
 
 
 def send_unequal_rates(node: Any, count: int) -> None:
-    """Motors at 500 Hz, joints at 1 kHz; their stamps differ by a third of a millisecond."""
+    """Send motors at 500 Hz and joints at 1 kHz, with stamps a third of a millisecond apart."""
     for k in range(count):
         sample = sample_at(k)
         node.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))

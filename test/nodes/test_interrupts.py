@@ -17,10 +17,10 @@ ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 BAG = str(ROOT / "bags" / "prototype_preload_36_26")
 PATIENCE_S = 30.0
-"""Of a machine under load; a thread pool that is waited for took 55 s."""
+"""Timeout on a machine under load [s]; waiting for a thread pool would take 55 s."""
 
 LATEST_S = 1.5
-"""The last random moment after the handler is installed: imports, then work."""
+"""Latest random interrupt after the installation of the handler, during imports or work [s]."""
 
 COMMANDS = {
     "check_robot": ["prototype"],
@@ -36,7 +36,7 @@ Start = Callable[[str], subprocess.Popen[bytes]]
 
 
 def threads(process: subprocess.Popen[bytes]) -> int:
-    """Threads of a running process; the second one watches for interrupts."""
+    """Number of threads of a running process; the second thread waits for interrupts."""
     status = Path(f"/proc/{process.pid}/status").read_text()
     (line,) = (line for line in status.splitlines() if line.startswith("Threads:"))
     return int(line.split()[1])
@@ -44,7 +44,7 @@ def threads(process: subprocess.Popen[bytes]) -> int:
 
 @pytest.fixture
 def start(executables: Path, tmp_path: Path) -> Iterator[Start]:
-    """Start a command of ``COMMANDS``; wait until it answers signals, early in its start."""
+    """Start a command of ``COMMANDS`` and wait until it handles signals."""
     started: list[subprocess.Popen[bytes]] = []
 
     def one(name: str) -> subprocess.Popen[bytes]:
@@ -105,6 +105,6 @@ def test_an_interrupt_at_a_random_moment_is_one_line_and_code_130(start: Start) 
 def test_an_interrupt_does_not_wait_for_threads(start: Start, wait_until: Any) -> None:
     """``reproduce`` runs the rig in a pool of threads, whose kernels cannot be interrupted."""
     process = start("reproduce")
-    wait_until(lambda: threads(process) > 2, PATIENCE_S)  # beside the main and the watching one
+    wait_until(lambda: threads(process) > 2, PATIENCE_S)  # beyond the main and the signal one
     code, errors = interrupted(process)
     assert (code, errors.count("reproduce: interrupted\n")) == (130, 1)

@@ -1,4 +1,4 @@
-"""The launch file: what it asks for, what it refuses, and the node it starts."""
+"""The launch file: required arguments, refused arguments, and the node it starts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PATIENCE_S = 120.0
 
 
 class Action(SimpleNamespace):
-    """Stands in for an action of launch: keeps what it is made of."""
+    """Replaces an action of launch and stores its arguments."""
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(given=given, **named)
@@ -32,7 +32,7 @@ class Action(SimpleNamespace):
 
 @pytest.fixture
 def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Run the file's own functions as launch would, with launch itself replaced."""
+    """Run the functions of the launch file with a replacement for launch."""
     modules = {
         name: ModuleType(name)
         for name in ("launch", "launch.actions", "launch_ros", "launch_ros.actions")

@@ -1,4 +1,4 @@
-"""The node through its life: parameters, services, clocks, neighbours, diagnostics, restarts."""
+"""The node at run time: parameters, services, clocks, other nodes, diagnostics, restarts."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def test_the_services_answer_with_what_they_did(bench: Bench) -> None:
     assert f"winch {angle:.6g} rad" in done.message
     assert node.live.model.robot.motors[0].reference_angle == angle
     feed(node, 99, 101)
-    # at the reference: the preload, but for the part of a count that the filter had found
+    # in the reference pose: the preload, up to the filter's estimate within an encoder count
     assert np.allclose(tensions(node)[-2][:8], 36.85, rtol=5e-3)
 
     done = bench.call(
@@ -239,7 +239,7 @@ def test_equal_stamps_and_stamps_from_the_future_change_nothing(bench: Bench, mo
     node = bench.estimator()
     for k in range(100):
         feed(node, k, k + 1)
-        feed(node, k, k + 1)  # the same again
+        feed(node, k, k + 1)  # repeat the sample
         future = sample_at(k).stamp_ns + 7200 * SECOND
         node.motor(MOTOR.encode(future, position=[0.0]))
     assert np.array_equal(tensions(node), expected((model,), (range(100),)))
@@ -249,7 +249,7 @@ def test_equal_stamps_and_stamps_from_the_future_change_nothing(bench: Bench, mo
 
 
 def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
-    """Ten simulated seconds pass in less, then the clock stands still, then it goes on alone."""
+    """Ten simulated seconds pass quickly; the clock stops, then continues without inputs."""
     from rclpy.qos import QoSProfile
     from rosgraph_msgs.msg import Clock
 
@@ -281,7 +281,7 @@ def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
 
     bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 10)
     assert bench.until(lambda: bench.node.count_publishers("/cdrj/tensions") > 0)
-    # the clock stands still: the steady one watches
+    # while the simulated clock stands still, the steady clock is used
     assert bench.until(lambda: bool(heard) and all(flags & STALE for flags in heard[-1].status))
     set_clock(BEGIN + 4000 * MILLISECOND)
     feed(node, 4000, 4001)
@@ -329,7 +329,7 @@ def test_outputs_are_stale_no_sooner_and_hardly_later_than_the_timeout(bench: Be
     clock = Clock(bench, node)
     assert bench.until(lambda: node.tensions.get_subscription_count() > 0)
     clock.set(BEGIN)
-    clock.set(BEGIN + 110 * MILLISECOND)  # between two looks
+    clock.set(BEGIN + 110 * MILLISECOND)  # between two checks of the inputs
     feed(node, 0, 10)
     assert bench.until(lambda: len(heard) == 10)
     for ms in range(120, 611, 10):

@@ -1,4 +1,4 @@
-"""Estimators as processes of their own, fed over DDS: killed, started again, given load cells."""
+"""Estimators in separate processes over DDS: killed, restarted, and with load cells."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cdrj_ros.model.prepared import Model
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 LOST = "25.8,26.26"
-"""Preloads after the upper cable has lost 30 %."""
+"""Preloads after a loss of 30 % in the upper cable [N]."""
 PATIENCE_S = 120.0
 INPUTS = ("motor_states", "joint_states")
 MOTOR = Template(JOINT_STATE, ("winch",), ("position",))
@@ -41,7 +41,7 @@ def readings(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples
 
 
 class Remote:
-    """An estimator process in a namespace of its own, and our ends of its topics."""
+    """An estimator process in its own namespace, with the test's ends of its topics."""
 
     def __init__(self, node: Any, start_node: Any, side: str) -> None:
         from cdrj_msgs.msg import CableTensions
@@ -59,9 +59,9 @@ class Remote:
         )
 
     def start(self, *own: str, **parameters: Any) -> None:
-        """Start a process, and wait until it is connected; a killed one's ends stay a while."""
+        """Start a process and wait until it is connected; a killed one's endpoints remain."""
         before = self._ends()
-        # what a reading says is what the filter would make of it: the tests compare with run()
+        # no filter between counts, since the tests compare with run()
         given = {"robot": ROBOT, "timeout": 3600.0, "tracking_bandwidth": 0.0, **parameters}
         self.process = self._start_node(
             "estimator", *own, "--ros-args", "-r", f"__ns:=/{self.side}",
@@ -95,9 +95,9 @@ class Remote:
         return True
 
     def send(self, readings: Samples, first: int, last: int, cells: Any = None) -> None:
-        """Readings by number, and tensions of load cells with every fourth; waits for answers."""
+        """Send readings, with load cell tensions at every fourth; wait for the estimates."""
         begin = len(self.answers)
-        few = 100 if cells is None else 10  # a load cell's reading counts for 0.2 s
+        few = 100 if cells is None else 10  # a load cell's reading is valid for 0.2 s
         for k in range(first, last):
             stamp = int(readings.stamp_ns[k])
             if cells is not None and k % 4 == 0:
@@ -112,7 +112,7 @@ class Remote:
         assert self.until(lambda: len(self.answers) == begin + last - first)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
-        """The answer of a service of the estimator."""
+        """Call a service of the estimator; returns its response."""
         client = self.node.create_client(kind, f"/{self.side}/estimator/{name}")
         assert self.until(client.service_is_ready)
         answer = client.call_async(request)
@@ -120,25 +120,25 @@ class Remote:
         return answer.result()
 
     def heard(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tensions and standard deviations of all answers [N], shapes (n, elements)."""
+        """Tensions and standard deviations of all estimates [N], shapes (n, elements)."""
         got = [cable_tensions(one) for one in self.answers]
         tension, stddev = (np.array([one[k] for one in got]) for k in (2, 3))
         return tension, stddev
 
     def kill(self) -> None:
-        """By SIGKILL."""
+        """Kill the process by SIGKILL."""
         self.process.kill()
         self.process.wait()
         self.answers.clear()
 
 
 def figures(words: str) -> None:
-    """For docs/reliability.md."""
+    """Print figures for docs/reliability.md."""
     print(words)  # noqa: T201
 
 
 def alone(model: Model, readings: Samples) -> np.ndarray:
-    """Tensions without an end or a start in between [N]."""
+    """Tensions of an uninterrupted estimator [N]."""
     _, estimates = run(model, initial_state(model), readings)
     return estimates.values[:, model.layout.tension]
 
@@ -146,7 +146,7 @@ def alone(model: Model, readings: Samples) -> np.ndarray:
 def test_of_two_robots_on_a_network_one_is_killed_and_goes_on_and_the_other_never_notices(
     node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
 ) -> None:
-    """Each a process; one ends by SIGKILL in mid-motion and finds its state file."""
+    """Each estimator is a process; one is killed in motion and restarts from its state file."""
     state_file = tmp_path / "state"
     left, right = (Remote(node, start_node, side) for side in ("left", "right"))
     left.start("--state-file", str(state_file))
@@ -186,7 +186,7 @@ def test_killed_without_a_state_file_it_is_within_two_sigma_at_once_and_soon_wit
     error = np.abs(tension - truth)
     assert np.all(error[0] <= 2.0 * stddev[0])
     assert np.mean((error <= 2.0 * stddev)[:50]) > 0.97
-    assert np.mean(error[0]) > 0.5  # nobody has told it what the friction had done
+    assert np.mean(error[0]) > 0.5  # the friction state has been lost
     angle = readings.joint_angle[begin:end, 0]
     turn = int(np.argmax(np.abs(angle[:1500] - angle[0])))
     back = turn + int(np.argmax(np.abs(angle[turn:] - angle[turn]) > 0.35))
@@ -203,7 +203,7 @@ def test_killed_without_a_state_file_it_is_within_two_sigma_at_once_and_soon_wit
 def test_what_the_services_set_outlives_a_kill(
     node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
 ) -> None:
-    """Killed at once after the answer, before any further sample."""
+    """The process is killed right after the response, before any further sample."""
     from cdrj_msgs.srv import SetPreload
     from std_srvs.srv import Trigger
 

@@ -1,4 +1,4 @@
-"""The example that reads tensions: it uses what may be used, and refuses the rest."""
+"""The example that reads tensions uses reliable tensions and refuses all others."""
 
 from __future__ import annotations
 

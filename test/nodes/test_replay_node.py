@@ -1,4 +1,4 @@
-"""The replay command as a user runs it, beside one estimator process for all tests."""
+"""The replay command as a user runs it, with one estimator process for all tests."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ PATIENCE_S = 120.0
 LAST_WORDS_S = 30.0
 ASK_AGAIN_S = 5.0
 COMPILING_S = 600.0
-"""A first start compiles the kernels."""
+"""Timeout of a first start, which compiles the kernels [s]."""
 
 ANSWERED = r"[1-9]\d* answered"
-"""A line of progress: answers have come."""
+"""Pattern of a progress line once estimates have been received."""
 
 TAKE_TERMINAL = """
 import fcntl, os, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 os.execv(sys.argv[1], sys.argv[1:])
 """
-"""Make standard input the controlling terminal, then become the command."""
+"""Script that makes standard input the controlling terminal, then executes the command."""
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -58,7 +58,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 def estimator(
     executables: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """One estimator for many replays, its kernels compiled: each replay starts it anew."""
+    """One estimator for many replays, with compiled kernels; each replay resets it."""
     log = tmp_path_factory.mktemp("estimator") / "log"
     with log.open("wb") as stream:
         process = subprocess.Popen(
@@ -76,7 +76,7 @@ def estimator(
 
 
 class Replay:
-    """A replay process whose output is read as it comes."""
+    """A replay process whose output is read while it runs."""
 
     def __init__(self, process: subprocess.Popen[bytes], stream: int) -> None:
         self.process = process
@@ -85,12 +85,12 @@ class Replay:
         self._thread.start()
 
     def _read(self, stream: int) -> None:
-        with contextlib.suppress(OSError):  # a terminal ends with an error
+        with contextlib.suppress(OSError):  # reading a closed terminal raises an error
             while data := os.read(stream, 65536):
                 self.output += data.decode(errors="replace")
 
     def wait_for(self, pattern: str, patience_s: float = PATIENCE_S) -> re.Match[str]:
-        """Wait for words; what an ended process wrote last may still be on its way."""
+        """Wait for a pattern; the last output of an ended process may arrive with a delay."""
         deadline = time.monotonic() + patience_s
         while not (found := re.search(pattern, self.output)):
             if self.process.poll() is not None:
@@ -106,10 +106,10 @@ class Replay:
 
 
 class Services:
-    """A client for every service of a replay, made before it starts.
+    """Clients for all services of a replay, created before it starts.
 
-    An answer to a client that the replay does not know yet is dropped. It learns of them in this
-    order: once it has answered the last one, it knows them all.
+    A response to a client that the replay has not discovered is dropped. The replay discovers the
+    clients in this order, so once it responds to the last one, it has discovered all.
     """
 
     def __init__(self, node: Any) -> None:
@@ -125,7 +125,7 @@ class Services:
         }
 
     def call(self, name: str, patience_s: float = PATIENCE_S, **request: Any) -> Any:
-        """What it answers; None where no answer comes."""
+        """Call a service; returns the response, or None if there is none in time."""
         import rclpy
 
         client = self._clients[name]
@@ -135,7 +135,7 @@ class Services:
         return future.result()
 
     def state(self, condition: Callable[[Any], bool] = lambda _: True) -> Any:
-        """What it says of itself once a condition holds."""
+        """Wait until the state of the playback meets a condition; returns the state."""
         deadline = time.monotonic() + PATIENCE_S
         while not (state := self.call("get_playback", ASK_AGAIN_S)) or not condition(state):
             assert time.monotonic() < deadline, state
@@ -155,7 +155,7 @@ def _spun_until(node: Any, condition: Callable[[], bool]) -> bool:
 
 @pytest.fixture
 def replay(executables: Path) -> Iterator[Callable[..., Replay]]:
-    """Start a replay of a bag, or more, with a robot and further arguments."""
+    """Start a replay of one or more bags with a robot and further arguments."""
     started: list[Replay] = []
 
     def start(
@@ -249,7 +249,7 @@ def test_a_part_of_a_bag_is_answered_completely(
     facts = _facts(figures)
     assert facts["played"].startswith("1.000 s of ")
     assert facts["estimates received"] == facts["estimates expected"]
-    # a second of motors at 1 kHz and of joints at 500 Hz between them
+    # one second of motors at 1 kHz, and of joints at 500 Hz with stamps in between
     assert 1490 < int(facts["estimates expected"]) <= 1501
 
 
@@ -263,7 +263,7 @@ def _figures(path: Path) -> list[dict[str, Any]]:
 
 
 def _excerpt(path: Path, begin_s: float, end_s: float, topics: Sequence[str] = ()) -> str:
-    """A bag of a part of the sample recording, of all or some of its topics."""
+    """Write a bag with a part of the sample recording, of all or some of its topics."""
     files = list(SAMPLE.glob("*.mcap"))
     assert len(files) == 1
     path.mkdir()
@@ -302,7 +302,7 @@ def test_several_bags_play_one_after_the_other_each_with_figures_of_its_own(
     a, b = _figures(figures)
     assert a["facts"]["played"].startswith("1.999 s of 1.999 s")
     assert b["facts"]["played"].startswith("2.999 s of 2.999 s")
-    # neither heard of the other: the same as alone
+    # the bags do not affect each other: the results equal those of single replays
     for bag, path in ((a, first), (b, second)):
         code, out = replay(path, "--json", str(figures)).finish()
         assert code == 0, out
@@ -336,7 +336,7 @@ def test_a_bag_in_several_files_plays_as_one(
     whole = _excerpt(tmp_path / "whole", 0.0, 2.4)
     split = tmp_path / "split"
     split.mkdir()
-    for k in range(3):  # the last stamp is left out of each part
+    for k in range(3):  # each part excludes its last stamp
         part = Path(_excerpt(tmp_path / f"part_{k}", 0.8 * k, 0.8 * (k + 1)))
         (part / f"part_{k}.mcap").rename(split / f"split_{k}.mcap")
     if metadata:
@@ -387,7 +387,7 @@ def test_other_topics_play_beside_the_inputs_as_they_were_recorded(
         node,
         lambda: bool(node.count_publishers("/recorded") and node.count_publishers("/clock")),
     ), one.output
-    services.state()  # it knows this node, and who listens to the clock
+    services.state()  # the replay has discovered this node and its clock subscription
     assert services.call("resume").success
     assert _spun_until(node, lambda: one.process.poll() is not None), one.output
     code, out = one.finish()
@@ -448,7 +448,7 @@ def test_a_second_ctrl_c_ends_at_once(estimator: Any, replay: Any, node: Any) ->
     one = replay(str(SAMPLE), "--rate", "1")
     one.wait_for(ANSWERED)
     services.state()
-    estimator.send_signal(signal.SIGSTOP)  # what is under way is not answered any more
+    estimator.send_signal(signal.SIGSTOP)  # estimates in flight are no longer answered
     try:
         services.state(lambda state: state.expected - state.received - state.lost > 16)
         one.process.send_signal(signal.SIGINT)
@@ -547,7 +547,7 @@ def test_services_control_the_playing(
     assert _spun_until(node, lambda: bool(times) and times[-1] == still)
     times.clear()
     assert _spun_until(node, lambda: len(times) >= 5)
-    assert set(times) == {still}  # the clock stands still, and is told
+    assert set(times) == {still}  # the clock stands still and is still published
 
     assert state.offset < 10.0
     seek = call("seek", offset=10.0)

@@ -1,4 +1,4 @@
-"""Quality of service as files give it."""
+"""Reading quality of service from files."""
 
 from __future__ import annotations
 

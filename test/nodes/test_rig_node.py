@@ -1,4 +1,4 @@
-"""The rig as a node: beside a real estimator, and under commands good and bad."""
+"""The rig node: with a real estimator, and with valid and invalid commands."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "rig_node.md"
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 60.0
 COMPILING_S = 600.0
-"""A first start compiles the kernels."""
+"""Timeout of a first start, which compiles the kernels [s]."""
 
 
 def overrides(**given: Any) -> list[Any]:
@@ -42,7 +42,7 @@ def spin_until(
 
 @dataclass
 class Bench:
-    """A rig in this process, and a node that commands and listens."""
+    """A rig in this process and a node that sends commands and subscribes."""
 
     rig: Any
     user: Any
@@ -59,7 +59,7 @@ class Bench:
         return spin_until(self.executor, condition)
 
     def publish(self, topic: str, message: Any) -> None:
-        """Once, to a rig that hears it."""
+        """Publish a message once, after the rig has been connected."""
         if topic not in self.publishers:
             self.publishers[topic] = self.user.create_publisher(type(message), topic, 10)
             assert self.spin_until(lambda: self.publishers[topic].get_subscription_count() > 0)
@@ -79,7 +79,7 @@ class Bench:
 
 @pytest.fixture
 def bench(ros: None) -> Iterator[Callable[..., Bench]]:
-    """Make rigs in this process; they end with the test."""
+    """Create rigs in this process; they are destroyed after the test."""
     from rclpy.experimental import EventsExecutor
     from rclpy.node import Node
 
@@ -155,7 +155,7 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(start_node: Any, no
             "rig", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "cells:=4", "-p", "truth_rate:=100",
             "-p", "motor_rate:=250", "-p", "joint_rate:=125",
         )  # fmt: skip
-        # nothing has slipped before the first command: the estimator knows the friction's history
+        # nothing slips before the first command, so the estimator knows the friction history
         commands = node.create_publisher(JointTrajectory, "/cdrj/motor_trajectory", 10)
         heard = commands.get_subscription_count
         assert spin_until(executor, lambda: bool(truths and estimates and heard()), COMPILING_S)
@@ -336,7 +336,7 @@ def test_load_cells_clock_and_payload(bench: Any) -> None:
 def test_a_rig_that_cannot_keep_up_leaves_time_out_and_says_so(bench: Any) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
 
-    one = bench(drive_clock=True, speed=100.0, cells=8)  # 10 us a step: out of reach
+    one = bench(drive_clock=True, speed=100.0, cells=8)  # 10 us per step cannot be reached
     heard = one.listen(DiagnosticArray, "/diagnostics")
     assert one.spin_until(
         lambda: any(message.status[0].message.startswith("cannot keep up") for message in heard)

@@ -1,4 +1,4 @@
-"""What strangers can reach: the policy file is the nodes' real graph, and no file is in reach."""
+"""Security: the policy file matches the ROS graph, and no node can be made to write a file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ GRAPH = {
 
 
 def allowed(node: str) -> dict[tuple[str, str], set[str]]:
-    """Full names that the policy allows a node, by what it may do with them."""
+    """Full names that the policy allows a node, by kind and permission."""
     (profile,) = (p for p in ElementTree.parse(POLICY).iter("profile") if p.get("node") == node)
     namespace = profile.get("ns")
     names: dict[tuple[str, str], set[str]] = {key: set() for key in GRAPH}
@@ -46,7 +46,7 @@ def allowed(node: str) -> dict[tuple[str, str], set[str]]:
 
 @pytest.fixture
 def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
-    """An onlooker beside an estimator, a replay, a watch and a rig with all of their topics."""
+    """An observer node, with an estimator, a replay, a watch and a rig with all their topics."""
     from rclpy.experimental import EventsExecutor
     from rclpy.node import Node
     from rclpy.parameter import Parameter
@@ -61,7 +61,7 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     given = {"robot": ROBOT, "tension_sensors": True, "use_sim_time": True}
     estimator = EstimatorNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
     replay = ReplayNode(Wiring(clock_hz=10.0))
-    offer_services(replay, MagicMock(), MagicMock())  # nobody calls them here
+    offer_services(replay, MagicMock(), MagicMock())  # the services are not called
     clock = [Parameter("use_sim_time", value=True)]
     watch = WatchNode(forces=True, choice=Choice(), parameter_overrides=clock)
     given = {"robot": ROBOT, "cells": 1, "truth_rate": 1.0, "drive_clock": True}
@@ -136,7 +136,7 @@ def test_a_node_writes_no_file_itself(path: Path) -> None:
 
 
 def test_the_state_file_is_named_on_the_command_line_and_nowhere_else() -> None:
-    """The node's one file: its path comes through the constructor; no message can change it."""
+    """The only file of the node: its path is set in the constructor; no message can change it."""
     tree = ast.parse((PACKAGE / "nodes" / "estimator.py").read_text("utf-8"))
     assigned = [
         ast.unparse(node.value)
@@ -176,7 +176,7 @@ def test_nothing_is_loaded_that_could_run() -> None:
             keywords = {k.arg: ast.unparse(k.value) for k in call.keywords}
             plain = isinstance(call.func, ast.Name)
             assert not (plain and name in ("eval", "exec", "compile", "__import__")), path
-            if name == "YAML":  # neither of the two makes objects of what a file names
+            if name == "YAML":  # neither type constructs objects named in a file
                 assert keywords.get("typ", "'rt'") in ("'safe'", "'rt'"), path
             if ast.unparse(call.func) in ("np.load", "numpy.load"):
                 assert keywords.get("allow_pickle") == "False", path

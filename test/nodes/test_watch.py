@@ -1,4 +1,4 @@
-"""``watch`` as a user runs it: in a pipe, in a terminal, once, and with nothing to hear."""
+"""``watch`` as a user runs it: in a pipe, in a terminal, once, and without messages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PATIENCE_S = 60.0
 
 
 class Output:
-    """What a process writes, read as it comes."""
+    """The output of a process, read while it runs."""
 
     def __init__(self, stream: int) -> None:
         self.text = ""
@@ -28,7 +28,7 @@ class Output:
         self._thread.start()
 
     def _read(self, stream: int) -> None:
-        with contextlib.suppress(OSError):  # a terminal ends with an error
+        with contextlib.suppress(OSError):  # reading a closed terminal raises an error
             while data := os.read(stream, 65536):
                 self.text += data.decode()
 
@@ -54,7 +54,7 @@ class Source:
         )
 
     def publish_until(self, condition: Callable[[], Any], silent: bool = False) -> None:
-        """Publish some hundred times a second until something holds."""
+        """Publish at most 200 messages per second until a condition holds."""
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < deadline
@@ -98,13 +98,13 @@ def test_a_pipe_gets_lines_that_notice_silence_and_ctrl_c_ends_it(
         r"1 UNSURE 1 OK$"
     )
     source.publish_until(lambda: re.search(line, output.text, re.MULTILINE))
-    # a name and no value: said, not shown
+    # a name without a value is reported and the table is not shown
     source.message.name.append("odd/1")
     source.publish_until(lambda: "3 names, but 2 values, 2 statuses" in output.text)
     source.message.name.pop()
     seen = len(output.text)
     source.publish_until(lambda: re.search(line, output.text[seen:], re.MULTILINE))
-    # the last message is not shown as good for long
+    # the last message is soon shown as stale
     source.publish_until(lambda: "2 STALE" in output.text, silent=True)
     assert re.search(r"nothing from /test on /cdrj/tensions for \d+ s", output.text)
     process.send_signal(signal.SIGINT)
@@ -124,7 +124,7 @@ def test_a_terminal_gets_a_table_and_its_cursor_back(
     try:
         process = start_node("watch", stdout=theirs, stderr=theirs)
         output = Output(ours)
-        source.publish_until(lambda: output.text.count("upper/1") > 3)  # drawn again and again
+        source.publish_until(lambda: output.text.count("upper/1") > 3)  # drawn repeatedly
         process.send_signal(number)
         assert process.wait(PATIENCE_S) == code
     finally:

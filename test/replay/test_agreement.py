@@ -1,4 +1,4 @@
-"""What the replay says about an estimator that is set otherwise than it expects."""
+"""Messages of the replay about an estimator whose settings differ from the expected ones."""
 
 from __future__ import annotations
 

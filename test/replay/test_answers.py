@@ -1,4 +1,4 @@
-"""What is expected of an estimator, and how its answers are counted.  No ROS."""
+"""Prediction of the estimates and counting of the answers.  Does not depend on ROS."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FIRST_NS = 1_000 * MS
 
 
 class Bench:
-    """A run, the inputs to it, and an estimator that answers as it is told to."""
+    """A run with its inputs and an estimator whose answers the test determines."""
 
     def __init__(self, model: Model) -> None:
         self.model = model

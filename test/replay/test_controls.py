@@ -1,4 +1,4 @@
-"""Keys and requests: what each does, and that the terminal comes back as it was.  No ROS."""
+"""Keys and requests, and the restoration of the terminal.  Does not depend on ROS."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_a_burst_at_the_end_is_refused(controls: Controls) -> None:
 
 @pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, int]]:
-    """The two ends of a terminal that counts as ours."""
+    """The two ends of a terminal with this process in its foreground."""
     keys, screen = pty.openpty()
     monkeypatch.setattr(os, "tcgetpgrp", lambda _: os.getpgrp())
     yield keys, screen

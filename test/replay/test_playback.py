@@ -1,4 +1,4 @@
-"""Laws of playing: order, completeness, time; whatever is asked for in between."""
+"""Invariants of the playback under any requests: order, completeness and time."""
 
 from __future__ import annotations
 
@@ -217,10 +217,10 @@ def test_whatever_is_asked_for_no_message_is_lost_repeated_or_out_of_order(
     for name, value in actions:
         now = _act(playback, name, value, now)
         sent += _numbers(playback.take(now, at_most))
-        assert playback.position_ns(now) >= position  # the time never goes back by itself
+        assert playback.position_ns(now) >= position  # the time never decreases without a seek
         position = playback.position_ns(now)
         if len(sent) < len(times):
-            assert position <= times[len(sent)]  # nor past what is still to be sent
+            assert position <= times[len(sent)]  # nor exceeds that of the next message
     sent += _play_out(playback, now, at_most)
     assert sent == list(range(len(times)))
 

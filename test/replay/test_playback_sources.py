@@ -1,4 +1,4 @@
-"""What is played from real files: order of time, order of stamps, several bags as one."""
+"""Playback from real files: by log time, by header stamp, and several bags merged."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _bag(path: Path, topic: str, stamps_ms: list[int]) -> str:
 
 @pytest.fixture
 def two(tmp_path: Path) -> list[str]:
-    """Motors and joints of one event, in two bags."""
+    """Motors and joints of one recording session in two bags."""
     return [
         _bag(tmp_path / "motors", TOPICS.motors, list(range(1000, 1100, 2))),
         _bag(tmp_path / "joints", TOPICS.joints, list(range(1001, 1101, 2))),

@@ -1,1 +1,1 @@
-"""What tests of several rooms share."""
+"""Support code shared by tests of several packages."""

@@ -1,4 +1,4 @@
-"""Small files that claim or unpack to far more than they are."""
+"""Small files that unpack to, or claim to contain, far more than their size."""
 
 import os
 import sqlite3
@@ -19,7 +19,7 @@ ENDLESS = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELEC
 
 
 def packed_zeros(size: int, start: bytes = b"") -> bytes:
-    """zstd of `start` and `size` zeros, made without holding them."""
+    """`start` and `size` zeros compressed by zstd without holding the zeros in memory."""
     packer = zstandard.ZstdCompressor(level=1).compressobj()
     piece = bytes(16 * MIB)
     parts = [packer.compress(start)]
@@ -179,4 +179,4 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "surrogate": (lambda folder: with_metadata(folder, listed(r"\uD800.mcap")), "is not there"),
     "zero byte": (lambda folder: with_metadata(folder, listed(r"a\0.mcap")), "is not there"),
 }
-"""By name: what makes the file in an empty folder, and words of what reading it says."""
+"""By name: a function that creates the file in an empty folder, and a part of the error text."""

@@ -1,4 +1,4 @@
-"""Faults of the inputs, composed at random, beside an uninterrupted run of the same motion."""
+"""Random combinations of input faults, compared with an undisturbed run of the same motion."""
 
 from __future__ import annotations
 
@@ -27,61 +27,61 @@ START = 1_700_000_000 * 10**9
 MS = 1_000_000
 SECOND = 1_000_000_000
 SMALLEST = 1e-3
-"""Standard deviations below this are rounding [N]."""
+"""Lower bound of standard deviations; smaller ones are rounding errors [N]."""
 
 
 @dataclass(frozen=True)
 class Course:
-    """True angles at 1 kHz, and the uninterrupted estimates of them."""
+    """True angles at 1 kHz and the undisturbed estimates for them."""
 
     winch: Vector
     elbow: Vector
     tension: Vector
-    """[N], shape (n, elements)."""
+    """Undisturbed estimate of the tension [N], shape (n, elements)."""
 
     @property
     def duration_ns(self) -> int:
         return self.winch.size * MS
 
     def angle(self, name: str, stamps: Stamps) -> Vector:
-        """Of an axis at stamps since the start [rad]."""
+        """Angle of an axis [rad] at stamps since the start [ns]."""
         return np.interp(stamps, MS * np.arange(self.winch.size), getattr(self, name))
 
 
 @dataclass
 class Faults:
-    """What happens to the inputs of one run; the default is nothing."""
+    """Faults of the inputs of one run; none by default."""
 
     period_ns: dict[str, int] = field(default_factory=lambda: {"winch": MS, "elbow": MS})
     gaps: list[tuple[str, int, int]] = field(default_factory=list)
     """Axis, begin and end [ns]."""
     late_ns: dict[str, int] = field(default_factory=dict)
-    """How late an axis's messages arrive [ns]."""
+    """Delay of the messages by axis [ns]."""
     slip: tuple[int, float] | None = None
-    """When [ns] and by how much [rad] the winch's encoder slips."""
+    """Time [ns] and size [rad] of a slip of the winch's encoder."""
     wrap: bool = False
-    """Whether the winch's encoder starts again after a turn of which the robot file is silent."""
+    """Whether the winch's encoder wraps after a turn although the robot file gives no wrapping."""
     restart_ns: int | None = None
-    """When the estimator is stopped and started again from its state file."""
+    """Time at which the estimator stops, to be restarted from its state file [ns]."""
     stop_ns: int = 0
-    """For how long it was stopped then [ns]."""
+    """Duration of that stop [ns]."""
     clock_ns: tuple[int, int] | None = None
-    """When, and by how much, the clock of the inputs is set [ns]."""
+    """Time and size of a jump of the inputs' clock [ns]."""
     cell: float | None = None
-    """What a load cell at ``upper/8`` that is stuck says [N]."""
+    """Constant reading of a stuck load cell at ``upper/8`` [N]."""
     effort: float | None = None
-    """What the motor's driver says of its effort [N m]."""
+    """Constant effort that the motor's driver reports [N m]."""
     tare_ns: int | None = None
-    """When somebody calls for a tare."""
+    """Time of a call of tare [ns]."""
     mode: Mode = "wait"
 
     def words(self) -> str:
-        """The faults there are, for the message of a failed test."""
+        """Description of the faults for the message of a failed test."""
         return ", ".join(f"{k}={v}" for k, v in vars(self).items() if v != getattr(Faults(), k))
 
 
 def courses(model: Model, seconds: float, kinds: Sequence[int]) -> list[Course]:
-    """Smooth motions of the robot with their uninterrupted estimates."""
+    """Smooth motions of the robot with their undisturbed estimates."""
     return [_course(model, seconds, kind) for kind in kinds]
 
 
@@ -100,7 +100,7 @@ def _course(model: Model, seconds: float, kind: int) -> Course:
 
 
 def follow(model: Model, elbow: Vector) -> Vector:
-    """Winch angles that keep the cables of the prototype about as long as the joint asks for."""
+    """Winch angles that approximately follow the cable lengths required by the joint angles."""
     grid = np.linspace(elbow.min(), elbow.max(), 41)
     cable = model.robot.cables[0]
     count = len(cable.element_names)
@@ -112,7 +112,7 @@ def follow(model: Model, elbow: Vector) -> Vector:
 
 
 def stamps_of(course: Course, faults: Faults, name: str) -> Stamps:
-    """Of the readings of an axis since the start [ns]."""
+    """Stamps of the readings of an axis since the start [ns]."""
     stamps = np.arange(0, course.duration_ns, faults.period_ns[name], dtype=np.int64)
     for axis, begin, end in faults.gaps:
         if axis == name:
@@ -143,13 +143,13 @@ def run(
     scratch: Path | None = None,
     watch: Callable[[LiveEstimator], object] | None = None,
 ) -> list[Output]:
-    """Feed the course with its faults; the stamps of what comes out are those of the course.
+    """Feed the course with its faults; the stamps of the outputs refer to the course's clock.
 
     Args:
         model: the robot.
-        course: its motion.
-        faults: what happens to the inputs.
-        options: of the estimator.
+        course: the motion.
+        faults: the faults of the inputs.
+        options: options of the estimator.
         scratch: a folder for the state file of a restart.
         watch: called with the estimator at the end.
     """
@@ -194,7 +194,7 @@ def _messages(course: Course, faults: Faults) -> list[tuple[int, str, str, int, 
 
 
 def _feed_sensors(live: LiveEstimator, faults: Faults, stamp: int, set_by: int) -> None:
-    """What the stuck sensors say at a stamp [ns], on a clock that was set by so much [ns]."""
+    """Feed the stuck sensors' readings at a stamp [ns]; ``set_by`` is the clock's offset [ns]."""
     if faults.effort is not None:
         live.feed_efforts(START + stamp + set_by, ("winch",), (faults.effort,))
     if faults.cell is not None and stamp % (10 * MS) == 0:
@@ -211,29 +211,29 @@ def _try_tare(live: LiveEstimator) -> None:
 
 
 def _moved(output: Output, by: int) -> Output:
-    """An estimate whose clock was set, at the time of the course."""
+    """The output with its stamp converted back to the course's clock."""
     estimate = output.estimate
     return output._replace(estimate=estimate._replace(stamp_ns=estimate.stamp_ns - by))
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How estimates with status 0 lie beside the truth, element by element and sample by sample."""
+    """Errors of the estimates with status 0, over all elements and samples."""
 
     ratio: Vector
-    """|error| over the standard deviation of all that had status 0."""
+    """|error| / standard deviation of all estimates with status 0 [-]."""
     worst: float
     """Largest of these errors [N]."""
     judged: int
-    """Elements times samples, whatever their status."""
+    """Number of elements times samples of any status."""
 
     def beyond(self, sigmas: float) -> float:
-        """Share of what had status 0 that was further off."""
+        """Share of the estimates with status 0 whose error exceeds ``sigmas`` deviations [-]."""
         return float(np.mean(self.ratio > sigmas)) if self.ratio.size else 0.0
 
 
 def judge(course: Course, outputs: Sequence[Output], begin_ns: int, end_ns: int) -> Verdict:
-    """Judge the estimates whose stamps lie between two times since the start."""
+    """Judge the estimates whose stamps lie between two times since the start [ns]."""
     inside = [o for o in outputs if begin_ns <= o.estimate.stamp_ns - START < end_ns]
     if not inside:
         return Verdict(np.empty(0), 0.0, 0)
@@ -268,7 +268,7 @@ def draw_faults(generator: np.random.Generator, duration_ns: int) -> Faults:
 
 
 def _time(generator: np.random.Generator, duration_ns: int) -> int:
-    """In the middle half of the run [ns]."""
+    """Random time between 35 % and 80 % of the run [ns]."""
     return int(generator.uniform(0.35, 0.8) * duration_ns)
 
 
@@ -294,7 +294,7 @@ def _late(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> 
 def _slip(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
     sign = generator.choice((-1.0, 1.0))
     faults.slip = _time(generator, duration_ns), float(sign * generator.uniform(0.4, 3.0))
-    # further apart, a slip cannot be told from a motion
+    # with a longer period, a slip could not be distinguished from a motion
     faults.period_ns["winch"] = min(faults.period_ns["winch"], SECOND // 50)
 
 

@@ -1,4 +1,4 @@
-"""Estimator nodes in this process, and what is sent to them."""
+"""Estimator nodes in this process, and the messages sent to them."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
 def sample_at(k: int, begin: int = BEGIN) -> Sample:
     time = 1e-3 * k
     elbow = 0.3 * np.sin(3.0 * time)
-    winch = 8.0 * np.sin(elbow) + 0.02 * np.sin(40.0 * time)  # 0.12 m a radian over 15 mm
+    winch = 8.0 * np.sin(elbow) + 0.02 * np.sin(40.0 * time)  # 0.12 m per radian / 15 mm
     return Sample(begin + k * MILLISECOND, np.array([winch]), np.array([elbow]))
 
 
 class Bench:
-    """Estimators in this process, and a node that speaks to them."""
+    """Estimators in this process and a node that communicates with them."""
 
     def __init__(self) -> None:
         from rclpy.experimental import EventsExecutor
@@ -46,7 +46,7 @@ class Bench:
         self.estimators: list[Any] = []
 
     def estimator(self, *arguments: str, state_file: Path | None = None, **given: Any) -> Any:
-        """A node whose outputs are kept in `outputs`."""
+        """Create an estimator node whose outputs are stored in `outputs`."""
         from rclpy.parameter import Parameter
 
         from cdrj_ros.nodes.estimator import EstimatorNode
@@ -105,7 +105,7 @@ def feed(node: Any, first: int, last: int, begin: int = BEGIN) -> None:
 
 
 def hold(node: Any, k: int, displaced: float = 0.0) -> None:
-    """Go on with the readings of one sample until the robot counts as at rest."""
+    """Repeat the readings of one sample until the robot counts as at rest."""
     sample = sample_at(k)
     for ahead in range(1, 320):
         stamp = sample.stamp_ns + ahead * MILLISECOND
@@ -118,7 +118,7 @@ def tensions(node: Any) -> np.ndarray:
 
 
 def expected(models: Sequence[Model], pieces: Sequence[range], begin: int = BEGIN) -> np.ndarray:
-    """Tensions of one history, in pieces, each with a model of its own."""
+    """Tensions of one continuous run, of which each piece has its own model [N]."""
     state = initial_state(models[0])
     gate = Conditioner(models[0].robot)
     found = []
@@ -151,7 +151,7 @@ def values_of(status: Any) -> dict[str, str]:
 
 
 class Clock:
-    """Sends /clock, and waits until the node has it."""
+    """Publishes /clock and waits until the node has received it."""
 
     def __init__(self, bench: Bench, node: Any) -> None:
         from rclpy.qos import QoSProfile

@@ -1,4 +1,4 @@
-"""Bags made by other people's writers, so that ours are judged by theirs and not by themselves."""
+"""Bags from third-party writers, so that our reader is not tested only against our writer."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -54,7 +54,7 @@ def write_mcap(
     chunk_size: int = 4096,
     indexed: bool = True,
 ) -> Path:
-    """One MCAP file by mcap's own writer, of messages (topic, log_ns, payload)."""
+    """Write messages (topic, log_ns, payload) to an MCAP file with the writer of mcap."""
     if definition is None:
         definition = STORE.generate_msgdef(msgtype, ros_version=2)[0]
     with path.open("wb") as stream:
@@ -83,9 +83,9 @@ def write_mcap(
 def write_topics(
     path: Path, topics: Mapping[str, tuple[str, str, Sequence[tuple[int, bytes]]]]
 ) -> Path:
-    """One MCAP file of topics of several types: {topic: (type, definition, [(log_ns, payload)])}.
+    """Write topics of several types to MCAP: {topic: (type, definition, [(log_ns, payload)])}.
 
-    An empty definition is that of ROS.
+    An empty definition stands for the standard ROS definition.
     """
     with path.open("wb") as stream:
         writer = Writer(stream)
