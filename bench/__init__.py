@@ -1,1 +1,1 @@
-"""Speed of the estimator, as ratios to what else there is: ``python -m bench``, docs/speed.md."""
+"""Speed of the estimator relative to comparable software: ``python -m bench``, docs/speed.md."""

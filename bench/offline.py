@@ -1,4 +1,4 @@
-"""A long recording through ``validate``, beside rosbags that merely deserialises it."""
+"""Time of ``validate`` on a long recording, compared with rosbags only deserialising it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ROUNDS = 3
 
 
 def prolonged(series: Series, begin_ns: int, end_ns: int) -> Series:
-    """The series to and fro, again and again: every pass begins where the one before ends."""
+    """The series repeated forwards and backwards; every pass begins where the previous one ends."""
     span = end_ns - begin_ns
     passes = -(-DURATION_S * 1_000_000_000 // span)
     logs: list[Any] = []
@@ -78,7 +78,7 @@ def write_long_bag(path: Path, recording: Recording) -> None:
 
 
 def deserialise(path: Path) -> tuple[float, float]:
-    """Seconds that rosbags needs to read every message, and to deserialise what it read."""
+    """Time [s] that rosbags needs to read all messages, and to deserialise them."""
     from rosbags.highlevel import AnyReader
 
     with AnyReader([path]) as reader:

@@ -1,4 +1,4 @@
-"""One update of the prototype from Python, beside MuJoCo's evaluation of the same mechanism."""
+"""One update of the prototype from Python, compared with MuJoCo on the same mechanism."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cdrj_ros.model.prepared import Model
 STEPS = 10_000
 ROUNDS = 15
 BULK = 4
-"""Bulk runs take so many times the steps."""
+"""Ratio of the number of steps in bulk runs to that in step-by-step runs."""
 
 
 def recorded_motion(model: Model) -> Samples:

@@ -1,4 +1,4 @@
-"""``check_robot``: check a robot file, inspect its cables and list what looks wrong."""
+"""``check_robot``: check a robot file, inspect its cables and list suspicious values."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def _table(inspection: Inspection, cable: CableCheck) -> Table:
     """Elements and pulleys in the order in which the cable meets them."""
     from rich import box
     from rich.table import Table
-    from rich.text import Text  # markup would take [mm] for a style
+    from rich.text import Text  # markup would interpret [mm] as a style
 
     robot = inspection.model.robot
     table = Table(

@@ -1,4 +1,4 @@
-"""A line before the numerical kernels are compiled, which can take up to a minute."""
+"""Notice before the numerical kernels are compiled, which can take up to a minute."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ COMPILING: Final = "compiling the numerical kernels, up to a minute; kept for th
 
 
 def announce_compilation() -> None:
-    """Print on standard error that the kernels are going to be compiled, if they are."""
+    """Print a notice on standard error if the kernels are about to be compiled."""
     if not kernels_are_compiled(shape, advance):
         print(COMPILING, file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""Entry points of the commands: they answer Ctrl-C before anything heavy is imported."""
+"""Entry points of the commands, which handle Ctrl-C before slow modules are imported."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ class _Task:
     path: Path
     """The robot file."""
     document: Document
-    """Of the robot file, with the numbers of ``--start``."""
+    """Content of the robot file, with the numbers of ``--start``."""
     source: str
     start: Mapping[str, float]
     """Numbers of ``--start`` by path [SI]."""
@@ -154,7 +154,7 @@ class _Task:
     bags: tuple[str, ...]
     held_out: tuple[str, ...]
     folds: Mapping[str, tuple[int, ...]]
-    """Which bags each fit of the cross-validation leaves out, by the pattern that names them."""
+    """Indices of the bags that each cross-validation fit leaves out, by their pattern."""
 
 
 def _body(argv: Sequence[str]) -> int:
@@ -229,7 +229,7 @@ def _check_files(arguments: argparse.Namespace, robot: Path, held_out: Sequence[
 
 
 def _folds(arguments: argparse.Namespace) -> dict[str, tuple[int, ...]]:
-    """Which bags each fit of the cross-validation leaves out; empty without ``--cross-validate``.
+    """Indices of the bags left out by each fit; empty without ``--cross-validate``.
 
     Raises:
         UsageError: a pattern matches no bag, or all of them.
@@ -330,7 +330,7 @@ def _rounded(found: Identification) -> dict[str, float]:
 
 
 def _begins_a_round(text: str) -> bool:
-    """Whether a line of progress says how many samples the next round of a fit takes."""
+    """Whether a progress line announces the next round of a fit."""
     return "samples" in text
 
 

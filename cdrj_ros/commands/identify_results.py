@@ -42,9 +42,9 @@ class Compared:
     """Errors of the estimates on some bags."""
 
     after: Mapping[str, ChannelError]
-    """With the numbers found, by reference."""
+    """Errors with the identified numbers, by reference."""
     before: Mapping[str, ChannelError] | None = None
-    """With the numbers of the start."""
+    """Errors with the starting values, by reference."""
 
 
 @dataclass(frozen=True)

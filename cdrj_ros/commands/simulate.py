@@ -82,7 +82,7 @@ def _motion_notes(
 
 
 def _check_output(path: Path) -> None:
-    """Refuse a bag that cannot be written, before the simulation.
+    """Refuse an output bag that cannot be written, before the simulation starts.
 
     Raises:
         UsageError: the path exists, or no folder can be made there.

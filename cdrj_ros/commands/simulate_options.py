@@ -24,7 +24,7 @@ Mode = Literal["balance", "follow", "forward"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 
 USUAL_AMPLITUDE_DEG: Final = 38.0
-"""Of a joint that turns, where its range has room for it [deg]."""
+"""Default amplitude of a revolute joint, if its range allows it [deg]."""
 
 DESCRIPTION: Final = "Write a bag of the simulated rig, whose model is finer than the estimator's."
 

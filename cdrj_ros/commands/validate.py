@@ -52,7 +52,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot
 
 READING_SHARE = 0.3
-"""Of the time that a bag takes, for the progress shown."""
+"""Share of the processing time of a bag that reading takes, for the progress display."""
 
 MOST_JOBS = 64
 
@@ -97,7 +97,7 @@ def _validate(model: Model, task: Task, progress: Progress | None = None) -> Bag
     recording = read_inputs(task.path, task.topics, model)
     conditioned = condition_recording(model, recording)
     if len(conditioned.segments) == 1 and not task.written:
-        recording = replace(recording, motors={}, joints={})  # an hour of them is 130 MB
+        recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
     reading_s = perf_counter() - begin
     if progress:
         progress(READING_SHARE)

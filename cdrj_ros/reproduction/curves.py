@@ -1,4 +1,4 @@
-"""Features of curves: numbers for what the source says of its figures in words.
+"""Features of curves: numbers for properties that the source describes in words.
 
 A cycle goes from one upper limit of the joint to the next: a stroke down, a stroke up.
 """

@@ -42,7 +42,7 @@ DOUBLE: Final = 7.16
 """Width of both columns [in]."""
 
 DPI: Final = 200
-"""Of the PNG files."""
+"""Resolution of the PNG files [dots per inch]."""
 
 STYLE: Final[Mapping[str, Any]] = MappingProxyType(
     {
@@ -389,4 +389,4 @@ DRAWINGS: Final[Mapping[str, Callable[[Study], Figure]]] = {
 """Every figure by the name of its files."""
 
 FIGURES: Final = len(DRAWINGS)
-"""How many there are."""
+"""Number of figures."""

@@ -77,7 +77,7 @@ EXPERIMENTS: Final = (
 
 @dataclass(frozen=True)
 class Motion:
-    """A sine of the joint about the middle; the source does not give its own: assumed."""
+    """A sine of the joint about its middle; assumed, since the source does not give its motion."""
 
     amplitude: float = float(np.radians(38.0))
     """[rad]."""
@@ -122,11 +122,11 @@ class Recording:
 
     truth: Truth
     samples: Samples
-    """Of the encoders, conditioned."""
+    """Conditioned samples of the encoders."""
     stamp_ns: NDArray[np.int64]
-    """Of the load cells [ns], shape (n,)."""
+    """Stamps of the load cells' readings [ns], shape (n,)."""
     readings: Mapping[str, Vector]
-    """Of the load cells by channel name [N], shape (n,) each."""
+    """Readings of the load cells by channel name [N], shape (n,) each."""
     noiseless: Mapping[str, Vector]
     """The true values at the same stamps [N], shape (n,) each."""
     turns: tuple[float, ...]
@@ -179,7 +179,7 @@ def with_friction(
 
 
 def with_constant_wraps(robot: Robot) -> Robot:
-    """The robot with every wrap held at the middle of its range, as (3) of the source has it."""
+    """The robot with every wrap held at the middle of its range, as (3) of the source assumes."""
 
     def held(node: Pulley) -> Pulley:
         wrap = tuple(

@@ -38,7 +38,7 @@ from cdrj_ros.robot.description import Robot
 Vector = NDArray[np.float64]
 
 NEAR_S: Final = 0.5
-"""Time from a turn of the joint within which an error counts as one of the reversal [s]."""
+"""Time around a turn of the joint within which an error is attributed to the reversal [s]."""
 
 CHOICES: Final[Mapping[str, Callable[[Robot], Robot]]] = {
     "law steady, (24) and (37) with the sign of motion": lambda r: with_friction(r, law="steady"),
@@ -101,7 +101,7 @@ class Result:
         return np.asarray((channel.stamp_ns - origin) * 1e-9)
 
     def true_error(self, channel: Channel) -> Vector:
-        """Estimate less true value, without the noise of the load cells [N]."""
+        """Estimate minus true value, without the noise of the load cells [N]."""
         at = np.searchsorted(self.recording.stamp_ns, channel.stamp_ns)
         return np.asarray(channel.estimate - self.recording.noiseless[channel.name][at])
 
@@ -271,7 +271,7 @@ def features(result: Result, channel: Channel, values: Vector) -> dict[str, floa
 
 
 def differences(angle: Vector, upper: Vector, lower: Vector) -> tuple[float, float]:
-    """Upper less lower tension at mid-range [N], moving up and moving down: figure 9."""
+    """Upper minus lower tension at mid-range [N], moving up and moving down: figure 9."""
     return curves.at_mid_range(angle, upper - lower)
 
 

@@ -282,7 +282,7 @@ def rich_table(table: Table) -> RichTable:
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    drawn = RichTable(  # as Text: brackets round units are no markup
+    drawn = RichTable(  # as Text, so that brackets around units are not parsed as markup
         title=Text(table.title, style="bold"),
         title_justify="left",
         caption=Text(table.note) if table.note else None,

@@ -1,4 +1,4 @@
-"""Identification on recordings made up from arrays: what it finds, and what it says it cannot."""
+"""Identification on synthetic recordings: its results, and its findings on undetermined numbers."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def recording(
     name: str = "made_up",
     frequency: float = 0.1,
 ) -> Recorded:
-    """What the estimator itself says of a motion, with noise: a model without error."""
+    """References computed by the estimator itself, with noise: there is no model error."""
     model = prepare(build_robot(document, "made up"))
     time = np.arange(round(seconds * RATE)) / RATE
     joint = amplitude * np.sin(2.0 * np.pi * frequency * time)
@@ -109,7 +109,7 @@ FRICTION_AND_DRUM = {
     "drum_radius": 0.0135,
     "pulley_bearing_torque": 1.6e-3,
 }
-"""What is looked for, and starts 20 % off (the drum's radius: 10 %)."""
+"""Unknowns, whose starting values are 20 % off (10 % for the drum's radius)."""
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +155,7 @@ def test_slow_motion_alone_does_not_tell_the_stribeck_speed_and_says_so(
 def test_a_fit_to_mostly_noise_does_not_stop_short_of_its_own_accuracy(
     rubbing: Document, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The cost hardly falls any more where the numbers still move by half a standard error."""
+    """The cost hardly decreases while the numbers still change by half a standard error."""
     left: list[np.ndarray] = []
 
     def remember(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -282,7 +282,7 @@ def test_outliers_do_not_pull_a_robust_fit(document: Document, loss: str) -> Non
     for channel in list(spoilt):
         stamps, values = spoilt[channel]
         bad = values.copy()
-        bad[300:400] += 5.0 * np.ptp(values)  # a load cell that was touched
+        bad[300:400] += 5.0 * np.ptp(values)  # a disturbed load cell
         spoilt[channel] = (stamps, bad)
     rec = replace(whole, references=spoilt)
     plain = found_from(document, "rho", {"friction.rho": 0.24}, [rec])

@@ -123,7 +123,7 @@ def test_the_truth_lies_within_the_bounds_whatever_is_stuck(swept: Run, element:
 def test_a_joint_at_rest_lets_nothing_be_called_sliding(prototype: Robot) -> None:
     model = prepare(prototype)
     rest = np.zeros(400)
-    motor = 0.1 * np.sin(np.linspace(0.0, 20.0, 400))  # the winch alone: nobody can see that
+    motor = 0.1 * np.sin(np.linspace(0.0, 20.0, 400))  # only the winch moves, undetected
     at_rest = model, *estimated(model, motor, rest)
     result = from_element(at_rest, "upper/8")
     assert not result.sliding[:, :6].any()
@@ -261,17 +261,17 @@ def test_two_sensors_are_weighted_by_their_noise(swept: Run) -> None:
     ]
     both = propagate(model, path, sensors)
     alone = [propagate(model, path, [sensor]) for sensor in sensors]
-    # pulley 8 lies behind both: which way it slips neither of them sees
+    # pulley 8 lies behind both sensors, so neither determines its slip direction
     sliding = np.all([(one.sliding[:, :6] != 0).all(axis=1) for one in (both, *alone)], axis=0)
     assert sliding.sum() > 300
     # information adds up, element by element
     information = sum(1.0 / one.stddev[sliding, :7] ** 2 for one in alone)
     np.testing.assert_allclose(both.stddev[sliding, :7] ** -2, information, rtol=2e-2)
-    # and the error is what it says
+    # the error agrees with the standard deviation
     score = ((both.tension[:, :7] - true[:, :7]) / both.stddev[:, :7])[sliding]
     assert score.std(axis=0) == pytest.approx(np.ones(7), abs=0.15)
     assert np.abs(score.mean(axis=0)).max() < 0.2
-    # of a stuck cable the second sensor leaves less open than the first
+    # for a stuck cable the second sensor narrows the interval
     stuck = (both.sliding == 0).all(axis=1)
     widths = [np.mean((one.upper - one.lower)[stuck]) for one in (both, *alone)]
     assert widths[0] < 0.8 * min(widths[1:])

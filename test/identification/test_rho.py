@@ -37,7 +37,7 @@ DURATION, RATE = 26.0, 500.0
 
 @dataclass(frozen=True)
 class Recording:
-    """What the rig's sensors say; the model's rho is wrong on purpose."""
+    """Readings of the rig's sensors; the model's rho is deliberately wrong."""
 
     model: Model
     path: Path

@@ -139,7 +139,7 @@ NOWHERE = {"HOME": "/dev/null/home", "XDG_CACHE_HOME": "/dev/null/cache"}
 def test_without_a_place_for_kernels_they_are_compiled_in_memory_and_it_is_said(
     copied: Path,
 ) -> None:
-    (copied / "cdrj_ros" / "model" / "__pycache__").touch()  # a file: nobody can write into it
+    (copied / "cdrj_ros" / "model" / "__pycache__").touch()  # a file: not writable
     done = run_least(copied, **NOWHERE)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("0.9048374180359595")

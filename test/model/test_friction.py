@@ -36,7 +36,7 @@ BEARING_RATIOS = tuple(
 )
 TABLE = tuple(zip(WRAPS, BEARING_RATIOS, strict=True))
 
-# Bristle stiffness and forces of everyday size: sigma0 g / ... keeps slips of some micrometres.
+# Typical bristle stiffness and forces: sigma0 g / ... keeps slips of some micrometres.
 STIFFNESS, BOUND = 1e6, 4.0
 
 

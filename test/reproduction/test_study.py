@@ -1,4 +1,4 @@
-"""What the source says of its figures 9 and 12 to 14 in words, on our curves."""
+"""Properties that the source describes for its figures 9 and 12 to 14, tested on our curves."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_loops_run_the_way_friction_turns_them(study: Study) -> None:
             # towards the winch the upper cable pulls while the joint rises, the lower one yields
             assert of_rig(result, pattern.format("upper"))["loop_area"] > 1.0
             assert of_rig(result, pattern.format("lower"))["loop_area"] < -1.0
-        # beyond the joint it is the other way round
+        # beyond the joint the opposite holds
         assert of_rig(result, LAST.format("upper"))["loop_area"] < -0.1
         assert of_rig(result, LAST.format("lower"))["loop_area"] > 0.1
 

@@ -1,4 +1,4 @@
-"""The live rig: the digits of the whole simulation, laws of its motors, and what it survives."""
+"""The live rig: bit identity with ``swing``, laws of its motors, and recovery from failures."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def live(robot: Robot, load: Load = LOAD, **settings: Any) -> LiveRig:
 
 
 class Run:
-    """A rig and its drives, stepped together; remembers the truth."""
+    """A rig and its drives, stepped together; records the truth."""
 
     def __init__(self, rig: LiveRig, drives: Drives) -> None:
         self.rig, self.drives = rig, drives
@@ -165,7 +165,7 @@ def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robot
         moving = energy(load.coefficients(), rig.joint_angle, np.array([rig.joint_speed]))[0]
         work.append(torque * rig.motor_angle[0])
         run.step()
-        rotors.append(0.5 * inertia * before * drives.speed[0])  # what a leapfrog rule keeps
+        rotors.append(0.5 * inertia * before * drives.speed[0])  # conserved by leapfrog
         kept.append(rotors[-1] + moving + stored.sum() - work[-1])
     assert not rig.at_stop
     assert 1e-4 < np.max(rotors) < 0.5 * inertia * 60.0**2

@@ -1,4 +1,4 @@
-"""Commands to the live rig: what is refused, under which cause, and that nothing of it happens."""
+"""Commands to the live rig: refusals, their causes, and that refused commands have no effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions: continuous, within their range, with the derivatives that they claim."""
+"""Motions are continuous, stay within their range and return their true derivatives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What sensors do to the truth: each defect has the size that was asked for."""
+"""Sensor errors: each defect has the requested size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slack that a motion brings about must be seen from the encoders alone, and in time."""
+"""Slack caused by a motion must be detected in time from the encoders alone."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ HIGH, LOW = "36.85,26.26", "23.52,6.66"
 """The source's two sets of preloads [N]."""
 ALLOWED_S = 0.02
 CLEAR_S = 0.2
-"""A change of slack counts as one where nothing has changed for so long before, or after."""
+"""A change of slack counts only if none precedes, or follows, it within this time [s]."""
 SLACK_N = 0.1
 COUNT_N = 0.31
-"""What one count of the joint encoder is worth."""
+"""Tension that corresponds to one count of the joint encoder [N]."""
 HEAVY = ((0.1, 16.0, 8), (0.3, 8.0, 16), (0.5, 6.0, 16))
 """Sines in which 0.9 kg make the lower cable slack: frequency [Hz], duration [s], least changes."""
 
 
 @dataclass(frozen=True)
 class Watched:
-    """A motion of the rig and what the estimator says of it, sample by sample, by element."""
+    """A motion of the rig and its estimates, by sample and element."""
 
     step_s: float
     """Of the truth."""
@@ -62,7 +62,7 @@ class Watched:
 
 
 def readings(encoder: Encoder, time: np.ndarray, angle: np.ndarray) -> Readings:
-    """What the rig's encoder says, stamped from one second on."""
+    """Readings of the rig's encoder, with stamps that start at one second."""
     when = reading_times(0.0, time[-1], encoder.rate, encoder.phase_s)
     stamps = 1_000_000_000 + np.round(when * 1e9).astype(np.int64)
     return Readings(stamps, stamps, read_encoder(encoder, when, time, angle))
@@ -124,7 +124,7 @@ def test_slack_is_declared_within_twenty_milliseconds(
             assert abs(flagged[0]) <= ALLOWED_S, (e, k)
             seen += 1
     assert seen >= onsets
-    assert not watched.flags[:, :8].any()  # the upper cable stays taut, and nobody says otherwise
+    assert not watched.flags[:, :8].any()  # the upper cable stays taut and is never flagged
 
 
 @pytest.mark.parametrize(("frequency", "duration", "ends"), HEAVY)
@@ -190,7 +190,7 @@ def test_no_alarm_in_ten_minutes_of_motions_that_leave_every_cable_taut(
     Truth every 4 ms, encoders at 1000 and 500 Hz.
     """
     watched = watch(preload, load_kg, motion, 60.0, step_s=4e-3)
-    assert lowest < watched.tension.min() < lowest + 1.0  # as taut as is said above, no tauter
+    assert lowest < watched.tension.min() < lowest + 1.0  # within 1 N above the stated bound
     assert watched.seen_at[-1] > 59.9
     assert not watched.flags.any()
 
@@ -208,7 +208,7 @@ def test_no_alarm_in_ten_minutes_of_motions_that_leave_every_cable_taut(
 def test_a_cable_that_skims_slack_is_judged_to_a_count_of_the_encoder(
     load_kg: float, motion: Motion
 ) -> None:
-    """So slowly that a tenth of a newton takes longer than 20 ms, nobody can promise a time."""
+    """No detection time is guaranteed where a change of 0.1 N takes longer than 20 ms."""
     watched = watch(LOW, load_kg, motion, 22.0)
     alarmed = watched.flags & ~watched.then(watched.slack)
     assert watched.tension.min() < SLACK_N + COUNT_N

@@ -21,7 +21,7 @@ MU = 0.12
 
 
 def follow(joint: np.ndarray) -> np.ndarray:
-    """Motors wind what the joints let go, so that every cable keeps its length."""
+    """Motor angles that wind the cable released by the joints, so that cables keep their length."""
     return -joint @ BY_ANGLE.T / DRUM
 
 

@@ -33,7 +33,7 @@ ETA = sheave_efficiency(0.030, 0.012, 0.05)
 def lift(
     models: dict[str, Model], balance: Callable[..., tuple[np.ndarray, np.ndarray]], path: Callable
 ) -> dict[str, np.ndarray]:
-    """Pick the load up, raise it by 50 mm, lower it again; the rope always carries the weight."""
+    """Lift the load, raise it by 50 mm and lower it again; the rope always carries the weight."""
     model = models["hoist"]
     height = path(0.4, 0.0, 0.0, 0.05, 0.0)
     force = np.full(height.size, WEIGHT)
