@@ -294,7 +294,7 @@ class Player:
         ):
             route = (publisher.publish, run.asker(gate.feed_both if shared else feed))
             if not (shared and topics.motors == topics.joints and topic in routes):
-                routes.setdefault(topic, []).append(route)  # each message only once a topic
+                routes.setdefault(topic, []).append(route)  # each message once per topic
         for topic in self.node.wiring.clock_topics & routes.keys():
             routes[topic].insert(0, (self._stamp_clock, None))
         return routes

@@ -207,7 +207,7 @@ class RigNode(Node):
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             self.rig.reset()
-        except CdrjError as error:  # after a change of the load, no equilibrium at the start
+        except CdrjError as error:  # no equilibrium at the start with the new load
             response.success, response.message = False, f"nothing changed: {error}"
             return response
         self._base_s = self._time_s

@@ -57,7 +57,7 @@ def logged(bench: Bench, lines: list[tuple[int, str]], level: str, words: str) -
 
 
 def diagnosed(node: Any) -> Any:
-    """The status that the node publishes one simulated second after the last one."""
+    """The status that the node publishes now, as if a second had passed since the last one."""
     kept: list[Any] = []
     node.diagnostics = SimpleNamespace(publish=kept.append)
     node.watch.looked_s -= 1.0

@@ -105,6 +105,6 @@ def test_an_interrupt_at_a_random_moment_is_one_line_and_code_130(start: Start) 
 def test_an_interrupt_does_not_wait_for_threads(start: Start, wait_until: Any) -> None:
     """``reproduce`` runs the rig in a pool of threads, whose kernels cannot be interrupted."""
     process = start("reproduce")
-    wait_until(lambda: threads(process) > 2, PATIENCE_S)  # beyond the main and the signal one
+    wait_until(lambda: threads(process) > 2, PATIENCE_S)  # besides the main and the signal thread
     code, errors = interrupted(process)
     assert (code, errors.count("reproduce: interrupted\n")) == (130, 1)

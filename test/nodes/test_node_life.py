@@ -1,4 +1,4 @@
-"""The node at run time: parameters, services, clocks, other nodes, diagnostics, restarts."""
+"""The node at run time: parameters, services, clocks, diagnostics, and several nodes."""
 
 from __future__ import annotations
 
@@ -534,7 +534,7 @@ def test_diagnostics_say_in_words_what_is_the_matter(bench: Bench) -> None:
     assert int(values_of(status())["refused: unknown element"]) == 300
 
 
-# neighbours ------------------------------------------------------------------------------------
+# several nodes ---------------------------------------------------------------------------------
 
 
 def test_two_estimators_in_one_executor_do_not_hear_each_other(bench: Bench, model: Model) -> None:

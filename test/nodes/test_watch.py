@@ -98,7 +98,7 @@ def test_a_pipe_gets_lines_that_notice_silence_and_ctrl_c_ends_it(
         r"1 UNSURE 1 OK$"
     )
     source.publish_until(lambda: re.search(line, output.text, re.MULTILINE))
-    # a name without a value is reported and the table is not shown
+    # a message with a missing value is reported instead of shown
     source.message.name.append("odd/1")
     source.publish_until(lambda: "3 names, but 2 values, 2 statuses" in output.text)
     source.message.name.pop()
