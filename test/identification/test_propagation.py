@@ -63,7 +63,7 @@ def prototype() -> Robot:
 
 
 def sweep(robot: Robot) -> Run:
-    """A joint that goes to and fro with its winch, after a rest."""
+    """A joint that moves back and forth with its winch, after a rest."""
     model = prepare(robot)
     time = np.arange(6000) * STEP_NS * 1e-9
     moving = np.maximum(time - 1.0, 0.0)

@@ -1,4 +1,4 @@
-"""The prototype and its variants, and motions that drive it."""
+"""Fixtures: the prototype, its variants and motions."""
 
 from __future__ import annotations
 

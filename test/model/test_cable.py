@@ -168,7 +168,7 @@ def walk_to(model: Model, state: State, motor: float, joint: float) -> tuple[Sta
 
 
 def test_a_cable_wound_in_entirely_is_invalid_and_not_slack(prototype: Robot) -> None:
-    # 70 rad on the drum are 1.05 m of a cable of 0.9 m: a wrong reference angle, say
+    # 70 rad on the drum are 1.05 m of a cable of 0.9 m, e.g. due to a wrong reference angle
     model = prepare(prototype)
     _, at_once = walk_to(model, initial_state(model), 70.0, 0.0)
     state, _ = walk_to(model, initial_state(model), 0.0, 0.0)
@@ -203,7 +203,7 @@ def test_flags_say_slack_and_overload(prototype: Robot, drive: Drive) -> None:
 
 
 def test_material_is_neither_made_nor_lost(variant: Variant, drive: Drive) -> None:
-    # with the winch at rest every cable keeps its material, whatever the joint does
+    # with the winch at rest every cable keeps its material for any motion of the joint
     model = prepare(variant())
     time = np.arange(5000) * 1e-3
     samples = drive(time, np.zeros(time.size), 0.05 * np.sin(5.0 * time))
@@ -284,7 +284,7 @@ def _plain_cable(law: str = "none") -> Model:
 
 
 def tension_at(model: Model, motor: float, joint: float) -> np.ndarray:
-    """After one sample away from the reference pose."""
+    """Tensions after one sample away from the reference pose."""
     state, _ = walk_to(model, initial_state(model), 0.0, 0.0)
     return walk_to(model, state, motor, joint)[1].tension
 

@@ -47,7 +47,7 @@ def test_last_on_is_first_off() -> None:
     memory = fresh()
     first = turn(memory, 0.0, 4.0, 60.0)
     second = turn(memory, 4.0, 7.0, 10.0)
-    # whatever the tension is now, the loose layer comes off first, then the tight one
+    # regardless of the current tension, the loose layer comes off first, then the tight one
     assert second - turn(memory, 7.0, 5.0, 90.0) == pytest.approx(2.0 * rate(10.0), rel=1e-9)
     # where two layers meet within one spacing they are joined by a chord
     chord = 0.25 * FIRST_SPACING * (rate(10.0) - rate(60.0))
@@ -90,7 +90,7 @@ def test_dithering_by_a_count_moves_no_material() -> None:
         turn_drum(memory, 2.0 + count, rate(60.0))
         turn_drum(memory, 2.0, rate(20.0))
         rate_form += count * (rate(60.0) - rate(20.0))
-    # bounded by one spacing laid at the other strain, however often it is repeated
+    # bounded by one spacing laid at the other strain, for any number of repetitions
     assert abs(float(material_held(memory)) - held) <= FIRST_SPACING * (rate(20.0) - rate(60.0))
     assert abs(rate_form - held) > 5 * FIRST_SPACING * (rate(20.0) - rate(60.0))
 

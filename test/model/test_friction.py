@@ -355,7 +355,7 @@ def eta_d(speed: float, mu_c: float, mu_s: float, v_s: float, beta: float = pi /
 
 def test_sliding_transmission_falls_with_either_coefficient_and_rises_with_speed() -> None:
     by_static = np.array([eta_d(0.01, MU_C, mu_s, STRIBECK_SPEED) for mu_s in MU_S_RANGE])
-    # (35) is linear in mu_s: the slope is (1 - e^{-mu_c beta}) / mu_c times what is left of it
+    # (35) is linear in mu_s: the slope is (1 - e^{-mu_c beta}) / mu_c times the Stribeck factor
     left = stribeck_share(0.01, STRIBECK_SPEED)
     slope = -(1.0 - exp(-MU_C * pi / 2)) / MU_C * left
     np.testing.assert_allclose(np.gradient(by_static, MU_S_RANGE), slope, rtol=1e-9)

@@ -1,4 +1,4 @@
-"""Properties of every motion: dissipation, bounds, symmetry, convergence, smoothness, rest."""
+"""Properties that hold for all motions: dissipation, bounds, symmetry, convergence, rest."""
 
 from __future__ import annotations
 

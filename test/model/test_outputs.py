@@ -1,4 +1,4 @@
-"""What is reported of a sample: forces on pulleys and their status."""
+"""Reported outputs of a sample: forces on pulleys and their status."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figure 8: the transmissions fall and rise as the source says, and where it errs."""
+"""Figure 8: the transmissions decrease and increase as the source states, except where it errs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A pulley cut into contact cells: Grashof's arcs appear, the lumped pulley's tensions stay."""
+"""Contact cells reproduce Grashof's arcs and keep the tensions of the lumped pulley."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_grashofs_sliding_arc_forms_by_itself(law: str) -> None:
     assert degrees(log(1.2) / MU) == pytest.approx(69.6, abs=0.05)
     assert arc == pytest.approx(69.6, abs=2 * 180.0 / CELLS)
     assert np.all(sliding[: np.count_nonzero(sliding)]), "one arc, at the pulling side"
-    # the adhesion arc still has the tension it began with
+    # the adhesion arc still has its initial tension
     np.testing.assert_allclose(hold[np.count_nonzero(sliding) + 10 :], PRELOAD, rtol=2e-3)
 
 

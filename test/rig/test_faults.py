@@ -1,4 +1,4 @@
-"""Faults: the truth shows them where they happen, the encoders do not."""
+"""Faults change the truth where they occur and leave the encoder readings unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sensors of the live rig read what those of a whole recording read."""
+"""Sensors of the live rig give the same readings as those of a whole recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The identified robot file of a real instrument, and how far the estimator is from its bags."""
+"""The identified robot file of a real instrument, and the estimator's errors on its bags."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_the_file_is_what_its_own_provenance_says(model: Model) -> None:
 
 @recordings
 def test_identify_stays_where_the_file_is(tmp_path: Path) -> None:
-    """Fitted again from a tenth off, on two runs, the strongest numbers come back."""
+    """A fit to two runs from values 10 % off recovers the best-determined numbers."""
     bags = [str(RECORDINGS / "train" / f"Tool_4_Maryland_L_4_{run}") for run in ("02", "28")]
     out = tmp_path / "again.yaml"
     document, _ = load_document(ROBOT)

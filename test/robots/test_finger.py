@@ -26,7 +26,7 @@ def follow(joint: np.ndarray) -> np.ndarray:
 
 
 def grasp(path: Callable[..., np.ndarray]) -> np.ndarray:
-    """Bend and stretch, the joints not in step: the sample motion, shape (n, 2)."""
+    """Bend and stretch with the joints out of phase: the sample motion, shape (n, 2)."""
     mcp = path(1.0, 0.0, 0.6, 1.2, 0.3, 0.0)
     pip = path(1.0, 0.0, 0.9, 0.9, 1.1, 0.0)
     return np.stack([mcp, pip], axis=1)

@@ -1,4 +1,4 @@
-"""The hoist against the block and tackle of the textbooks.
+"""The hoist compared with the textbook block and tackle.
 
 With a rope that runs over every sheave, the fall on the pulling side carries 1/eta of the next one.
 Raising a load W on n falls behind a lead sheave takes W / (eta + eta^2 + ... ) at the winch.
@@ -38,7 +38,7 @@ def lift(
     height = path(0.4, 0.0, 0.0, 0.05, 0.0)
     force = np.full(height.size, WEIGHT)
     ramp = 100
-    force[:ramp] = WEIGHT * np.arange(ramp) / ramp  # the rope tightens, the load still stands
+    force[:ramp] = WEIGHT * np.arange(ramp) / ramp  # the rope tightens, the load rests
     motor, values = balance(model, height, force)
     assert np.all(values[ramp:, model.layout.status] == 0)
     third = (height.size - 1) // 3

@@ -1,4 +1,4 @@
-"""The parallel robot against the static wrench balance of its platform, by plain vector algebra."""
+"""The parallel robot compared with the static wrench balance of its platform."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DRUM = 0.025
 
 
 def leaving_point(centre: np.ndarray, turn: int, anchor: np.ndarray) -> np.ndarray:
-    """Where a cable that goes round a pulley leaves it towards an anchor: a right angle there.
+    """Point at which a cable leaves a pulley tangentially towards an anchor.
 
     Of the two points whose radius is normal to the line to the anchor, the one at which going
     round in the cable's sense points towards the anchor.
