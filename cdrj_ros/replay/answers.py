@@ -160,7 +160,7 @@ class _Line:
     """Values and their standard deviations, shape (2, m, names) each."""
 
     def fold(self) -> None:
-        """Decode the stored payloads; a payload with other names or lengths becomes NaN."""
+        """Decode the stored payloads; a payload with unexpected names becomes NaN."""
         if not self.payloads:
             return
         block = np.full((2, len(self.payloads), len(self.names)), np.nan)

@@ -124,7 +124,7 @@ class Playback:
         return taken
 
     def wait_s(self, now_s: float) -> float:
-        """Time until the next message is due [s]; 0 if due now, infinite if paused or ended."""
+        """Time until the next message [s]; infinite if paused, ended or while a seek is pending."""
         if self._next is None or self.sought:
             return inf
         if now_s < self._not_before_s:
