@@ -1,4 +1,4 @@
-"""Small files that claim more than a machine has: one line or the good part, soon and in bounds."""
+"""Small files that claim huge sizes give one line or the intact part, within bounds."""
 
 import json
 import os
@@ -15,11 +15,11 @@ from cdrj_ros.bag import BagWriter, Topics, read_recording
 from cdrj_ros.foundation.errors import BagError
 
 MOST_MEMORY = 1_500_000_000
-"""Address space of the process that reads them all [bytes]; the libraries take half of it."""
+"""Address space of the process that reads all files [bytes]; the libraries take half of it."""
 MOST_FILE = 300_000_000
-"""Largest file that it may write [bytes]."""
+"""Size of the largest file that it may write [bytes]."""
 MOST_SECONDS = 120
-"""Time limit for a process that would never end; it takes some seconds."""
+"""Time limit in case the process never ends; normally it takes a few seconds."""
 READER = """
 import json, sys
 from cdrj_ros.bag import Topics, list_topics, read_messages, read_recording
@@ -64,7 +64,7 @@ def limit_resources() -> None:
 
 @pytest.fixture(scope="module")
 def outcomes(tmp_path_factory):
-    """What a process of bounded resources says of every file, read in three ways."""
+    """Output of a process with limited resources for every file, read in three ways."""
     paths = {}
     for name, (build, _) in BOMBS.items():
         paths[name] = build(tmp_path_factory.mktemp("bomb"))

@@ -1,4 +1,4 @@
-"""Bags in rosbag2's older storage, sqlite3, are read like any other."""
+"""Bags in rosbag2's older sqlite3 storage are read like MCAP bags."""
 
 import sqlite3
 from contextlib import closing
@@ -16,7 +16,7 @@ COUNT = 600
 
 @pytest.fixture(params=[8, 9])
 def folder(make, tmp_path, request):
-    """A bag by rosbags: version 9 embeds definitions, version 8 only names the types."""
+    """A bag written by rosbags: version 9 embeds definitions, version 8 only names the types."""
     path = tmp_path / "bag"
     with Writer(path, version=request.param, storage_plugin=StoragePlugin.SQLITE3) as writer:
         channel = writer.add_connection(

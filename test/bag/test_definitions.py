@@ -1,4 +1,4 @@
-"""Definitions as bags embed them."""
+"""Message definitions embedded in bags."""
 
 import pytest
 

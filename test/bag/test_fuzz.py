@@ -1,4 +1,4 @@
-"""Whatever happens to a file: a clear line or the good part of it, soon and in little memory."""
+"""Any damaged file gives a one-line error or its intact part, in bounded time and memory."""
 
 import struct
 import tracemalloc
@@ -19,15 +19,15 @@ from cdrj_ros.foundation.errors import BagError
 ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
 COUNT = 40
 MOST_MEMORY = 300e6
-"""Of files of some kilobytes [bytes]."""
+"""Memory for files of a few kilobytes [bytes]."""
 MOST_SECONDS = 5.0
-"""Of the processor's time: other work on the machine does not count."""
+"""Limit of processor time, which excludes other work on the machine."""
 NOT_MEANT = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
 
 
 @pytest.fixture(scope="module")
 def originals(make, tmp_path_factory):
-    """Whole files of one recording, by kind."""
+    """Undamaged files of one recording, by kind."""
     folder = tmp_path_factory.mktemp("whole")
     files = {}
     for compression in CompressionType:
@@ -61,7 +61,7 @@ def attempt(read):
 
 
 def read_every_way(path: Path) -> None:
-    """Reads; only a BagError of one line may come, soon."""
+    """Read the file in every way; only a one-line BagError is allowed, within the time limit."""
     begin = process_time()
     for read in (
         lambda: read_recording(path, ONE_TOPIC),
@@ -79,7 +79,7 @@ WORDS = st.sampled_from([0, 1, 2**8 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**
 
 @st.composite
 def damages(draw):
-    """A function that damages a file's bytes, in one to four places, and may cut it."""
+    """A function that damages a file in one to four places and may truncate it."""
     places = draw(st.lists(st.floats(0.0, 1.0, exclude_max=True), min_size=1, max_size=4))
     kinds = draw(st.lists(st.sampled_from(["byte", "word", "insert", "remove"]), min_size=4))
     words = draw(st.lists(WORDS, min_size=4, max_size=4))

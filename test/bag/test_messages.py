@@ -1,4 +1,4 @@
-"""Messages in order of time, and lists of topics."""
+"""Messages in order of log time, and lists of topics."""
 
 import numpy as np
 import pytest

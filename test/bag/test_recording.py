@@ -1,4 +1,4 @@
-"""What read_recording makes of the messages of a whole bag."""
+"""Results of read_recording for complete bags."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +14,7 @@ MS = 1_000_000
 
 
 def one_joint_state(make):
-    """A good message, for a topic that is not what the test is about."""
+    """A valid message for a topic that the test does not concern."""
     return [(0, make.joint_state(1, ["a"], [1]))]
 
 

@@ -1,4 +1,4 @@
-"""Bags in every state: compressed in every way, split, without index or metadata, damaged, cut."""
+"""Bags in every state: compressed, split, without index or metadata, damaged, truncated."""
 
 import shutil
 import struct
@@ -28,7 +28,7 @@ def attempt(read):
 
 
 def check_whole(path, count=COUNT):
-    """Every message of `swing` is there, by every way of reading; returns the notes."""
+    """Check that every way of reading returns all messages of `swing`; returns the notes."""
     read = read_recording(path, ONE_TOPIC)
     np.testing.assert_array_equal(read.motors["motor"].value, np.arange(count))
     np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(count))
@@ -161,7 +161,7 @@ def test_folders_that_are_no_bag_are_refused_by_name(tmp_path):
 
 
 def check_prefix(path, whole):
-    """What is read of a cut bag is the beginning of the whole one; returns its length."""
+    """Check that a truncated bag gives the beginning of the complete one; returns its length."""
     read, refusal = attempt(lambda: read_recording(path, ONE_TOPIC))
     if read is None:
         assert str(path) in refusal

@@ -1,4 +1,4 @@
-"""Bags written here, opened by other people's readers."""
+"""Written bags are readable by other libraries."""
 
 from pathlib import Path
 

@@ -1,7 +1,7 @@
-"""An element with status 0 is where the uninterrupted estimate is, whatever happens to the inputs.
+"""Elements with status 0 agree with the uninterrupted estimate, whatever the faults of the inputs.
 
-The law of the campaign: within five standard deviations 99.9 % of the time, within two 92 % of it.
-``CDRJ_CAMPAIGN=300`` runs as many random compositions of faults (``make soak``).
+Required: 99.9 % within five standard deviations and 92 % within two.  ``CDRJ_CAMPAIGN=300`` runs
+that many random combinations of faults (``make soak``).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from cdrj_ros.model.prepared import Model
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 SEEDS = range(int(os.environ["CDRJ_CAMPAIGN"])) if "CDRJ_CAMPAIGN" in os.environ else (0, 2, 5, 18)
-"""Of the runs: by default a few that have every kind of fault among them."""
+"""Seeds of the runs: by default a few that together contain every kind of fault."""
 KNOWN_NS = 5 * SECOND
 """Time after which the friction history of a run is known."""
 BEYOND_TWO, BEYOND_FIVE = 0.08, 0.001
@@ -86,7 +86,7 @@ def test_the_bounded_campaign_has_every_kind_of_fault() -> None:
     assert kinds == set(KINDS)
 
 
-# What was found by hand, one fault each ---------------------------------------------------------
+# Single faults that were found manually ---------------------------------------------------------
 
 BEGIN = 8 * SECOND
 
@@ -111,7 +111,7 @@ def test_what_may_have_happened_in_a_gap_is_part_of_the_standard_deviation(
 
 
 def test_readings_at_full_rate_leave_nothing_unseen(model: Model, course: Course) -> None:
-    """The term costs nothing and changes nothing where there are readings."""
+    """With readings at full rate the unseen deviation is empty and has no effect."""
 
     def unseen(live: LiveEstimator) -> None:
         assert live.sample is not None
@@ -192,7 +192,7 @@ def test_a_sensor_that_is_stuck_from_the_start_teaches_nothing(
 def test_a_long_gap_beside_a_sensor_on_trial_leaves_no_standard_deviation_too_small(
     model: Model, course: Course
 ) -> None:
-    """In an hour the preloads drift by more than the ensemble knew before."""
+    """In an hour the preloads drift by more than the ensemble's initial spread."""
 
     def consistent(live: LiveEstimator) -> None:
         assert live.spread is not None

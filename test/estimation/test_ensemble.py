@@ -1,4 +1,4 @@
-"""The spread must say how far the estimate really is from the truth, and cost little."""
+"""The standard deviations match the actual errors of the estimate."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 RATE = 100.0
 RUNS = 200
 WATCHED = 1000
-"""Samples of a run that the estimator sees."""
+"""Number of samples in a run of the estimator."""
 EVERY = 20
-"""Of these one in so many is judged."""
+"""Only every n-th sample is evaluated."""
 SECOND = round(RATE / EVERY)
-"""How many are judged in a second."""
+"""Number of evaluated samples per second."""
 
 
 def _path(model: Model, bag: str) -> Samples:
-    """A smooth motion of motor and joint, taken for the true one."""
+    """A smooth motion of motor and joint, used as the true motion."""
     recording = read_inputs(str(ROOT / "bags" / bag), Topics(), model)
     samples = condition_recording(model, recording).segments[0]
     seconds = (samples.stamp_ns - samples.stamp_ns[0]) * 1e-9
@@ -46,7 +46,7 @@ def _path(model: Model, bag: str) -> Samples:
 
 
 def _read(model: Model, path: Samples, part: slice, generator: np.random.Generator) -> Samples:
-    """What encoders of the robot's resolution say of a part of the path."""
+    """Readings of encoders with the robot's resolution on a part of the path."""
     columns = []
     for axis, angle in zip(model.robot.axes, (path.motor_angle, path.joint_angle), strict=True):
         count, begin = axis.sensor.resolution, generator.random()
@@ -80,8 +80,8 @@ def _hits(preload: str, bag: str, runs: int, seed: int) -> np.ndarray:
 
 
 def test_two_standard_deviations_cover_what_they_should() -> None:
-    # 200 robots whose parameters are drawn from the robot file's covariance, seen through their
-    # encoders from the middle of a motion on: friction history unknown
+    # 200 robots have parameters drawn from the robot file's covariance.  Each estimate starts in
+    # the middle of a motion, from encoder readings, without knowledge of the friction history.
     hits = np.concatenate(
         [
             _hits("36.85,26.26", "prototype_preload_36_26", RUNS // 2, 1),
@@ -175,7 +175,7 @@ uncertainty: {{parameters: [cables.c.preload, cables.c.axial_stiffness], stddev:
     ("preload", "ea", "rho", "expected"),
     [
         (2.0, 0.0, 0.0, 2.0),  # t = t0 in the reference pose
-        (0.0, 10.0, 0.0, 0.0),  # and does not depend on the stiffness there
+        (0.0, 10.0, 0.0, 0.0),  # where it does not depend on the stiffness
         (2.0, 10.0, 0.5, 2.0),
     ],
 )

@@ -1,4 +1,4 @@
-"""The estimator's promises for every law and every robot; test_step.py has the prototype's."""
+"""Properties of the estimator for every friction law; test_step.py has those of the prototype."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cdrj_ros.robot.reader import load_robot, parse_robot
 PROTOTYPE = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 EPOCH_NS = 1_700_000_000_000_000_000
 
-# Two motors, two joints, a cable between two winches, tangents that end within reach.
+# Two motors, two joints, a cable between two winches, and tangents that vanish in reachable poses.
 ROUTED = """
 name: routed
 motors: [{name: m}, {name: n, effort_sign: -1}]
@@ -59,7 +59,7 @@ def law_of(law: str) -> Model:
 
 
 def motion(model: Model, size: int, seed: int = 0) -> Samples:
-    """Smooth and random, within the ranges, with uneven and some repeated stamps."""
+    """A smooth motion within the ranges, with irregular and some repeated stamps."""
     generator = np.random.default_rng(seed)
     stamps = EPOCH_NS + np.cumsum(generator.choice([0, 300_000, 1_000_000, 1_700_000], size))
     time = (stamps - stamps[0]) * 1e-9
@@ -178,7 +178,7 @@ def test_nodal_forces_are_the_vector_sums_of_both_pulls() -> None:
 
 
 def assert_refused(state: State) -> None:
-    """An unreachable pose: INVALID, no number, nothing forgotten."""
+    """A pose without a solution gives ``INVALID`` and zero tension; the state is unchanged."""
     # drum and pulley in the same place
     pose = np.array([0.1, 0.4 * np.sqrt(2.0)])
     at = Sample(state.stamp_ns + 1_000_000, np.full(2, 0.3), pose)

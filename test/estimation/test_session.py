@@ -1,4 +1,4 @@
-"""The estimator as a node runs it: other sensors, changes while running, ends and starts."""
+"""The live estimator: other sensors, changes at run time, and restarts."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _sample(readings: Samples, k: int) -> Sample:
 
 
 def _again(readings: Samples, times: int) -> Samples:
-    """The recording to and fro, end to end."""
+    """The recording repeated, alternately forwards and backwards."""
     step = int(np.median(np.diff(readings.stamp_ns)))
     count = times * readings.stamp_ns.size
     there = [readings.motor_angle, readings.joint_angle]
@@ -56,7 +56,7 @@ def _again(readings: Samples, times: int) -> Samples:
 
 @dataclass
 class Course:
-    """What a run gave, beside the truth."""
+    """Results of a run and the true values."""
 
     error: np.ndarray
     stddev: np.ndarray
@@ -133,7 +133,7 @@ def test_load_cells_that_come_late_do_not_tell_the_same_news_twice(
     used = on_trial[-1] + 1
     assert late < used < 2000
     assert np.abs(course.error[used : used + 50, column]).max() < 0.15
-    # where the motion turns, what the far elements still have wrong arrives, for a moment
+    # at a reversal, the remaining error of the far elements briefly reaches this element
     assert np.abs(course.error[used:, column]).mean() < 0.2
     assert course.live.fusion is not None
     assert course.live.fusion.health["upper/8"].dropped == ""
@@ -192,7 +192,7 @@ def test_a_load_cell_that_freezes_drifts_or_lies_is_found_and_dropped(
     assert words in health.dropped
     assert health.used > 0
     assert health.used + health.tried >= broken // 4
-    # what it said before it was found has not carried the estimate far
+    # its readings before the detection have changed the estimate only a little
     assert np.abs(course.error[broken:]).max() < 0.25 * tension.max()
 
 
@@ -219,7 +219,7 @@ def test_a_good_load_cell_is_never_dropped(model: Model, readings: Samples) -> N
 def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_ten_cycles(
     model: Model, readings: Samples
 ) -> None:
-    cycles = _again(readings, 2)  # of six cycles each; ten are looked at
+    cycles = _again(readings, 2)  # of six cycles each; ten are evaluated
     true, values = _truth(LOST, cycles)
     tension = values[:, true.layout.tension]
     effort = values[:, true.layout.motor_effort][:, 0]
@@ -302,7 +302,7 @@ def test_started_in_mid_motion_the_truth_is_within_two_sigma_and_soon_within_thr
             stddevs.append(stddev[: truth.shape[1]])
         error, spread = np.array(errors), np.array(stddevs)
         assert (np.abs(error) <= 2.0 * spread + 0.02)[:20].mean() > 0.9
-        # one reversal later; what a cable that never slips at its end holds stays unknown
+        # after one reversal; the tension of a cable end that never slips remains unknown
         part = joint[begin : begin + 1500]
         reversal = _first_reversal_after_travel(part)
         relative = np.abs(error[reversal + 200 :]) / truth[begin + reversal + 200 : begin + 1500]
@@ -310,7 +310,7 @@ def test_started_in_mid_motion_the_truth_is_within_two_sigma_and_soon_within_thr
 
 
 def _first_reversal_after_travel(angle: np.ndarray) -> int:
-    """Where the joint turns first, and has then come half of its stroke back."""
+    """Index after the first reversal of the joint at which it has returned by half its stroke."""
     turn = int(np.argmax(np.abs(angle[:600] - angle[0])))
     back = np.abs(angle[turn:] - angle[turn])
     return turn + int(np.argmax(back > 0.35))
@@ -331,7 +331,7 @@ def test_a_restart_with_a_state_file_goes_on_as_if_it_had_not_ended(
         assert np.array_equal(one.estimate.values, other.estimate.values)
         assert one.stddev is not None
         assert np.allclose(one.stddev, other.stddev, rtol=1e-9)
-    assert [p.name for p in tmp_path.iterdir()] == ["state"]  # nothing half written is left
+    assert [p.name for p in tmp_path.iterdir()] == ["state"]  # no temporary file is left
 
 
 def test_a_robot_moved_while_nobody_looked_is_known_less_well(

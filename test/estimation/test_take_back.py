@@ -1,4 +1,4 @@
-"""What a trusted sensor has taught is undone once it proves wrong, and does not return."""
+"""Corrections by a trusted sensor are undone permanently once the sensor is found to be wrong."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 CELL: Final = "upper/8"
 MEASURED = Options(tension_sensors=True)
 CALM: Final = 1500
-"""Samples after which the cell begins to lie."""
+"""Number of samples after which the cell reads wrong."""
 SCALE: Final = 1.2
-"""Before, it reads so much too high: in proportion to the motion, so that it is trusted."""
+"""Before that, the readings are too high by this factor and follow the motion: it is trusted."""
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def model() -> Model:
 
 
 class Beside(NamedTuple):
-    """A motion, and what the estimator makes of it without sensors."""
+    """A motion and its estimates without other sensors."""
 
     samples: Samples
     tension: np.ndarray
@@ -64,7 +64,7 @@ LIES: dict[str, Lie] = {
 
 
 def _feed_cell(live: LiveEstimator, beside: Beside, k: int, lie: Lie) -> None:
-    """Every second sample a reading of the cell, in proportion at first."""
+    """Feed a reading of the cell with every second sample, at first in proportion."""
     if k % 2 == 0:
         value = SCALE * float(beside.cell[k]) + 0.02 * (k % 8 - 3)
         if k >= CALM:
@@ -112,7 +112,7 @@ def test_what_a_trusted_load_cell_taught_is_undone_once_it_is_dropped(
 def test_the_standard_deviation_opens_where_corrections_are_undone(
     model: Model, beside: Beside
 ) -> None:
-    """The preload is then known as at the start: every element says so by its status."""
+    """The preload is then as uncertain as at the start, which the status of every element shows."""
     live = LiveEstimator(model, MEASURED)
     before = np.empty(0)
     for k in range(beside.cell.size):
@@ -135,7 +135,7 @@ def test_the_standard_deviation_opens_where_corrections_are_undone(
 def test_what_a_load_cell_taught_before_a_restart_is_undone_after_it(
     break_at: int, model: Model, beside: Beside, tmp_path: Path
 ) -> None:
-    """Restarted while the cell is good, or while it lies unnoticed; after that it only lies."""
+    """Restart while the cell is right or its fault is undetected; afterwards it is always wrong."""
     lie = LIES["freezes"]
     path = tmp_path / "state"
     live = LiveEstimator(model, MEASURED)

@@ -1,4 +1,4 @@
-"""What nobody has seen is not made up: gaps, turns, steps of a sensor, unsolved cables."""
+"""Motions without readings: gaps, turns, steps of a sensor, unsolved cables."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 START = 1_700_000_000 * 10**9
 MS = 1_000_000
 UNFILTERED = Options(tracking=0.0)
-"""A filter between counts starts anew with a process."""
+"""Without tracking filters, whose state is lost when a process restarts."""
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def all_unsure(output: Output) -> bool:
 def test_nothing_is_made_up_for_the_time_in_which_one_topic_was_silent(
     model: Model, readings: Samples
 ) -> None:
-    """The joint goes out and back while only the motor is heard."""
+    """The joint moves out and back while only the motor has readings."""
     live = LiveEstimator(model)
     before = [output for k in range(1000) for output in send(live, readings, k)]
     stamps = readings.stamp_ns
@@ -142,12 +142,12 @@ def test_a_robot_moved_while_the_clock_was_set_back_is_known_less_well(
 
 @pytest.fixture(scope="module")
 def turning(model: Model) -> Model:
-    """Its winch's reading starts again after a turn."""
+    """A robot whose winch sensor wraps after one turn."""
     return variant(model, lambda document: document["motors"][0].update(period=2.0 * pi))
 
 
 def wrapped(readings: Samples, by: float = 0.0) -> Samples:
-    """Readings of the winch from -pi to pi, of a motor that is further on."""
+    """Winch readings wrapped to -pi to pi, of a motor that has turned further."""
     motor = readings.motor_angle + by
     return Samples(
         readings.stamp_ns, motor - 2.0 * pi * np.round(motor / (2.0 * pi)), readings.joint_angle
@@ -165,7 +165,7 @@ ACTIONS: Mapping[str, Callable[[LiveEstimator], object]] = {
 def test_turns_are_counted_on_whatever_is_set(
     action: str, model: Model, turning: Model, readings: Samples
 ) -> None:
-    """The same as with a sensor that never starts again, more than a turn from the reference."""
+    """The result equals that of a sensor without wrap, more than a turn from the reference."""
     far = 7.0
     here = {"motors": lambda d: d["motors"][0].update(reference_angle=far)}["motors"]
     plain, period = variant(model, here), variant(turning, here)
@@ -183,7 +183,7 @@ def test_turns_are_counted_on_whatever_is_set(
 
 
 def test_a_recording_that_is_played_anew_starts_at_its_own_turn(turning: Model) -> None:
-    """A reset, then stamps that go back: the turns of the first time mean nothing."""
+    """After a reset and stamps that go back, earlier turns are not counted."""
     live = LiveEstimator(turning)
     for k in range(250):
         reading = 0.05 * k % (2.0 * pi)
@@ -239,7 +239,7 @@ def stepping(model: Model) -> Model:
 def test_a_step_that_stays_is_followed_and_makes_everything_unsure(
     model: Model, readings: Samples
 ) -> None:
-    """Half a radian of lost counts: 25 ms at the most that the motor can do."""
+    """The sensor loses counts of half a radian, 25 ms of motion at the motor's maximum speed."""
     live = LiveEstimator(stepping(model))
     readings = paused(readings, 2200)
     for k in range(1500):
@@ -271,7 +271,7 @@ def test_a_glitch_is_no_step(model: Model, readings: Samples, lasting: int) -> N
 
 
 def test_noise_that_is_implausible_all_the_time_is_no_step(model: Model) -> None:
-    """Readings that do not agree with each other either."""
+    """The readings are not consistent with each other either."""
     conditioner = Conditioner(stepping(model).robot)
     generator = np.random.default_rng(0)
     for k in range(400):
@@ -281,11 +281,11 @@ def test_noise_that_is_implausible_all_the_time_is_no_step(model: Model) -> None
     assert conditioner.steps == 0
 
 
-# -- what is not solved ------------------------------------------------------------------------
+# -- unsolved cables ---------------------------------------------------------------------------
 
 
 def test_one_cable_that_is_not_solved_leaves_what_is_known_of_the_others(model: Model) -> None:
-    """The robot's two cables, each on a motor of its own, one of them wound in entirely."""
+    """The robot's two cables, each on its own motor, one of them wound in entirely."""
 
     def change(document: dict[str, Any]) -> None:
         document["motors"].append({**document["motors"][0], "name": "second"})
@@ -320,7 +320,7 @@ def test_one_cable_that_is_not_solved_leaves_what_is_known_of_the_others(model: 
 
 
 def _winding_in(model: Model) -> float:
-    """Sense in which the second motor pulls the second cable in."""
+    """Direction in which the second motor winds the second cable in."""
     live = LiveEstimator(model, Options(uncertainty=False))
     still = Sample(START, np.zeros(2), np.zeros(1))
     live.take(still)
@@ -330,7 +330,7 @@ def _winding_in(model: Model) -> float:
     return 1.0 if output.estimate.tension[last] > model.robot.cables[1].preload else -1.0
 
 
-# -- what is set outlives the process ----------------------------------------------------------
+# -- changes persist across processes ----------------------------------------------------------
 
 
 def test_reference_and_preloads_that_were_set_are_in_the_state_file(
@@ -470,7 +470,7 @@ def test_a_tare_is_refused_until_rest_has_been_seen_for_long_enough(
         if k < 300:
             stamp = START + k * MS
             live.feed("joints", stamp, ("elbow",), (0.1,))
-            live.feed("motors", stamp, ("winch",), (0.8 + count * (k % 2),))  # a count's flicker
+            live.feed("motors", stamp, ("winch",), (0.8 + count * (k % 2),))  # one count of jitter
             with pytest.raises(UsageError, match=r"at rest for 0\.3 s"):
                 live.tare()
     live.feed("joints", START + 300 * MS, ("elbow",), (0.1,))

@@ -1,4 +1,4 @@
-"""Files are written whole or not at all, and never over what is being read."""
+"""Files are written atomically, and outputs never overwrite inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What becomes of standard output changes nothing else, and no name controls the terminal."""
+"""A failure of standard output has no other effect, and no name can control the terminal."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_command_ends_as_it_would_with_a_reader(
     assert run_command("validate", body, []) == 1
     assert done == [True]
     if stream is not None and not stream.closed:
-        stream.close()  # nothing is left to fail when the interpreter ends
+        stream.close()  # otherwise the flush at the interpreter's exit would fail
     told = ["validate: standard output: No space left on device; the rest is not shown"]
     assert capsys.readouterr().err.splitlines() == (told if make is full else [])
 

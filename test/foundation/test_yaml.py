@@ -1,4 +1,4 @@
-"""YAML from anybody: a value or one line, in bounded time and memory."""
+"""Untrusted YAML gives a value or a one-line error, in bounded time and memory."""
 
 import tracemalloc
 from datetime import date
@@ -8,11 +8,11 @@ import pytest
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
 
 MOST_MEMORY = 50e6
-"""For texts of a few kilobytes [bytes]."""
+"""Memory for texts of a few kilobytes [bytes]."""
 
 
 def nested(last: str, step: str, levels: int = 12) -> str:
-    """`levels` anchored entries, each of which repeats the one before ten times."""
+    """`levels` anchored entries, each of which repeats the previous one ten times."""
     lines = [f"a0: &a0 {last}"]
     lines += [
         f"a{level}: &a{level} " + step.format(",".join([f"*a{level - 1}"] * 10))

@@ -1,4 +1,4 @@
-"""Payloads against rosbags' serializer, and against everything that is no payload."""
+"""Payloads are compared with rosbags' serializer; invalid payloads are refused."""
 
 import struct
 import tracemalloc
