@@ -87,9 +87,9 @@ def make_plan(robot: Robot, arguments: argparse.Namespace, share: float = 1.0) -
     """Check every choice against the robot.
 
     Args:
-        robot: whose joints move.
-        arguments: of the command line.
-        share: of the default amplitude; amplitudes that are given stay.
+        robot: robot whose joints move.
+        arguments: arguments of the command line.
+        share: factor of the default amplitude; it does not apply to given amplitudes.
 
     Raises:
         UsageError: an option does not suit the robot.

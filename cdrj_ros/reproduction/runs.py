@@ -64,9 +64,9 @@ class Experiment:
 
     name: str
     preload: tuple[float, float]
-    """Upper and lower [N]."""
+    """Preloads of the upper and lower cable [N]."""
     rho: tuple[float, float]
-    """Upper and lower [-], by (44)."""
+    """rho of the upper and lower cable, identified by (44) [-]."""
 
 
 EXPERIMENTS: Final = (
@@ -138,11 +138,11 @@ class Free:
     """The model's tensions for a prescribed joint motion, without measurements."""
 
     time: Vector
-    """From the first upper limit [s], shape (n,)."""
+    """Time from the first upper limit [s], shape (n,)."""
     angle: Vector
-    """Of the joint [rad], shape (n,)."""
+    """Joint angle [rad], shape (n,)."""
     tension: Mapping[str, Vector]
-    """By ``cable/element`` [N], shape (n,) each."""
+    """Tensions by ``cable/element`` [N], shape (n,) each."""
 
 
 def with_friction(
@@ -212,10 +212,10 @@ def record(
     """Run an experiment on the rig: truth with contact cells, then encoders and load cells.
 
     Args:
-        robot: with the preloads and the friction of the rig.
-        motion: of the joint.
+        robot: robot with the preloads and the friction of the rig.
+        motion: motion of the joint.
         cells: contact cells per pulley.
-        seed: of the load cells' noise.
+        seed: seed of the load cells' noise.
         progress: called with the share that is done, in [0, 1].
     """
     truth = _moved(robot, motion, RollingLoad(), cells, progress)
@@ -297,8 +297,8 @@ def move_freely(
     """Tensions of the lumped model for a prescribed joint motion: the source's simulation.
 
     Args:
-        robot: with its preloads and friction.
-        motion: of the joint.
+        robot: robot with its preloads and friction.
+        motion: motion of the joint.
         load: masses; the prototype's by default.
         lever: share of the true lever arm at which the strands pull, 0.5 for (10) as printed.
         progress: called with the share that is done, in [0, 1].
@@ -338,7 +338,7 @@ def _moved(
 
 
 def _column(values: NDArray[np.float64]) -> Vector:
-    """The only motor's, or the only joint's, angle."""
+    """Angle of the only motor or joint."""
     return np.ascontiguousarray(np.reshape(values, (len(values), -1))[:, 0])
 
 

@@ -41,7 +41,7 @@ class Sensitivity:
     family: str
     """Key of ``CENTRE``."""
     values: tuple[float, ...]
-    """Of the family."""
+    """Values of the family's parameter."""
 
     @property
     def grid(self) -> Vector:
