@@ -1,7 +1,7 @@
-"""What all pictures of a report share: colours, sizes, axes, lines and texts.
+"""Common elements of the pictures of a report: colours, sizes, axes, lines and texts.
 
-Every picture has one size, so that three stand beside each other on a desk and one fills a phone;
-one unit of the drawing is one CSS pixel.
+All pictures have the same size, so that three fit side by side on a desktop screen and one fills a
+phone.  One unit of a drawing is one CSS pixel.
 
 Importing this module imports matplotlib, which is slow; import it where pictures are made.
 """
@@ -36,7 +36,7 @@ PALETTE: Final[Mapping[str, str]] = MappingProxyType(
         "band": "#c5dff0",
     }
 )
-"""Colours by role; blue and vermilion (Okabe and Ito) differ for colour-blind readers, too."""
+"""Colours by role; blue and vermilion (Okabe and Ito) differ for colour-blind readers too."""
 
 WIDTH: Final = 390
 """Width of a picture [px]."""
@@ -48,17 +48,17 @@ FONT_SIZE: Final = 11.0
 """Size of all text in a picture [px]."""
 
 BUCKETS: Final = 320
-"""Buckets of a drawn series: about one for each pixel of its axes."""
+"""Number of buckets of a drawn series: about one per pixel of the axes."""
 
 LEFT, RIGHT, TOP, BOTTOM = 50, 8, 26, 38
-"""Room around the axes [px]."""
+"""Margins around the axes [px]."""
 
 LINE_WIDTH: Final = {"truth": 3.4, "estimate": 1.1, "error": 0.8, "band": 8.0}
-"""By role [px]."""
+"""Line widths by role [px]."""
 
 
 def new_figure() -> Figure:
-    """A figure of WIDTH by HEIGHT, transparent."""
+    """A transparent figure of WIDTH by HEIGHT."""
     figure = Figure(figsize=(WIDTH / 72.0, HEIGHT / 72.0), dpi=72.0)
     figure.patch.set_visible(False)
     return figure
@@ -89,7 +89,7 @@ def add_axes(figure: Figure, bottom: float, height: float) -> Axes:
 def draw_line(
     axes: Axes, x: Floats, y: Floats, breaks: NDArray[np.intp], role: str, *, loop: bool = False
 ) -> None:
-    """A line of a role through the envelope of the samples, broken at the gaps."""
+    """Draw a line in the style of a role through the envelope of the samples, broken at gaps."""
     kept = envelope(BUCKETS, x, y) if loop else envelope(BUCKETS, y)
     if len(breaks):
         kept = np.union1d(kept, np.concatenate([breaks, breaks + 1]))
@@ -110,10 +110,10 @@ def draw_line(
 
 
 def set_limits(axes: Axes, x: Floats, ticks: int) -> None:
-    """Limits that fit the data, with so many ticks at the ordinate at most."""
+    """Set limits that fit the data, and at most ``ticks`` ticks on the ordinate."""
     axes.margins(x=0.0, y=0.06)
     if len(x) and x.min() < x.max():
-        # A little more, so that a recording of 59.999 s has its label at 60.
+        # A small margin, so that a recording of 59.999 s has a label at 60 s.
         low, high = float(x.min()), float(x.max())
         axes.set_xlim(low, high + 0.002 * (high - low))
     axes.xaxis.set_major_locator(MaxNLocator(6))
@@ -123,7 +123,7 @@ def set_limits(axes: Axes, x: Floats, ticks: int) -> None:
 
 
 def add_stroke(figure: Figure, x: float, y: float, role: str) -> None:
-    """A short sample of a role's line."""
+    """Draw a short line in the style of a role, as in a legend."""
     figure.add_artist(
         Line2D(
             [x / WIDTH, (x + 12) / WIDTH],
@@ -137,7 +137,7 @@ def add_stroke(figure: Figure, x: float, y: float, role: str) -> None:
 
 def set_x_label(axes: Axes, text: str) -> None:
     """Label the abscissa."""
-    # A name may hold a dollar sign: it is no formula.
+    # A dollar sign in a name must not start a formula.
     axes.set_xlabel(
         printable(text), fontsize=FONT_SIZE, color=PALETTE["muted"], labelpad=5, parse_math=False
     )

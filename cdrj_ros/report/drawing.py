@@ -1,6 +1,7 @@
-"""Drawing of a robot's cables: their paths, and how these change over the joint ranges.
+"""Drawing of a robot's cables: their paths and the changes over the joint ranges.
 
-Cables given by positions are drawn to scale, cables given by spans unrolled: they have no shape.
+Cables given by positions are drawn to scale.  Cables given by spans have no known shape and are
+drawn unrolled.
 
 Importing this module imports matplotlib, which is slow; import it where pictures are made.
 """
@@ -22,7 +23,7 @@ from cdrj_ros.report.scale_drawing import draw_placed, ghost_poses, legend_handl
 from cdrj_ros.report.unrolled_drawing import draw_unrolled
 
 LARGEST: Final = (900.0, 720.0)
-"""Most width and height of the cables in a drawing [px]."""
+"""Largest width and height of the cables in a drawing [px]."""
 
 NARROWEST: Final = 480.0
 """Width of a drawing below which its legend does not fit [px]."""
@@ -38,8 +39,8 @@ def draw_robot(inspection: Inspection, size: tuple[float, float] | None = None) 
 
     Args:
         inspection: of ``cdrj_ros.inspection.ranges``.
-        size: width and height [px], by default such that everything fits.  Below about 600 px the
-            labels of long cables overlap.
+        size: width and height [px]; by default chosen such that everything fits.  Below about
+            600 px the labels of long cables overlap.
     """
     robot = inspection.model.robot
     placed = [c for c, cable in enumerate(robot.cables) if cable.routed]
@@ -75,7 +76,7 @@ def draw_robot(inspection: Inspection, size: tuple[float, float] | None = None) 
 
 
 def _axes(figure: Figure, box: tuple[float, float, float, float]) -> Axes:
-    """Axes in pixels: left, bottom, width, height."""
+    """Add axes at a box (left, bottom, width, height) in pixels."""
     width, height = 72.0 * figure.get_size_inches()
     left, bottom, wide, high = box
     wide, high = max(wide, 10.0), max(high, 10.0)
@@ -103,7 +104,7 @@ def _fitting_size(
 
 
 def write_png(figure: Figure, path: str) -> None:
-    """Write a drawing at twice its size, for screens and print; an existing file stays on failure.
+    """Write a drawing at twice its resolution; an existing file is kept on failure.
 
     Raises:
         OSError: the file cannot be written.

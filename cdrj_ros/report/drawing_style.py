@@ -7,7 +7,8 @@ from typing import Final
 CABLE_COLOURS: Final = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5e4fa2", "#7f7f7f",
 )  # fmt: skip
-"""After Okabe and Ito: colour-blind readers can tell them apart.  Further cables repeat them."""
+"""Colours of cables after Okabe and Ito, distinguishable for colour-blind readers; they repeat if
+there are more cables."""
 
 INK: Final = "#1c1c1a"
 MUTED: Final = "#62625d"
@@ -19,5 +20,5 @@ FONT_SIZE: Final = 12.0
 
 
 def cable_colour(index: int) -> str:
-    """Colour of a robot's cable."""
+    """Colour of the cable with this index in the robot."""
     return CABLE_COLOURS[index % len(CABLE_COLOURS)]

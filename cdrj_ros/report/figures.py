@@ -1,7 +1,7 @@
-"""Figures of one channel: estimate over truth, error, hysteresis loop.
+"""Figures of one channel: estimate and truth, error, hysteresis loop.
 
-Truth is a thick grey line, the estimate a thin coloured line on top of it, with a band of two
-standard deviations where these are known.
+The truth is drawn as a thick grey line and the estimate as a thin coloured line on top of it, with
+a band of two standard deviations where these are known.
 
 Importing this module imports matplotlib, which is slow; import it where pictures are made.
 """
@@ -42,13 +42,13 @@ from cdrj_ros.report.numbers import decimals_for, format_number, scale_for
 from cdrj_ros.report.series import Window, gaps, seconds_since
 
 _ERROR_HEIGHT, _BETWEEN = 58, 32
-"""Height of the axes of the error, and the gap between them and those of the series [px]."""
+"""Height of the error axes, and the gap between them and the axes of the series [px]."""
 
 USUAL_BANDS: Final = 1.5
-"""The axes of the series leave room for a band of this many times the median, at most."""
+"""Largest width of the band that the axes show, in multiples of its median width."""
 
 BAND_IN_VIEW: Final = 4.0
-"""The axes of the error show a band of this many times the largest error, at most."""
+"""Largest band that the error axes show, in multiples of the largest error."""
 
 
 def over_time(
@@ -60,7 +60,7 @@ def over_time(
         channel: at least one sample.
         origin_ns: stamp at 0 s of the time axis [ns].
         window: the part to draw, by default everything; its reversal is marked.
-        shade: a part to tint, for example one that another figure enlarges.
+        shade: a part to tint, for example the part enlarged in another figure.
     """
     drawn = _drawn(channel, origin_ns, window)
     figure = new_figure()
@@ -89,7 +89,7 @@ class _Drawn:
     estimate: Floats
     """Shape (n,)."""
     half: Floats | None
-    """Half of the band's width, shape (n,); None where no sample has a standard deviation."""
+    """Half width of the band, shape (n,); None if no sample has a standard deviation."""
     breaks: NDArray[np.intp]
     """Samples after which the lines are broken."""
     unit: str
@@ -118,7 +118,7 @@ def _drawn(channel: Channel, origin_ns: int, window: Window | None) -> _Drawn:
 
 
 def _draw_series(axes: Axes, drawn: _Drawn) -> None:
-    """Truth, estimate and band."""
+    """Draw truth, estimate and band."""
     if drawn.half is not None:
         _draw_band(axes, drawn.time, drawn.estimate, drawn.half, drawn.breaks)
     draw_line(axes, drawn.time, drawn.reference, drawn.breaks, "truth")
@@ -129,7 +129,7 @@ def _draw_series(axes: Axes, drawn: _Drawn) -> None:
 
 
 def _draw_error(axes: Axes, drawn: _Drawn) -> int:
-    """Error and band about zero, with a dot at the largest error; returns its sample."""
+    """Draw error and band about zero, with a dot at the largest error; returns its index."""
     error = drawn.error
     if drawn.half is not None:
         _draw_band(axes, drawn.time, np.zeros_like(error), drawn.half, drawn.breaks)
@@ -167,7 +167,7 @@ def _dot(axes: Axes, x: float, y: float) -> None:
 
 
 def _name_error(figure: Figure, unit: str, largest: float, at_s: float) -> None:
-    """Texts above the axes of the error."""
+    """Add the texts above the error axes."""
     size = format_number(largest, decimals_for(abs(largest)))
     above = BOTTOM + _ERROR_HEIGHT + 7
     add_text(figure, LEFT, above, f"error [{unit}]", "muted")
@@ -203,7 +203,7 @@ def hysteresis(channel: Channel, window: Window) -> Figure:
 def _draw_band(
     axes: Axes, x: Floats, centre: Floats, half: Floats, breaks: NDArray[np.intp]
 ) -> None:
-    """Draw the band centre ± half, with the largest width of every bucket, broken at the gaps."""
+    """Draw the band centre ± half through the envelope of its edges, broken at gaps."""
     known = np.isfinite(half)
     low = np.where(known, centre - half, centre)
     high = np.where(known, centre + half, centre)
@@ -223,7 +223,7 @@ def _draw_band(
 
 
 def _keep_in_view(axes: Axes, lines: Sequence[Floats], half: Floats) -> None:
-    """Scale the axes to the usual width of the band; where it is wider, it is cut off."""
+    """Scale the axes to the typical width of the band; wider parts are clipped."""
     low = min(float(line.min()) for line in lines)
     high = max(float(line.max()) for line in lines)
     usual = min(float(np.nanmax(half)), USUAL_BANDS * float(np.nanmedian(half)))
@@ -232,7 +232,7 @@ def _keep_in_view(axes: Axes, lines: Sequence[Floats], half: Floats) -> None:
 
 
 def _symmetric(axes: Axes, error: Floats, half: Floats | None = None) -> None:
-    """Put zero in the middle of the axes and include the band unless it is wide."""
+    """Centre the axes on zero and include the band unless it is wide."""
     largest = float(np.abs(error).max())
     if half is not None:
         usual = min(float(np.nanmax(half)), USUAL_BANDS * float(np.nanmedian(half)))
@@ -247,7 +247,7 @@ def _scale(channel: Channel) -> tuple[float, str]:
 
 
 def _key(figure: Figure, channel: Channel, unit: str, *, banded: bool = False) -> None:
-    """Title and unit, and in place of a legend the names of the lines in their colours."""
+    """Add title and unit, and the names of the lines in their colours instead of a legend."""
     base = HEIGHT - TOP + 11
     title = QUANTITIES[quantity_of(channel.name)].title.lower()
     add_text(figure, LEFT, base, f"{title} [{unit}]", "muted")

@@ -33,14 +33,14 @@ from cdrj_ros.report.canvas import (
 from cdrj_ros.report.numbers import scale_for
 
 MOST_BARS: Final = 24
-"""Pulleys that fit beside each other."""
+"""Largest number of bars that fit in a figure."""
 
 MOST_CABLES: Final = 8
-"""Cables whose names fit below their bars."""
+"""Largest number of cables whose names fit below their bars."""
 
 
 def friction_bars(pulleys: Sequence[PulleyFriction]) -> Figure:
-    """Draw friction as a share of the tension: a bar to its mean, a mark at its largest value.
+    """Draw friction as a share of the tension: a bar for the mean, a mark at the largest value.
 
     Args:
         pulleys: at least one, at most MOST_BARS; named "cable/node".
@@ -85,10 +85,10 @@ def friction_bars(pulleys: Sequence[PulleyFriction]) -> Figure:
 
 
 def friction_loop(one: PulleyFriction) -> Figure:
-    """Draw the friction at one pulley over the cable that has passed it.
+    """Draw the friction at one pulley over the length of cable that has passed it.
 
     Args:
-        one: with its loop, at least one sample.
+        one: the pulley, whose loop has at least one sample.
     """
     if one.passed is None or one.friction is None:
         raise ValueError(f"{one.name} has no loop")

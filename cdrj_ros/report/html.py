@@ -1,11 +1,11 @@
-"""The report: one HTML page that needs nothing but itself.
+"""The report: one self-contained HTML page.
 
-Verdict first, then the table, then pictures: the telling channels open, the others folded away.
-Pictures are SVG inside the page.  Their lines are envelopes of a few hundred points, so their size
-does not grow with the recording; for one picture that is less than half of what a PNG of the same
-sharpness takes, and they follow the page's colours on a dark screen and on paper.
+The verdict comes first, then the table, then the pictures; only those of the most informative
+channels are unfolded.  Pictures are inline SVG.  Their lines are envelopes of a few hundred points,
+so their size does not grow with the recording; an SVG takes less than half the size of an equally
+sharp PNG, and it adopts the page's colours in dark mode and in print.
 
-``assets/report.html`` is a Jinja template that escapes every text; this module gives it values.
+``assets/report.html`` is a Jinja template that escapes all text; this module provides its values.
 """
 
 from __future__ import annotations
@@ -47,17 +47,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURE_BUDGET: Final = 2_700_000
-"""Characters of pictures on one page; what does not fit is named instead of drawn."""
+"""Characters available for pictures on one page; channels beyond it are listed but not drawn."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotShown:
-    """What the page says about the robot."""
+    """Robot, parameters and drawing shown on the page."""
 
     summary: str
     """The robot and the parameters used, in a sentence or two."""
     robot: Robot | None = None
-    """For the tables of its parameters."""
+    """Source of the parameter tables; None leaves them out."""
     drawing: Figure | None = None
 
 
@@ -68,10 +68,10 @@ class _Section:
     name: str
     anchor: str
     line: str
-    """Its figures in a line."""
+    """Error figures in one line."""
     pictures: tuple[Picture, ...]
     left_out: bool
-    """Whether it has samples but no pictures, since the page would grow too large."""
+    """Whether pictures were left out although there are samples, to limit the size of the page."""
 
 
 def write_report(
@@ -89,14 +89,14 @@ def write_report(
     Args:
         path: the file, replaced if it exists.
         errors: the recordings and their figures, in the order of the page.
-        title: what the page is about, in a line.
-        robot: what the page says about the robot.
-        versions: names and versions of what produced the estimates.
-        beside: one more column of the table, for example published figures.
-        judgement: result of comparing with limits, where there were any.
+        title: title of the page, in one line.
+        robot: robot and parameters to show.
+        versions: names and versions of the software that produced the estimates.
+        beside: an additional column of the table, for example published figures.
+        judgement: result of the comparison with limits, if any.
 
     Raises:
-        OSError: the file cannot be written; an older one is then untouched.
+        OSError: the file cannot be written; an existing file is then kept.
     """
     page = _template().render(
         title=title,
@@ -132,7 +132,7 @@ def _asset(name: str) -> str:
 
 
 def _limits(judgement: Judgement) -> dict[str, Any]:
-    """Whether all is within its limits, and what is not."""
+    """Verdict on the limits, and the figures outside them."""
     return {
         "kind": "outside" if judgement.outside else "within",
         "sentence": judgement_sentence(judgement),
@@ -144,7 +144,7 @@ def _limits(judgement: Judgement) -> dict[str, Any]:
 def _table(
     errors: Mapping[str, ChannelError], anchors: Mapping[str, str], beside: Beside | None = None
 ) -> dict[str, Any]:
-    """The figures, one table per quantity; names lead to their pictures."""
+    """The figures, one table per quantity, with names linked to their pictures."""
     groups = table_groups(errors, beside=beside)
     headings = headings_of(errors)
     rows = [
@@ -166,7 +166,7 @@ def _anchor(bag: int, channel: int) -> str:
 
 
 def _anchors(bags: Sequence[BagComparison]) -> dict[str, str]:
-    """Where each channel is first shown."""
+    """Anchor of the first section of each channel."""
     anchors: dict[str, str] = {}
     for number, bag in enumerate(bags):
         for index, channel in enumerate(bag.channels):
@@ -204,7 +204,7 @@ def _bags(errors: Errors) -> list[dict[str, Any]]:
 
 
 def _sections(errors: Errors) -> dict[tuple[int, str], _Section]:
-    """Every channel by recording; the telling channels of all recordings are drawn first."""
+    """Sections of all channels; the telling channels of all recordings use the budget first."""
     budget = PICTURE_BUDGET
     telling = [telling_channels([channel.name for channel in bag.channels]) for bag in errors.bags]
     sections: dict[tuple[int, str], _Section] = {}
@@ -236,7 +236,7 @@ def _section(
     *,
     drawn: bool,
 ) -> _Section:
-    """One channel: its name, its figures in a line, its pictures."""
+    """Section of one channel: name, error figures in one line, pictures."""
     if error.n == 0:
         return _Section(channel.name, anchor, "no samples", (), left_out=False)
     line = (
@@ -260,7 +260,7 @@ def _facts(bag: BagComparison) -> dict[str, str]:
 
 
 def _friction(bag: BagComparison, key: str) -> dict[str, Any] | None:
-    """Bars of every pulley's friction and the loop of the one that holds most."""
+    """Bars of the pulleys' friction, and the loop of the pulley with the largest mean share."""
     if not bag.friction:
         return None
     most = max(bag.friction, key=lambda one: one.mean_share)

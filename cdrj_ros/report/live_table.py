@@ -1,4 +1,4 @@
-"""Tensions as a table in a terminal, drawn anew many times a second; or as one line of text."""
+"""Tensions as a live table in a terminal, or as one line of text."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ STATUS: Final = (
     (SLACK, "SLACK", "cyan"),
     (UNSURE, "UNSURE", "yellow"),
 )
-"""Flag, word and style; the gravest first."""
+"""Flag, word and style of every status, most severe first."""
 
 FINE: Final = ("OK", "green")
 """Word and style of an entry without any flag."""
 
 NARROW: Final = 72
-"""Columns of a terminal below which names and statuses get less room."""
+"""Terminal width below which the columns of names and statuses are narrower [columns]."""
 
 SIGMAS: Final = 2.0
-"""Standard deviations that are shown to either side."""
+"""Half width of the displayed interval [standard deviations]."""
 
 SLOW_S: Final = 0.1
 """Age above which a message is drawn in a warning colour [s]."""
 
 SCALES: Final = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0)
-"""Ends of a bar, times a power of ten."""
+"""Full scales of a bar, times a power of ten."""
 
 FOREIGN_S: Final = 3600.0
-"""A stamp further from this clock belongs to another one, for instance a recording's [s]."""
+"""Age beyond which a stamp is attributed to another clock, for example a recording's [s]."""
 
 
 @dataclass(frozen=True)
@@ -57,20 +57,20 @@ class Line:
     value: float
     """Tension or force [N]."""
     stddev: float | None
-    """Its standard deviation [N]; None where none is known."""
+    """Standard deviation [N]; None if unknown."""
     status: int
-    """Sum of the flags of cdrj_msgs/CableTensions."""
+    """Bitwise combination of the flags of cdrj_msgs/CableTensions."""
     limit: float = float("inf")
-    """Full length of the bar [N]; infinite where there is no limit."""
+    """Value at the full length of the bar [N]; infinite if there is no limit."""
 
     @property
     def valid(self) -> bool:
-        """Whether the value means anything."""
+        """Whether the value is finite and not marked INVALID."""
         return not self.status & INVALID and isfinite(self.value)
 
     @property
     def spread(self) -> float | None:
-        """What is shown to either side of the value [N]; None where nothing is known."""
+        """Half width of the displayed interval around the value [N]; None if unknown."""
         if self.stddev is None or not isfinite(self.stddev):
             return None
         return SIGMAS * self.stddev
@@ -81,28 +81,28 @@ class Section:
     """All entries of one message."""
 
     title: str
-    """What the names are: ``element``, ``pulley``."""
+    """Heading of the names: ``element``, ``pulley``."""
     lines: tuple[Line, ...]
 
 
 @dataclass(frozen=True)
 class View:
-    """Everything that is shown at one moment."""
+    """Content of the live table at one time."""
 
     topic: str
     sections: tuple[Section, ...] = ()
     robot: str = ""
-    """Empty while it is not known."""
+    """Name of the robot; empty while unknown."""
     rate_hz: float | None = None
-    """Messages a second; None while it is not known."""
+    """Message rate [Hz]; None while unknown."""
     age_s: float | None = None
-    """From the stamp of the newest message to now [s]; None before the first message."""
+    """Time since the stamp of the latest message [s]; None before the first message."""
     notes: tuple[str, ...] = ()
-    """What is missing or wrong, one sentence each."""
+    """Problems, such as a missing publisher, one sentence each."""
 
 
 def status_words(status: int) -> tuple[tuple[str, str], ...]:
-    """Words and styles of a status, the gravest first; an invalid entry is nothing else."""
+    """Words and styles of a status, most severe first; INVALID hides all other flags."""
     if status == OK:
         return (FINE,)
     if status & INVALID:
@@ -112,7 +112,7 @@ def status_words(status: int) -> tuple[tuple[str, str], ...]:
 
 
 def status_counts(lines: Iterable[Line]) -> dict[str, list[str]]:
-    """Names of the entries by status word: as in ``STATUS``, and last those without a flag."""
+    """Names of the entries by status word, in the order of ``STATUS``, with OK last."""
     found: dict[str, list[str]] = {word: [] for _, word, _ in STATUS}
     found[FINE[0]] = []
     for line in lines:
@@ -122,14 +122,13 @@ def status_counts(lines: Iterable[Line]) -> dict[str, list[str]]:
 
 
 def live_table(view: View, width: int, rows: int | None = None, plain: bool = False) -> Group:
-    """The whole picture.
+    """The table of all sections with header, summaries and notes.
 
     Args:
         view: what to show.
         width: columns of the terminal.
-        rows: lines of the terminal; entries for which there is no room are counted instead. None
-            shows all.
-        plain: whether to do without characters outside ASCII.
+        rows: lines of the terminal; entries that do not fit are counted instead.  None shows all.
+        plain: whether to use ASCII characters only.
     """
     parts: list[RenderableType] = [_header(view, plain)]
     room = _rooms(view, width, rows)
@@ -145,7 +144,7 @@ def live_table(view: View, width: int, rows: int | None = None, plain: bool = Fa
 
 
 def plain_line(view: View) -> str:
-    """The same in one line without colours, for a pipe or a log."""
+    """Summary of the view in one line without colours, for a pipe or a log."""
     facts = [fact for fact, _ in _facts(view)]
     for section in view.sections:
         valid = [line for line in section.lines if line.valid]
@@ -184,12 +183,12 @@ def _header(view: View, plain: bool) -> Text:
 
 
 def _rooms(view: View, width: int, rows: int | None) -> list[int]:
-    """How many entries of each section are shown: as many as there is room for, shared evenly."""
+    """Number of entries shown of each section; the available lines are shared evenly."""
     counts = [len(section.lines) for section in view.sections]
     if rows is None:
         return counts
     notes = sum(1 + len(note) // max(width, 1) for note in view.notes)
-    fixed = 3 + notes + 5 * len(counts)  # headings, summaries and a line for what is left out
+    fixed = 3 + notes + 5 * len(counts)  # headings, summaries and a line for omitted entries
     left = max(rows - fixed, len(counts))
     rooms = [0] * len(counts)
     for done, at in enumerate(sorted(range(len(counts)), key=counts.__getitem__)):
@@ -230,7 +229,7 @@ def _table(section: Section, shown: int, width: int, plain: bool) -> Table:
 
 
 def round_scale(largest: float) -> float:
-    """Round up to one of few numbers, so that bars do not change their scale all the time."""
+    """Round up to one of a few scales, so that the scale of the bars changes rarely."""
     if not largest > 0.0:
         return 1.0
     power = 10.0 ** floor(log10(largest))
@@ -238,12 +237,12 @@ def round_scale(largest: float) -> float:
 
 
 def _reach(line: Line) -> float:
-    """Upper end of what is drawn of a line [N]."""
+    """Upper end of the bar of an entry, including 2σ [N]."""
     return line.value + (line.spread or 0.0) if line.valid else 0.0
 
 
 def _summary(section: Section) -> Text:
-    """How many entries have which status, with names where something is wrong."""
+    """Number of entries by status, with the names of invalid, overloaded and slack ones."""
     styles = {word: style for _, word, style in STATUS} | {FINE[0]: FINE[1]}
     text = Text()
     for word, names in status_counts(section.lines).items():
@@ -261,7 +260,7 @@ def _few(names: Sequence[str], most: int = 4) -> str:
 
 
 class _Bar:
-    """Full up to 2σ below the value, shaded up to 2σ above it; as wide as its column."""
+    """A bar as wide as its column: solid up to value - 2σ, shaded up to value + 2σ."""
 
     def __init__(self, line: Line, scale: float, style: str, plain: bool) -> None:
         self._line, self._scale, self._style = line, scale, style
@@ -274,7 +273,7 @@ class _Bar:
         return Measurement(4, options.max_width)
 
     def text(self, width: int) -> str:
-        """The bar in so many columns; an arrow at its end where it does not fit."""
+        """The bar in ``width`` columns, with an arrow at its end if it exceeds the scale."""
         line = self._line
         if not line.valid or not self._scale > 0.0:
             return " " * width

@@ -1,4 +1,4 @@
-"""Numbers formatted for reading: few digits, true minus signs, small ones in milli."""
+"""Formatting of numbers: few digits, typographic minus signs, milli-units for small values."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 ABSENT: Final = "\N{EN DASH}"
-"""Printed for a figure that is not known."""
+"""Text in place of an unknown figure."""
 
 _MINUS: Final = "\N{MINUS SIGN}"
 
@@ -17,7 +17,7 @@ def format_number(value: float | None, decimals: int) -> str:
 
 
 def format_percent(share: float | None, decimals: int = 2) -> str:
-    """A share in percent, with decimals below a hundred percent, or ABSENT."""
+    """A share in percent, with decimals only below 100 %, or ABSENT."""
     if share is None:
         return ABSENT
     return f"{100.0 * share:.{decimals}f} %" if share < 1.0 else f"{100.0 * share:.0f} %"
@@ -31,7 +31,7 @@ def format_r2(r2: float | None) -> str:
 
 
 def format_amount(value: float | None, unit: str) -> str:
-    """A size with two digits or more and its unit, small ones in milli: "0.21 N", "8.4 mN·m"."""
+    """A value with two or more digits and its unit, milli-units if small: "0.21 N", "8.4 mN·m"."""
     if value is None:
         return ABSENT
     factor, scaled_unit = scale_for(value, unit)
@@ -40,9 +40,9 @@ def format_amount(value: float | None, unit: str) -> str:
 
 
 def scale_for(largest: float | None, unit: str) -> tuple[float, str]:
-    """Factor and unit for numbers up to ``largest`` [unit]: thousandths below 0.1.
+    """Factor and unit for numbers up to ``largest`` [unit]: milli-units below 0.1.
 
-    The bound is where two digits round up to 0.10.
+    The threshold is 0.0995, which rounds to 0.10 with two digits.
     """
     if largest is not None and 0.0 < largest < 0.0995:
         return 1e3, f"m{unit}"

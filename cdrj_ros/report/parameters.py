@@ -1,4 +1,4 @@
-"""A robot's parameters as tables and in a sentence, for the report."""
+"""Parameters of a robot as tables and as a summary, for the report."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ParameterTable:
 
 
 def parameter_tables(robot: Robot) -> tuple[ParameterTable, ...]:
-    """Cables, friction, motors and joints, and how well the numbers are known."""
+    """Tables of cables, friction, axes, and standard deviations of the parameters."""
     tables = [_cables(robot), _friction(robot), _axes(robot)]
     if robot.uncertainty is not None:
         tables.append(_uncertainty(robot))
@@ -31,7 +31,7 @@ def parameter_tables(robot: Robot) -> tuple[ParameterTable, ...]:
 
 
 def robot_summary(robot: Robot, *, with_preload: bool = True) -> str:
-    """The robot and its parameters in a sentence or two."""
+    """Summary of the robot and its parameters in one or two sentences."""
     cables = "; ".join(
         f"{cable.name}: {len(cable.nodes) - 1} elements, "
         + (f"preload {cable.preload:g} N, " if with_preload else "")
@@ -64,7 +64,7 @@ def _cables(robot: Robot) -> ParameterTable:
 
 
 def _friction(robot: Robot) -> ParameterTable:
-    """Pulleys next to each other that are alike share a row."""
+    """Table of friction parameters; adjacent pulleys with equal parameters share a row."""
     rows: list[tuple[str, ...]] = []
     for cable in robot.cables:
         for first, last, pulley in _alike(cable):
@@ -78,7 +78,7 @@ def _friction(robot: Robot) -> ParameterTable:
 
 
 def _alike(cable: Cable) -> list[tuple[int, int, Pulley]]:
-    """(first node, last node, pulley) of runs of pulleys with one radius and one friction."""
+    """(first node, last node, pulley) of runs of adjacent pulleys with equal parameters."""
     runs: list[tuple[int, int, Pulley]] = []
     for number, node in enumerate(cable.nodes, start=1):
         if not isinstance(node, Pulley):

@@ -1,4 +1,4 @@
-"""The pictures of a report with their captions, as SVG for the page."""
+"""Pictures of a report as inline SVG, with captions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
     from matplotlib.figure import Figure
 
-# matplotlib takes half a second to import: the functions below import it where they draw.
+# matplotlib takes half a second to import, so the functions below import it only when they draw.
 
 SHARE_IN_WORDS: Final = "difference of the two tensions over the larger one"
 
@@ -36,13 +36,13 @@ class Picture(NamedTuple):
 def channel_pictures(
     channel: Channel, key: str, origin_ns: int, label_start: str
 ) -> tuple[Picture, ...]:
-    """One channel over time, around its largest error, and over its angle.
+    """Pictures of one channel: over time, around its largest error, and over its angle.
 
     Args:
         channel: at least one sample.
-        key: unique on the page.
-        origin_ns: stamp that is second 0 of the time axes [ns].
-        label_start: begin of the text for readers who cannot see the pictures.
+        key: identifier that is unique on the page.
+        origin_ns: stamp at 0 s of the time axes [ns].
+        label_start: beginning of the accessible label of the pictures.
     """
     from cdrj_ros.report.figures import hysteresis, over_time
 
@@ -82,7 +82,7 @@ def channel_pictures(
 def friction_pictures(
     pulleys: Sequence[PulleyFriction], most: PulleyFriction, key: str
 ) -> tuple[Picture, ...]:
-    """Bars of the pulleys' friction, and the loop of the pulley that holds most."""
+    """Bars of the pulleys' friction, and the loop of the pulley with the largest share."""
     from cdrj_ros.report.friction_figures import MOST_BARS, friction_bars, friction_loop
 
     least = sorted((one.mean_share for one in pulleys), reverse=True)[:MOST_BARS][-1]

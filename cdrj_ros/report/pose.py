@@ -1,4 +1,4 @@
-"""A robot in one pose: its frames, its nodes, and the path of its cables."""
+"""Geometry of a robot in one pose: frames, nodes, and cable paths."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
 
 ARC_STEP: Final = pi / 60.0
-"""Between two points of a drawn arc [rad]."""
+"""Angle between two points of a drawn arc [rad]."""
 
 
 @dataclass(frozen=True)
 class Pose:
-    """A robot in one pose: its frames and what follows from them."""
+    """Frames and cable geometry of a robot in one pose."""
 
     frames: dict[str, tuple[float, float, float]]
-    """Origin [m] and angle [rad] of every frame in the base."""
+    """Origin (x, y) [m] and angle [rad] of every frame in the base."""
     shape: Shape
 
 
@@ -63,7 +63,7 @@ def centre_of(pose: Pose, place: Place) -> tuple[float, float]:
 
 
 def cable_line(inspection: Inspection, pose: Pose, cable: int) -> Points:
-    """The path of a cable given by positions, tangents and arcs, in the base [m], shape (n, 2)."""
+    """Path of a cable given by positions, as tangents and arcs in the base [m], shape (n, 2)."""
     path: list[tuple[float, float]] = []
     for start, end, arc in strands_and_arcs(inspection, pose, cable):
         path += [start, end, *arc]
@@ -73,7 +73,7 @@ def cable_line(inspection: Inspection, pose: Pose, cable: int) -> Points:
 def strands_and_arcs(
     inspection: Inspection, pose: Pose, c: int
 ) -> Iterator[tuple[tuple[float, float], tuple[float, float], list[tuple[float, float]]]]:
-    """Both ends of every element, and the arc round the pulley behind it."""
+    """Both ends of every element, and the arc around the pulley that follows it."""
     robot = inspection.model.robot
     cable = robot.cables[c]
     first = sum(len(other.nodes) - 1 for other in robot.cables[:c])
@@ -85,7 +85,7 @@ def strands_and_arcs(
             place = node.place
             assert place is not None
             x, y = centre_of(pose, place)
-            arm = place.turn * node.radius  # the tangent point lies where the turn moves along u
+            arm = place.turn * node.radius  # the tangent point, where the turn moves along u
             ends.append((x + arm * uy, y - arm * ux))
         arc: list[tuple[float, float]] = []
         node = cable.nodes[e + 1]

@@ -1,11 +1,11 @@
-"""Comparisons as a JSON file, for programs: a team's CI, a spreadsheet, another tool.
+"""Comparisons as a JSON file, for continuous integration, spreadsheets and other tools.
 
 ``{"format", "version", "bags": [{"path", "duration_s", "channels", "friction", "counters",
 "notes", "facts"}], "all": {"channels"}, "limits"}`` where ``channels`` maps a channel's name to its
 ``unit``, ``n`` and the figures of ChannelError, ``friction`` a pulley's name to the figures of
 PulleyFriction, and ``limits`` is null or ``{"file", "checked", "outside": [{"where", "channel",
-"figure", "value", "min" or "max", "by"}]}``.  A figure that cannot be given is null; NaN and
-infinity never appear.
+"figure", "value", "min" or "max", "by"}]}``.  An unknown figure is
+null; NaN and infinity never appear.
 docs/validate.md describes every key.
 """
 
@@ -26,15 +26,15 @@ from cdrj_ros.judgement.pulley_friction import PulleyFriction
 
 FORMAT: Final = "cdrj_ros/validation"
 VERSION: Final = 2
-"""Raised when a key changes its meaning or goes; new keys do not raise it."""
+"""Incremented when a key changes its meaning or is removed, but not for new keys."""
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
 
 def results(errors: Errors, judgement: Judgement | None = None) -> dict[str, Json]:
-    """What ``write_results`` writes, as plain lists and dictionaries.
+    """Content of the file written by ``write_results``, as plain lists and dictionaries.
 
-    ``all`` holds the figures of the joined samples of every recording.
+    ``all`` holds the figures of the pooled samples of all recordings.
     """
     return {
         "format": FORMAT,
@@ -59,10 +59,10 @@ def results(errors: Errors, judgement: Judgement | None = None) -> dict[str, Jso
 def write_results(
     path: str | os.PathLike[str], errors: Errors, judgement: Judgement | None = None
 ) -> None:
-    """Write the figures as JSON, whole or not at all.
+    """Write the figures as JSON atomically.
 
     Raises:
-        OSError: the file cannot be written; an older one is then untouched.
+        OSError: the file cannot be written; an existing file is then kept.
     """
     text = json.dumps(results(errors, judgement), indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")

@@ -1,6 +1,6 @@
 """Drawing to scale of cables given by positions.
 
-The reference pose has full colour; poses at the ends of every joint's range are faded.
+The reference pose is drawn in full colour, the poses at the ends of every joint's range faded.
 
 Importing this module imports matplotlib, which is slow; import it where pictures are made.
 """
@@ -31,10 +31,10 @@ GHOST: Final = 0.28
 """Opacity of cables in poses other than the reference."""
 
 MOST_GHOSTS: Final = 6
-"""Joints of which the ends of the range are drawn."""
+"""Largest number of joints for which the ends of the range are drawn."""
 
 CLEAR: Final = 15.0
-"""Distance between two element numbers that do not touch [px]."""
+"""Least distance between two element numbers without overlap [px]."""
 
 
 def ghost_poses(robot: Robot) -> Iterator[Vector]:
@@ -78,7 +78,7 @@ def draw_placed(
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.04)
     axes.autoscale_view()
-    axes.apply_aspect()  # the numbers are placed in pixels
+    axes.apply_aspect()  # the element numbers are placed in pixel coordinates
     _number_elements(axes, inspection, poses[-1], cables)
     _dress(axes, handles, columns)
 
@@ -100,7 +100,7 @@ def _carried(
 
 
 def _draw_bodies(axes: Axes, robot: Robot, pose: Pose, cables: Sequence[int], bold: bool) -> None:
-    """Moving frames as the hull of what they carry, with the axes and circles of their joints."""
+    """Draw moving frames as the hull of their nodes, with joint axes and rolling circles."""
     carried = _carried(robot, pose, cables)
     for frame in robot.frames:
         if frame.motion == "fixed" or frame.parent is None:
@@ -161,7 +161,7 @@ def _hull(points: Sequence[tuple[float, float]]) -> Points:
 def _draw_nodes(
     axes: Axes, cable: Cable, pose: Pose, line: Points, colour: str, bold: bool
 ) -> None:
-    """Draw a cable's nodes; in faded poses only those that move."""
+    """Draw a cable's nodes; in faded poses only those on moving frames."""
     alpha = 1.0 if bold else GHOST
     zorder = 4 if bold else 2
     for node in cable.nodes:
@@ -200,7 +200,7 @@ def _draw_anchor(
     colour: str,
     bold: bool,
 ) -> None:
-    """A square; on a sector, where the cable first touches it, with the sector's circle dotted."""
+    """Draw a square; for a sector at the cable's tangent point, with the sector's circle dotted."""
     alpha = 1.0 if bold else GHOST
     x, y = centre
     if radius > 0.0:
@@ -218,7 +218,7 @@ def _draw_anchor(
 
 
 def _number_elements(axes: Axes, inspection: Inspection, pose: Pose, cables: Sequence[int]) -> None:
-    """Number the elements, each number beside its line and clear of the other numbers."""
+    """Number the elements, each number beside its line and without overlap."""
     taken: list[tuple[float, float]] = []
     for c in cables:
         for e, (start, end, _) in enumerate(strands_and_arcs(inspection, pose, c)):
@@ -234,9 +234,9 @@ def _number_elements(axes: Axes, inspection: Inspection, pose: Pose, cables: Seq
 
 
 def _free_place(a: Vector, b: Vector, taken: Sequence[tuple[float, float]]) -> Vector:
-    """A place beside the line from ``a`` to ``b`` [px]: the first one that is clear of ``taken``.
+    """First candidate position beside the line from ``a`` to ``b`` that is clear of ``taken`` [px].
 
-    If none is, the place with the most room.
+    If there is none, the candidate with the largest distance to ``taken``.
     """
     along = (b - a) / max(hypot(*(b - a)), 1e-9)
     normal = np.array([-along[1], along[0]])
@@ -273,7 +273,7 @@ def legend_handles(robot: Robot, cables: Sequence[int]) -> list[Line2D]:
 
 
 def _dress(axes: Axes, handles: list[Line2D], columns: int) -> None:
-    """Spines, ticks in millimetres, labels and the legend above the axes."""
+    """Add spines, ticks in millimetres, labels and the legend above the axes."""
     for side in ("right", "top"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
@@ -296,7 +296,7 @@ def _dress(axes: Axes, handles: list[Line2D], columns: int) -> None:
 
 
 def poses_text(robot: Robot, width: float) -> str:
-    """Subtitle: which joint ranges are drawn faded, without numbers if ``width`` [px] is short."""
+    """Subtitle with the joint ranges drawn faded, without numbers if ``width`` is small [px]."""
     positions = robot.prismatic_joints
     ranges = [
         f"{joint.name} {joint.lower:g} to {joint.upper:g} m"

@@ -1,4 +1,4 @@
-"""What to draw of a long series: where its line is broken, and which seconds are enlarged."""
+"""Selection of the parts of a long series to draw: gaps in the line, and enlarged windows."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 GAP_STEPS: Final = 5.0
-"""A line is broken where two stamps lie further apart than this many median steps ..."""
+"""A line is broken where two stamps are further apart than this many median steps ..."""
 
 GAP_SHARE: Final = 0.005
-"""... and further than this share of the drawn time, so that a reader could see the gap."""
+"""... and further apart than this share of the drawn time, so that the gap is visible."""
 
 CYCLES: Final = 2
-"""Cycles of motion in a hysteresis loop: more lie on top of one another."""
+"""Number of motion cycles in a hysteresis loop; more cycles would overlap."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch of a channel, by sample."""
+    """A range of samples of a channel."""
 
     begin: int
     """First sample."""
     end: int
     """One past the last sample."""
     reversal: int | None
-    """The sample at which the joint reverses, None where the window was chosen without one."""
+    """Sample of the reversal around which the window was chosen, None if there is none."""
 
 
 def gaps(stamp_ns: NDArray[np.int64]) -> Indices:
@@ -45,7 +45,7 @@ def gaps(stamp_ns: NDArray[np.int64]) -> Indices:
 
 
 def seconds_since(stamp_ns: NDArray[np.int64], origin_ns: int) -> Floats:
-    """Stamps as seconds after an origin; integers are subtracted before they become floats."""
+    """Stamps in seconds after an origin, subtracted as integers before conversion to float."""
     return (stamp_ns - origin_ns).astype(np.float64) * 1e-9
 
 
@@ -55,11 +55,11 @@ def worst_sample(channel: Channel) -> int:
 
 
 def closer_look(channel: Channel, turns: Indices) -> Window:
-    """The seconds around the reversal nearest to the channel's largest error, both in view.
+    """Window around the reversal nearest to the largest error, including both.
 
-    The window is half of the usual time from one reversal to the next, or longer to include the
-    largest error.  If the joint does not reverse near the largest error, the window is around the
-    error; if it never reverses, the window is a tenth of the recording.
+    The window extends to either side by a quarter of a motion cycle, or further to include the
+    largest error.  If the joint does not reverse near the largest error, the window is centred on
+    the error; if it never reverses, the window is a tenth of the recording.
 
     Args:
         channel: at least one sample.
@@ -88,7 +88,7 @@ def loop_window(channel: Channel, turns: Indices) -> Window:
 
 
 def _half_cycle_ns(channel: Channel, turns: Indices) -> int:
-    """The usual time from one reversal to the next [ns]."""
+    """Median time from one reversal to the next [ns]."""
     stamps = channel.stamp_ns
     if len(turns) < 2:
         return int(stamps[-1] - stamps[0]) // 5
@@ -96,7 +96,7 @@ def _half_cycle_ns(channel: Channel, turns: Indices) -> int:
 
 
 def _around(channel: Channel, centre: int, reach_ns: int, reversal: int | None) -> Window:
-    """A window of full width where the recording has it, moved inside at either end."""
+    """A window of ``reach_ns`` to either side of ``centre``, shifted into the recording."""
     stamps = channel.stamp_ns
     first, last = int(stamps[0]), int(stamps[-1])
     begin_ns = max(min(int(stamps[centre]) - reach_ns, last - 2 * reach_ns), first)

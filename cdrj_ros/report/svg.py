@@ -1,8 +1,9 @@
-"""A matplotlib figure as SVG that belongs to its page: the page's font, the page's colours.
+"""Conversion of a matplotlib figure to inline SVG with the page's font and colours.
 
-What matplotlib writes names fonts and colours of its own and spends most of its bytes on digits
-nobody sees.  Here texts stay text in the page's font, the palette's colours become the page's
-custom properties (so that a dark page has dark pictures), paths keep a tenth of a pixel.
+The SVG written by matplotlib sets its own fonts and colours, and most of its size is digits far
+below a pixel.  Here, text is kept as text in the page's font, the colours of the palette are
+replaced by the page's custom properties (so that pictures follow dark mode), and paths are rounded
+to a tenth of a pixel.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ _NO_METADATA: Final = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _NAMESPACE: Final = "{http://www.w3.org/2000/svg}"
 _LINK: Final = "{http://www.w3.org/1999/xlink}href"
 _DROPPED: Final = ("metadata", "style")
-"""Elements that the page has itself."""
+"""Elements that are redundant in the page."""
 _EMPTY: Final = ("g", "defs")
-"""Elements that mean nothing without content."""
+"""Elements without effect if they are empty."""
 _MEASURED: Final = ("d", "x", "y", "width", "height")
-"""Attributes that hold pixels."""
+"""Attributes with lengths in pixels."""
 _COLOURS: Final = {colour: f"var(--{role})" for role, colour in PALETTE.items()}
 _FONT_SIZE: Final = re.compile(r"([\d.]+)px")
 _STRAIGHT: Final = re.compile(r"M[ML\d\s.e+-]+z?\s*")
@@ -38,8 +39,8 @@ def inline_svg(figure: Figure, label: str, key: str) -> str:
 
     Args:
         figure: of WIDTH by HEIGHT pixels, or any other size.
-        label: what it shows, in words, for readers who cannot see it.
-        key: unique on the page; ids inside the picture are made from it.
+        label: description of the picture for screen readers.
+        key: identifier unique on the page, from which the ids in the picture are derived.
     """
     stream = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}):
@@ -57,7 +58,7 @@ def inline_svg(figure: Figure, label: str, key: str) -> str:
 
 
 def _simplify(element: ElementTree.Element) -> None:
-    """Drop what the page has itself, what is empty, and digits that nobody sees."""
+    """Remove redundant and empty elements, and round coordinates."""
     element.tag = element.tag.removeprefix(_NAMESPACE)
     _simplify_attributes(element)
     for child in list(element):
@@ -85,7 +86,7 @@ def _simplify_attributes(element: ElementTree.Element) -> None:
 
 
 def _style(text: str) -> str:
-    """A style with the page's colours and font: of the font, only the size is kept."""
+    """Replace a style's colours by those of the page and reduce its font to the size."""
     kept = []
     for declaration in text.split(";"):
         name, _, value = (part.strip() for part in declaration.partition(":"))
@@ -97,7 +98,7 @@ def _style(text: str) -> str:
 
 
 def _compact(path: str) -> str:
-    """A path of straight lines in relative steps, anything else as it is, to a tenth of a pixel."""
+    """Round to a tenth of a pixel; paths of straight lines are rewritten in relative steps."""
     if not _STRAIGHT.fullmatch(path):
         return _LONG_NUMBER.sub(lambda match: _number(round(10.0 * float(match[0]))), path)
     closed = path.rstrip().endswith("z")
@@ -110,7 +111,7 @@ def _compact(path: str) -> str:
         points = points.reshape(-1, 2)
         steps = np.diff(points, axis=0)
         moving = steps.any(axis=1)
-        # A line without length still has to be there: round caps make a dot of it.
+        # A line without length is kept, because its round caps draw a dot.
         steps = steps[moving] if moving.any() else steps[:1]
         start = f"M{_number(int(points[0, 0]))} {_number(int(points[0, 1]))}"
         pieces.append(start + (f"l{_joined(steps.ravel().tolist())}" if len(steps) else ""))
@@ -118,7 +119,7 @@ def _compact(path: str) -> str:
 
 
 def _joined(tenths: list[int]) -> str:
-    """Numbers with a separator only where a minus does not separate them already."""
+    """Join numbers, with a space only before numbers without a minus sign."""
     return " ".join(map(_number, tenths)).replace(" -", "-")
 
 

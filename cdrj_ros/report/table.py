@@ -1,4 +1,4 @@
-"""The figures of a comparison as a table, and what is outside its limits."""
+"""Tables of the figures of a comparison, and of the figures outside their limits."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 HEADINGS: Final = ("mean |error|", "mean rel.", "RMSE", "max |error|", "R²")
-"""Headings of the figures that every table has, in the order of metrics.FIGURES."""
+"""Headings of the figures in every table, in the order of metrics.FIGURES."""
 
 MORE_HEADINGS: Final[Mapping[str, str]] = {
     "reversal_error": "at reversals",
     "smooth_error": "elsewhere",
     "coverage": "in ±2σ",
 }
-"""Headings of the figures that a table has where a channel has them."""
+"""Headings of the figures that are shown only if a channel has them."""
 
 OUTSIDE_HEADINGS: Final = ("outside its limit", "figure", "is", "allowed", "beyond by", "in")
-"""Headings of the table of what is outside its limits."""
+"""Headings of the table of figures outside their limits."""
 
 SUMMARY_LABELS: Final[Mapping[str, str]] = {
     "tension": "all elements",
@@ -45,20 +45,20 @@ SUMMARY_LABELS: Final[Mapping[str, str]] = {
     "friction": "all nodes",
     "effort": "all efforts",
 }
-"""Label of each quantity's last line, the mean over its channels."""
+"""Label of each quantity's summary line, the mean over its channels."""
 
 
 UNLIMITED: Final = 100_000
-"""Width of a table that is never folded [characters]."""
+"""Width at which no table is wrapped [characters]."""
 
 
 @dataclass(frozen=True)
 class Beside:
-    """One more column of a table."""
+    """An additional column of a table."""
 
     heading: str
     texts: Mapping[str, str]
-    """By channel name; a quantity alone ("tension") names the line of its mean over channels."""
+    """Texts by channel name; a quantity alone ("tension") refers to its summary line."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,9 @@ class Row:
     """One line of the table."""
 
     name: str
-    """Full channel name, empty in a group's last line."""
+    """Full channel name; empty in a summary line."""
     label: str
-    """The name without its prefix, printed first."""
+    """Name without its prefix, printed in the first column."""
     cells: tuple[str, ...]
     """Formatted figures, one for each of ``headings_of``."""
     aside: str
@@ -86,11 +86,11 @@ class Group:
     rows: tuple[Row, ...]
     """One line per channel, in the given order."""
     summary: Row | None
-    """The mean over the channels; None where there is only one."""
+    """Mean over the channels; None if there is only one channel."""
 
 
 def headings_of(errors: Mapping[str, ChannelError]) -> tuple[str, ...]:
-    """Headings of the table's figures: HEADINGS, and those of MORE_HEADINGS that are known."""
+    """Headings of the table: HEADINGS, and those of MORE_HEADINGS whose figures are known."""
     return (*HEADINGS, *(MORE_HEADINGS[figure] for figure in _more(errors)))
 
 
@@ -191,7 +191,7 @@ def _table(title: str = "") -> Table:
 
 
 def _print(table: Table, file: TextIO | None) -> None:
-    """Print a table: with lines on a terminal wide enough for it, plain columns elsewhere."""
+    """Print a table with rules if the terminal is wide enough, otherwise as plain columns."""
     from rich.console import Console
 
     stream = sys.stdout if file is None else file
@@ -205,7 +205,7 @@ def _print(table: Table, file: TextIO | None) -> None:
 
 
 def plain(table: Table) -> str:
-    """A table as aligned columns of text without lines, however wide."""
+    """A table as aligned columns of text without rules, of any width."""
     from rich.console import Console
 
     table.box, table.show_edge = None, False
@@ -226,11 +226,11 @@ FIGURE_NAMES: Final[Mapping[str, str]] = {
     "smooth_error": "mean |error| elsewhere",
     "coverage": "share within ±2σ",
 }
-"""Every figure in words."""
+"""Name of every figure in words."""
 
 
 def judgement_rows(judgement: Judgement) -> list[tuple[str, str, str, str, str, str]]:
-    """What is outside: channel, figure, value, bound, how far outside, and where."""
+    """Figures outside their limits: channel, figure, value, bound, excess, and recording."""
     rows = []
     for one in judgement.outside:
         value, bound, by = (
@@ -245,7 +245,7 @@ def judgement_rows(judgement: Judgement) -> list[tuple[str, str, str, str, str, 
 
 
 def judgement_sentence(judgement: Judgement) -> str:
-    """The verdict on the limits in a sentence."""
+    """Summary of the comparison with limits in one sentence."""
     outside, checked = len(judgement.outside), judgement.checked
     if not outside:
         return f"Within all {checked} limits of {judgement.source}."
@@ -254,7 +254,7 @@ def judgement_sentence(judgement: Judgement) -> str:
 
 
 def print_judgement(judgement: Judgement, file: TextIO | None = None) -> None:
-    """Print what is outside the limits, and by how much."""
+    """Print the figures outside their limits and their excess."""
     from rich.text import Text
 
     say(judgement_sentence(judgement), file=file)
@@ -268,7 +268,7 @@ def print_judgement(judgement: Judgement, file: TextIO | None = None) -> None:
 
 
 def cause_in_words(cause: str) -> str:
-    """Why samples were left out, from the name of their counter."""
+    """Reason for leaving out samples, from the name of the counter."""
     return DROP_CAUSES.get(cause, cause.replace("_", " "))
 
 
@@ -289,7 +289,7 @@ def _figure_text(figure: str, channel: str, value: float | None) -> str:
 def _cells(
     error: ChannelError, factor: float, decimals: int, more: Sequence[str]
 ) -> tuple[str, ...]:
-    """The figures as text, one for each heading; errors times ``factor``."""
+    """The figures as text, one per heading; errors are multiplied by ``factor``."""
 
     def scaled(value: float | None) -> str:
         return format_number(None if value is None else factor * value, decimals)
@@ -310,7 +310,7 @@ def _cells(
 
 
 def _decimals(errors: Iterable[ChannelError], factor: float) -> int:
-    """Decimals of a group, so that points align: three digits of its median RMSE."""
+    """Common number of decimals of a group, which shows three digits of its median RMSE."""
     usual = sorted(error.rmse for error in errors if error.rmse)
     return decimals_for(factor * usual[(len(usual) - 1) // 2]) if usual else 3
 

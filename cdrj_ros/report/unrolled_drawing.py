@@ -1,4 +1,4 @@
-"""Drawing of cables given by spans: each a straight line with its pulleys on it.
+"""Drawing of cables given by spans, each as a straight line with its pulleys on it.
 
 Importing this module imports matplotlib, which is slow; import it where pictures are made.
 """
@@ -25,11 +25,11 @@ _NODE: Final = 13.0
 """Radius of a pulley in an unrolled drawing [px]."""
 
 _LEAST: Final = 66.0
-"""Shortest element of an unrolled drawing: room for its label [px]."""
+"""Least drawn length of an element, given by the width of its label [px]."""
 
 
 def draw_unrolled(axes: Axes, inspection: Inspection, cables: Sequence[int]) -> None:
-    """Draw every cable as a straight line, with spans to scale where their labels fit."""
+    """Draw every cable as a straight line, with spans to scale if their labels fit."""
     robot = inspection.model.robot
     box = axes.get_window_extent()
     axes.set_xlim(0.0, box.width)
@@ -63,9 +63,9 @@ def draw_unrolled(axes: Axes, inspection: Inspection, cables: Sequence[int]) -> 
 
 
 def _laid_out(spans: Sequence[float], room: float) -> tuple[Vector, bool]:
-    """Drawn lengths [px] that fill ``room``, and whether all are to scale.
+    """Drawn lengths that fill ``room`` [px], and whether all are to scale.
 
-    No length is shorter than its label, as far as there is room.
+    Lengths are at least as long as their labels if ``room`` permits.
     """
     wanted = np.maximum(np.array(spans), 0.0)
     least = min(_LEAST, room / len(spans))
@@ -81,13 +81,13 @@ def _laid_out(spans: Sequence[float], room: float) -> tuple[Vector, bool]:
 
 
 def _range_text(low: float, high: float, decimals: int) -> str:
-    """A range as text, one number where both ends round to the same."""
+    """A range as text; a single number if both ends round to the same value."""
     a, b = f"{low:.{decimals}f}", f"{high:.{decimals}f}"
     return a if a == b else f"{a}–{b}"
 
 
 def _unrolled_elements(axes: Axes, check: CableCheck, x: Vector, y: float, colour: str) -> None:
-    """The number and the range of the free span of every element."""
+    """Add the number and the range of the free span of every element."""
     for e, element in enumerate(check.elements):
         middle = 0.5 * (x[e] + x[e + 1])
         span = _range_text(1e3 * element.span.low, 1e3 * element.span.high, 0)
@@ -106,7 +106,7 @@ def _unrolled_elements(axes: Axes, check: CableCheck, x: Vector, y: float, colou
 def _unrolled_nodes(
     axes: Axes, cable: Cable, check: CableCheck, x: Vector, y: float, colour: str
 ) -> None:
-    """Winches with the names of their motors, anchors and pulleys."""
+    """Draw winches with the names of their motors, anchors and pulleys."""
     pulley = 0
     for k, node in enumerate(cable.nodes):
         if isinstance(node, Winch):
@@ -132,7 +132,7 @@ def _unrolled_nodes(
 def _unrolled_pulley(
     axes: Axes, centre: tuple[float, float], number: int, wrap: Extent, colour: str
 ) -> None:
-    """A pulley with its node number, its wrapped arc and the wrap angle above it."""
+    """Draw a pulley with its node number, its wrapped arc and the wrap angle above it."""
     axes.add_patch(
         Circle(centre, _NODE, facecolor="white", edgecolor=RULE, linewidth=1.2, zorder=3)
     )

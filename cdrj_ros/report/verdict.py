@@ -14,7 +14,7 @@ from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
 from cdrj_ros.report.table import table_groups
 
 RELATIVE_GRADES: Final = ((0.02, "closely"), (0.05, "well"), (0.15, "roughly"))
-"""Largest mean relative error for each word; the paper's channels lie between 4 % and 16 %."""
+"""Largest mean relative error for each word; the paper reports 4 % to 16 % for its channels."""
 
 R2_GRADES: Final = ((0.98, "closely"), (0.94, "well"), (0.80, "roughly"))
 """Least R² for each word, for quantities that pass through zero."""
@@ -23,7 +23,7 @@ PASSES_THROUGH_ZERO: Final = frozenset({"effort", "friction"})
 """Quantities judged by R², since relative errors are meaningless near zero."""
 
 MOST_OF_A_KIND: Final = 4
-"""Channels of one kind that are not folded away; a robot may have twenty cables."""
+"""Largest number of unfolded channels of one kind."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,13 @@ class KeyNumber:
     """One number shown in large type."""
 
     label: str
-    """What it is about: "All 16 element tensions"."""
+    """Subject of the number: "All 16 element tensions"."""
     value: str
     """The number with its unit: "0.52 %"."""
     meaning: str
-    """What the number is: "mean relative error"."""
+    """Kind of the number: "mean relative error"."""
     detail: str
-    """More about the same: "0.18 N mean, 1.7 N largest"."""
+    """Additional figures: "0.18 N mean, 1.7 N largest"."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Verdict:
     sentence: str
     """The summary."""
     detail: str
-    """Where the estimate is worst, and how much was compared."""
+    """Location of the largest error, and the amount of compared data."""
     numbers: tuple[KeyNumber, ...]
     """The figures on which the sentence rests."""
 
@@ -66,7 +66,7 @@ def verdict(errors: Errors) -> Verdict:
 
 
 def last_elements(names: Sequence[str]) -> tuple[str, ...]:
-    """The tension channels of each cable's highest-numbered element, furthest from the winch."""
+    """The tension channels of each cable's highest-numbered element, furthest from node 1."""
     last: dict[str, tuple[int, str]] = {}
     for name in names:
         cable, _, element = name.rpartition("/")
@@ -76,10 +76,11 @@ def last_elements(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def telling_channels(names: Sequence[str]) -> tuple[str, ...]:
-    """The channels to look at first, in that order.
+    """The most informative channels, in display order.
 
-    The last element of each cable gathers the friction of all its pulleys.  The third node is the
-    one whose force the paper measured; a cable without one shows its last.  Then all efforts.
+    The tension of a cable's last element contains the friction of all its pulleys.  The force at
+    node 3 is the one measured in the paper; for a cable without it, the last node is chosen.  The
+    efforts follow.  At most MOST_OF_A_KIND channels of each kind are chosen.
     """
     nodes: dict[str, tuple[tuple[bool, int], str]] = {}
     for name in names:
@@ -160,7 +161,7 @@ def _detail(
 
 
 def _moment(name: str, comparisons: Sequence[BagComparison]) -> str:
-    """When the channel is worst, and in which recording where there are several."""
+    """Time of the channel's largest error, and its recording if there are several."""
     worst, where = -1.0, ""
     for comparison in comparisons:
         origin_ns = origin_of(comparison)
@@ -179,7 +180,7 @@ def _moment(name: str, comparisons: Sequence[BagComparison]) -> str:
 
 
 def origin_of(comparison: BagComparison) -> int:
-    """The stamp that is second 0 of a recording's pictures [ns]: its first compared sample."""
+    """Stamp at 0 s of a recording's pictures [ns]: its first compared sample."""
     return min((int(c.stamp_ns[0]) for c in comparison.channels if len(c.stamp_ns)), default=0)
 
 
