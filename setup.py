@@ -10,7 +10,7 @@ PACKAGE = "cdrj_ros"
 
 
 def installed(folder: str, pattern: str = "**/*") -> list[tuple[str, list[str]]]:
-    """List the files of `folder` that match, each with its place below share/."""
+    """List the matching files of `folder`, by their destination below share/."""
     places: dict[str, list[str]] = {}
     for path in sorted(Path(folder).glob(pattern)):
         if path.is_file() and "__pycache__" not in path.parts:
@@ -19,8 +19,8 @@ def installed(folder: str, pattern: str = "**/*") -> list[tuple[str, list[str]]]
 
 
 def requirements() -> list[str]:
-    """Read what the package imports, ROS left out; as in package.xml, but with versions."""
-    # With --symlink-install, colcon runs a link to this file in a folder of its own.
+    """Read the requirements without ROS: those of package.xml, but with versions."""
+    # With --symlink-install, colcon runs this file through a link in another folder.
     path = Path(__file__).resolve().parent / "requirements" / "runtime.txt"
     lines = path.read_text(encoding="utf-8").splitlines()
     return [line for line in lines if line and not line.startswith("#")]
@@ -31,8 +31,8 @@ def scripts(folder: str, *names: str) -> list[str]:
     return [f"{name} = {PACKAGE}.{folder}.entry:{name}" for name in names]
 
 
-# pip installs a wheel, colcon does not make one.  A wheel's scripts are on the path, where `watch`
-# would hide the system's, and pip cannot install the ROS packages that the nodes import.
+# pip installs through a wheel, colcon does not.  The scripts of a wheel are on the path, where
+# `watch` would shadow the system's, and pip cannot install the ROS packages that the nodes import.
 AS_WHEEL = bool({"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv))
 
 about = ElementTree.parse("package.xml").getroot()

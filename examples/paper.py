@@ -53,7 +53,7 @@ def recorded(recording, model):
 
 
 def main():
-    """Print the three results."""
+    """Print the results for stiffness, tensions and rho."""
     np.set_printoptions(linewidth=100, precision=1, suppress=True)
     model = load_model("prototype")
     for eta in (1.0, 0.9):

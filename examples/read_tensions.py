@@ -1,4 +1,4 @@
-"""Read the tensions in a controller of your own, and refuse those that must not be acted on.
+"""Read the tensions in a controller and reject those that must not be used.
 
 python3 read_tensions.py    # beside a running estimator; --ros-args -r tensions:=/other/topic
 """
@@ -11,11 +11,11 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 REFUSED = CableTensions.STALE | CableTensions.INVALID | CableTensions.UNSURE
-SILENCE_S = 0.5  # the estimator itself may be gone: then nobody marks anything as stale
+SILENCE_S = 0.5  # a stopped estimator publishes no STALE status, so silence is detected here
 
 
 class TensionReader(Node):
-    """Tells the largest tension, and 2 sigma more, or why there is none."""
+    """Logs the largest tension plus 2 sigma, or the reason for rejecting a message."""
 
     def __init__(self):
         super().__init__("read_tensions", namespace="cdrj")
@@ -23,7 +23,7 @@ class TensionReader(Node):
         self.watchdog = self.create_timer(SILENCE_S, self.on_silence)
 
     def on_tensions(self, message):
-        """Use a message: every element must be usable, and must have a standard deviation."""
+        """Use a message if every element is usable and has a standard deviation."""
         self.watchdog.reset()
         refused = [n for n, s in zip(message.name, message.status, strict=True) if s & REFUSED]
         if refused or len(message.stddev) != len(message.name) or not message.name:
@@ -31,12 +31,12 @@ class TensionReader(Node):
             self.get_logger().warning(text, throttle_duration_sec=1.0)
             return
         worst = [t + 2.0 * s for t, s in zip(message.tension, message.stddev, strict=True)]
-        largest = max(worst)  # no element pulls harder, to 97.7 % each
+        largest = max(worst)  # upper bound of the tension with 97.7 % probability per element
         text = f"{message.name[worst.index(largest)]}: {largest:.2f} N"
         self.get_logger().info(text, throttle_duration_sec=1.0)
 
     def on_silence(self):
-        """Stop: nothing is known any more."""
+        """React to missing messages: the tensions are unknown."""
         self.get_logger().warning(f"refused: nothing for {SILENCE_S} s", throttle_duration_sec=1.0)
 
 

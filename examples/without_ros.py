@@ -20,7 +20,7 @@ from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.loading import load_model
 
 SAMPLE_BAG = Path(__file__).resolve().parents[1] / "bags" / "prototype_preload_36_26"
-FIRST_NS = 1_000_000_000  # a stamp of 0 would mean that there is none
+FIRST_NS = 1_000_000_000  # a stamp of 0 denotes a missing stamp
 
 
 def write_demo(path, seconds=3.0, rate_hz=500.0):
@@ -40,9 +40,9 @@ def write_demo(path, seconds=3.0, rate_hz=500.0):
 
 
 def estimate(angles, tensions, robot):
-    """Read a table, estimate row by row, write the other.
+    """Read the table of angles, estimate row by row and write the table of tensions.
 
-    Returns the number of estimates, and how many readings were refused, by cause.
+    Returns the number of estimates and the numbers of refused readings by cause.
     """
     live = LiveEstimator(load_model(robot))
     layout = live.model.layout
@@ -60,7 +60,7 @@ def estimate(angles, tensions, robot):
             first_s = float(row["t"]) if first_s is None else first_s
             stamp_ns = FIRST_NS + round((float(row["t"]) - first_s) * 1e9)
             positions = np.array([float(row[name]) for name in names])
-            # Readings are checked first: one may be refused, or wait for a later one.
+            # A reading may be refused, or held until a later one arrives.
             _, outputs = live.feed("both", stamp_ns, names, positions)
             for one, stddev in outputs:
                 t = first_s + (one.stamp_ns - FIRST_NS) * 1e-9

@@ -46,7 +46,7 @@ WIDE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "f
 
 
 class Run:
-    """One recording beside its estimate."""
+    """One recording and its estimate."""
 
     def __init__(self, path: Path, model: Model) -> None:
         recording = read_inputs(str(path), Topics(), model)
@@ -71,7 +71,7 @@ def runs_of(folder: Path, model: Model) -> list[Run]:
 
 
 def loops(runs: Sequence[Run], path: Path) -> None:
-    """Both torques over their angles, the first stroke left out."""
+    """Both torques over their angles, without the first quarter of each run."""
     fig, axes = plt.subplots(2, len(runs), figsize=(2.35 * len(runs), 4.6), sharey="row")
     for column, run in zip(axes.T, runs, strict=True):
         for axis, name in zip(column, CHANNELS, strict=True):
@@ -132,7 +132,7 @@ def per_run(groups: dict[str, Sequence[Run]], path: Path) -> None:
 
 
 def correction(model: Model, before: Sequence[Run], after: Sequence[Run], path: Path) -> None:
-    """The jaw's mean error over its angle without and with the correction, and the correction."""
+    """Mean error of the jaw torque with and without correction, and the correction."""
     fig, (left, right) = plt.subplots(1, 2, figsize=(7.6, 2.9))
     for runs, colour, label in ((before, MEASURED, "set to 0"), (after, ESTIMATED, "as fitted")):
         for k, run in enumerate(runs):

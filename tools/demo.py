@@ -1,7 +1,7 @@
 """Run the demonstration: the estimator and the replay of a recording as two ROS nodes.
 
-It leaves report.html, and the measured errors in docs/demo.json, which a test holds the README to.
-The exit code is that of the replay: 0 done, 1 outside the limits, 2 bad usage or input.
+It writes report.html, and the measured errors to docs/demo.json for the test of the README.
+The exit code is that of the replay: 0 success, 1 outside the limits, 2 invalid usage or input.
 """
 
 import json
@@ -24,7 +24,7 @@ PATIENCE_S = 10.0
 
 
 def end(process: "subprocess.Popen[bytes]") -> int:
-    """End a node as Ctrl-C would, and insist only if it does not listen."""
+    """Send SIGINT to a node, and kill it if it does not end in time."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
     try:
@@ -35,7 +35,7 @@ def end(process: "subprocess.Popen[bytes]") -> int:
 
 
 def keep(figures: Path) -> None:
-    """Write what does not change from run to run: the errors, without times and paths."""
+    """Write the errors, which are the same in every run, without times and paths."""
     channels = json.loads(figures.read_text(encoding="utf-8"))["all"]["channels"]
     kept = {"bag": BAG, "robot": ROBOT, "channels": channels}
     MEASURED.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -53,7 +53,7 @@ def main() -> int:
 
 def play(figures: Path) -> int:
     """Start both nodes, wait for the replay and end the estimator."""
-    # A domain of its own and no other machine: nodes that happen to run nearby stay out of it.
+    # Use a separate domain on the local host, isolated from other running nodes.
     environment = {
         **os.environ,
         "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),

@@ -2,7 +2,7 @@
 
 - runs the demonstration, which measures docs/demo.json;
 - writes its errors into the table of README.md;
-- pictures the verdict and the first curves of report.html as docs/report.png, with Chromium;
+- takes a screenshot of the beginning of report.html as docs/report.png, with Chromium;
 - draws docs/figures/fig*.png with `reproduce` and docs/figures/drift.png;
 - with --davinci DATA also those of docs/validation.md, see tools/davinci_figures.py.
 """
@@ -27,10 +27,10 @@ PICTURE = ROOT / "docs" / "report.png"
 FIGURES = ROOT / "docs" / "figures"
 
 WIDTH, HEIGHT = 1265, 1245
-"""Of the report's picture [px]."""
+"""Size of the report's picture [px]."""
 
 WITHOUT_TABLES = "<style>.tables, dl.rows, h2:has(+ .tables) { display: none }</style>"
-"""Leaves the verdict and the curves of a report."""
+"""Style that hides the tables of a report."""
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -57,7 +57,7 @@ ROWS: Mapping[str, Callable[[Channels], str]] = {
         c, "nodal_force/upper/3", "nodal_force/lower/3"
     ),
 }
-"""Rows of the README's table of errors: how the second cell follows from the demonstration."""
+"""Rows of the README's table of errors, and how the second cell is computed."""
 
 
 def readme_with(text: str, channels: Channels) -> str:
@@ -75,7 +75,7 @@ def readme_with(text: str, channels: Channels) -> str:
 
 
 def picture_report(browser: str) -> None:
-    """Picture the beginning of report.html without its tables."""
+    """Take a screenshot of the beginning of report.html without its tables."""
     page = (ROOT / "report.html").read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
         shown = Path(folder) / "report.html"
@@ -88,7 +88,7 @@ def picture_report(browser: str) -> None:
 
 
 def run(*command: object) -> None:
-    """Run one of the project's programs; its failure ends this one."""
+    """Run one of the project's programs; raise an error if it fails."""
     subprocess.run([str(part) for part in command], cwd=ROOT, check=True)
 
 

@@ -26,7 +26,7 @@ from cdrj_ros.robot.reader import load_robot, parse_robot
 
 ROOT = Path(__file__).parents[1]
 LAWS = {"lugre": "#d55e00", "elastoplastic": "#0072b2"}
-"""Colours of Okabe and Ito."""
+"""Laws and their colours, after Okabe and Ito."""
 
 ONE_PULLEY = """
 name: one_pulley
@@ -46,19 +46,19 @@ cables:
 
 
 def with_law(robot: Robot, law: str) -> Robot:
-    """The same robot with one friction law at all cables."""
+    """The same robot with one friction law for all cables."""
     return replace(robot, cables=tuple(replace(cable, law=law) for cable in robot.cables))
 
 
 def estimated(robot: Robot, time: np.ndarray, motor: np.ndarray, joint: np.ndarray) -> Estimates:
-    """The estimator over encoder readings."""
+    """Run the estimator on encoder readings."""
     model = prepare(robot)
     stamps = 1 + np.round(time * 1e9).astype(np.int64)
     return run(model, initial_state(model), Samples(stamps, motor[:, None], joint[:, None]))[1]
 
 
 def held(law: str) -> tuple[np.ndarray, np.ndarray]:
-    """Friction of a pulley held amid its bound, the joint trembling by a count; time [s], [N]."""
+    """Time [s] and friction [N] of a held pulley while the joint jitters by a count."""
     time = np.arange(30_000) / 500.0
     motor = 0.1 * np.clip(time / 2.0, 0.0, 1.0) - 0.02 * np.clip((time - 2.5) / 1.0, 0.0, 1.0)
     tremble = np.random.default_rng(1).normal(0.0, 1e-4, time.size) * (time > 5.0)
@@ -69,7 +69,7 @@ def held(law: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def on_the_rig(law: str, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Error of upper/8 against truth made with the same law; time [s], ideal and counted [N]."""
+    """Time [s], and error of upper/8 [N] with ideal and with quantised readings of the rig."""
     robot = with_law(load_robot(ROOT / "config" / "robots" / "prototype.yaml"), law)
     time = np.arange(round(duration * 1000.0) + 1) / 1000.0
     moving = np.maximum(time - 1.0, 0.0)
@@ -95,7 +95,7 @@ def on_the_rig(law: str, duration: float) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def main() -> None:
-    """Draw and say what was measured."""
+    """Draw the figure and print the measured values."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "figures")
     parser.add_argument("--duration", type=float, default=61.0, help="of the rig's run [s]")

@@ -22,11 +22,11 @@ COLOURS = (
     "#1f77b4", "#d62728", "#2ca02c", "#ff7f0e", "#9467bd", "#17becf", "#bcbd22", "#8c564b",
     "#e377c2", "#7f7f7f",
 )  # fmt: skip
-"""Of curves, one after the other."""
+"""Colours of curves, used in turn."""
 
 
 def _numbers(names, cable):
-    """Places in a message, and names, of what belongs to a cable."""
+    """Indices in a message and names of the entries that belong to a cable."""
     return [(k, name) for k, name in enumerate(names) if name.rpartition("/")[0] == cable]
 
 
@@ -100,7 +100,7 @@ def plotjuggler(layout):
 
 
 def _panel(title, paths):
-    """A plot panel; each of the two programs has its own key for the title."""
+    """A plot panel; Foxglove and Lichtblick use different keys for the title."""
     return {
         "foxglovePanelTitle": title,
         "lichtblickPanelTitle": title,
@@ -127,7 +127,7 @@ def _panel(title, paths):
 
 
 def _stacked(ids, direction):
-    """A tree that gives every panel the same room."""
+    """A tree of splits with panels of equal size."""
     if len(ids) == 1:
         return ids[0]
     return {

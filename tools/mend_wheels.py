@@ -18,13 +18,13 @@ NUMPY_HEADERS = re.compile(r"/opt/python/cp3\d+-cp3\d+/[^;\"]*/numpy/(_core|core
 
 
 def mend(text: str) -> str:
-    """Point every include folder of the builder's machine to this environment's."""
+    """Replace the include folders of the build machine by those of this environment."""
     text = NUMPY_HEADERS.sub(lambda _: np.get_include(), text)
     return PYTHON_HEADERS.sub(lambda _: sysconfig.get_path("include"), text)
 
 
 def main() -> None:
-    """Mend the files below share/ of the environment this runs in."""
+    """Mend the files below share/ of the current environment."""
     for path in Path(sys.prefix, "share").glob("*/cmake/*Export.cmake"):
         text = path.read_text()
         if (mended := mend(text)) != text:

@@ -34,10 +34,10 @@ PLACES = {
     "anchor": "`cables[].nodes[]` with `type: anchor`",
     "term": "a function of one joint, in `spans` and `wrap_angle`",
 }
-"""What the parts of the schema are in a file; parts that are not listed go by their own name."""
+"""Places of the schema's definitions in a file; unlisted definitions keep their own names."""
 
 SKIPPED = {"name", "sign", "point", "profile", "node"}
-"""Parts that are types of a single value, or a choice between others."""
+"""Definitions of single values or of a choice between other definitions."""
 
 UNIT = re.compile(r"\s*\[([^\]]+)\]")
 DEFAULT = re.compile(r"\s*Default:? (.+?)\.(?=\s|$)")
@@ -56,7 +56,7 @@ def reference() -> str:
 
 
 def updated(text: str) -> str:
-    """The document with the tables of the present schema between its markers."""
+    """The document with the tables of the current schema between its markers."""
     begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
     return f"{text[:begin]}\n\n{reference()}\n{text[end:]}"
 
@@ -83,7 +83,7 @@ def _table(title: str, part: Mapping[str, Any]) -> str:
 
 
 def _resolved(rule: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A rule with what it refers to; a description beside the reference counts more."""
+    """A rule merged with its referenced definition; keys beside the reference take precedence."""
     if "$ref" not in rule:
         return rule
     name = rule["$ref"].rsplit("/", 1)[1]
@@ -91,7 +91,7 @@ def _resolved(rule: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _described(text: str) -> tuple[str, str, str]:
-    """Meaning, unit and default of a description: what it is [unit]. Default this."""
+    """Meaning, unit and default from a description "Meaning [unit]. Default value."."""
     default = ""
     if found := DEFAULT.search(text):
         default = found[1]

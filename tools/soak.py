@@ -2,12 +2,13 @@
 
     python tools/soak.py [--minutes M] [--rate HZ] [--json FILE]
 
-Motor readings at the rate and joint readings at half of it go to a real estimator, every answer is
-counted, and once a minute the estimator's resident memory and step times are read.  Now and then
-something hostile is sent along.  Exit code 0: every bound is kept; 1: one is broken; 2: cannot run.
+Motor readings at the given rate and joint readings at half of it are sent to an estimator process.
+All answers are counted, and the estimator's resident memory and step times are read once a minute.
+Invalid messages are sent in between.  Exit code 0: all bounds are met; 1: a bound is violated; 2:
+the soak cannot run.
 
-The sender waits where the estimator falls behind by more than half a second, so that a machine
-with other work shows as a lower rate, never as a loss; how long it waited is part of the figures.
+The sender waits while more than BEHIND messages are unanswered, so that load on the machine lowers
+the rate instead of causing losses; the waiting time is recorded.
 """
 
 from __future__ import annotations
@@ -30,32 +31,32 @@ ROOT = Path(__file__).resolve().parents[1]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
 
 MEMORY_GROWTH_MB = 5.0
-"""Resident memory may grow by this much after the first minute."""
+"""Largest growth of resident memory after the first minute [MB]."""
 
 STEP_GROWTH = 0.5
-"""The p99 step time of the last quarter may exceed that of the first one by this share, beyond
-what a fixed piece of work does too."""
+"""Largest relative growth of the p99 step time from the first to the last quarter, beyond that of
+the control."""
 
 CONTROL_EVERY = 50
 CONTROL_WORK = 5000
-"""Numbers that are added up: about a tenth of a millisecond."""
+"""Count of numbers summed as control, which takes about 0.1 ms."""
 
 BEHIND = 500
-"""Messages that may be on their way."""
+"""Number of unanswered messages above which the sender waits."""
 
 PATIENCE_S = 60.0
 COMPILING_S = 600.0
-"""A first start compiles the kernels."""
+"""Time limit of the first start, which compiles the kernels [s]."""
 HOSTILE_EVERY = 997
-"""One message in so many is followed by one that must be refused."""
+"""Number of messages after which one that must be refused is sent."""
 
 
 @dataclass
 class Minute:
-    """What was seen in one minute; step times are medians of what the diagnostics said.
+    """Measurements of one minute; step times are medians of the values in the diagnostics.
 
-    The control is a fixed piece of work of this process, timed twenty times a second: what the
-    machine does to anything that takes a tenth of a millisecond.
+    The control is a fixed computation of about 0.1 ms in this process, timed once in CONTROL_EVERY
+    readings, which shows how other load on the machine affects such short times.
     """
 
     minute: float
@@ -70,7 +71,7 @@ class Minute:
 
 @dataclass
 class Soak:
-    """Everything that was seen."""
+    """All measurements and violated bounds."""
 
     minutes: list[Minute] = field(default_factory=list)
     hostile_sent: int = 0
@@ -92,7 +93,7 @@ def _arguments() -> argparse.Namespace:
 
 
 class Feeder:
-    """Sends readings at a pace, and counts the answers."""
+    """Sends readings at a rate and counts the answers."""
 
     def __init__(self, rate: float) -> None:
         from cdrj_msgs.msg import CableTensions
@@ -144,7 +145,7 @@ class Feeder:
         )
 
     def take_step_us(self) -> tuple[float, float]:
-        """Medians of p50 and p99 since the last call [us]; NaN where nothing was said."""
+        """Medians of p50 and p99 since the last call [us]; NaN without diagnostics."""
         taken, self.step_us = self.step_us, []
         if not taken:
             return nan, nan
@@ -152,13 +153,13 @@ class Feeder:
 
     @property
     def connected(self) -> bool:
-        """Whether the estimator listens and speaks."""
+        """Whether the estimator subscribes to both topics and publishes diagnostics."""
         return all(
             publisher.get_subscription_count() for publisher in (self._motors, self._joints)
         ) and bool(self.values)
 
     def send(self) -> None:
-        """The next reading of the motor, with every second one the joint's before it."""
+        """Send the next motor reading, preceded by a joint reading every second time."""
         k = self.sent
         stamp = self._begin_ns + k * self._period_ns
         time = k * self._period_ns * 1e-9
@@ -183,7 +184,7 @@ class Feeder:
         self.hostile += 1
 
     def wait_for(self, done: Any, process: subprocess.Popen[bytes], patience_s: float) -> bool:
-        """Spin until something is so; False where the process has ended or it takes too long."""
+        """Spin until ``done()``; False if the process has ended or the time limit is exceeded."""
         deadline = monotonic() + patience_s
         while not done():
             if monotonic() > deadline or process.poll() is not None:
@@ -250,7 +251,7 @@ def _run(feeder: Feeder, process: subprocess.Popen[bytes], minutes: float, rate:
 
 def _settle(feeder: Feeder, process: subprocess.Popen[bytes], soak: Soak) -> None:
     """Wait for the last answers and the last counters."""
-    # the last motor reading waits for a joint reading where its own is an odd one
+    # a last motor reading without a joint reading of the same stamp is not answered
     expected = feeder.sent - (feeder.sent % 2 == 0)
     feeder.wait_for(lambda: feeder.answered >= expected, process, PATIENCE_S)
     seen = feeder.diagnosed
@@ -332,7 +333,7 @@ def main() -> int:
         if not feeder.wait_for(lambda: feeder.connected, process, COMPILING_S):
             print("soak: the estimator did not start", file=sys.stderr)
             return 2
-        sleep(0.5)  # both directions of every topic are matched before the first reading
+        sleep(0.5)  # wait until both ends of every topic are matched
         soak = _run(feeder, process, arguments.minutes, arguments.rate)
     except KeyboardInterrupt:
         print("soak: interrupted", file=sys.stderr)

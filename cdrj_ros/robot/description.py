@@ -291,5 +291,5 @@ class Robot:
 
     @property
     def axes(self) -> tuple[Motor | Joint, ...]:
-        """All motors, then all joints."""
+        """All motors, followed by all joints."""
         return (*self.motors, *self.joints)

@@ -1,4 +1,4 @@
-"""check_robot as a user runs it, and what it finds suspicious."""
+"""Tests of the command check_robot and of its suspicions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands say that they compile before they do it."""
+"""Commands announce a compilation before they start it."""
 
 from __future__ import annotations
 

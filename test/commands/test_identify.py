@@ -1,4 +1,4 @@
-"""identify as a user runs it, in this process: rig bags in, a robot file out."""
+"""Tests of the command identify, run in this process on bags of the simulated rig."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ WriteRig = Callable[..., Path]
 
 @pytest.fixture(scope="session")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> WriteRig:
-    """Bags of the simulated rig: contact in cells, joint of 14 bit, winch of 81 920 counts."""
+    """Bags of the simulated rig: contact cells, joint of 14 bit, winch of 81 920 counts."""
 
     def write(
         name: str,
@@ -104,7 +104,7 @@ def other_motion(rig: WriteRig) -> Path:
 def test_five_numbers_twenty_percent_off_are_recovered_and_another_motion_is_followed(
     fitted_bag: Path, other_motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The truth has contact cells that the model lacks: standard errors must allow for it."""
+    """The truth has contact cells, unlike the model; the standard errors must cover this."""
     out, figures = tmp_path / "identified.yaml", tmp_path / "figures.json"
     off = {
         "cables.upper.friction.rho": 0.24,
@@ -227,7 +227,7 @@ def test_a_mistake_is_answered_in_one_line_that_teaches(
     monkeypatch.setattr("cdrj_ros.commands.identify.progress_text", lambda _: quiet)
     assert identify.main([str(SAMPLE), "--robot", str(ROBOT), "--quick", *arguments]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
-    # a machine that takes its time is told how far reading has come
+    # on a slow machine, the progress of reading is printed too
     (error,) = [line for line in lines if not line.startswith("reading: ")]
     assert error.startswith("identify: ")
     assert taught in error
@@ -235,7 +235,7 @@ def test_a_mistake_is_answered_in_one_line_that_teaches(
 
 @pytest.fixture
 def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A refusal must come before the long work."""
+    """Fail if a bag is read before the arguments are refused."""
 
     def fail(*_: object) -> None:
         raise AssertionError("a bag is read before the refusal")

@@ -1,4 +1,4 @@
-"""How long work shows that it is going on, and how much is left."""
+"""Progress display of long work, with the time left."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def test_nothing_to_do_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def shown_on(master: int, pattern: bytes, patience_s: float = 60.0) -> str:
-    """What a terminal shows, once the pattern is there: one read takes only what has arrived."""
+    """Output of a terminal, read until the pattern appears, since one read may be incomplete."""
     shown = b""
     deadline = time.monotonic() + patience_s
     while not re.search(pattern, shown):
         ready, _, _ = select.select([master], [], [], max(deadline - time.monotonic(), 0.0))
         assert ready, f"no {pattern!r} in {shown!r}"
         shown += os.read(master, 65536)
-    return shown.decode(errors="replace")  # the last character may be on its way
+    return shown.decode(errors="replace")  # the last character may be incomplete
 
 
 def test_in_a_terminal_it_is_a_bar_with_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""reproduce as a user runs it, in this process."""
+"""Tests of the command reproduce, run in this process."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_reproduce_writes_every_figure_and_the_tables(
 
 
 def test_the_quick_look_takes_a_small_part_of_the_whole_work() -> None:
-    """Counted in samples of contact cells, which take nearly all of the time."""
+    """Work is counted in samples of contact cells, which take nearly all of the time."""
 
     def work_of(motion: Motion, cells: int) -> tuple[int, int]:
         steps = motion.path()[0].size

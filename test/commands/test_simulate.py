@@ -1,4 +1,4 @@
-"""The command ``simulate``: every option does what it says, every mistake is explained."""
+"""Tests of the command ``simulate``: effects of all options, and messages for invalid ones."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_sample_bag_begins_as_the_command_now_makes_it(tmp_path: Path) -> None
         (kept.motors["winch"], made.motors["winch"]),
         (kept.joints["elbow"], made.joints["elbow"]),
     ):
-        count = here.value.size - 20  # the end of a motion counts in its derivatives
+        count = here.value.size - 20  # derivatives near the end depend on the end of the motion
         np.testing.assert_array_equal(there.value[:count], here.value[:count])
         np.testing.assert_array_equal(there.stamp_ns[:count], here.stamp_ns[:count])
 
@@ -83,7 +83,7 @@ def test_a_recorded_motion_is_moved_again(tmp_path: Path) -> None:
     late = (second.stamp_ns - second.stamp_ns[0]) * 1e-9
     source = (first.stamp_ns - first.stamp_ns[0]) * 1e-9
     moving = late > 2.5
-    expected = np.interp(late[moving] - 1.5, source, first.value)  # a second of rest, half of blend
+    expected = np.interp(late[moving] - 1.5, source, first.value)  # 1 s rest, half the blend
     assert np.abs(second.value[moving] - expected).max() < 2e-3
 
 
@@ -218,7 +218,7 @@ def test_several_joints_follow_with_motions_of_their_own(tmp_path: Path) -> None
     recording = read_recording(tmp_path / "bag", Topics())
     assert set(recording.motors) == {"m1", "m2"}
     a, b = recording.joints["a"], recording.joints["b"]
-    angle = -2.0 * a.value + 0.5  # as the robot file reads it
+    angle = -2.0 * a.value + 0.5  # conversion by scale and offset of the robot file
     assert np.abs(angle).max() == pytest.approx(np.radians(30.0), rel=0.01)
     assert np.abs(b.value).max() == pytest.approx(np.radians(15.0), rel=0.01)
     assert a.stamp_ns[0] - b.stamp_ns[0] == 250_000_000
@@ -233,7 +233,7 @@ NAMES = sorted(path.stem for path in Path(ROBOT).parent.glob("*.yaml"))
 def test_every_robot_of_the_package_makes_the_default_motion(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Past the first full stroke to either side, without a slack cable."""
+    """The run covers the first full stroke to either side and must not have a slack cable."""
     path = tmp_path / "bag"
     assert main([str(path), "--robot", name, "--duration", "20", "--cells", "1"]) == 0
     robot = load_model(name).robot

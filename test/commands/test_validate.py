@@ -1,4 +1,4 @@
-"""validate and simulate as a user runs them, in this process."""
+"""Tests of the commands validate and simulate, run in this process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""validate's options, and recordings that are not as they should be, as a user meets them."""
+"""Tests of the options of validate, and of defective recordings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SECONDS = 1_000_000_000
 
 
 def stacked(channels: dict[str, Series], prefix: str) -> tuple[list[str], Series]:
-    """Names, and their values side by side, of the channels of one topic."""
+    """Names of the channels of one topic, and their values as columns."""
     chosen = {n.removeprefix(prefix): s for n, s in channels.items() if n.startswith(prefix)}
     first = next(iter(chosen.values()))
     values = np.stack([series.value for series in chosen.values()], axis=1)
@@ -47,7 +47,7 @@ def write(
     prefix: str = "",
     delay_ns: int = 0,
 ) -> Path:
-    """The first seconds of a recording, played so often with the same stamps, logged later."""
+    """Write the first seconds ``passes`` times, with equal stamps and later log times."""
     topics = Topics()
     end = recording.start_ns + int(until_s * SECONDS)
     with BagWriter(path) as bag:
@@ -105,7 +105,7 @@ def test_every_pass_of_a_recording_whose_clock_goes_back_is_compared(
     (bag,) = figures["bags"]
     assert any("each of the 3 passes is compared" in note for note in bag["notes"])
     for name, channel in bag["channels"].items():
-        # at the seam a pass may lose the readings that wait for the other topic
+        # between passes, readings that wait for the other topic may be lost
         assert channel["n"] == pytest.approx(3 * once[name]["n"], abs=6)
         assert channel["rmse"] == pytest.approx(once[name]["rmse"], rel=0.02)
 
@@ -309,7 +309,7 @@ def test_rosbags_and_mcap_read_the_written_bag_by_its_embedded_types(
     tensions, forces, efforts = (seen[topic] for topic in OUTPUTS)
     assert tensions.name[7] == "upper/8"
     assert len(tensions.tension) == 16
-    assert len(tensions.stddev) == 16  # the robot file says how well it is known
+    assert len(tensions.stddev) == 16  # the robot file contains uncertainties
     assert len(forces.stddev) == 14
     assert min(tensions.stddev) > 0.0
     assert forces.name[0] == "upper/2"
@@ -328,7 +328,7 @@ def test_rosbags_and_mcap_read_the_written_bag_by_its_embedded_types(
 def test_a_reader_that_knows_no_types_reads_them_from_the_written_bag(
     short: Path, tmp_path: Path
 ) -> None:
-    """Foxglove's own decoder, every message of every topic."""
+    """Decode all messages of all topics with Foxglove's decoder."""
     out = tmp_path / "out"
     assert run(tmp_path, short, "--write-bag", out)[0] == 0
     counts = dict.fromkeys(OUTPUTS, 0)

@@ -1,4 +1,4 @@
-"""docs/model.md and the code name the same equations and functions."""
+"""docs/model.md and the code refer to the same equations and functions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def equations(text: str) -> set[str]:
 
 
 def docstrings(path: Path) -> str:
-    """All strings that stand alone: docstrings of modules, classes, functions and fields."""
+    """All docstrings of modules, classes, functions and fields."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     return "\n".join(
         node.value.value

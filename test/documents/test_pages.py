@@ -1,4 +1,4 @@
-"""What the pages name must exist: modules that their scripts import, and files."""
+"""Modules and files named in the documents must exist."""
 
 import importlib
 import re

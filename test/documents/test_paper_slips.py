@@ -1,4 +1,4 @@
-"""Every number that docs/paper_slips.md prints in bold, computed anew on the prototype."""
+"""Recomputation of all bold numbers of docs/paper_slips.md for the prototype."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ ROBOT = load_robot(ROOT / "config" / "robots" / "prototype.yaml")
 UPPER = ROBOT.cables[0]
 AMPLITUDE = radians(38.0)
 STROKE = RollingStrands().length_change(np.array(AMPLITUDE)).item()
-"""What both strands of a cable give up from the middle to 38 degrees [m]."""
+"""Change of length of both strands of a cable from the middle pose to 38 degrees [m]."""
 STRANDS_PER_SPEED = 2 * 0.06
-"""Cable passing pulleys 2 to 5 per speed of the joint in the middle [m/rad]."""
+"""Slip speed at pulleys 2 to 5 per joint speed in the middle pose [m/rad]."""
 WRAPS = shape_at(prepare(ROBOT), np.zeros(1)).wrap[:7]
 
 
 def motion(frequency: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Angle, speed and acceleration of a sine of 38 degrees over a period."""
+    """Angle, speed and acceleration over one period of a sine of 38 degrees."""
     omega = 2.0 * pi * frequency
     phase = np.linspace(0.0, 2.0 * pi, 2001)
     angle = AMPLITUDE * np.sin(phase)
@@ -56,7 +56,7 @@ def losses(k: int, rho: float = 0.2, form: int = PRINTED) -> tuple[float, float]
 
 
 def transmission(share: float, rho: float = 0.2, form: int = PRINTED) -> float:
-    """Of all pulleys together with this share of static friction."""
+    """Transmission of all pulleys together with this share of static friction."""
     pairs = (losses(k, rho, form) for k in range(7))
     return float(np.prod([1.0 - kinetic - share * static for kinetic, static in pairs]))
 
@@ -84,7 +84,7 @@ def lever() -> list[float]:
 
 
 def linear_element() -> list[float]:
-    # 74 mm pass pulley 3, whose sides differ by its friction, into element 3
+    # 74 mm of cable pass pulley 3 into element 3; the tensions differ by the pulley's friction
     kinetic, static = losses(1)
     difference = (kinetic + static) * UPPER.preload
     length = shape_at(prepare(ROBOT), np.zeros(1)).length[2]
@@ -121,7 +121,7 @@ def lowest() -> list[float]:
 
 
 def table_wraps() -> list[float]:
-    """Table I, pulley 6 at its largest."""
+    """Wrap angles of Table I, with the largest one of pulley 6 [rad]."""
     return [radians(degrees) for degrees in (40.9, 105.4, 32.1, 57.7, 78.5, 180.0, 90.0)]
 
 
@@ -134,7 +134,7 @@ def bearing() -> list[float]:
 
 
 def order() -> list[float]:
-    # (43) as printed would have the bearing alone lose more than sliding
+    # with (43) as printed, the loss of the bearing alone would exceed that of sliding
     sliding = sum(sliding_loss(0.15, 0.2, pi, PRINTED)) * UPPER.preload
     return [sliding, (1.0 - bearing_transmission(pi, ratio(5))) * UPPER.preload]
 
@@ -169,7 +169,7 @@ EFFECTS: dict[str, Callable[[], list[float]]] = {
 
 
 def sections() -> dict[str, str]:
-    """Text of every slip by the name that begins its heading."""
+    """Text of every slip, by the name at the beginning of its heading."""
     parts = re.split(r"^### ", DOCUMENT.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
     return {part.split(":", 1)[0]: part for part in parts}
 

@@ -1,4 +1,4 @@
-"""What the README shows must work as it stands there, and measure what it says."""
+"""The examples in the README must run as printed and give the stated errors."""
 
 import importlib.util
 import json
@@ -42,7 +42,7 @@ COMMANDS = [
     for line in block.splitlines()
     if line.partition(" #")[0].strip()
 ]
-"""Every line of every block, without its comment."""
+"""All lines of all blocks, without comments."""
 
 MAKE = [line for line in COMMANDS if line.startswith("make ")]
 BY_ROS = [line for line in COMMANDS if line.startswith(("colcon ", "ros2 "))]
@@ -60,7 +60,7 @@ def test_the_commands_are_targets_of_the_makefile() -> None:
 
 
 def test_what_the_command_line_of_ros_runs_is_installed() -> None:
-    """`ros2` and colcon are in no wheel; what they are given is looked at instead."""
+    """No wheel provides `ros2` and colcon, so only their arguments are checked."""
     ament = pytest.importorskip("ament_index_python.packages")
     entries = {
         path.name
@@ -85,7 +85,7 @@ def test_what_takes_minutes_is_at_least_understood() -> None:
 
 
 def _beginning(folder: Path) -> Path:
-    """The first seconds of the sample recording, by its own name."""
+    """Write the first seconds of the sample recording under its own name."""
     source = ROOT / "bags" / "prototype_preload_36_26"
     recording, topics = read_recording(source), Topics()
     with BagWriter(folder / "bags" / source.name) as bag:
@@ -110,7 +110,7 @@ def _beginning(folder: Path) -> Path:
 
 
 def test_every_other_command_runs_as_pasted(tmp_path: Path) -> None:
-    """In a folder with the README's robot file, the shipped ones and the first seconds of a bag."""
+    """Run in a folder with the README's robot file, the shipped ones and the beginning of a bag."""
     pytest.importorskip("rclpy")
     assert {line.split()[0] for line in RUN} == {
         "check_robot", "simulate", "BAG=bags/prototype_preload_36_26", "validate", "estimator",
@@ -153,7 +153,7 @@ def test_the_errors_of_the_readme_are_those_of_the_last_demonstration(figures: M
 
 
 def test_the_demonstration_measures_what_the_offline_path_computes() -> None:
-    """docs/demo.json is of the present code: node and offline path agree bit for bit."""
+    """docs/demo.json must match the current code; node and offline results agree."""
     from cdrj_ros.commands.validate import validate_bag
     from cdrj_ros.judgement.metrics import pooled_errors
     from cdrj_ros.model.loading import load_model

@@ -1,4 +1,4 @@
-"""docs/robot_file.md: its example is a robot, its mistakes are answered so, it has every key."""
+"""docs/robot_file.md: valid example, correct error messages, complete list of keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Estimates come to the reference's stamps; the reference stays where it is."""
+"""Estimates are interpolated at the reference's stamps; the reference is unchanged."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_coinciding_stamps_leave_every_bit_of_the_estimate() -> None:
     chosen = np.sort(random.choice(1000, 400, replace=False))
     channel = one(stamps, values, (stamps[chosen], np.zeros(400)), max_gap_ns=10**9)
     assert channel.estimate.tobytes() == values[chosen].tobytes()
-    # also where some other reference sample lies in between
+    # also with other reference samples in between
     mixed = np.sort(np.concatenate([stamps[chosen], stamps[:-1] + 5]))
     channel = one(stamps, values, (mixed, np.zeros(len(mixed))), max_gap_ns=10**9)
     at = np.searchsorted(channel.stamp_ns, stamps[chosen])

@@ -1,4 +1,4 @@
-"""A file of limits: what it may say, and what comes of it."""
+"""Parsing of limits files, and judgement by limits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cdrj_ros.judgement.metrics import errors_of
 NESTED = "d: &d0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"d{k}: &d{k} [{', '.join([f'*d{k - 1}'] * 10)}]\n" for k in range(1, 10)
 )
-"""A kilobyte that stands for billions of entries."""
+"""A text of about a kilobyte that expands to billions of entries."""
 
 
 def bag(path: str = "a", error: float = 0.1, stddev: float | None = None) -> BagComparison:

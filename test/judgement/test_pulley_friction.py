@@ -1,4 +1,4 @@
-"""What friction holds at the pulleys."""
+"""Friction at the pulleys and its loops."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def test_shares_are_of_the_larger_tension_and_the_loop_is_that_of_the_largest() 
         assert found[name].mean == pytest.approx(2.0)
         assert found[name].mean_share == pytest.approx(0.2)
     assert found["upper/3"].largest_share == 0.0
-    # a slack cable holds nothing and does not dilute the mean
+    # samples of a slack cable do not count in the mean
     assert found["lower/2"].mean_share == 0.0
-    # slack on one side for half of the time: all of the other side's tension, and then nothing
+    # half of the time one side is slack, with share 1, and then the share is 0
     assert found["lower/3"].mean_share == pytest.approx(0.5)
     looped = [one for one in found.values() if one.friction is not None]
     assert [one.name for one in looped] == ["lower/3"]

@@ -1,4 +1,4 @@
-"""Where a motion turns round, and where a clock does."""
+"""Detection of reversals of a motion and of clock resets."""
 
 from __future__ import annotations
 

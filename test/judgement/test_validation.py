@@ -1,4 +1,4 @@
-"""A recording through the estimator, in pieces."""
+"""Validation of a recording in pieces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The examples do what they say."""
+"""The examples run and give correct results."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BAG = ROOT / "bags" / "prototype_preload_36_26"
 
 
 def without_ros(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run the example where nothing of ROS can be imported."""
+    """Run the example with all ROS imports blocked."""
     program = (
         "import runpy, sys\n"
         "sys.modules.update(dict.fromkeys(('rclpy', 'cdrj_msgs', 'sensor_msgs')))\n"
@@ -80,17 +80,17 @@ def test_the_papers_equations_hold_on_the_sample_bag() -> None:
     )
     assert done.returncode == 0, done.stderr
     text = done.stdout
-    # (25)-(28): K is symmetric without friction, and with friction it is not
+    # (25)-(28): K is symmetric only without friction
     gaps = dict(re.findall(r"eta (\S+): K - K\^T is (\S+) of K", text))
     assert float(gaps["1.0"]) < 1e-12
     assert float(gaps["0.9"]) > 1e-2
-    # (22): the tensions propagated from one load cell are those of the others
+    # (22): the tensions propagated from one load cell agree with the other load cells
     (sliding,) = re.findall(r"every pulley slides in (\d+) samples", text)
     assert int(sliding) > 500
     errors = re.findall(r"^(upper/\d): mean error (\S+) N, largest (\S+) N$", text, re.MULTILINE)
     assert [name for name, _, _ in errors] == [f"upper/{k}" for k in range(1, 9)]
     assert all(float(mean) < 0.05 and float(largest) < 0.25 for _, mean, largest in errors)
-    # (44): rho is the one that the bag was made with
+    # (44): rho equals the value with which the bag was simulated
     (found,) = re.findall(r"rho of upper, \(44\): (\S+)", text)
     cable = load_robot(ROOT / "config" / "robots" / "prototype.yaml").cables[0]
     (true,) = {node.friction.rho for node in cable.nodes if isinstance(node, Pulley)}

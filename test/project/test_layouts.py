@@ -36,7 +36,7 @@ def published() -> set[str]:
 
 
 def element_shown(topic: str, field: str, index: str) -> str:
-    """Name of what an entry of an array belongs to; the topic, field and index must exist."""
+    """Name of the element of an array entry; topic, field and index must exist."""
     assert topic in published(), topic
     numbers = {one.name for one in MESSAGES[topic].fields if one.count == 0 and one.name != "name"}
     assert field in numbers, f"{topic} has no {field}"
@@ -44,7 +44,7 @@ def element_shown(topic: str, field: str, index: str) -> str:
 
 
 def curve_of_plotjuggler(name: str) -> str:
-    """What a curve of PlotJuggler shows: an entry of an array, or the effort of an axis by name."""
+    """Element shown by a PlotJuggler curve: an array entry, or the effort of an axis by name."""
     if match := re.fullmatch(r"(/cdrj/\w+)/(\w+)\[(\d+)\]", name):
         return element_shown(*match.groups())
     match = re.fullmatch(r"(/cdrj/\w+)/(\w+)/(\w+)", name)
@@ -55,7 +55,7 @@ def curve_of_plotjuggler(name: str) -> str:
 
 
 def curve_of_foxglove(path: str) -> str:
-    """What a message path of Foxglove shows."""
+    """Element shown by a Foxglove message path."""
     match = re.fullmatch(r"(/cdrj/\w+)\.(\w+)\[(\d+)\]", path)
     assert match, path
     return element_shown(*match.groups())

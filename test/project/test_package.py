@@ -1,4 +1,4 @@
-"""Facts that have to stand in more than one file agree."""
+"""Facts that are repeated in several files must agree."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The wheel: made from the source archive, installed where there is no ROS, and used."""
+"""The wheel: built from the source archive, installed without ROS, and used."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ ROS = (
 
 @dataclass(frozen=True)
 class Installation:
-    """A virtual environment that holds the wheel, and the packages of this one but ROS."""
+    """A virtual environment with the wheel and the packages of this environment, without ROS."""
 
     wheel: Path
     folder: Path
     elsewhere: Path
-    """An empty folder to work in."""
+    """An empty working directory."""
 
     def start(self, name: str, *arguments: str) -> subprocess.Popen[str]:
-        """Start a program of the environment with next to nothing in its environment."""
+        """Start a program of the installation with a minimal set of environment variables."""
         return subprocess.Popen(
             [self.folder / "bin" / name, *arguments],
             cwd=self.elsewhere,
@@ -58,7 +58,7 @@ class Installation:
 
 
 def build(hook: str, sources: Path, target: Path) -> Path:
-    """Call one of the two functions that `python -m build` calls; returns what it made."""
+    """Call a build hook as `python -m build` does; returns the created file."""
     program = f"import setuptools.build_meta as b; b.{hook}({str(target)!r})"
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -129,7 +129,7 @@ def test_the_wheel_brings_the_commands_and_asks_for_what_they_import(
 def test_every_command_is_loaded_and_explains_itself_without_ros(
     installation: Installation,
 ) -> None:
-    """In one process, for each of them would import the same."""
+    """All commands run in one process, because they share most imports."""
     program = (
         "from contextlib import suppress\n"
         "from importlib import import_module\n"
@@ -178,7 +178,7 @@ def test_the_installed_library_reads_the_sample_bag_and_knows_its_messages(
 
 
 def test_the_citation_names_this_version_and_the_source_of_the_model() -> None:
-    """The file was checked with the JSON schema of version 1.2.0; here, what changes with ours."""
+    """Check only the parts that change; the file was validated with JSON schema version 1.2.0."""
     citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text())
     assert {"cff-version", "message", "title", "authors"} <= set(citation)  # the required ones
     assert citation["version"] == cdrj_ros.__version__

@@ -1,4 +1,4 @@
-"""Made-up comparisons that look like the prototype's: hysteresis, noise, errors at reversals."""
+"""Synthetic comparisons similar to the prototype's: hysteresis, noise, errors at reversals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def make_comparison(
     seed: int = 1,
     path: str = "bags/preload_36.85_26.26",
 ) -> BagComparison:
-    """Two cables with so many elements and nodes, two efforts, a ±40° sine at 0.1 Hz."""
+    """Two cables with ``elements`` and ``nodes`` each, two efforts, and a ±40° sine at 0.1 Hz."""
     random = np.random.default_rng(seed)
     n = int(duration_s * rate_hz)
     stamps = EPOCH_NS + np.arange(n, dtype=np.int64) * int(1e9 / rate_hz)
@@ -67,7 +67,7 @@ def make_comparison(
 
 @pytest.fixture(scope="session")
 def made_up() -> Callable[..., BagComparison]:
-    """``make_comparison``, for tests that want another length."""
+    """``make_comparison``, for tests with other parameters."""
     return make_comparison
 
 

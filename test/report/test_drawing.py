@@ -1,4 +1,4 @@
-"""What is drawn is what the geometry says."""
+"""Drawings agree with the geometry of the robot."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_the_drawn_line_is_as_long_as_the_cable(
                 np.hypot(*np.diff(cable_line(inspection, at, c), axis=0).T).sum()
                 for at in (begin, pose)
             ]
-            # what a drum takes up as the first element turns is counted, and not drawn
+            # cable wound on the drum as the first element rotates is counted but not drawn
             first = [at.shape.direction[part.start] for at in (begin, pose)]
             turned = np.arctan2(
                 first[0][0] * first[1][1] - first[0][1] * first[1][0], first[0] @ first[1]

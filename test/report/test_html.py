@@ -1,4 +1,4 @@
-"""One page, complete in itself, small, safe against what names contain."""
+"""The report is one small self-contained page with all names escaped."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ VOID = {"meta", "link", "br", "img", "hr", "input"}
 
 
 class Strict(HTMLParser):
-    """Refuses tags that do not close and ids that are not unique."""
+    """Parser that rejects unclosed tags and duplicate ids."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -126,7 +126,7 @@ def test_a_browser_that_cannot_print_what_is_folded_says_so_on_paper(page: str) 
     style = page[page.index("<style>") : page.index("</style>")]
     lacking = style[style.index("@supports not selector(::details-content)") :]
     assert re.search(r"@media print \{\s*details:not\(\[open\]\) > summary::after", lacking)
-    # every fold has a summary to say it in
+    # every fold has a summary that shows the notice
     assert page.count("<details>") == page.count("<details><summary>") > 0
 
 
@@ -169,7 +169,7 @@ def test_channels_that_do_not_fit_are_named_but_not_drawn(
     assert text.count("Not drawn, to keep the page small.") > 40
     for channel in comparison.channels:
         assert f">{channel.name} <" in text
-    # of both recordings something is drawn before anything folded is
+    # pictures of both recordings are drawn before those of folded channels
     assert text.count("<svg") >= 6
 
 

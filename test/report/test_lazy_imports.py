@@ -1,4 +1,4 @@
-"""What a command pays for that draws nothing."""
+"""Imports of commands that draw nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The live table: what is drawn of a view, without ROS and without a terminal."""
+"""Rendering of the live table without ROS and without a terminal."""
 
 from __future__ import annotations
 

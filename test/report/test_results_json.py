@@ -1,4 +1,4 @@
-"""The JSON file carries the figures exactly and never a NaN."""
+"""The JSON file contains the exact figures and never NaN."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Long series drawn in few points lose no peak and hide no gap."""
+"""Thinning of long series preserves peaks and gaps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table says the same in a terminal and in a log file."""
+"""The table has the same content in a terminal and in a log file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The head of the report says in words what the figures say."""
+"""The head of the report summarises the figures in words."""
 
 from __future__ import annotations
 

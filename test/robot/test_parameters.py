@@ -1,4 +1,4 @@
-"""Numbers of a robot file by name, and new numbers into its text."""
+"""Access to numbers of a robot file by path, and replacement in its text."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # ruff: noqa: E501 (one mistake a line)
-"""A robot file is read, or refused with one line that names the key, the value and what may be."""
+"""A robot file is read, or refused with one line naming the key, the value and what is allowed."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def changed(old: str, new: str, count: int = 1) -> str:
 
 
 def refusal(text: str) -> str:
-    """The message with which a text is refused: one line."""
+    """The one-line message with which a text is refused."""
     with pytest.raises(RobotFileError) as error:
         prepare(parse_robot(text, "arm.yaml"))
     message = str(error.value)
@@ -253,7 +253,7 @@ def test_a_bearing_that_cannot_turn_is_refused() -> None:
 
 
 def test_a_unit_inside_a_unit_is_refused_and_not_applied_twice() -> None:
-    # degrees of degrees would be a wrap 57 times too small
+    # converting degrees twice would make the wrap angle 57 times too small
     refusal(changed(WRAP, "wrap_angle_deg: {joint: q, offset_deg: 90}"))
     refusal(
         changed(
@@ -342,7 +342,7 @@ def test_anchors_may_be_used() -> None:
 def test_anchors_that_multiply_are_refused_and_not_expanded() -> None:
     levels = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     levels += [f"a{k}: &a{k} [{', '.join(10 * [f'*a{k - 1}'])}]" for k in range(1, 30)]
-    # expanded, it would take longer than there is memory: 15 s of the processor's time are plenty
+    # the expanded text would not fit into memory; the CPU time is limited to about 16 s
     code = (
         "import resource, sys, time\n"
         "from cdrj_ros.foundation.errors import RobotFileError\n"
@@ -397,7 +397,7 @@ TREE: dict[str, Any] = YAML(typ="safe", pure=True).load(PROTOTYPE)
 
 
 def paths(tree: Any, start: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Of every key and entry of a tree."""
+    """Paths of all keys and entries of a tree."""
     found = [start] if start else []
     items = tree.items() if isinstance(tree, dict) else enumerate(tree)
     for key, value in items:
@@ -427,7 +427,7 @@ KEYS = st.one_of(
 
 @st.composite
 def mutations(draw: st.DrawFn) -> str:
-    """The prototype's file with one to three keys or values lost, changed or added."""
+    """The prototype's file with one to three keys or values removed, changed or added."""
     tree = copy.deepcopy(TREE)
     for _ in range(draw(st.integers(1, 3))):
         path = draw(st.sampled_from(paths(tree)))
@@ -445,7 +445,7 @@ def mutations(draw: st.DrawFn) -> str:
             parent[draw(KEYS)] = draw(VALUES)
         else:
             parent[draw(KEYS)] = parent.pop(path[-1])
-    # JSON is YAML, but for the numbers that are not finite
+    # JSON is YAML, except for numbers that are not finite
     text = json.dumps(tree)
     for name, spelt in (("NaN", ".nan"), ("-Infinity", "-.inf"), ("Infinity", ".inf")):
         text = text.replace(name, spelt)

@@ -1,4 +1,4 @@
-"""Damaged robot files: a robot that can be stepped, or one clear line, and at once."""
+"""Damaged robot files give a robot that can be stepped or a one-line error, without delay."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cdrj_ros.robot.reader import parse_robot
 
 FILES = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
 MOST_SECONDS = 20.0
-"""Of the processor's time: other work on the machine does not count."""
+"""Limit of CPU time, which is independent of other load on the machine [s]."""
 STRANGE: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 2, 1e-300, 5e-324, 1e14, -1e14, 1e16, 1e308, 10**400, float("nan"),
     float("inf"), -float("inf"), "", "a", "1e3", "elbow", "winch", "\n", "x" * 5000, [], {}, [[]],
@@ -30,7 +30,7 @@ STRANGE: tuple[Any, ...] = (
 
 
 def containers(document: Any) -> list[Any]:
-    """Every mapping and list in a document that may hold itself."""
+    """All mappings and lists in a document that may contain itself."""
     found: dict[int, Any] = {}
     waiting = [document]
     while waiting:
@@ -42,7 +42,7 @@ def containers(document: Any) -> list[Any]:
 
 
 def mutate(document: Any, rng: Random) -> None:
-    """One change somewhere: left out, replaced, scaled, twice, swapped, renamed or aliased."""
+    """Change one random entry: delete, replace, scale, duplicate, shuffle, rename or alias it."""
     everything = containers(document)
     place = rng.choice(everything)
     key = rng.choice(list(place)) if isinstance(place, dict) else rng.randrange(len(place))
@@ -57,7 +57,7 @@ def mutate(document: Any, rng: Random) -> None:
     elif kind == 3 and isinstance(place, list):
         place.append(value)
     elif kind == 4:
-        place[key] = rng.choice(everything)  # an alias, of a container around it perhaps
+        place[key] = rng.choice(everything)  # an alias, possibly of an enclosing container
     elif kind == 5 and isinstance(place, dict):
         place[rng.choice(("radius", "wrap_angle", "joint", "name", "x", f"{key}_mm"))] = value
     elif kind == 6 and isinstance(place, list):
@@ -67,7 +67,7 @@ def mutate(document: Any, rng: Random) -> None:
 
 
 def damaged_text(text: str, rng: Random) -> str:
-    """The text itself: characters lost, doubled or exchanged, lines twice or gone."""
+    """Damage the text: insert, delete or replace characters, duplicate lines, or truncate."""
     for _ in range(rng.randrange(1, 4)):
         at = rng.randrange(len(text))
         kind = rng.randrange(5)
@@ -96,7 +96,7 @@ def dumped(document: Any) -> str:
 
 
 def follow(model: Model) -> None:
-    """Three samples of it; what is not marked as unknown must be a tension."""
+    """Step the estimator three times; valid tensions must be finite and not negative."""
     robot, state = model.robot, initial_state(model)
     motors = np.array([motor.reference_angle for motor in robot.motors])
     joints = np.array([joint.reference_angle for joint in robot.joints])
@@ -110,13 +110,13 @@ def follow(model: Model) -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def _kernels() -> None:
-    """Compile them before any time is taken."""
+    """Compile the kernels before time is measured."""
     for path in FILES:
         follow(prepare(parse_robot(path.read_text("utf-8"), str(path))))
 
 
 def judge(text: str) -> bool:
-    """Whether the text is a robot's; anything but a robot or one line of complaint fails."""
+    """Whether the text is a valid robot; fails unless it is one or gives a one-line error."""
     begin = process_time()
     try:
         model = prepare(parse_robot(text, "damaged"))
