@@ -33,7 +33,7 @@ INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/nul
 demo: setup
 	@$(IN_ENV) python tools/demo.py
 
-# a file's tests share processes and compiled state: they stay together
+# tests of one file share processes and compiled state, so they run in one worker
 test: check
 	@$(IN_ENV) python -m pytest -n logical --maxprocesses 4 --dist loadfile
 
@@ -52,7 +52,7 @@ soak: setup
 	@$(IN_ENV) CDRJ_HOSTILE=2000000 python -m pytest -q -s test/nodes/test_hostile.py
 	@$(IN_ENV) python tools/soak.py --minutes $(MINUTES)
 
-# The report's picture takes a Chromium on the path.
+# The picture of the report needs Chromium on the path.
 DAVINCI ?=
 figures: setup
 	@$(IN_ENV) python tools/figures.py $(if $(DAVINCI),--davinci $(DAVINCI))

@@ -7,7 +7,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/say.sh
 . tools/env.sh
 
-# What is no longer among the sources would stay installed.
+# Remove files that are no longer among the sources.
 rm -rf "install/$1"
 
 # Started by the environment's Python, colcon gives the installed executables that Python too.

@@ -44,7 +44,7 @@ make_venv() {
 
 pip_install() { .venv/bin/python -m pip install "$@"; }
 
-# What was built for another Python or another ROS is of no use to a new .venv.
+# Files built for another Python or ROS cannot be used with a new .venv.
 clear_old() { rm -rf .venv build install; }
 
 case $1 in
