@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Hashable, Mapping
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,11 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import TABLE_INTERVALS, Joint, Profile
 from cdrj_ros.robot.document import Document, term_complaints
 from cdrj_ros.robot.refusal import Refusal, listed
+
+MOST_KNOWN: Final = 256
+"""Terms that are kept; some 6 kB each."""
+
+_KNOWN: dict[Hashable, Profile] = {}
 
 
 class ProfileReader:
@@ -51,6 +56,25 @@ class ProfileReader:
         )
 
     def _function(self, path: str, entry: Document) -> Profile:
+        """A term, from memory if the same one has been read before.
+
+        An ensemble's members share their spans and wraps: reading each table anew took two fifths
+        of the time in which a change of parameters delays the estimate.
+        """
+        key = (
+            repr(entry),
+            *((joint.name, joint.lower, joint.upper) for joint in self._joints.values()),
+        )
+        if key not in _KNOWN:
+            profile = self._read_function(path, entry)
+            for array in (profile.angle, profile.value, profile.slope):
+                array.flags.writeable = False
+            if len(_KNOWN) >= MOST_KNOWN:
+                _KNOWN.clear()
+            _KNOWN[key] = profile
+        return _KNOWN[key]
+
+    def _read_function(self, path: str, entry: Document) -> Profile:
         if not _is_plain_term(entry):
             for complaint in term_complaints(entry, path):
                 raise RobotFileError(f"{complaint} ({self._refuse.source})")
