@@ -10,7 +10,7 @@ from math import degrees, isfinite, pi
 from typing import TYPE_CHECKING, Any, Final
 
 from cdrj_ros.commands.compilation import announce_compilation
-from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.commands.shared import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.text import counted, fixed, printable
@@ -37,7 +37,7 @@ LEAST_WIDTH: Final = 132
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="check_robot", description=DESCRIPTION)
+    parser = CommandParser(prog="check_robot", description=DESCRIPTION)
     parser.add_argument(
         "robot", metavar="ROBOT", help="robot file (YAML), or the name of an installed robot"
     )

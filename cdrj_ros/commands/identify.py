@@ -25,7 +25,7 @@ from cdrj_ros.commands.identify_results import (
     provenance_section,
     uncertainty_section,
 )
-from cdrj_ros.commands.shared import DONE, add_topic_options, run_command, topics_of
+from cdrj_ros.commands.shared import DONE, CommandParser, add_topic_options, run_command, topics_of
 from cdrj_ros.commands.validate import validate_bag
 from cdrj_ros.conditioning.whole_recording import Readings
 from cdrj_ros.foundation.errors import UsageError
@@ -54,7 +54,7 @@ from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_numbe
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="identify",
         description="Find numbers of the robot file from bags, with standard errors and the "
         "errors on bags that were held out.",

@@ -11,7 +11,7 @@ from time import monotonic
 from typing import Final
 
 from cdrj_ros.commands.compilation import announce_compilation
-from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.commands.shared import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say
@@ -39,7 +39,7 @@ MINIMUM_WIDTH: Final = 150
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="reproduce", description=DESCRIPTION)
+    parser = CommandParser(prog="reproduce", description=DESCRIPTION)
     parser.add_argument(
         "--out", required=True, metavar="DIR",
         help="folder for the figures (PNG and PDF), tables.md and figures.json; it is created if "

@@ -7,7 +7,7 @@ import platform
 import sys
 from collections.abc import Callable, Sequence
 from importlib import metadata
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NoReturn
 
 from cdrj_ros import __version__
 from cdrj_ros.bag import Topics
@@ -26,6 +26,14 @@ if TYPE_CHECKING:
 DONE: Final = 0
 OUTSIDE_LIMITS: Final = 1
 BAD_INPUT: Final = 2
+
+
+class CommandParser(argparse.ArgumentParser):
+    """A parser whose errors escape control characters: a path may contain any."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print usage and the message, then exit with code 2."""
+        super().error(printable(message))
 
 
 def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:

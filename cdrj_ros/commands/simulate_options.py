@@ -10,7 +10,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from cdrj_ros.bag import Topics
-from cdrj_ros.commands.shared import add_robot_option
+from cdrj_ros.commands.shared import CommandParser, add_robot_option
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.rig.faults import KINDS as FAULTS
 from cdrj_ros.rig.faults import Fault, FaultKind
@@ -31,7 +31,7 @@ DESCRIPTION: Final = "Write a bag of the simulated rig, whose model is finer tha
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    made = argparse.ArgumentParser(prog="simulate", description=DESCRIPTION)
+    made = CommandParser(prog="simulate", description=DESCRIPTION)
     made.add_argument("out", metavar="OUT", help="folder of the new bag")
     add_robot_option(made)
     made.add_argument(

@@ -21,6 +21,7 @@ from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.shared import (
     DONE,
     OUTSIDE_LIMITS,
+    CommandParser,
     add_result_options,
     add_robot_option,
     add_topic_options,
@@ -187,7 +188,7 @@ def _in_processes(tasks: Sequence[Task], jobs: int, report: Progress) -> Iterato
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="validate",
         description="Run bags through the estimator offline, in lock-step, and compare the "
         "estimates with the recorded references.",

@@ -5,7 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import Final
 
-from cdrj_ros.commands.shared import add_result_options, add_robot_option, add_topic_options
+from cdrj_ros.commands.shared import (
+    CommandParser,
+    add_result_options,
+    add_robot_option,
+    add_topic_options,
+)
 from cdrj_ros.replay.controls import KEYS
 from cdrj_ros.replay.playback import MAX_RATE, MIN_RATE, ORDERS
 
@@ -15,7 +20,7 @@ CLOCK_TOPIC: Final = "/clock"
 
 def replay_parser() -> argparse.ArgumentParser:
     """Make the parser of the replay's own arguments."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="replay",
         description="Play a bag's recorded inputs to a running estimator node, listen to its "
         "answers, compare them with the recorded references and report.",

@@ -26,7 +26,7 @@ from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.live import Live
 
-from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.commands.shared import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, NODAL_FORCES, MessageError
 from cdrj_ros.model.loading import robot_path
@@ -175,7 +175,7 @@ def _positive(text: str) -> float:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="watch",
         description="Show the estimator's tensions, their 2 sigma and status as a live table; in a "
         "pipe, one line a second. Topics: /cdrj/tensions, /cdrj/nodal_forces; remap them with "

@@ -335,3 +335,11 @@ def test_a_robot_is_checked_without_docstrings() -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("hoist: 1 motor, 1 joint, 1 cable, ")
+
+
+def test_an_argument_that_nobody_knows_does_not_reach_the_terminal_raw(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        check_robot.main(["hoist", "--red\x1b[31m"])
+    assert "unrecognized arguments: --red\\x1b[31m" in capsys.readouterr().err
