@@ -1,1 +1,1 @@
-"""Utilities shared by all packages: errors, writing of files, output and progress, YAML."""
+"""What every room uses: errors, files, YAML, printing, progress, interruption."""

@@ -1,1 +1,1 @@
-"""Identification of the robot file's parameters, with standard errors, from recordings."""
+"""Parameters of the robot file, with standard errors, from recordings."""
