@@ -56,8 +56,8 @@ from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_numbe
 def _parser() -> argparse.ArgumentParser:
     parser = CommandParser(
         prog="identify",
-        description="Find numbers of the robot file from bags, with standard errors and the "
-        "errors on bags that were held out.",
+        description="Identify parameters of the robot file from bags, with standard errors and "
+        "the errors on held-out bags.",
         epilog="Parameters are paths of the robot file in SI, such as cables.upper.preload, "
         "friction.rho, cables.b.nodes.3.bearing_torque, or short forms: rho, mu_c, mu_s, v_s, "
         "f_d, EA, preload, drum_radius, joint_offset, joint_scale, clock_offset. "
@@ -88,9 +88,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_number_options(group: argparse._ArgumentGroup) -> None:
     for option, form, text in (
-        ("--start", "NAME=VALUE", "start from this instead of the file's number, or fix it so"),
-        ("--bounds", "NAME=LOW:HIGH", "limits of a number; one end may be left out"),
-        ("--prior", "NAME=MEAN:STDDEV", "what is known of it beforehand"),
+        ("--start", "NAME=VALUE", "starting value, or the value of a number that is not fitted"),
+        ("--bounds", "NAME=LOW:HIGH", "bounds of a number; either may be omitted"),
+        ("--prior", "NAME=MEAN:STDDEV", "prior knowledge of a number"),
     ):
         group.add_argument(
             option, action="append", default=[], metavar=form, help=f"{text}; SI, repeatable"
@@ -118,7 +118,7 @@ def _add_fit_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--seed", type=int, default=0, help="seed of the random starts (0)")
     group.add_argument(
         "--settle", type=float, default=0.0, metavar="S",
-        help="do not compare the first S seconds of every bag, while friction is unknown (0)",
+        help="exclude the first S seconds of every bag, in which the friction state is unknown (0)",
     )  # fmt: skip
     group.add_argument(
         "--quick", action="store_true",
@@ -129,7 +129,7 @@ def _add_fit_options(group: argparse._ArgumentGroup) -> None:
 def _add_bag_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--hold-out", action="append", nargs="+", default=[], metavar="BAG",
-        help="bags that are not fitted, to evaluate the result on",
+        help="bags that are not fitted, on which the result is evaluated",
     )  # fmt: skip
     group.add_argument(
         "--cross-validate", nargs="*", metavar="NAMES",

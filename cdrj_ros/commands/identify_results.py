@@ -32,7 +32,7 @@ HEADINGS: Final[Mapping[Section, str]] = MappingProxyType(
     {
         "fit": "on the bags that were fitted",
         "hold_out": "on bags held out",
-        "cross_validation": "of fits that had not seen the bag",
+        "cross_validation": "on bags left out of the fit",
     }
 )
 
@@ -101,7 +101,7 @@ def _print_numbers(found: Identification, values: Mapping[str, float]) -> None:
 
 def _print_errors(title: str, compared: Compared, fitted: Sequence[str]) -> None:
     old = compared.before or {}
-    say(f"\nerrors {title}{' (in brackets: before)' if old else ''}")
+    say(f"\nerrors {title}{' (in brackets: with the starting values)' if old else ''}")
     rows = [
         (
             name,
@@ -173,7 +173,7 @@ def provenance_section(outcome: Outcome) -> str:
     """The entry ``identified`` of the robot file."""
     found = outcome.found
     lines = [
-        "identified:                     # where the numbers come from; not read",
+        "identified:                     # origin of the numbers; the estimator does not read it",
         f"  date: {datetime.now(timezone.utc):%Y-%m-%d}",
         f"  tool: cdrj_ros {__version__}",
         f"  bags: [{', '.join(outcome.bags)}]",

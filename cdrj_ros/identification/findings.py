@@ -77,7 +77,7 @@ def findings(
         else:
             sentences.append(_several(unknowns, members, alone, together))
     sentences += [
-        f"{unknowns[k].name} is hardly seen by the data: {values[k]:.4g} within "
+        f"{unknowns[k].name} is hardly determined by the data: {values[k]:.4g}, known only within "
         f"{_percent(together[k])}."
         for k in np.flatnonzero(together >= UNKNOWN)
         if k not in told
@@ -93,8 +93,8 @@ def _at_bounds(problem: Problem, coordinates: Vector, silent: NDArray[np.bool_])
             if not silent[k] and abs(coordinates[k] - bound[k]) < 1e-2:
                 value = unknown.value(float(coordinates[k]))
                 sentences.append(
-                    f"{unknown.name} ended at its {end} bound, {value:.5g}: the data want it "
-                    "beyond, or the model lacks something."
+                    f"{unknown.name} ended at its {end} bound, {value:.5g}: the best fit lies "
+                    "beyond it, or the model is incomplete."
                 )
     return sentences
 
@@ -115,9 +115,9 @@ def _pair(
         combination = "ratio" if rising else "product"
     return (
         f"{unknowns[i].name} and {unknowns[j].name} can hardly be told apart (correlation "
-        f"{correlation:+.3f}): the data fix their {combination}, more or less. One known, the "
-        f"other would be known within {_percent(alone[i])} and {_percent(alone[j])}; as it is, "
-        f"within {_percent(together[i])} and {_percent(together[j])}."
+        f"{correlation:+.3f}): the data determine mainly their {combination}. If all other numbers "
+        f"were known, they would be known within {_percent(alone[i])} and {_percent(alone[j])}; "
+        f"now they are known within {_percent(together[i])} and {_percent(together[j])}."
     )
 
 
@@ -126,9 +126,9 @@ def _several(
 ) -> str:
     names = [unknowns[k].name for k in members]
     return (
-        f"{', '.join(names[:-1])} and {names[-1]} can hardly be told apart: changed together they "
-        "leave the fit as it is. All others known, each would be known within "
-        f"{', '.join(_percent(alone[k]) for k in members)}; as it is, within "
+        f"{', '.join(names[:-1])} and {names[-1]} can hardly be told apart: a combined change of "
+        "them hardly affects the fit. If all other numbers were known, they would be known within "
+        f"{', '.join(_percent(alone[k]) for k in members)}; now they are known within "
         f"{', '.join(_percent(together[k]) for k in members)}."
     )
 

@@ -195,15 +195,15 @@ def _fitted(rounds: _Rounds, channels: tuple[str, ...]) -> Identification:
     settings, loss, say = rounds.settings, rounds.settings.loss, rounds.say
     rough = rounds.problem(coarse=True)
     say(
-        f"{len(rounds.unknowns)} unknowns, {len(channels)} references, {_count(rough)} samples "
-        "first"
+        f"first round: {len(rounds.unknowns)} unknowns, {len(channels)} references, "
+        f"{_count(rough)} samples"
     )
     coordinates, starts = _roughly(rough, settings, say)
     last, evaluations = rough, 0
     if not settings.coarse and max(one.stride for one in rough.observations) > 1:
         last = rounds.problem(coarse=False)
         last.prior_scale = rough.prior_scale
-        say(f"all {_count(last)} samples")
+        say(f"last round: all {_count(last)} samples")
         coordinates = solve(
             last, coordinates, loss, FINE_STEPS, say, LAST_TOLERANCE, rough
         ).coordinates
@@ -261,7 +261,7 @@ def _settle(
     lower, upper = limits(last)
     for _ in range(SETTLING_STEPS):
         residuals = last.residuals(coordinates)
-        say("standard errors")
+        say("computing standard errors")
         slopes = jacobian(rough, coordinates, central=True)[: residuals.size]
         weights = robust_weights(loss, residuals, thresholds(last, residuals))
         step, size = remaining_step(last, coordinates, residuals, slopes, weights)
@@ -274,7 +274,7 @@ def _settle(
         weights = np.concatenate([weights, np.ones(before.size - weights.size)])
         if not weights @ after**2 < weights @ before**2:
             break
-        say(f"one more step, of {size[worst]:.1f} standard errors")
+        say(f"another step, of {size[worst]:.1f} standard errors")
         coordinates = moved
     slopes = jacobian(rough, coordinates, central=True)[: residuals.size]
     if size[worst] <= UNSETTLED:
@@ -297,7 +297,7 @@ def _silent(text: str) -> None:
 
 def _check(unknowns: Sequence[Unknown], recordings: Sequence[Recorded], settings: Settings) -> None:
     if not unknowns:
-        raise UsageError("there is nothing to fit")
+        raise UsageError("there are no unknowns to fit")
     if not recordings:
         raise UsageError("there is no recording to fit to")
     if settings.loss not in LOSSES:
@@ -315,7 +315,9 @@ def _given_sigmas(channels: Sequence[str], given: Mapping[str, float]) -> dict[s
     for pattern, sigma in given.items():
         matching = [name for name in channels if fnmatchcase(name, pattern)]
         if not matching:
-            raise UsageError(f"no fitted reference is called {pattern}: {', '.join(channels)}")
+            raise UsageError(
+                f"no fitted reference is called {pattern}; there are {', '.join(channels)}"
+            )
         result |= dict.fromkeys(matching, sigma)
     return result
 
@@ -343,4 +345,4 @@ def _count(problem: Problem) -> int:
 def _of_starts(count: int, same: int) -> str:
     if same == count:
         return f"All {count} starts ended in the same minimum."
-    return f"{same} of {count} starts ended in the best minimum; the others stayed in worse ones."
+    return f"{same} of {count} starts ended in the best minimum; the others ended in worse ones."

@@ -108,8 +108,8 @@ class PropagatedTensions:
     nodal_force_stddev: Table
     """[N], shape (n, pulleys)."""
     sliding: NDArray[np.int8]
-    """+1 where a pulley certainly slips towards the last node, -1 towards the first, 0 where it may
-    be stuck, shape (n, pulleys)."""
+    """+1 where the cable certainly slips over the pulley towards the last node, -1 towards the
+    first, 0 where it may be stuck, shape (n, pulleys)."""
 
 
 def path_of(
@@ -136,7 +136,7 @@ def path_of(
     for k in range(count):
         shape = shape_at(model, joint_angle[k])
         if not shape.possible:
-            raise UsageError(f"no cable can run so at the joint angles {joint_angle[k]}")
+            raise UsageError(f"a cable path is impossible at the joint angles {joint_angle[k]}")
         length[k], wrap[k], by_joint[k] = shape.length, shape.wrap, shape.length_by_joint
     wound = np.zeros((count, len(robot.cables)))
     for c, cable in enumerate(robot.cables):
@@ -272,7 +272,7 @@ def _pass(
 def _cable_of(model: Model, path: Path, known: Sequence[KnownTension]) -> tuple[int, list[int]]:
     """Index of the sensors' cable and of the sensors' elements within it."""
     if not known:
-        raise UsageError("a tension must be known in the cable")
+        raise UsageError("propagation needs at least one tension sensor")
     for sensor in known:
         if sensor.element not in model.layout.elements:
             raise UsageError(

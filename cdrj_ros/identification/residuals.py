@@ -87,7 +87,7 @@ class Observations:
 def chosen_channels(
     layout: Layout, recordings: Sequence[Recorded], patterns: Sequence[str]
 ) -> tuple[str, ...]:
-    """Channels that are estimated, recorded in some bag, and asked for.
+    """Channels that are estimated, recorded in at least one bag, and requested.
 
     Raises:
         UsageError: a pattern matches none of them; the message lists the existing ones.
@@ -111,11 +111,13 @@ def samples_of(model: Model, recorded: Recorded) -> Samples:
     """The recording's conditioned samples; if the clock jumps, those of the last segment.
 
     Raises:
-        UsageError: no sample was acceptable.
+        UsageError: that segment has fewer than two samples.
     """
     segments = condition(model.robot, recorded.motors, recorded.joints).segments
     if not segments or segments[-1].stamp_ns.size < 2:
-        raise UsageError(f"{recorded.name}: hardly a sample of all motors and joints is acceptable")
+        raise UsageError(
+            f"{recorded.name}: fewer than two samples with all motors and joints are acceptable"
+        )
     return segments[-1]
 
 

@@ -21,7 +21,7 @@ Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST: Final = 20
-"""Least number of samples, with all pulleys in between sliding, for an identification of rho."""
+"""Smallest number of samples, with all pulleys in between sliding, for an identification of rho."""
 
 MOST_CHOICES: Final = 8
 """Largest number of times that the samples are selected."""
@@ -131,7 +131,10 @@ class _Forces:
         self._readable = np.isfinite(nodal_force) & np.isfinite(known.tension)
         first = self._propagated(rho)
         if pulley not in first.pulleys:
-            raise UsageError(f"{known.element} says nothing of {pulley}: they are not in one cable")
+            raise UsageError(
+                f"the cable of {known.element} has no pulley {pulley}; it has "
+                f"{', '.join(first.pulleys)}"
+            )
         self._column = first.pulleys.index(pulley)
         place = first.elements.index(known.element)
         self._between = slice(min(self._column, place), max(self._column + 1, place))

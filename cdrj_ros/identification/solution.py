@@ -160,7 +160,7 @@ def jacobian(problem: Problem, coordinates: Vector, central: bool = False) -> Ta
             there = with_priors(problem, point, problem.residuals(point))
         if not np.isfinite(there).all():
             raise UsageError(
-                f"{problem.unknowns[k].name} cannot be varied: no robot is possible beside "
+                f"{problem.unknowns[k].name} cannot be varied: no robot is possible close to "
                 f"{problem.unknowns[k].value(float(coordinates[k])):.6g}"
             )
         columns.append((there - here) / (side * STEP))
@@ -233,7 +233,8 @@ def _robust(loss: Loss, problem: Problem, residuals: Vector) -> Callable[[Vector
 def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
     """The points with the smallest cost among ``DRAWS`` times as many random ones.
 
-    They lie within a factor of e of the file's numbers, or within the number's own magnitude.
+    They lie within five coordinate steps of the file's numbers: within a factor of e where the
+    coordinate is logarithmic.
     """
     if count < 1:
         return []

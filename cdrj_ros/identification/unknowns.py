@@ -1,8 +1,9 @@
 """Numbers of the robot file to identify, single or tied, each with its own coordinate.
 
 The optimiser works on a coordinate ``u`` for every unknown.  It is 0 at the start, and a step of 1
-is a fifth of the number.  The coordinate is logarithmic for numbers that can neither be zero nor
-change sign, and linear for all others.
+is a fifth of the number, or ``TYPICAL`` if that is larger and the coordinate is linear.  The
+coordinate is logarithmic for numbers that can neither be zero nor change sign, and linear for all
+others.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ TYPICAL: Final[Mapping[str, float]] = {
     "position": 1e-3,
     "value": 1e-3,
 }
-"""Smallest coordinate step of a number that may be zero [SI], by key."""
+"""Smallest step of a linear coordinate [SI], by key; 1e-3 for all other keys."""
 
 SHORT_FORMS: Final[Mapping[str, str]] = {
     **{
@@ -148,18 +149,18 @@ def parse_unknowns(document: Document, text: str) -> tuple[Unknown, ...]:
     ``cables.a.spans.3.slope=-cables.b.spans.3.slope``.
 
     Raises:
-        UsageError: an item is no parameter, or a number belongs to two items.
+        UsageError: an item is not a parameter, or a number belongs to two items.
     """
     unknowns: list[Unknown] = []
     for item in split_outside(text, ","):
         if not item:
-            raise UsageError(f"--fit needs names with single commas between them, got {text!r}")
+            raise UsageError(f"--fit needs names separated by single commas, got {text!r}")
         unknowns += _parse_item(document, item)
     taken: set[str] = set()
     for unknown in unknowns:
         for path in unknown.paths:
             if path in taken:
-                raise UsageError(f"{path} is to be fitted twice in {text!r}")
+                raise UsageError(f"{path} would be fitted twice in {text!r}")
             taken.add(path)
     return tuple(unknowns)
 
@@ -170,14 +171,14 @@ def _parse_item(document: Document, item: str) -> list[Unknown]:
     if item.isidentifier() and item not in SHORT_FORMS:
         close = get_close_matches(item, SHORT_FORMS, n=1)
         raise UsageError(
-            f"{item} is no short form"
+            f"{item} is not a short form"
             + (f"; did you mean {close[0]}?" if close else f"; there are {', '.join(SHORT_FORMS)}")
         )
     members = split_outside(SHORT_FORMS.get(item, item), "=")
     if len(members) == 1:
         pattern, sign = _signed(members[0])
         if sign < 0:
-            raise UsageError(f"{item}: a minus has a meaning only behind =")
+            raise UsageError(f"{item}: a minus is allowed only after =")
         groups = matching_paths(document, pattern)
         return [_unknown(document, group, (1,) * len(group)) for group in groups]
     paths: list[str] = []
@@ -186,11 +187,11 @@ def _parse_item(document: Document, item: str) -> list[Unknown]:
         pattern, sign = _signed(member)
         groups = matching_paths(document, pattern)
         if len(groups) != 1:
-            raise UsageError(f"{item}: braces keep numbers apart and = ties them; use one of both")
+            raise UsageError(f"{item}: braces separate numbers and = ties them; use only one")
         paths += groups[0]
         signs += [sign] * len(groups[0])
     if signs[0] < 0:
-        raise UsageError(f"{item}: the first one gives the sign; put the minus to the others")
+        raise UsageError(f"{item}: the first path takes no minus; negate the others instead")
     return [_unknown(document, tuple(paths), tuple(signs))]
 
 
@@ -321,7 +322,7 @@ def _addressed(
     ]
     if not chosen:
         fitted = ", ".join(unknown.paths[0] for unknown in unknowns)
-        raise UsageError(f"{option} {text}: {name} is not among what is fitted ({fitted})")
+        raise UsageError(f"{option} {text}: {name} is not among the fitted numbers ({fitted})")
     return chosen, given
 
 

@@ -127,7 +127,7 @@ def test_five_numbers_twenty_percent_off_are_recovered_and_another_motion_is_fol
         right = number_at(truth, one["paths"][0])
         assert abs(one["value"] - right) < 2.0 * one["stddev"], one
         assert abs(one["value"] / right - 1.0) < 0.02, one
-        assert one["stddev"] < 0.05 * right, "known, not just allowed for"
+        assert one["stddev"] < 0.05 * right, "the standard error itself is small"
 
     checked = tmp_path / "validate.json"
     assert validate.main([str(other_motion), "--robot", str(out), "--json", str(checked)]) == 0
@@ -184,7 +184,7 @@ def test_equation_44_finds_the_rho_of_both_cables_from_a_nodal_force_and_a_tensi
     assert found == pytest.approx(truth, abs=0.01)
 
 
-def test_bags_are_judged_by_fits_that_have_not_seen_them(
+def test_bags_are_evaluated_with_fits_that_left_them_out(
     fitted_bag: Path, other_motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     figures = tmp_path / "figures.json"
@@ -207,7 +207,7 @@ def test_bags_are_judged_by_fits_that_have_not_seen_them(
         (["--fit", "roh"], "did you mean"),
         (["--fit", "cables.uper.preload"], "did you mean upper?"),
         (["--fit", "friction.rho", "--bounds", "friction.rho=1:0"], "must be less than"),
-        (["--fit", "friction.rho", "--bounds", "rhoo=0:1"], "not among what is fitted"),
+        (["--fit", "friction.rho", "--bounds", "rhoo=0:1"], "not among the fitted numbers"),
         (["--fit", "friction.rho", "--prior", "friction.rho=0.1:0"], "greater than 0"),
         (["--fit", "friction.rho", "--start", "friction.rho=x"], "is not a number"),
         (["--fit", "friction.rho", "--start", "friction.rho=3"], "rho must be at most 1"),
@@ -219,7 +219,7 @@ def test_bags_are_judged_by_fits_that_have_not_seen_them(
         (["--fit", "friction.rho", "--cross-validate", "x*"], "must match some of the bags"),
     ],
 )
-def test_a_mistake_is_answered_in_one_line_that_teaches(
+def test_a_mistake_is_answered_in_one_line_with_its_remedy(
     arguments: list[str], taught: str, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
@@ -235,7 +235,7 @@ def test_a_mistake_is_answered_in_one_line_that_teaches(
 
 @pytest.fixture
 def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fail if a bag is read before the arguments are refused."""
+    """Make the test fail if a bag is read before the arguments are refused."""
 
     def fail(*_: object) -> None:
         raise AssertionError("a bag is read before the refusal")
@@ -302,7 +302,7 @@ def _full_disc(_: int) -> None:
     raise OSError(28, "No space left on device")
 
 
-def test_the_files_are_written_although_nobody_reads_the_output(
+def test_the_files_are_written_even_if_standard_output_is_closed(
     fitted_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def closed(*_: object, **__: object) -> None:

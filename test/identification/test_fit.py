@@ -109,7 +109,7 @@ FRICTION_AND_DRUM = {
     "drum_radius": 0.0135,
     "pulley_bearing_torque": 1.6e-3,
 }
-"""Unknowns, whose starting values are 20 % off (10 % for the drum's radius)."""
+"""Unknowns and their starting values, which are 20 % off (10 % for the drum's radius)."""
 
 
 @pytest.fixture(scope="module")
@@ -136,10 +136,10 @@ def test_stribeck_bearings_and_drum_are_found_from_slow_and_fast_motion(rubbing:
     off = (found.values - truth) / found.stddev
     assert np.all(np.abs(off) < 3.0), dict(zip([u.name for u in found.unknowns], off, strict=True))
     assert np.sqrt(np.mean(off**2)) < 2.0
-    assert np.all(found.stddev < 0.05 * truth), "known, not just allowed for"
+    assert np.all(found.stddev < 0.05 * truth), "the standard errors themselves are small"
 
 
-def test_slow_motion_alone_does_not_tell_the_stribeck_speed_and_says_so(
+def test_slow_motion_alone_does_not_determine_the_stribeck_speed_and_a_note_says_so(
     rubbing: Document,
 ) -> None:
     slow = recording(rubbing, 60.0, amplitude=0.1, noise=1.0, frequency=0.01)
@@ -148,7 +148,7 @@ def test_slow_motion_alone_does_not_tell_the_stribeck_speed_and_says_so(
     found = found_from(rubbing, fit, start, [slow])
     (sentence,) = found.findings
     assert "friction.stribeck_speed" in sentence
-    assert found.values[1] == pytest.approx(0.2, rel=0.02), "which is all there is at rest"
+    assert found.values[1] == pytest.approx(0.2, rel=0.02), "static friction, all that acts at rest"
     assert found.stddev[1] < 0.01 * 0.2
 
 
@@ -180,7 +180,7 @@ def test_a_fit_to_mostly_noise_does_not_stop_short_of_its_own_accuracy(
     assert [text for text in hasty.findings if text.startswith("The fit has not settled: friction")]
 
 
-def test_the_friction_of_bearings_is_not_seen_where_the_cable_slides_on_fixed_pulleys(
+def test_bearing_friction_has_no_influence_where_the_cable_slides_on_fixed_pulleys(
     rubbing: Document,
 ) -> None:
     fixed = with_numbers(rubbing, {"friction.rho": 1.0})
@@ -259,7 +259,7 @@ def test_a_number_at_its_bound_is_named(document: Document) -> None:
     assert any("upper bound" in text for text in found.findings)
 
 
-def test_a_prior_decides_where_the_data_are_silent_and_not_where_they_speak(
+def test_a_prior_decides_only_numbers_that_the_data_do_not_determine(
     document: Document,
 ) -> None:
     unknowns = with_priors(
@@ -276,7 +276,7 @@ def test_a_prior_decides_where_the_data_are_silent_and_not_where_they_speak(
 
 
 @pytest.mark.parametrize("loss", ["soft_l1", "huber"])
-def test_outliers_do_not_pull_a_robust_fit(document: Document, loss: str) -> None:
+def test_outliers_hardly_affect_a_robust_fit(document: Document, loss: str) -> None:
     whole = recording(document, 10.0)
     spoilt = dict(whole.references)
     for channel in list(spoilt):
@@ -298,8 +298,8 @@ def test_recordings_are_fitted_together(document: Document) -> None:
     found = found_from(document, "rho", {"friction.rho": 0.16}, [recording(document, 5.0), small])
     np.testing.assert_allclose(found.values, 0.2, atol=1e-3)
     mixed = found_from(document, "preload", {}, [recording(document, 5.0), recording(loose, 5.0)])
-    assert 30.0 < mixed.values[0] < 36.85, "one number cannot be two"
-    assert mixed.stddev[0] > 0.2, "and the residuals tell that it is not well known"
+    assert 30.0 < mixed.values[0] < 36.85, "between the preloads of the two recordings"
+    assert mixed.stddev[0] > 0.2, "the residuals show that it is not well known"
 
 
 def test_random_starts_are_repeatable_and_find_the_same_minimum(document: Document) -> None:
@@ -343,12 +343,12 @@ def test_tied_numbers_are_one_and_a_minus_turns_the_sign(document: Document) -> 
         ("roh", "did you mean rho?"),
         ("rho,,preload", "single commas"),
         ("rho,cables.upper.friction.rho", "fitted twice"),
-        ("cables.{*}.preload=cables.{*}.max_tension", "use one of both"),
-        ("-friction.rho", "only behind ="),
+        ("cables.{*}.preload=cables.{*}.max_tension", "use only one"),
+        ("-friction.rho", "only after ="),
         ("cables.upper.max_tension2", "did you mean"),
     ],
 )
-def test_a_wrong_name_teaches(document: Document, fit: str, taught: str) -> None:
+def test_a_wrong_name_is_refused_with_its_remedy(document: Document, fit: str, taught: str) -> None:
     with pytest.raises(UsageError, match=taught):
         parse_unknowns(document, fit)
 
@@ -359,11 +359,13 @@ def test_a_wrong_name_teaches(document: Document, fit: str, taught: str) -> None
         ("rho=0.5", "PATH=lower:upper"),
         ("rho=0.5:0.1", "must be less than"),
         ("rho=a:1", "is not a number"),
-        ("preload=0:1", "not among what is fitted"),
+        ("preload=0:1", "not among the fitted numbers"),
         ("cables.upper.axial_stiffness=-1:5", "cannot change its sign"),
     ],
 )
-def test_wrong_bounds_teach(document: Document, text: str, taught: str) -> None:
+def test_wrong_bounds_are_refused_with_the_reason(
+    document: Document, text: str, taught: str
+) -> None:
     unknowns = parse_unknowns(document, "rho,axial_stiffness")
     with pytest.raises(UsageError, match=taught):
         with_bounds(unknowns, [text])

@@ -100,7 +100,9 @@ def test_where_every_pulley_slides_any_element_gives_all_the_others(
 
 
 @pytest.mark.parametrize("element", ["upper/8", "upper/1", "upper/4", "lower/6"])
-def test_the_truth_lies_within_the_bounds_whatever_is_stuck(swept: Run, element: str) -> None:
+def test_the_truth_lies_within_the_bounds_whichever_pulleys_are_stuck(
+    swept: Run, element: str
+) -> None:
     result = from_element(swept, element)
     columns = [swept[0].layout.elements.index(name) for name in result.elements]
     true = tensions(swept)[:, columns]
@@ -120,7 +122,7 @@ def test_the_truth_lies_within_the_bounds_whatever_is_stuck(swept: Run, element:
     assert np.all(width[(result.sliding != 0).all(axis=1)] < 1e-9)
 
 
-def test_a_joint_at_rest_lets_nothing_be_called_sliding(prototype: Robot) -> None:
+def test_no_pulley_counts_as_sliding_while_the_joint_rests(prototype: Robot) -> None:
     model = prepare(prototype)
     rest = np.zeros(400)
     motor = 0.1 * np.sin(np.linspace(0.0, 20.0, 400))  # only the winch moves, undetected
@@ -164,15 +166,15 @@ STRAND = "{joint: q, offset: 0.4, slope: 0.1}"
         # the strand behind the pulleys grows: cable runs towards the last node, which pulls
         ((WINCH, "{type: anchor}"), STRAND, 0.5, 0.0, 1),
         ((WINCH, "{type: anchor}"), STRAND, -0.5, 0.0, -1),
-        # held at the first node, nothing can pass: the strand's cable goes to the winch behind it
+        # held at the first node, no cable passes the pulleys: the winch at the end supplies it
         (("{type: anchor}", OTHER), STRAND, 0.5, 0.0, 0),
-        # a winch at either end: what the last one draws in comes over the pulleys
+        # a winch at either end: the cable that the last one draws in comes over the pulleys
         ((WINCH, OTHER), "0.4", 0.0, 2.0, 1),
         ((WINCH, OTHER), "0.4", 0.0, -2.0, -1),
         ((WINCH, OTHER), STRAND, -0.3, 2.0 + 0.3 * 0.1 / 0.015, 1),
     ],
 )
-def test_cable_passes_a_pulley_as_the_lengths_behind_it_say(
+def test_slip_directions_follow_from_the_lengths_behind_the_pulleys(
     ends: tuple[str, str], strand: str, joint: float, motor: float, expected: int
 ) -> None:
     text = SIDES % (f"{ends[0]}, {PULLEYS}, {ends[1]}", strand)
@@ -223,7 +225,7 @@ def test_cables_given_by_positions_are_propagated_alike() -> None:
     time = np.arange(4000) * STEP_NS * 1e-9
     joint = -0.5 + 0.5 * np.sin(2.0 * pi * 0.25 * time)
     lengths = path_of(model, np.arange(4000), joint[:, None]).length.sum(axis=1)
-    motor = (lengths[0] - lengths) / 0.015  # the winch pays out what the link takes
+    motor = (lengths[0] - lengths) / 0.015  # the winch pays out the length that the link takes
     routed = model, *estimated(model, motor, joint)
     assert tensions(routed).min() > 1.0, "taut throughout"
     result = from_element(routed, "c/3")
@@ -246,7 +248,7 @@ def test_tensions_are_proportional_to_the_known_one(swept: Run) -> None:
     once, twice = (replace_reading(swept, "upper/8", factor) for factor in (1.0, 2.0))
     both = (once.sliding != 0).all(axis=1) & (twice.sliding != 0).all(axis=1)
     assert both.mean() > 0.1
-    # but for static friction: a tauter cable's elastic slips are faster
+    # except for static friction, as the elastic slips of a tauter cable are faster
     np.testing.assert_allclose(twice.tension[both], 2.0 * once.tension[both], rtol=1e-2)
 
 
@@ -293,14 +295,14 @@ def test_the_stddev_of_one_sensor_is_that_of_repeated_readings(swept: Run) -> No
         )
         for _ in range(60)
     ]
-    # at the free pulleys alone: which way pulley 8 slips is itself seen through the noise
+    # not beyond pulley 8, whose slip direction is itself determined from the noisy readings
     tension = np.stack([result.tension[:, 7] for result in results])
     assert tension.std(axis=0).mean() == pytest.approx(results[0].stddev[:, 7].mean(), rel=0.1)
     ratio = results[0].stddev[:, 3] / results[0].stddev[:, 7]
     np.testing.assert_allclose(ratio, results[0].tension[:, 3] / results[0].tension[:, 7])
 
 
-def test_a_missing_reading_leaves_that_sample_unknown_and_no_other(swept: Run) -> None:
+def test_a_missing_reading_makes_only_its_own_sample_unknown(swept: Run) -> None:
     model, path = swept[0], path_through(swept)
     known = tensions(swept)[:, 7].copy()
     whole = propagate(model, path, [KnownTension("upper/8", known, 0.01)])
@@ -316,7 +318,7 @@ def test_what_cannot_be_propagated_is_refused(swept: Run) -> None:
     model, path = swept[0], path_through(swept)
     good = tensions(swept)[:, 7]
     cases: list[tuple[list[KnownTension], str]] = [
-        ([], "a tension must be known in the cable"),
+        ([], "propagation needs at least one tension sensor"),
         (
             [KnownTension("upper/9", good, 0.1)],
             "there is no element upper/9; the robot has upper/1",

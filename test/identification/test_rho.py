@@ -96,14 +96,14 @@ def identified(rig: Recording, cable: str, node: int = 3, element: int = 8) -> R
 
 @pytest.mark.parametrize("case", [FIRST, SECOND], ids=["first", "second"])
 @pytest.mark.parametrize("cable", ["upper", "lower"])
-def test_the_rho_of_the_source_come_back(
+def test_the_rho_of_the_source_are_recovered(
     case: tuple[tuple[float, float], tuple[float, float]], cable: str
 ) -> None:
     true = case[1][("upper", "lower").index(cable)]
     found = identified(recording(case), cable)
     assert found.rho == pytest.approx(true, abs=0.01)
-    assert 0.0 < found.stddev < 0.001, "of the load cells' noise alone"
-    assert found.rms < 0.2, "what is left is the load cells' noise, propagated"
+    assert 0.0 < found.stddev < 0.001, "due to the load cells' noise alone"
+    assert found.rms < 0.2, "the rest is the propagated noise of the load cells"
     assert found.residual == pytest.approx(found.samples * found.rms**2)
 
 
@@ -138,7 +138,7 @@ def printed_procedure(rig: Recording, cable: int) -> float:
 
 @pytest.mark.parametrize("case", [FIRST, SECOND], ids=["first", "second"])
 @pytest.mark.parametrize("cable", [0, 1], ids=["upper", "lower"])
-def test_the_printed_procedure_takes_stuck_pulleys_for_slippery_ones(
+def test_the_printed_procedure_underestimates_rho_where_pulleys_stick(
     case: tuple[tuple[float, float], tuple[float, float]], cable: int
 ) -> None:
     found = printed_procedure(recording(case), cable)
@@ -173,11 +173,11 @@ def test_a_missing_force_is_left_out() -> None:
     assert half.stddev > whole.stddev
 
 
-def test_what_says_nothing_of_rho_is_refused() -> None:
+def test_data_that_do_not_determine_rho_are_refused() -> None:
     rig = recording(FIRST)
     known = KnownTension("upper/8", rig.tension[:, 7], 0.02)
     force = rig.nodal_force[:, 1]
-    with pytest.raises(UsageError, match="upper/8 says nothing of lower/3"):
+    with pytest.raises(UsageError, match="the cable of upper/8 has no pulley lower/3; it has"):
         identify_rho(rig.model, rig.path, known, "lower/3", force)
     with pytest.raises(UsageError, match=r"must rise within \[0, 1\], got \(0.5, 0.2\)"):
         identify_rho(rig.model, rig.path, known, "upper/3", force, (0.5, 0.2))
