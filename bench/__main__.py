@@ -37,7 +37,7 @@ def _arguments() -> argparse.Namespace:
     arguments = parser.parse_args()
     arguments.only = arguments.only.split(",")
     if unknown := [name for name in arguments.only if name not in SECTIONS]:
-        parser.error(f"--only knows {', '.join(SECTIONS)}; got {', '.join(unknown)}")
+        parser.error(f"--only takes {', '.join(SECTIONS)}; got {', '.join(unknown)}")
     return arguments
 
 

@@ -30,7 +30,7 @@ def recorded_motion(model: Model) -> Samples:
 def stepping(
     model: Model, motion: Samples, count: int, ensemble: Ensemble | None = None
 ) -> Callable[[], None]:
-    """``step`` over the first samples, one call each; of an ensemble the ``update`` after each."""
+    """``step`` over the first samples, one call each, followed by the ensemble's ``update``."""
     readings = [
         Sample(int(stamp), motor, joint)
         for stamp, motor, joint in zip(
@@ -68,7 +68,7 @@ def in_bulk(model: Model, motion: Samples, ensemble: Ensemble) -> Callable[[], N
 
 
 def evaluating(model: Model, motion: Samples, count: int) -> Callable[[], None]:
-    """Lengths and Jacobians of two tendons by MuJoCo at the same angles; friction is not in it."""
+    """Lengths and Jacobians of two tendons by MuJoCo at the same angles, without friction."""
     import mujoco  # type: ignore[import-untyped,unused-ignore]
 
     mechanism = mujoco.MjModel.from_xml_string(mjcf(model.robot))

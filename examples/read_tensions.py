@@ -1,6 +1,6 @@
 """Read the tensions in a controller and reject those that must not be used.
 
-python3 read_tensions.py    # beside a running estimator; --ros-args -r tensions:=/other/topic
+python3 read_tensions.py    # with a running estimator; --ros-args -r tensions:=/other/topic
 """
 
 from contextlib import suppress

@@ -1,8 +1,8 @@
 """Estimate tensions from a table of angles, without ROS.
 
 The table is a CSV file: a column `t` [s] and a column for every motor and joint of the robot, by
-name [rad]. Written is a CSV file with `t`, and for every cable element its tension [N], standard
-deviation [N] and status (flags of cdrj_msgs/CableTensions; 0: nothing to report).
+name [rad]. The output is a CSV file with `t`, and for every cable element its tension [N], standard
+deviation [N] and status (flags of cdrj_msgs/CableTensions; 0: no flag is set).
 
     python3 without_ros.py angles.csv tensions.csv --robot prototype
     python3 without_ros.py angles.csv tensions.csv --demo    # makes angles.csv first

@@ -38,7 +38,7 @@ ARGUMENTS = [
     DeclareLaunchArgument(
         "state_file",
         default_value="",
-        description="File in which the state is kept for the next start; none by default.",
+        description="File in which the state is stored for the next start; none by default.",
     ),
     DeclareLaunchArgument(
         "preload",
@@ -61,14 +61,14 @@ ARGUMENTS = [
         "log_level",
         default_value="",
         choices=["", "debug", "info", "warn", "error", "fatal"],
-        description="Least severity that is logged; info by default.",
+        description="Lowest severity that is logged; info by default.",
     ),
     DeclareLaunchArgument(
         "discovery_range",
         default_value="",
         choices=["", "LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT"],
-        description=f"Computers that the node talks to. By default what {RANGE} and the like "
-        "say in the environment, and this computer only if they say nothing.",
+        description=f"Computers with which the node communicates. By default {RANGE} and related "
+        "variables of the environment decide; if none is set, only this computer.",
     ),
 ]
 
@@ -110,7 +110,7 @@ def _nodes(context: LaunchContext) -> list[SetEnvironmentVariable | Node]:
             parameters["preload"] = [float(one) for one in given["preload"].strip("[] ").split(",")]
         except ValueError:
             raise RuntimeError(
-                f"preload must be numbers and commas, got {given['preload']!r}"
+                f"preload must be numbers separated by commas, got {given['preload']!r}"
             ) from None
     environment = []
     if given["discovery_range"]:

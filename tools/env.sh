@@ -10,7 +10,7 @@ _cdrj_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 export VIRTUAL_ENV=$_cdrj_root/.venv
 export PATH=$VIRTUAL_ENV/bin:$PATH
 if [ -e "$VIRTUAL_ENV/share/rclpy" ]; then
-    # ROS 2 is in .venv: nothing of another installation may mix with it.
+    # ROS 2 is in .venv and must not be mixed with another installation.
     export AMENT_PREFIX_PATH=$VIRTUAL_ENV CMAKE_PREFIX_PATH=$VIRTUAL_ENV
     unset PYTHONPATH PYTHONHOME COLCON_PREFIX_PATH RMW_IMPLEMENTATION
     LD_LIBRARY_PATH=$VIRTUAL_ENV/lib

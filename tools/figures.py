@@ -105,7 +105,7 @@ def main() -> int:
     if browser:
         picture_report(browser)
     else:
-        print(f"{PICTURE} stays as it is: none of {', '.join(BROWSERS)} is on the path")
+        print(f"{PICTURE} is not renewed: none of {', '.join(BROWSERS)} is on the path")
     with tempfile.TemporaryDirectory() as folder:
         run("reproduce", "--out", folder, "--force")
         for drawn in Path(folder).glob("fig*.png"):

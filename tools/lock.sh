@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# Write requirements/constraints.txt anew: the newest versions that the requirements allow, one for
-# all supported versions of Python where there is one. Needs `uv` on the path.
+# Rewrite requirements/constraints.txt with the newest versions that the requirements allow, if possible
+# the same for all supported versions of Python. Needs `uv` on the path.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../requirements"
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 cp ros.txt runtime.txt dev.txt bench.txt "$scratch"
-# uv reads the platforms to resolve for from a project; this one has no other use for one.
+# uv reads the platforms to resolve for from a project file; it is needed for nothing else.
 cat >"$scratch/pyproject.toml" <<'END'
 [project]
 name = "constraints"

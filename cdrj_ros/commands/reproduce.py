@@ -50,8 +50,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--quick", action="store_true",
-        help=f"a first look, not the numbers of the docs: {QUICK[0].cycles} cycle instead of "
-        f"{WHOLE[0].cycles}, {QUICK[0].rate:g} steps per second instead of {WHOLE[0].rate:g}, "
+        help=f"for a first look, with other numbers than the docs: {QUICK[0].cycles} cycle instead "
+        f"of {WHOLE[0].cycles}, {QUICK[0].rate:g} steps per second instead of {WHOLE[0].rate:g}, "
         f"{QUICK[1]} contact cells per pulley instead of {WHOLE[1]}, PNG only",
     )  # fmt: skip
     return parser

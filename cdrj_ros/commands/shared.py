@@ -1,4 +1,4 @@
-"""Shared by the commands: options, error lines, exit codes, progress, results."""
+"""Shared by the commands: options, topics, error lines, exit codes, results."""
 
 from __future__ import annotations
 
@@ -91,12 +91,12 @@ def add_topic_options(parser: argparse.ArgumentParser) -> None:
 
 def add_result_options(parser: argparse.ArgumentParser) -> None:
     """``--json``, ``--html``."""
-    parser.add_argument("--json", metavar="FILE", help="write the figures as JSON")
+    parser.add_argument("--json", metavar="FILE", help="write the errors as JSON")
     parser.add_argument("--html", metavar="FILE", help="write a report with pictures")
 
 
 def topic_prefix(arguments: argparse.Namespace) -> str:
-    """What ``--topic-prefix`` puts before topics: empty, or with a leading slash only."""
+    """Prefix of the default topics: empty, or with a leading slash and no trailing one."""
     prefix = str(arguments.topic_prefix).strip("/")
     return f"/{prefix}" if prefix else ""
 

@@ -44,7 +44,7 @@ PRELOAD_FACTORS: Final = (1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
 """Multiples of the preloads, tried in turn after a cable has become slack."""
 
 SMALLER_SHARES: Final = (0.5, 0.25, 0.125)
-"""Shares of the default amplitude, tried in turn where the rig cannot make the default motion."""
+"""Shares of the default amplitude, tried in turn if the rig cannot perform the default motion."""
 
 Vector = NDArray[np.float64]
 Axes = Sequence[Motor | Joint]
@@ -91,17 +91,17 @@ def _check_output(path: Path) -> None:
         raise UsageError(f"{path} exists already; a bag is written to a new folder")
     above = next(folder for folder in path.absolute().parents if folder.exists())
     if not above.is_dir() or not os.access(above, os.W_OK):
-        raise UsageError(f"{path} cannot be written: {above} is no folder, or is not writable")
+        raise UsageError(f"{path} cannot be written: {above} is not a folder, or is not writable")
 
 
 def _simulated(model: Model, arguments: argparse.Namespace) -> tuple[Plan, Truth, str]:
-    """Carry out the plan; the default motion is made smaller until the rig can make it.
+    """Carry out the plan; the default amplitude is reduced until the rig can perform the motion.
 
     Returns:
-        The plan, the truth, and why the default motion was made smaller; empty if it was not.
+        The plan, the truth, and why the default amplitude was reduced; empty if it was not.
 
     Raises:
-        UsageError: the rig cannot make the motion.
+        UsageError: the rig cannot perform the motion.
     """
     plan = make_plan(model.robot, arguments)
     try:
@@ -149,10 +149,10 @@ def _truth(robot: Robot, plan: Plan, cells: int, report: Progress | None) -> Tru
 def _slack_advice(model: Model, plan: Plan, warm_up: float, error: SlackError) -> str:
     """Where a cable became slack, and a preload with which it was simulated to stay taut."""
     where = f"t = {error.time - warm_up:.4g} s{', ' + error.pose if error.pose else ''}"
-    text = f"the motion asks for a slack cable: element {error.element} has no tension at {where}"
+    text = f"a cable becomes slack: element {error.element} has no tension at {where}"
     robot = model.robot
     if not any(cable.preload > 0.0 for cable in robot.cables):
-        return f"{text}; there is no preload to raise: give --preload, or --allow-slack"
+        return f"{text}; the cables have no preload: give --preload or --allow-slack"
     for factor in PRELOAD_FACTORS:
         tighter = replace(
             robot,
@@ -163,10 +163,10 @@ def _slack_advice(model: Model, plan: Plan, warm_up: float, error: SlackError) -
         except UsageError:
             continue
         preloads = ",".join(f"{cable.preload:.4g}" for cable in tighter.cables)
-        return f"{text}; with --preload {preloads} it stays taut, with --allow-slack it is recorded"
+        return f"{text}; --preload {preloads} keeps the cables taut, --allow-slack permits slack"
     return (
-        f"{text}; {PRELOAD_FACTORS[-1]:g} times the preload would not help; a smaller motion, "
-        "another load, or --allow-slack"
+        f"{text}; {PRELOAD_FACTORS[-1]:g} times the preload would not help: reduce the motion, "
+        "change the load, or give --allow-slack"
     )
 
 

@@ -105,7 +105,7 @@ def make_plan(robot: Robot, arguments: argparse.Namespace, share: float = 1.0) -
         raise UsageError("--joint names a joint twice")
     mode: Mode = arguments.mode or ("balance" if len(names) == 1 else "follow")
     if mode != "follow" and len(chosen) > 1:
-        raise UsageError(f"--mode {mode} moves one joint; several can --mode follow")
+        raise UsageError(f"--mode {mode} moves only one joint; --mode follow moves several")
     moved = names.index(chosen[0])
     indices = [names.index(name) for name in chosen]
     swings: tuple[Swing, ...] = ()
@@ -228,7 +228,7 @@ def _given_swing(
         allowed = most if option == "amplitude" else np.degrees(most)
         raise UsageError(
             f"--{option} {value:g} leaves the range of {joint.name}: at most "
-            f"{max(allowed, 0.0):g} to either side of {centre + 0.0:g}, which --centre moves "
+            f"{max(allowed, 0.0):g} to either side of {centre + 0.0:g}; --centre moves the centre "
             f"within [{joint.lower:g}, {joint.upper:g}]"
         )
     return Swing(index, amplitude, centre)

@@ -42,7 +42,9 @@ def parser() -> argparse.ArgumentParser:
     _add_rig_options(made.add_argument_group("rig"))
     _add_sensor_options(
         made.add_argument_group(
-            "sensors", "one number for all encoders, or two: MOTORS,JOINTS; defaults are ideal"
+            "sensors",
+            "one number for all encoders, or two: MOTORS,JOINTS; by default, encoder readings are "
+            "quantised and have no other errors",
         )
     )
     return made
@@ -72,7 +74,7 @@ def _add_motion_options(group: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
     group.add_argument(
         "--frequency", default="0.1", metavar="HZ",
-        help="frequency of the motion, the highest one of random motion; HZ,HZ,... (0.1)",
+        help="frequency of the motion; for a random motion, the highest one; HZ,HZ,... (0.1)",
     )  # fmt: skip
     group.add_argument("--recorded", metavar="BAG", help="bag whose joint angles are repeated")
     group.add_argument(
@@ -105,7 +107,9 @@ def _add_rig_options(group: argparse._ArgumentGroup) -> None:
         help="mass of the payload [kg] (0.3)",
     )
     group.add_argument(
-        "--load", choices=LOADS, help="kind of load (by the joint's frame, or rolling)"
+        "--load",
+        choices=LOADS,
+        help="kind of load (depends on the joint's frame; rolling for a joint without frames)",
     )
     group.add_argument(
         "--gravity", type=float, default=9.81, metavar="A",
@@ -125,8 +129,8 @@ def _add_rig_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--fault", action="append", default=[], metavar="NAME[/CABLE]@T[:AMOUNT]",
         help="slack or snap: the anchor gives way by AMOUNT mm, slowly or at once; slip: the drum "
-        "slips by AMOUNT deg; at T s of the recording; repeatable (CABLE: the first; AMOUNT: by "
-        "the preload)",
+        "slips by AMOUNT deg; at T s of the recording; repeatable (default CABLE: the first; "
+        "default AMOUNT: depends on the preload)",
     )  # fmt: skip
     group.add_argument(
         "--allow-slack", action="store_true", help="permit motions in which a cable becomes slack"
@@ -180,7 +184,7 @@ def check_ranges(arguments: argparse.Namespace) -> None:
     for name in ("motor_counts", "joint_counts"):
         _require(name, getattr(arguments, name), 1, 2**40)
     if (arguments.motion == "recorded") != (arguments.recorded is not None):
-        raise UsageError("--motion recorded and --recorded BAG belong together")
+        raise UsageError("--motion recorded and --recorded BAG require each other")
 
 
 def _require(name: str, value: float, low: float, high: float) -> None:
@@ -194,12 +198,12 @@ def numbers(name: str, text: str, count: int, low: float, high: float) -> list[f
     """One number for all, or one for each.
 
     Raises:
-        UsageError: the text holds other than numbers, their count is wrong or one is out of range.
+        UsageError: the text is not a list of numbers, their count is wrong or one is out of range.
     """
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError as error:
-        raise UsageError(f"--{name} must be numbers and commas, got {text!r}") from error
+        raise UsageError(f"--{name} must be numbers separated by commas, got {text!r}") from error
     if len(values) not in (1, count):
         wanted = "1 number" if count == 1 else f"1 or {count} numbers"
         raise UsageError(f"--{name} takes {wanted}, got {len(values)}")

@@ -275,7 +275,9 @@ def _written(out: str | None, bags: Sequence[str]) -> list[str]:
         return [""] * len(bags)
     names = [Path(path).resolve().name.partition(".mcap")[0] for path in bags]
     if len(set(names)) < len(names):
-        raise UsageError("--write-bag needs bags of different names, to name those it writes")
+        raise UsageError(
+            "--write-bag needs bags with different names, because it names the new bags after them"
+        )
     written = [out] if len(names) == 1 else [str(Path(out) / name) for name in names]
     for path in written:
         if Path(path).exists():

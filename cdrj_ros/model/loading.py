@@ -29,7 +29,7 @@ def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model
     try:
         values = [float(v) for v in (preload.split(",") if isinstance(preload, str) else preload)]
     except ValueError as error:
-        raise UsageError(f"preload must be numbers and commas, got {preload!r}") from error
+        raise UsageError(f"preload must be numbers separated by commas, got {preload!r}") from error
     cables = document["cables"]
     if len(values) != len(cables) or not all(0.0 <= value < 1e6 for value in values):
         raise UsageError(

@@ -77,7 +77,7 @@ def settings() -> tuple[Setting, ...]:
         Setting(
             "preload", None,
             "Preload of every cable in the reference pose; not set: the robot file's. Shows the "
-            "values in force. Setting it starts the estimate anew",
+            "values in force. Setting it restarts the estimate",
             "N", changeable=True,
         ),
         Setting(
@@ -114,7 +114,7 @@ def settings() -> tuple[Setting, ...]:
         ),
         Setting(
             "tracking_bandwidth", UNSET,
-            "Bandwidth of the filters that find an angle between the counts of its sensor, of all "
+            "Bandwidth of the filters that estimate angles between the counts of a sensor, for all "
             f"sensors whose resolution or noise is given; 0: no filter; {UNSET:g}: the robot "
             "file's",
             "Hz", UNSET, FASTEST_HZ, changeable=True,

@@ -247,9 +247,9 @@ def features(result: Result, channel: Channel, values: Vector) -> dict[str, floa
         values: its estimate or its reference.
 
     Returns:
-        ``humps`` (maxima; of the curve upside down for the lower cable), ``bulge_down`` and
-        ``bulge_up`` of the two strokes, ``loop_area``, ``mid_up``, ``mid_down``, ``mean``, and of
-        what is always positive ``relative_hysteresis``.
+        ``humps`` (maxima; of the inverted curve for the lower cable), ``bulge_down`` and
+        ``bulge_up`` of the two strokes, ``loop_area``, ``mid_up``, ``mid_down``, ``mean``, and
+        ``relative_hysteresis`` if all values are positive.
     """
     down = result.seconds(channel) < result.turns[1]
     up = ~down

@@ -52,7 +52,7 @@ TABLE_II: Final = (
 
 WHY_NOT: Final = {
     "bristle_damping": "a constant sigma1 chatters where mu_s > mu_c; key bristle_damping",
-    "viscous": "the source leaves it out of (36); 5 N a pulley at 10 mm/s; key viscous",
+    "viscous": "the source leaves it out of (36); 5 N per pulley at 10 mm/s; key viscous",
 }
 """Why the prototype file differs from a value of Table II, by field."""
 
@@ -65,20 +65,21 @@ PUBLISHED: Final = (
 
 REASONS: Final = (
     (
-        "As in the source, one rho = 0.2 is assumed where the rig has others: this alone costs "
-        "about what the source reports. It has real friction, geometry and preload besides, and "
-        "smooths its readings; our rig shares its parameters with the estimator. With rho known, "
-        "the contact cells of the rig and the counts of the encoders are left."
+        "As in the source, one rho = 0.2 is assumed where the rig has others; this alone causes "
+        "about the error that the source reports. The source's rig also has real friction, "
+        "geometry and preload, and its readings are smoothed; our rig shares its parameters with "
+        "the estimator. With rho known, the remaining causes are the contact cells of the rig and "
+        "the quantisation of the encoders."
     ),
     (
-        "Only two pulleys lie between winch and node 3, so the wrong rho costs little here. The "
-        "rest of the source's error is its own rig's: it reports jamming at reversals, and keeps "
-        "arcs and friction parameters constant. Ours has none of that."
+        "Only two pulleys lie between winch and node 3, so the wrong rho has little effect here. "
+        "The rest of the source's error comes from its own rig: it reports jamming at reversals, "
+        "and keeps arcs and friction parameters constant. Our rig has none of these."
     ),
     (
-        "Both with rho identified. Ours is compared with the difference of two load cells of "
-        "0.02 N noise each, 0.023 N on average, which is nearly all of it. The source's friction "
-        "is about 0.3 N on average, ours 1 to 2 N with the same tables and rho."
+        "Both with rho identified. Ours is compared with the difference of two load cells with "
+        "0.02 N noise each; their noise, 0.023 N on average, is nearly the whole error. The "
+        "source's friction is about 0.3 N on average, ours 1 to 2 N with the same tables and rho."
     ),
 )
 """Why the source's errors and ours differ, in the order of ``TOLD``."""
@@ -128,7 +129,7 @@ def pulleys(robot: Robot) -> Table:
         )
     rho = robot.cables[0].pulleys[0].friction.rho
     return Table(
-        "Table I: pulleys (diameter [mm], bearing [mm], wrap [°]) and what follows for them",
+        "Table I: pulleys (diameter [mm], bearing [mm], wrap [°]) and their transmissions",
         ("node", "source", "prototype.yaml", "eta_r (41)", "eta_d (37), v = 0", "eta_d, v >> v_s",
          f"eta, rho = {rho:g}, v = 0"),
         tuple(rows),
@@ -228,8 +229,8 @@ def choices(study: Study) -> Table:
          *(f"node 3, {n}: mean, largest" for n in names),
          *(f"error of element 8, {n}" for n in names)),
         tuple(rows),
-        "The rig is made with our friction, its contacts divided into cells: errors say what a "
-        "choice costs if ours is true, not which one is.",
+        "The rig uses our friction model with its contacts divided into cells: the errors show "
+        "the effect of a choice if our model is right, not which choice is right.",
     )  # fmt: skip
 
 

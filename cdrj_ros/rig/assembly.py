@@ -62,7 +62,7 @@ class SlackError(MotionError):
     def __init__(self, element: str, time: float, pose: str) -> None:
         self.element, self.time, self.pose = element, time, pose
         super().__init__(
-            f"the motion asks for a slack cable: element {element} has no tension at "
+            f"a cable becomes slack: element {element} has no tension at "
             f"t = {time:.4g} s{', ' + pose if pose else ''}"
         )
 
@@ -129,8 +129,9 @@ def require_taut(
         k, element = broken[0]
         name = rig.fine.layout.elements[element].split("/")[0]
         raise UsageError(
-            f"cable {name} cannot be at t = {time[k]:.4g} s"
-            f"{', ' + pose(k) if pose(k) else ''}: it is wound in entirely, or cannot run so"
+            f"cable {name} has no valid state at t = {time[k]:.4g} s"
+            f"{', ' + pose(k) if pose(k) else ''}: it is wound in entirely, or its path is "
+            "impossible"
         )
     if allow_slack or rig.wiring.faults:
         return

@@ -65,7 +65,7 @@ def shapes_along(model: Model, joint_angle: Table) -> tuple[Table, Table]:
             f"{name} = {angle:.4g}"
             for name, angle in zip(model.layout.joints, joint_angle[done], strict=True)
         )
-        raise UsageError(f"the cables cannot run at {pose}")
+        raise UsageError(f"the path of a cable is impossible at {pose}")
     return lengths, wraps
 
 

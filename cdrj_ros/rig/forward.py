@@ -155,8 +155,8 @@ def balanced_start(
     stable = np.flatnonzero((excess[:-1] >= 0.0) & (excess[1:] < 0.0))
     if stable.size == 0:
         raise MotionError(
-            f"the cables hold the load in no pose of {axis.name} at the start: the preload is too "
-            "small for it, or it pulls the wrong way"
+            f"the cables cannot hold the load in any pose of {axis.name} at the start: the preload "
+            "is too small, or the load acts in the wrong direction"
         )
     near = stable[np.argmin(np.abs(angles[stable] - axis.reference_angle))]
     from scipy.optimize import brentq  # slow to import, so only where used

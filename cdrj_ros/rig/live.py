@@ -98,7 +98,7 @@ class LiveRig:
         """Remove all faults and restart at time 0; the load and the stops are kept.
 
         Raises:
-            UsageError: the cables hold the load in no pose; the rig is left unchanged.
+            UsageError: the cables cannot hold the load in any pose; the rig is left unchanged.
         """
         robot, fine = self.robot, self._sound.fine
         motors = np.array([motor.reference_angle for motor in robot.motors])
@@ -147,7 +147,7 @@ class LiveRig:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """Faults injected since the start."""
+        """Faults injected since the last reset."""
         return tuple(fault for _, fault in self._rig.wiring.faults)
 
     @property

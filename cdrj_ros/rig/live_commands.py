@@ -109,7 +109,8 @@ def command_of_states(
     if len(filled) != 1:
         raise CommandError(
             "malformed",
-            f"one of position, velocity and effort must be filled in, got {len(filled)} of them",
+            "exactly one of position, velocity and effort must be filled in, got "
+            f"{len(filled)} of them",
         )
     return checked_command(limits, filled[0], names, given[filled[0]])
 
@@ -135,7 +136,7 @@ def checked_trajectory(
     """
     n = len(time_s)
     if n > MOST_POINTS:
-        raise CommandError("wrong length", f"at most {MOST_POINTS} points are taken, got {n}")
+        raise CommandError("wrong length", f"at most {MOST_POINTS} points are allowed, got {n}")
     motors = _places(limits, names, len(names), "trajectory")
     for row in positions:
         if len(row) != len(motors):
@@ -171,7 +172,7 @@ def _places(
         if count != len(limits.motors):
             raise CommandError(
                 "wrong length",
-                f"{what} needs {len(limits.motors)} values, of {', '.join(limits.motors)}; "
+                f"{what} needs {len(limits.motors)} values, for {', '.join(limits.motors)}; "
                 f"got {count}",
             )
         return tuple(range(count))

@@ -2,7 +2,8 @@
 
 In position mode a motor moves to its angle at full speed and stays there; in velocity mode it turns
 until the next command or the timeout; in effort mode its torque accelerates the rotor against the
-cables (semi-implicit Euler).  A motor that would need more than its torque limit stalls.
+cables (semi-implicit Euler).  In position and velocity mode, a motor that would need more than its
+torque limit stalls.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ class LiveEncoders:
 
         Args:
             encoder: encoder model, the same for every axis.
-            axes: names of the axes, in the order of the values.
+            axes: motors or joints, in the order of the values.
             seed: seed of the random generator.
             latency_s: time from a reading to its message [s]; the stamp is that of the reading.
         """

@@ -137,8 +137,8 @@ def _unbalanced(where: str, torque: float, asked: float, motor_speed: float) -> 
     """The error of a sample for which no motor angle was found."""
     if asked > motor_speed:
         return MotionError(
-            f"the motion asks the motor for {asked:.3g} rad/s at {where}, and it may turn at "
-            f"{motor_speed:.3g} rad/s: move more slowly or allow it more"
+            f"the motion needs a motor speed of {asked:.3g} rad/s at {where}, above the limit of "
+            f"{motor_speed:.3g} rad/s: move more slowly or raise the limit"
         )
     return MotionError(
         f"no winch angle balances {torque:.4g} N m at {where}: a cable would have to push"
@@ -182,7 +182,9 @@ def follow(
     for cable, column in zip(robot.cables, following.untaken.T, strict=True):
         worst = float(np.abs(column).max())
         if worst > 1e-6:
-            notes.append(f"no motor takes up {1e3 * worst:.3g} mm of {cable.name}: it is strained")
+            notes.append(
+                f"no motor compensates {1e3 * worst:.3g} mm of {cable.name}: the cable is strained"
+            )
     return prescribe(
         robot, time, following.motor_angle, joints, cells, progress,
         faults=faults, allow_slack=allow_slack, notes=tuple(notes),

@@ -177,8 +177,8 @@ class CableReader:
         if merged["mu_s"] != mu_c and "stribeck_speed" not in merged:
             raise self.refuse(
                 f"{path}.stribeck_speed",
-                "is missing: where mu_s differs from mu_c the speed [m/s] that parts them must be "
-                "given (published values lie between 1e-4 and 5e-2)",
+                "is missing: where mu_s differs from mu_c, the speed [m/s] that separates them "
+                "must be given (published values lie between 1e-4 and 5e-2)",
             )
         names = {field.name for field in fields(Friction)}
         return Friction(**{key: value for key, value in merged.items() if key in names})

@@ -147,7 +147,7 @@ def test_the_prototypes_transmissions_are_those_of_the_tables() -> None:
         assert cable.worst.high == pytest.approx(cable.followed.high / product)
 
 
-def test_the_laws_without_static_or_bearing_friction_are_known() -> None:
+def test_laws_without_static_or_bearing_friction_have_their_own_transmission() -> None:
     robot = parse_robot(PLAIN.replace("mu_c: 0.1,", "mu_c: 0.1, law: euler,"))
     eta = transmissions(robot.cables[0], robot.cables[0].pulleys[0], 1.5)
     assert eta == pytest.approx((exp(-0.15), exp(-0.15)))
@@ -155,7 +155,7 @@ def test_the_laws_without_static_or_bearing_friction_are_known() -> None:
     assert transmissions(robot.cables[0], robot.cables[0].pulleys[0], 1.5) == (1.0, 1.0)
 
 
-def test_the_worst_tension_of_the_hoist_is_the_textbooks() -> None:
+def test_the_worst_tension_of_the_hoist_is_that_of_the_textbook() -> None:
     inspection = inspect_robot(prepare(load_robot(ROBOTS / "hoist.yaml")), {"load": 500.0})
     (rope,) = inspection.cables
     assert (rope.followed.low, rope.followed.high) == pytest.approx((125.0, 125.0))
@@ -163,7 +163,7 @@ def test_the_worst_tension_of_the_hoist_is_the_textbooks() -> None:
     assert rope.worst.high == pytest.approx(125.0 / eta**4)
 
 
-def test_a_load_is_carried_by_the_cable_that_pulls_its_way() -> None:
+def test_a_load_is_carried_by_the_cable_that_pulls_against_it() -> None:
     inspection = inspect_robot(prepare(parse_robot(PLAIN)), {"q": 0.3})
     a, b = inspection.cables
     difference = 0.3 / 0.02
@@ -171,13 +171,13 @@ def test_a_load_is_carried_by_the_cable_that_pulls_its_way() -> None:
     assert b.followed.low == pytest.approx(20.0 - difference / 2, rel=1e-3)
 
 
-def test_preloads_are_gone_after_the_motion_that_stretches_them_away() -> None:
+def test_a_preload_is_lost_after_the_motion_that_releases_its_elongation() -> None:
     inspection = inspect_robot(prepare(parse_robot(PLAIN)))
     cable = inspection.cables[0]
     assert cable.slack_after[0] == pytest.approx(20.0 / (cable.stiffness * 0.02))
 
 
-def test_cable_passes_a_pulley_by_what_the_elements_behind_it_change() -> None:
+def test_the_cable_that_passes_a_pulley_is_the_change_of_length_behind_it() -> None:
     inspection = inspect_robot(prepare(parse_robot(PLAIN)))
     assert inspection.cables[0].pulleys[0].passing == pytest.approx(0.02)
     assert inspection.motors[0].angle.width == pytest.approx(2.0)
@@ -223,7 +223,7 @@ ODD = [
 
 
 @pytest.mark.parametrize(("old", "new", "where", "words"), ODD, ids=[one[3] for one in ODD])
-def test_what_is_odd_is_said(old: str, new: str, where: str, words: str) -> None:
+def test_every_suspicious_value_is_reported(old: str, new: str, where: str, words: str) -> None:
     assert old in PLAIN
     suspicions = found(PLAIN.replace(old, new, 1))
     matching = [one for one in suspicions if words in one.text]
@@ -231,7 +231,7 @@ def test_what_is_odd_is_said(old: str, new: str, where: str, words: str) -> None
     assert all("\n" not in one.text for one in suspicions)
 
 
-def test_a_modulus_that_no_cable_has_is_said(
+def test_an_implausible_modulus_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     robot = tmp_path / "robot.yaml"
@@ -242,14 +242,14 @@ def test_a_modulus_that_no_cable_has_is_said(
     assert "b: youngs_modulus" not in printed
 
 
-def test_a_load_that_only_a_pushing_cable_would_balance_is_said() -> None:
+def test_a_load_that_only_a_pushing_cable_would_balance_is_reported() -> None:
     one = find_suspicions(
         inspect_robot(prepare(load_robot(ROBOTS / "hoist.yaml")), {"load": -50.0})
     )
     assert any("no tensions of at least 0 N" in entry.text for entry in one)
 
 
-def test_windings_that_contradict_the_senses_are_said() -> None:
+def test_windings_that_contradict_the_turns_are_reported() -> None:
     text = (ROBOTS / "prototype_positions.yaml").read_text("utf-8")
     assert not any("contradict" in entry.text for entry in found(text))
     wrong = text.replace("winding: -1", "winding: 1")
@@ -259,7 +259,7 @@ def test_windings_that_contradict_the_senses_are_said() -> None:
     )
 
 
-def test_a_dead_point_of_all_cables_is_said() -> None:
+def test_a_dead_point_of_all_cables_is_reported() -> None:
     dead = PLAIN
     for slope in ("-0.02", "0.02"):
         dead = dead.replace(
@@ -271,7 +271,7 @@ def test_a_dead_point_of_all_cables_is_said() -> None:
     assert loose.grave
 
 
-def test_the_grave_comes_first() -> None:
+def test_grave_suspicions_come_first() -> None:
     suspicions = found(PROTOTYPE)
     order = [entry.grave for entry in suspicions]
     assert order == sorted(order, reverse=True)
@@ -303,7 +303,7 @@ def test_a_pose_has_no_negative_zero() -> None:
         (["--json", "{same}/no/file.json"], "there is no folder"),
     ],
 )
-def test_an_output_that_cannot_be_is_refused_before_anything_is_inspected(
+def test_an_impossible_output_is_refused_before_the_inspection(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
     options: list[str], words: str,
 ) -> None:  # fmt: skip
@@ -337,7 +337,7 @@ def test_a_robot_is_checked_without_docstrings() -> None:
     assert done.stdout.startswith("hoist: 1 motor, 1 joint, 1 cable, ")
 
 
-def test_an_argument_that_nobody_knows_does_not_reach_the_terminal_raw(
+def test_an_unknown_argument_is_escaped_on_the_terminal(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(SystemExit, match="2"):

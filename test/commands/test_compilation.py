@@ -21,7 +21,7 @@ from cdrj_ros.model.shape import shape
 ROOT = Path(__file__).parents[2]
 
 
-def test_nothing_is_said_if_the_kernels_are_there(
+def test_no_notice_is_printed_if_the_kernels_are_compiled(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for there, words in ((True, ""), (False, compilation.COMPILING + "\n")):
@@ -48,7 +48,7 @@ def test_without_compiled_kernels_the_first_line_says_so_before_the_wait(tmp_pat
         process.communicate()
 
 
-def test_a_kernel_is_known_to_be_compiled_once_it_is_kept() -> None:
+def test_a_kernel_counts_as_compiled_once_it_is_cached() -> None:
     model = load_model("prototype")
     step(model, initial_state(model), Sample(1_000_000_000, np.zeros(1), np.zeros(1)))
     assert kernels_are_compiled(shape, advance)

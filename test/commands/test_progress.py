@@ -19,7 +19,7 @@ from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.loading import load_model
 
 
-def test_without_a_terminal_it_is_a_line_now_and_then_with_the_time_left(
+def test_without_a_terminal_progress_is_an_occasional_line_with_the_time_left(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = SimpleNamespace(now=100.0)
@@ -34,7 +34,7 @@ def test_without_a_terminal_it_is_a_line_now_and_then_with_the_time_left(
     ]
 
 
-def test_nothing_to_do_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_display_without_work_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
     with progress_bar("validating", 0.0) as report:
         report(0.0)
     assert capsys.readouterr().err == ""
@@ -51,7 +51,9 @@ def shown_on(master: int, pattern: bytes, patience_s: float = 60.0) -> str:
     return shown.decode(errors="replace")  # the last character may be incomplete
 
 
-def test_in_a_terminal_it_is_a_bar_with_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_in_a_terminal_progress_is_a_bar_with_the_time_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     master, slave = pty.openpty()
     monkeypatch.setenv("TERM", "xterm")
     with os.fdopen(slave, "w") as terminal:
@@ -64,7 +66,7 @@ def test_in_a_terminal_it_is_a_bar_with_the_time_left(monkeypatch: pytest.Monkey
     assert "validating" in shown
 
 
-def test_a_replay_tells_the_time_left_at_its_pace(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_replay_shows_the_time_left_at_its_pace(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("rclpy")
     from cdrj_ros.replay.answers import Run, Tally
     from cdrj_ros.replay.display import Display

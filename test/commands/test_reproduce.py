@@ -60,7 +60,7 @@ def test_the_quick_look_takes_a_small_part_of_the_whole_work() -> None:
 
 
 @pytest.mark.parametrize("name", ["tables.md", "figures.json", "fig09_rho.png"])
-def test_earlier_results_are_replaced_only_if_that_is_asked_for(
+def test_earlier_results_are_replaced_only_with_force(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.setattr(reproduce, "work", lambda *_, **__: pytest.fail("ran before the refusal"))
@@ -92,7 +92,7 @@ def test_a_file_in_the_place_of_the_folder_is_refused_before_anything_runs(
     _one_line(capsys, "cannot be created")
 
 
-def test_help_says_what_is_made(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_names_the_outputs(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:
         reproduce.main(["--help"])
     assert left.value.code == 0

@@ -48,7 +48,7 @@ def test_the_same_command_gives_the_same_bag_and_another_seed_another(
     np.testing.assert_array_equal(again.motors["winch"].value, plain.motors["winch"].value)
 
 
-def test_a_sample_bag_begins_as_the_command_now_makes_it(tmp_path: Path) -> None:
+def test_the_command_reproduces_the_beginning_of_a_sample_bag(tmp_path: Path) -> None:
     sample = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
     kept = read_recording(sample)
     assert main([str(tmp_path / "bag"), "--robot", ROBOT, "--duration", "2"]) == 0
@@ -64,7 +64,7 @@ def test_a_sample_bag_begins_as_the_command_now_makes_it(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("motion", ["sine", "ramps", "dwell", "random"])
 @pytest.mark.parametrize("mode", ["balance", "follow", "forward"])
-def test_every_motion_goes_with_every_mode(tmp_path: Path, motion: str, mode: str) -> None:
+def test_every_motion_works_in_every_mode(tmp_path: Path, motion: str, mode: str) -> None:
     recording = run(tmp_path / "bag", "--motion", motion, "--mode", mode)
     angle = recording.joints["elbow"].value
     assert np.ptp(angle) > np.radians(2.0)
@@ -72,7 +72,7 @@ def test_every_motion_goes_with_every_mode(tmp_path: Path, motion: str, mode: st
     assert np.isfinite(_tensions(recording)).all()
 
 
-def test_a_recorded_motion_is_moved_again(tmp_path: Path) -> None:
+def test_a_recorded_motion_is_repeated(tmp_path: Path) -> None:
     run(tmp_path / "first", "--mode", "follow")
     recording = run(
         tmp_path / "second", "--mode", "follow", "--motion", "recorded",
@@ -87,7 +87,7 @@ def test_a_recorded_motion_is_moved_again(tmp_path: Path) -> None:
     assert np.abs(second.value[moving] - expected).max() < 2e-3
 
 
-def test_sensors_have_the_defects_that_were_asked_for(tmp_path: Path, plain: Recording) -> None:
+def test_sensors_have_the_requested_defects(tmp_path: Path, plain: Recording) -> None:
     recording = run(
         tmp_path / "bag", "--rate", "500,250", "--joint-counts", "1024", "--bias", "0,0.1",
         "--noise", "0.01,0", "--jitter", "0.0002", "--dropout", "0.1", "--burst", "0.02",
@@ -114,7 +114,9 @@ def test_the_motion_may_have_another_centre(tmp_path: Path) -> None:
     assert angle.min() < 0.1
 
 
-def test_more_payload_parts_the_cables_further(tmp_path: Path, plain: Recording) -> None:
+def test_more_payload_increases_the_difference_between_the_cables(
+    tmp_path: Path, plain: Recording
+) -> None:
     heavy = run(tmp_path / "bag", "--payload", "0.6")
 
     def part(recording: Recording) -> float:
@@ -124,7 +126,7 @@ def test_more_payload_parts_the_cables_further(tmp_path: Path, plain: Recording)
     assert part(heavy) > part(plain) + 5.0
 
 
-def test_a_fault_shows_at_its_time_and_its_slack_is_told(
+def test_a_fault_acts_at_its_time_and_a_note_reports_the_slack(
     tmp_path: Path, plain: Recording, capsys: pytest.CaptureFixture[str]
 ) -> None:
     broken = run(tmp_path / "bag", "--fault", "slack/lower@2:10")
@@ -144,7 +146,7 @@ def test_a_slack_cable_is_refused_with_its_place_and_a_preload_that_helps(
     assert "element lower/" in text
     assert "has no tension at t = " in text
     assert "elbow = " in text
-    preload = text.split("with --preload ")[1].split(" ")[0]
+    preload = text.split("--preload ")[1].split(" ")[0]
     run(tmp_path / "taut", "--payload", "0.5", "--preload", preload)
     slack = run(tmp_path / "slack", *weak, "--allow-slack")
     assert _tensions(slack).min() < 0.1
@@ -158,18 +160,18 @@ def test_a_slack_cable_is_refused_with_its_place_and_a_preload_that_helps(
         (("--duration", "-1"), "--duration must be in [0.01, 1e+06], got -1"),
         (("--joint", "knee"), "--joint must be one of elbow, got 'knee'"),
         (("--dropout", "1.5"), "--dropout must be in [0, 0.99], got 1.5"),
-        (("--rate", "fast"), "--rate must be numbers and commas, got 'fast'"),
+        (("--rate", "fast"), "--rate must be numbers separated by commas, got 'fast'"),
         (("--rate", "1,2,3"), "--rate takes 1 or 2 numbers, got 3"),
         (("--centre", "0,0.1"), "--centre takes 1 number, got 2"),
-        (("--amplitude-deg", "50", "--centre", "-0"), "to either side of 0, which --centre moves"),
+        (("--amplitude-deg", "50", "--centre", "-0"), "to either side of 0; --centre moves"),
         (("--gravity", "nan"), "--gravity must be in [-1000, 1000], got nan"),
         (("--fault", "rust@3"), "NAME one of slack, snap, slip"),
         (("--fault", "snap@3:-1"), "the amount must be in (0, 1000], got -1"),
         (("--fault", "snap/middle@3"), "there are upper, lower"),
-        (("--motion", "recorded"), "--motion recorded and --recorded BAG belong together"),
+        (("--motion", "recorded"), "--motion recorded and --recorded BAG require each other"),
         (("--payload", "50"), "10 times the preload would not help"),
         (("--payload", "1000"), "at the start: a cable would have to push"),
-        (("--mode", "forward", "--payload", "50"), "hold the load in no pose of elbow"),
+        (("--mode", "forward", "--payload", "50"), "hold the load in any pose of elbow"),
     ],
 )
 def test_a_mistake_is_explained_in_one_line(
@@ -205,7 +207,7 @@ cables:
 """
 
 
-def test_several_joints_follow_with_motions_of_their_own(tmp_path: Path) -> None:
+def test_several_joints_follow_their_own_motions(tmp_path: Path) -> None:
     robot = tmp_path / "two.yaml"
     robot.write_text(TWO_JOINTS)
     code = main(
@@ -230,7 +232,7 @@ NAMES = sorted(path.stem for path in Path(ROBOT).parent.glob("*.yaml"))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_robot_of_the_package_makes_the_default_motion(
+def test_every_robot_of_the_package_performs_the_default_motion(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The run covers the first full stroke to either side and must not have a slack cable."""
@@ -243,7 +245,7 @@ def test_every_robot_of_the_package_makes_the_default_motion(
     assert np.ptp(angle) > 0.04 * (joint.upper - joint.lower)
     assert joint.lower < angle.min()
     assert angle.max() < joint.upper
-    assert _tensions(recording).min() > -0.1, "taut but for the noise of the cells"
+    assert _tensions(recording).min() > -0.1, "taut, except for the cells' noise"
     told = capsys.readouterr().out
     assert "slack for" not in told
     usual = name.startswith("prototype")
@@ -252,7 +254,7 @@ def test_every_robot_of_the_package_makes_the_default_motion(
         assert np.degrees(np.abs(angle).max()) == pytest.approx(38.0, abs=0.2)
 
 
-def test_an_amplitude_that_is_asked_for_is_never_made_smaller(
+def test_a_given_amplitude_is_never_reduced(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = [str(tmp_path / "bag"), "--robot", "davinci_jaw", "--duration", "8", "--cells", "1"]
@@ -271,14 +273,14 @@ def test_an_output_that_exists_is_refused_before_the_simulation(
     (tmp_path / "file").touch()
     for out, words in (
         (tmp_path / "bag", "exists already"),
-        (tmp_path / "file" / "x", "no folder"),
+        (tmp_path / "file" / "x", "is not a folder"),
     ):
         assert main([str(out), "--robot", ROBOT]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
         assert words in line
 
 
-def test_a_prismatic_joint_is_named_in_metres(
+def test_positions_of_a_prismatic_joint_are_printed_in_metres(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = [str(tmp_path / "bag"), "--robot", "hoist", "--duration", "12", "--cells", "1"]

@@ -32,7 +32,7 @@ def _figures(path: Path) -> dict:  # type: ignore[type-arg]
     ("bag", "preload", "last_element", "all_elements"),
     [(HIGH, [], 0.005, 0.004), (LOW, ["--preload", "23.52,6.66"], 0.015, 0.01)],
 )
-def test_sample_recordings_are_followed_far_more_closely_than_the_source_reports(
+def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
     bag: Path, preload: list[str], last_element: float, all_elements: float, tmp_path: Path
 ) -> None:
     out = tmp_path / "figures.json"
@@ -53,7 +53,7 @@ def test_sample_recordings_are_followed_far_more_closely_than_the_source_reports
     assert channels["effort/winch"]["r2"] > 0.999
 
 
-def test_the_wrong_preload_is_seen_in_the_figures(tmp_path: Path) -> None:
+def test_a_wrong_preload_causes_a_large_error(tmp_path: Path) -> None:
     out = tmp_path / "figures.json"
     validate.main([str(LOW), "--robot", str(ROBOT), "--json", str(out)])
     channels = _figures(out)["all"]["channels"]
@@ -78,7 +78,7 @@ def _cut(bag: Path, where: Path, share: float) -> Path:
     return cut
 
 
-def test_a_cut_bag_gives_all_that_is_intact(
+def test_everything_intact_in_a_truncated_bag_is_used(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cut = _cut(HIGH, tmp_path, 0.6)
@@ -157,7 +157,9 @@ def test_wrong_arguments_are_one_line_and_exit_code_2(
 
 
 @pytest.mark.skipif(not ODD.exists(), reason=f"{ODD} is absent")
-def test_names_on_one_topic_are_found(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_motor_that_is_missing_on_a_shared_topic_is_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     arguments = [
         f"{option}=/joint_states" for option in ("--motor-topic", "--joint-topic", "--reference")
     ]
@@ -179,7 +181,7 @@ def test_simulate_makes_a_recording_that_validate_reads(tmp_path: Path) -> None:
     "arguments",
     [["--duration", "0"], ["--cells", "0"], ["--amplitude-deg", "60"], ["--load-mass", "nan"]],
 )
-def test_simulate_refuses_what_makes_no_sense(
+def test_simulate_refuses_values_out_of_range(
     arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert simulate.main([str(tmp_path / "bag"), "--robot", str(ROBOT), *arguments]) == 2
@@ -195,7 +197,7 @@ def test_simulate_refuses_a_load_that_no_winch_angle_balances(
     assert not (tmp_path / "bag").exists()
 
 
-def test_a_bag_whose_readings_are_all_refused_says_so(
+def test_a_bag_whose_readings_are_all_refused_is_an_error(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with BagWriter(tmp_path / "bag") as bag:

@@ -110,7 +110,7 @@ def test_every_pass_of_a_recording_whose_clock_goes_back_is_compared(
         assert channel["rmse"] == pytest.approx(once[name]["rmse"], rel=0.02)
 
 
-def test_several_processes_give_what_one_gives_in_the_same_order(
+def test_several_processes_give_the_results_of_one_in_the_same_order(
     recording: Recording, short: Path, tmp_path: Path
 ) -> None:
     shorter = write(tmp_path / "shorter", recording, until_s=2.0)
@@ -133,7 +133,7 @@ def test_an_error_in_another_process_is_one_line(
     assert "a.mcap is not an MCAP file" in lines[0]
 
 
-def test_limits_decide_the_exit_code_and_tell_what_is_outside(
+def test_limits_decide_the_exit_code_and_violations_are_listed(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     limits = tmp_path / "limits.yaml"
@@ -165,7 +165,7 @@ def second(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 
 @pytest.mark.parametrize("output", ["/dev/full", "without a reader"])
-def test_files_and_verdict_do_not_depend_on_who_reads_standard_output(
+def test_files_and_exit_code_do_not_depend_on_standard_output(
     second: Path, tmp_path: Path, output: str
 ) -> None:
     limits, html, figures = (tmp_path / name for name in ("limits.yaml", "r.html", "f.json"))
@@ -245,7 +245,7 @@ def test_names_in_a_bag_do_not_control_the_terminal(
     assert "\x1b" not in printed.out + printed.err
 
 
-def test_every_bag_may_have_preloads_of_its_own(
+def test_every_bag_may_have_its_own_preloads(
     second: Path, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     low = write(tmp_path / "low", read_recording(ROOT / "bags" / "prototype_preload_23_6"))
@@ -265,7 +265,7 @@ def test_every_bag_may_have_preloads_of_its_own(
     one_line(capsys, ["--preload must be given once, or once for each of the 3 bags; got 2"])
 
 
-def test_a_wrong_file_of_limits_is_one_line_before_any_bag_is_read(
+def test_an_invalid_limits_file_is_refused_in_one_line_before_any_bag_is_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     limits = tmp_path / "limits.yaml"
@@ -325,9 +325,7 @@ def test_rosbags_and_mcap_read_the_written_bag_by_its_embedded_types(
     assert topics == set(seen)
 
 
-def test_a_reader_that_knows_no_types_reads_them_from_the_written_bag(
-    short: Path, tmp_path: Path
-) -> None:
+def test_a_reader_without_types_decodes_the_written_bag(short: Path, tmp_path: Path) -> None:
     """Decode all messages of all topics with Foxglove's decoder."""
     out = tmp_path / "out"
     assert run(tmp_path, short, "--write-bag", out)[0] == 0
@@ -348,7 +346,9 @@ def test_a_reader_that_knows_no_types_reads_them_from_the_written_bag(
     assert counts == {t: read.references[name].value.size for t, name in wanted.items()}
 
 
-def test_an_estimate_in_the_original_gives_way_to_the_new_one(short: Path, tmp_path: Path) -> None:
+def test_estimates_in_the_original_are_replaced_by_the_new_ones(
+    short: Path, tmp_path: Path
+) -> None:
     once, twice = tmp_path / "once", tmp_path / "twice"
     assert run(tmp_path, short, "--write-bag", once)[0] == 0
     assert run(tmp_path, once, "--write-bag", twice)[0] == 0
@@ -359,7 +359,7 @@ def test_an_estimate_in_the_original_gives_way_to_the_new_one(short: Path, tmp_p
     assert counts[0] == counts[1]
 
 
-def test_a_bag_is_never_written_over(
+def test_a_bag_is_never_overwritten(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -369,7 +369,7 @@ def test_a_bag_is_never_written_over(
     assert list(out.iterdir()) == []
 
 
-def test_the_bags_of_several_lie_side_by_side(
+def test_several_written_bags_lie_in_one_folder(
     recording: Recording, short: Path, tmp_path: Path
 ) -> None:
     shorter = write(tmp_path / "shorter", recording, until_s=2.0)
@@ -395,7 +395,7 @@ def test_a_prefix_chooses_one_of_several_robots(
     one_line(capsys, ["no topic /cdrj/motor_states", "/left/cdrj/motor_states"])
 
 
-def test_a_window_leaves_the_estimate_as_it_is_and_compares_less(
+def test_a_window_restricts_the_comparison_but_not_the_estimate(
     short: Path, tmp_path: Path
 ) -> None:
     whole, part = (
@@ -435,7 +435,7 @@ def test_without_uncertainty_there_is_neither_coverage_nor_a_deviation(
         (["--limits", "/no/such/file"], ["/no/such/file cannot be read"]),
     ],
 )
-def test_options_that_make_no_sense_are_one_line(
+def test_invalid_options_are_refused_in_one_line(
     short: Path,
     arguments: list[str],
     words: list[str],
@@ -446,7 +446,7 @@ def test_options_that_make_no_sense_are_one_line(
     one_line(capsys, words)
 
 
-def test_header_stamps_of_another_clock_are_no_matter(recording: Recording, tmp_path: Path) -> None:
+def test_log_times_of_another_clock_do_not_matter(recording: Recording, tmp_path: Path) -> None:
     late = write(tmp_path / "late", recording, delay_ns=1_000_000 * SECONDS)
     code, figures = run(tmp_path, late)
     assert code == 0
@@ -467,7 +467,7 @@ def test_velocities_alone_are_no_angles(tmp_path: Path, capsys: pytest.CaptureFi
     one_line(capsys, ["/cdrj/motor_states has no motor angles", "100 malformed messages"])
 
 
-def test_an_empty_bag_is_refused_by_what_it_lacks(
+def test_an_empty_bag_is_refused_with_the_missing_topic(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with BagWriter(tmp_path / "bag"):

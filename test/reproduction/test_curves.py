@@ -57,7 +57,7 @@ def test_an_arch_bulges_up_and_a_trough_down() -> None:
     # a parabola at 0 above its values at 10 % and 90 % of the range, x = -+0.8
     assert curves.bulge(angle, 2.0 - angle**2) == pytest.approx(0.64, abs=2e-3)
     assert curves.bulge(angle, 2.0 + angle**2) == pytest.approx(-0.64, abs=2e-3)
-    # a slope has no bulge, but for the grid
+    # a slope has no bulge, except for the grid's resolution
     assert curves.bulge(angle, 2.0 + 3.0 * angle) == pytest.approx(0.0, abs=1e-2)
 
 

@@ -44,14 +44,14 @@ def test_forces_draw_an_m_in_the_upper_cable_and_a_w_in_the_lower(study: Study, 
         for pattern in (NODE_3, WINCH):
             upper = seen_by(result, pattern.format("upper"))
             lower = seen_by(result, pattern.format("lower"))
-            # one arch a stroke in the upper cable, one trough a stroke in the lower
+            # one arch per stroke in the upper cable, one trough per stroke in the lower
             assert min(upper["bulge_down"], upper["bulge_up"]) > 0.9
             assert max(lower["bulge_down"], lower["bulge_up"]) < -0.6
         assert seen_by(result, NODE_3.format("upper"))["humps"] == 2
         assert seen_by(result, NODE_3.format("lower"))["humps"] == 2
 
 
-def test_element_8_bulges_the_same_way_if_less(study: Study) -> None:
+def test_element_8_bulges_in_the_same_direction_but_less(study: Study) -> None:
     for result in study.results:
         for cable, sign in zip(CABLES, (1.0, -1.0), strict=True):
             last = of_rig(result, LAST.format(cable))
@@ -62,7 +62,7 @@ def test_element_8_bulges_the_same_way_if_less(study: Study) -> None:
     assert of_rig(study.results[0], LAST.format("upper"))["humps"] == 2
 
 
-def test_loops_run_the_way_friction_turns_them(study: Study) -> None:
+def test_loops_run_in_the_direction_that_friction_implies(study: Study) -> None:
     for result in study.results:
         for pattern in (WINCH, NODE_3):
             # towards the winch the upper cable pulls while the joint rises, the lower one yields
@@ -91,7 +91,7 @@ def test_the_higher_preload_has_the_smaller_relative_hysteresis(study: Study) ->
             name = pattern.format(cable)
             before, after = (of_rig(r, name)["relative_hysteresis"] for r in (low, high))
             assert after < 0.9 * before
-    # element 8: clear in the lower cable only; in the upper it stays what it was
+    # element 8: clearly smaller in the lower cable only; nearly unchanged in the upper
     lower, upper = LAST.format("lower"), LAST.format("upper")
     assert (
         of_rig(high, lower)["relative_hysteresis"] < 0.5 * of_rig(low, lower)["relative_hysteresis"]
@@ -163,7 +163,7 @@ def test_the_largest_errors_of_element_8_lie_at_the_turns_of_the_joint(study: St
         assert left["largest_s_from_turn"] < 0.2
 
 
-def test_what_friction_errs_against_the_cells_is_their_noise(study: Study) -> None:
+def test_the_error_of_friction_against_the_cells_is_their_noise(study: Study) -> None:
     told = study_module.numbers(study)["experiments"]
     for result in study.results:
         for cable in CABLES:
@@ -175,7 +175,7 @@ def test_what_friction_errs_against_the_cells_is_their_noise(study: Study) -> No
         assert seen == pytest.approx(noise, rel=0.2)
 
 
-def test_the_same_rho_is_the_same_estimate_whatever_it_is_called(study: Study) -> None:
+def test_equal_values_of_rho_give_equal_estimates(study: Study) -> None:
     assert COMMON_RHO == (0.2, 0.2)
     for result in study.results:
         again = result.choices["rho = 0.2 for both cables"]
@@ -197,7 +197,9 @@ def test_every_choice_of_the_source_moves_the_estimate_and_lugre_drifts(study: S
         assert lugre > 3.0 * ours
 
 
-def test_printed_lever_arm_is_worth_newtons_and_printed_inertia_nothing(study: Study) -> None:
+def test_the_printed_lever_arm_changes_tensions_by_newtons_the_printed_inertia_hardly(
+    study: Study,
+) -> None:
     for result in study.results:
         assert forward_change(result, CORRECTED, 8) == (0.0, 0.0)
         lever = forward_change(result, PRINTED_LEVER, 8)

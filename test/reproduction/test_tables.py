@@ -55,7 +55,7 @@ def test_transmissions_are_those_computed_independently() -> None:
         assert ours[0] == pytest.approx(eta_r, abs=5e-6)
         assert ours[1] == pytest.approx(at_rest, abs=5e-5)
         assert ours[2] == pytest.approx(fast, abs=5e-5)
-        assert ours[1] < ours[3] < ours[0], "(43) the other way round"
+        assert ours[1] < ours[3] < ours[0], "(43) with its inequalities reversed"
     assert len(pulleys(ROBOT).rows) == 7
     assert sum(ours[1] < 0.8 for ours in found) == 4
 

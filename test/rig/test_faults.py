@@ -61,7 +61,7 @@ def test_a_fault_loosens_its_own_cable_alone(robots: Robots, kind: str, sound: T
 
 
 @pytest.mark.parametrize("kind", ["slack", "snap", "slip"])
-def test_no_encoder_sees_a_fault(robots: Robots, kind: str, sound: Truth) -> None:
+def test_no_encoder_measures_a_fault(robots: Robots, kind: str, sound: Truth) -> None:
     broken = _followed(robots, Fault(kind, AT, cable="lower"))
     np.testing.assert_array_equal(broken.motor_angle, sound.motor_angle)
     np.testing.assert_array_equal(broken.joint_angle, sound.joint_angle)
@@ -71,10 +71,10 @@ def test_no_encoder_sees_a_fault(robots: Robots, kind: str, sound: Truth) -> Non
     told = run(model, initial_state(model), samples)[1].values[:, model.layout.tension]
     error = np.abs(told - broken.tension)
     assert error[BEFORE].max() < 1e-6
-    assert error[AFTER].max() > 3.0, "the estimator goes on as if nothing had happened"
+    assert error[AFTER].max() > 3.0, "the estimator does not notice the fault"
 
 
-def test_a_snap_takes_away_what_its_length_was_worth(robots: Robots) -> None:
+def test_a_snap_reduces_the_tension_by_stiffness_times_its_length(robots: Robots) -> None:
     robot = robots.prototype("none")
     amount = 1e-3
     snapped = _followed(robots, Fault("snap", AT, amount, "lower"), robot=robot)
@@ -96,7 +96,7 @@ def test_a_slipping_drum_pays_out_radius_times_angle(robots: Robots) -> None:
     robot = robots.prototype("none")
     slipped = _followed(robots, Fault("slip", AT, 0.1, "upper"), robot=robot)
     snapped = _followed(robots, Fault("snap", AT, 0.1 * 0.015, "upper"), robot=robot)
-    # both put the same material in, but for the strain at which the drum holds it
+    # both release the same material, except for the strain of the cable on the drum
     np.testing.assert_allclose(slipped.tension[AFTER], snapped.tension[AFTER], atol=0.1)
     assert slipped.unseen[-1, 0] == pytest.approx(-0.1)
 
@@ -110,13 +110,13 @@ def test_a_lost_preload_leaves_the_cable_slack_in_part_of_the_motion(robots: Rob
     assert truth.tension[:, UPPER].min() > 0.0, "the cable that carries the load stays taut"
 
 
-def test_a_balanced_rig_makes_up_for_a_snap_with_its_motor(robots: Robots) -> None:
+def test_the_motor_of_a_balanced_rig_compensates_a_snap(robots: Robots) -> None:
     sound, broken = _balanced(robots), _balanced(robots, Fault("snap", AT, cable="upper"))
     settled = TIME > AT + 0.5
     assert np.abs(broken.imbalance[settled]).max() < 1e-3
     then = (TIME > AT + 0.05) & (TIME < AT + 0.3)
     turned = broken.motor_angle[then, 0] - sound.motor_angle[then, 0]
-    assert turned.min() > 0.05, "it winds in what gave way"
+    assert turned.min() > 0.05, "it winds in the released cable"
     assert any("unbalanced by up to" in note for note in broken.notes)
     assert not sound.notes
 

@@ -39,7 +39,7 @@ def _frictionless(robot: Robot) -> Robot:
 
 
 @pytest.mark.parametrize("name", ["prototype", "finger", "hoist"])
-def test_contact_cells_leave_the_geometry_as_it_is(robots: Robots, name: str) -> None:
+def test_contact_cells_keep_the_geometry(robots: Robots, name: str) -> None:
     robot = getattr(robots, name)()
     divided = divide(robot, 6)
     assert not divided.whole
@@ -56,7 +56,7 @@ def test_contact_cells_leave_the_geometry_as_it_is(robots: Robots, name: str) ->
         np.testing.assert_allclose(wraps, wraps[:, :1] * np.ones(6), rtol=1e-12)
 
 
-def test_cables_whose_spans_depend_on_two_joints_at_once_stay_whole_and_that_is_said(
+def test_cables_whose_spans_depend_on_two_joints_at_once_stay_whole_and_a_note_says_so(
     robots: Robots,
 ) -> None:
     divided = divide(robots.platform(), 8)
@@ -80,7 +80,7 @@ def test_following_motors_keep_the_preload_of_frictionless_cables(
 
 
 @pytest.mark.parametrize("name", ["prototype", "finger", "platform"])
-def test_friction_parts_the_tensions_of_a_cable_when_it_moves(robots: Robots, name: str) -> None:
+def test_friction_makes_the_tensions_along_a_moving_cable_differ(robots: Robots, name: str) -> None:
     robot = getattr(robots, name)()
     truth = follow(robot, TIME, _moving(robot), cells=4)
     count = len(robot.cables[0].nodes) - 1
@@ -98,7 +98,7 @@ def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots)
     coupled = replace(robot, cables=cables, motors=robot.motors[:1])
     joints = 0.2 * _moving(coupled)
     truth = follow(coupled, TIME, joints, cells=2)
-    assert [note for note in truth.notes if "no motor takes up" in note]
+    assert [note for note in truth.notes if "no motor compensates" in note]
     assert np.ptp(truth.tension[:, 0]) > 1.0
 
 
@@ -149,7 +149,7 @@ def test_a_weight_is_balanced_wherever_it_starts(robots: Robots) -> None:
     assert truth.motor_angle[0, 0] + 0.5 > 0.3 / 0.03, "ten radians from the reference"
 
 
-def test_more_payload_parts_the_two_cables_further(robots: Robots) -> None:
+def test_more_payload_increases_the_difference_of_the_two_cables(robots: Robots) -> None:
     angle = sine(0.3, 0.5, 0.2)(TIME).angle
     parts = []
     for mass in (0.0, 0.3, 0.6):
@@ -173,11 +173,13 @@ def test_a_mirrored_motion_without_gravity_mirrors_the_tensions(robots: Robots) 
     np.testing.assert_allclose(there.tension[:, :8], back.tension[:, 8:], atol=2e-3)
 
 
-def test_a_motion_faster_than_its_motor_is_refused_or_its_waits_are_told(robots: Robots) -> None:
+def test_a_motion_faster_than_its_motor_is_refused_or_a_note_reports_its_waits(
+    robots: Robots,
+) -> None:
     robot = robots.prototype()
     angle = sine(0.5, 0.5, 0.2)(TIME).angle
     torque = make_load("rolling", 0.3, gravity=0.0).torque(*differences(TIME, angle))
-    with pytest.raises(UsageError, match=r"asks the motor for .* it may turn at 5 rad/s"):
+    with pytest.raises(UsageError, match=r"needs a motor speed of .* above the limit of 5 rad/s"):
         simulate(robot, TIME, angle, torque, 5.0, cells=2)
     slow = simulate(robot, TIME, angle, torque, 1.0, cells=2)
     assert np.abs(np.diff(slow.motor_angle[:, 0])).max() <= 1e-3 * (1.0 + 1e-9)

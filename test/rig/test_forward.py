@@ -24,7 +24,7 @@ TIME = np.arange(4_001) / 1000.0
 
 
 def _total_energy(robot: Robot, truth: Truth, load: Load) -> np.ndarray:
-    """Kinetic, of gravity and of the cables [J], every tenth sample, ends left out."""
+    """Kinetic, gravitational and elastic energy [J] of every tenth sample, without the ends."""
     angle = truth.joint_angle[:, 0]
     speed = np.gradient(angle, truth.time)
     total = energy(load.coefficients(), angle, speed)
@@ -53,7 +53,7 @@ def test_a_frictionless_swing_keeps_its_energy(robots: Robots) -> None:
     assert abs(drift) < 1e-3 * np.ptp(swung)
 
 
-def test_its_amplitude_does_not_fall_without_friction_and_does_with_it(
+def test_the_amplitude_decreases_only_with_friction(
     robots: Robots,
 ) -> None:
     def amplitudes(robot: Robot) -> tuple[float, float]:
@@ -66,13 +66,13 @@ def test_its_amplitude_does_not_fall_without_friction_and_does_with_it(
     assert late < 0.9 * early
 
 
-def test_friction_and_damping_only_take_energy_out(robots: Robots) -> None:
+def test_friction_and_damping_only_dissipate_energy(robots: Robots) -> None:
     robot = robots.prototype()
     for load in (LOAD, make_load("rolling", 0.3, damping=0.1)):
         truth = swing(robot, TIME, STILL, load, cells=2, start=0.03)
         total = _total_energy(robot, truth, load)
         assert total[-1] < total[0]
-        bristles = 0.02 * (total[0] - total[-1])  # they give some back within a swing
+        bristles = 0.02 * (total[0] - total[-1])  # they return some energy within a swing
         assert np.diff(total).max() < bristles
 
 
@@ -91,7 +91,7 @@ def test_a_damped_joint_settles_where_the_balanced_rig_would_hold_it(
     np.testing.assert_allclose(held.motor_angle[:, 0], wound, atol=1e-6)
 
 
-def test_forward_returns_the_motion_for_which_inverse_found_the_motor(
+def test_forward_dynamics_return_the_motion_that_was_balanced(
     robots: Robots,
 ) -> None:
     robot = robots.prototype()
@@ -104,7 +104,7 @@ def test_forward_returns_the_motion_for_which_inverse_found_the_motor(
     assert np.abs(forward.tension - inverse.tension).mean() < 0.2
 
 
-def test_a_joint_let_go_where_it_is_balanced_stays_there(robots: Robots) -> None:
+def test_a_joint_released_in_equilibrium_stays_there(robots: Robots) -> None:
     for robot in (robots.prototype(), robots.prototype("none")):
         angle = swing(robot, TIME[:500], STILL[:500], LOAD, cells=4).joint_angle
         assert np.ptp(angle) < 1e-9
@@ -150,7 +150,7 @@ def test_one_joint_of_several_may_be_free(robots: Robots) -> None:
 
 
 def test_a_load_that_no_preload_holds_is_refused(robots: Robots) -> None:
-    with pytest.raises(UsageError, match="hold the load in no pose of elbow"):
+    with pytest.raises(UsageError, match="hold the load in any pose of elbow"):
         swing(robots.prototype(), TIME, STILL, make_load("rolling", 300.0), cells=1)
 
 

@@ -81,7 +81,7 @@ def assert_same_digits(found: list[np.ndarray], truth: Truth) -> None:
         np.testing.assert_array_equal(column, wanted)
 
 
-def test_the_same_motor_angles_give_the_digits_of_the_whole_simulation(robots: Robots) -> None:
+def test_the_same_motor_angles_give_the_bits_of_the_whole_simulation(robots: Robots) -> None:
     robot = robots.prototype()
     motors = follow_joints(prepare(robot), sine(0.5, 0.5)(TIME).angle[:, None]).motor_angle
     truth = swing(robot, TIME, motors, LOAD, cells=8)
@@ -92,7 +92,7 @@ def test_the_same_motor_angles_give_the_digits_of_the_whole_simulation(robots: R
     assert_same_digits(run.truth(), truth)
 
 
-def test_faults_by_command_give_the_digits_of_faults_by_plan(robots: Robots) -> None:
+def test_commanded_faults_give_the_bits_of_planned_faults(robots: Robots) -> None:
     robot = robots.prototype()
     motors = follow_joints(prepare(robot), sine(0.4, 0.5)(TIME).angle[:, None]).motor_angle
     planned = (Fault("snap", 0.6, 5e-4, "lower"), Fault("slip", 0.4, cable="upper"))
@@ -119,7 +119,7 @@ def test_a_robot_of_several_joints_and_motors_moves_as_the_whole_simulation_move
     for k in range(1, TIME.size):
         rig.step(motors[k])
         rows.append(rig.tension)
-    # ends that may break have drums of their own, which routed cables feel in the last digits
+    # the additional drums for possible faults change routed cables in the last digits
     np.testing.assert_allclose(np.array(rows), truth.tension, atol=1e-7)
 
 
@@ -172,7 +172,7 @@ def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robot
     assert np.ptp(kept) < 0.01 * np.ptp(work)
 
 
-def test_a_push_does_the_work_that_the_joint_gains_and_friction_only_takes(robots: Robots) -> None:
+def test_most_of_the_work_of_a_push_becomes_kinetic_energy(robots: Robots) -> None:
     robot = robots.prototype("none")
     load = make_load("rolling", 0.3)
     rig = live(robot, load, cells=1)
@@ -190,7 +190,7 @@ def test_a_push_does_the_work_that_the_joint_gains_and_friction_only_takes(robot
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_stop_ends_the_motion_and_lets_the_joint_go_again(robots: Robots, side: float) -> None:
+def test_a_stop_ends_the_motion_and_releases_the_joint(robots: Robots, side: float) -> None:
     rig = live(robots.prototype(), lower=-0.02, upper=0.02)
     rig.push(side * 60.0, 0.3)
     for _ in range(200):
@@ -269,7 +269,7 @@ def test_a_cut_cable_never_pulls_again(robots: Robots, cable: str) -> None:
     assert [fault.cable for fault in run.rig.faults] == [cable]
 
 
-def test_a_reset_repairs_everything(robots: Robots) -> None:
+def test_a_reset_removes_faults_and_pushes(robots: Robots) -> None:
     run = run_of(robots.prototype()).tell("velocity", 1.0).steps(200)
     sound = run.truth()
     run.rig.break_cable("cut", "upper")

@@ -56,7 +56,7 @@ def turn(drives: Drives, steps: int, first: int = 0) -> np.ndarray:
         ("effort", [FLEXOR], [-1e6], "out of range"),
     ],
 )
-def test_a_command_that_cannot_be_is_refused_with_its_cause(
+def test_an_invalid_command_is_refused_with_its_cause(
     limits: DriveLimits, mode: Any, names: Any, values: Any, cause: str
 ) -> None:
     with pytest.raises(CommandError) as caught:
@@ -104,7 +104,7 @@ def test_a_message_of_states_commands_in_one_mode(
         ([0.1], [[0.0]], [[NAN]], "not finite"),
     ],
 )
-def test_a_trajectory_that_cannot_be_is_refused_with_its_cause(
+def test_an_invalid_trajectory_is_refused_with_its_cause(
     limits: DriveLimits, times: Any, positions: Any, velocities: Any, cause: str
 ) -> None:
     with pytest.raises(CommandError) as caught:
@@ -164,7 +164,7 @@ def test_the_first_command_ends_the_program(limits: DriveLimits) -> None:
     np.testing.assert_allclose(turn(drives, 50)[-1], 0.05)
 
 
-def test_whatever_is_commanded_nothing_comes_out_that_is_not_a_number(robots: Robots) -> None:
+def test_every_output_stays_finite_whatever_is_commanded(robots: Robots) -> None:
     robot = robots.finger()
     limits = drive_limits(robot, 1000.0, timeout_s=0.02)
     load = make_load("pendulum", 0.05, 0.01)

@@ -42,7 +42,7 @@ def test_encoders_give_the_counts_of_a_whole_recording(robots: Robots) -> None:
     for a, axis in enumerate(motors):
         wanted = read_encoder(encoder, times, TIME, ANGLE[:, a], None, axis.sensor)
         same = found[:, a] == wanted
-        assert same.mean() > 0.999, "but where a rounding decides between two counts"
+        assert same.mean() > 0.999, "except where rounding decides between two counts"
 
 
 def test_a_reading_arrives_after_its_latency_with_its_own_stamp(robots: Robots) -> None:
@@ -58,7 +58,7 @@ def test_a_reading_arrives_after_its_latency_with_its_own_stamp(robots: Robots) 
     assert arrived.index(1) == 13, "0.3 ms of phase and 12.3 ms of latency"
 
 
-def test_noise_jitter_and_losses_are_as_large_as_asked_for(robots: Robots) -> None:
+def test_noise_jitter_and_losses_have_the_requested_size(robots: Robots) -> None:
     encoder = Encoder(2**22, 1000.0, noise=1e-3, jitter_s=1e-4, dropout=0.1, burst_s=0.005)
     readings = fed(LiveEncoders(encoder, robots.finger().motors, [3]), np.zeros_like(ANGLE))
     assert 0.8 < len(readings) / TIME.size < 0.97

@@ -33,7 +33,7 @@ every_motion = pytest.mark.parametrize("name", MOTIONS)
 def test_a_motion_stays_within_its_range(name: str) -> None:
     angle = MOTIONS[name](TIME).angle
     assert np.abs(angle - CENTRE).max() <= AMPLITUDE * (1.0 + 1e-9)
-    assert np.ptp(angle) > 0.8 * AMPLITUDE, "and uses it"
+    assert np.ptp(angle) > 0.8 * AMPLITUDE, "the motion uses its range"
 
 
 @every_motion
@@ -95,7 +95,7 @@ def test_a_dwelling_motion_rests_half_of_the_time() -> None:
     assert set(np.abs(rests)) >= {0.0, 0.5, 1.0}
 
 
-def test_random_motion_holds_no_frequency_above_its_band() -> None:
+def test_random_motion_has_no_frequency_above_its_band() -> None:
     time = np.arange(200_001) / 1000.0
     angle = motion.random(1.0, FREQUENCY, 11)(time).angle[10_000:]
     power = np.abs(np.fft.rfft(angle * np.hanning(angle.size))) ** 2
@@ -118,7 +118,7 @@ def test_a_recorded_motion_is_followed_to_within_its_counts() -> None:
     expected = np.interp(times[after] - 0.5, times, angle)  # the blend costs half a second
     assert np.abs(course.angle[after] - expected).max() < 2.0 * counts
     bend = np.abs(course.acceleration[after][:-500]).max()
-    assert bend == pytest.approx(0.5 * (0.4 * np.pi) ** 2, rel=0.1), "counting is smoothed away"
+    assert bend == pytest.approx(0.5 * (0.4 * np.pi) ** 2, rel=0.1), "smoothing removes the counts"
 
 
 def test_a_recording_that_is_too_short_or_disordered_is_refused() -> None:

@@ -35,7 +35,7 @@ def test_every_reading_is_a_whole_number_of_counts() -> None:
         np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
 
 
-def test_noise_and_bias_have_the_size_that_was_asked_for() -> None:
+def test_noise_and_bias_have_the_requested_size() -> None:
     encoder = replace(ENCODER, noise=2e-3, bias=0.01)
     error = read_encoder(encoder, TIME, TIME, ANGLE, _generator()) - ANGLE
     assert error.mean() == pytest.approx(0.01, abs=1e-4)
@@ -53,7 +53,7 @@ def test_jitter_moves_stamps_and_keeps_their_order() -> None:
 
 
 @pytest.mark.parametrize("burst", [0.0, 5.0, 50.0])
-def test_the_share_of_readings_that_was_asked_for_is_lost(burst: float) -> None:
+def test_the_requested_share_of_readings_is_lost(burst: float) -> None:
     share = 0.1
     gone = lost(400_000, share, burst, _generator())
     assert gone.mean() == pytest.approx(share, rel=0.12)
@@ -77,7 +77,7 @@ def test_seeds_reproduce_and_differ() -> None:
     assert one.stamps.size != other.stamps.size or np.any(one.stamps != other.stamps)
 
 
-def test_an_ideal_sensor_asks_its_generator_for_nothing() -> None:
+def test_an_ideal_sensor_draws_no_random_numbers() -> None:
     generator = _generator()
     plan = schedule(ENCODER, 0.0, 1.0, generator)
     read_encoder(ENCODER, plan.times, TIME, ANGLE, generator)
@@ -89,7 +89,7 @@ def test_noise_without_a_generator_is_an_error_of_the_caller() -> None:
         read_encoder(replace(ENCODER, noise=1.0), TIME, TIME, ANGLE)
 
 
-def test_a_reading_is_what_the_robot_file_turns_back_into_the_angle() -> None:
+def test_the_robot_file_converts_a_reading_back_into_the_angle() -> None:
     sensor = Sensor(scale=-0.5, offset=0.3)
     read = read_encoder(ENCODER, TIME, TIME, ANGLE, sensor=sensor)
     assert np.abs(sensor.scale * read + sensor.offset - ANGLE).max() <= 0.25 * STEP + 1e-12

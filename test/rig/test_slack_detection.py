@@ -29,7 +29,8 @@ SLACK_N = 0.1
 COUNT_N = 0.31
 """Tension that corresponds to one count of the joint encoder [N]."""
 HEAVY = ((0.1, 16.0, 8), (0.3, 8.0, 16), (0.5, 6.0, 16))
-"""Sines in which 0.9 kg make the lower cable slack: frequency [Hz], duration [s], least changes."""
+"""Sines in which 0.9 kg make the lower cable slack: frequency [Hz], duration [s], and the smallest
+number of changes of slack."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Watched:
     """A motion of the rig and its estimates, by sample and element."""
 
     step_s: float
-    """Of the truth."""
+    """Time step of the truth [s]."""
     tension: np.ndarray
     """True [N], every ``step_s``."""
     seen_at: np.ndarray
@@ -51,11 +52,11 @@ class Watched:
         return self.tension <= SLACK_N
 
     def then(self, truth: np.ndarray) -> np.ndarray:
-        """Rows of what is true, at the estimates' stamps."""
+        """Rows of the truth at the estimates' stamps."""
         return truth[np.rint(self.seen_at / self.step_s).astype(int)]
 
     def around(self, truth: np.ndarray) -> np.ndarray:
-        """Where something is true of an element within ``ALLOWED_S``, at the estimates' stamps."""
+        """Whether ``truth`` holds for an element within ``ALLOWED_S`` of the estimates' stamps."""
         window = np.ones(2 * round(ALLOWED_S / self.step_s) + 1)
         near = [np.convolve(column, window, "same") > 0.5 for column in truth.T]
         return self.then(np.stack(near, axis=1))
@@ -76,7 +77,7 @@ def watch(
     step_s: float = 1e-3,
     motor_speed: float = 60.0,
 ) -> Watched:
-    """Move the rig, and the estimator by its encoders alone."""
+    """Simulate the rig and estimate from its encoders alone."""
     model = load_model(ROBOT, preload)
     robot = model.robot
     assert {cable.slack_tension for cable in robot.cables} == {SLACK_N}
@@ -118,7 +119,7 @@ def test_slack_is_declared_within_twenty_milliseconds(
         slack = watched.slack[:, e]
         for k in np.flatnonzero(slack[1:] & ~slack[:-1]) + 1:
             if slack[max(k - clear, 0) : k].any():
-                continue  # it has only just been slack
+                continue  # it was slack shortly before
             after = watched.seen_at - k * watched.step_s
             flagged = after[watched.flags[:, e] & (after > -0.15)]
             assert abs(flagged[0]) <= ALLOWED_S, (e, k)
@@ -185,7 +186,7 @@ def test_flag_and_truth_differ_only_within_twenty_milliseconds_of_a_change(
 def test_no_alarm_in_ten_minutes_of_motions_that_leave_every_cable_taut(
     preload: str, load_kg: float, motion: Motion, lowest: float
 ) -> None:
-    """Ten motions of a minute, nothing repeated but what a periodic motion repeats itself.
+    """Ten motions of one minute each; nothing repeats except within a periodic motion.
 
     Truth every 4 ms, encoders at 1000 and 500 Hz.
     """
@@ -205,7 +206,7 @@ def test_no_alarm_in_ten_minutes_of_motions_that_leave_every_cable_taut(
     ],
     ids=["sine", "sine, heavier", "random", "random, heavier"],
 )
-def test_a_cable_that_skims_slack_is_judged_to_a_count_of_the_encoder(
+def test_a_nearly_slack_cable_is_classified_to_within_a_count_of_the_encoder(
     load_kg: float, motion: Motion
 ) -> None:
     """No detection time is guaranteed where a change of 0.1 N takes longer than 20 ms."""

@@ -57,7 +57,7 @@ def test_hysteresis_costs_work_in_every_cycle(truth: Truth) -> None:
 
 
 def _integral(y: np.ndarray, x: np.ndarray) -> float:
-    """By trapezoids."""
+    """Integral by the trapezoidal rule."""
     return float(np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(x)))
 
 

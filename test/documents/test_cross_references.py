@@ -1,0 +1,97 @@
+"""Files, options, make targets and functions that documents and comments name must exist."""
+
+import importlib
+import re
+import subprocess
+from argparse import ArgumentParser
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cdrj_ros.commands import check_robot, identify, reproduce, simulate_options, validate
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
+KINDS = {".py", ".md", ".yaml", ".sh", ".xml", ".msg", ".srv", ".toml", ".txt", ".html"}
+FOLDERS = "bags|bench|cdrj_ros|config|docs|examples|launch|msg_defs|requirements|test|tools"
+FILE = re.compile(
+    rf"(?<![\w/.:$}}-])((?:{FOLDERS})/[\w./-]*\w\.(?:py|md|yaml|json|xml|sh|txt|msg|png))\b"
+)
+MODULE = re.compile(r"`([a-z_]+/[a-z_]+\.py)`")
+PARSERS: dict[str, Callable[[], ArgumentParser]] = {
+    "check_robot": check_robot._parser,
+    "identify": identify._parser,
+    "reproduce": reproduce._parser,
+    "simulate": simulate_options.parser,
+    "validate": validate._parser,
+}
+
+
+def sources() -> list[Path]:
+    """Text files of the project; without a repository, as in an archive, the pages alone."""
+    done = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    names = done.stdout.split("\0") if done.returncode == 0 else []
+    found = (ROOT / name for name in names if Path(name).suffix in KINDS)
+    return sorted({*PAGES, *(path for path in found if path.is_file())})
+
+
+def test_files_that_a_document_a_comment_or_a_docstring_names_exist() -> None:
+    missing, count = [], 0
+    for path in sources():
+        text = path.read_text()
+        named = [(name, (ROOT,)) for name in FILE.findall(text)]
+        named += [(name, (ROOT, ROOT / "cdrj_ros")) for name in MODULE.findall(text)]
+        count += len(named)
+        for name, folders in named:
+            if not any((folder / name).exists() for folder in folders):
+                missing.append(f"{path.relative_to(ROOT)}: {name}")
+    assert missing == []
+    assert count > 50
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_selected_tests_exist(page: Path) -> None:
+    for name, word in re.findall(r"pytest .*?(test/\S+\.py)(?: -k (\w+))?", page.read_text()):
+        assert word in "".join(re.findall(r"def (test_\w+)", (ROOT / name).read_text())), word
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_options_of_commands_on_a_page_exist(page: Path) -> None:
+    blocks = re.findall(r"```bash\n(.*?)```", page.read_text(), re.DOTALL)
+    for line in re.sub(r"\\\n", " ", "".join(blocks)).splitlines():
+        words = line.partition(" #")[0].removeprefix("ros2 run cdrj_ros ").split()
+        if words and words[0] in PARSERS:
+            known = PARSERS[words[0]]()._option_string_actions
+            for option in (word for word in words if word.startswith("--")):
+                assert option.partition("=")[0] in known, f"{words[0]} has no {option}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_targets_of_make_on_a_page_exist(page: Path) -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    for target in re.findall(r"(?:`|^)make ([a-z]+)", page.read_text(), re.MULTILINE):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_functions_that_a_page_names_by_their_module_exist(page: Path) -> None:
+    rooms = "|".join(path.parent.name for path in (ROOT / "cdrj_ros").glob("*/__init__.py"))
+    for name in re.findall(rf"`((?:{rooms})\.[a-z_]+\.\w+(?:\.\w+)?)`", page.read_text()):
+        room, module, *attributes = name.split(".")
+        found = importlib.import_module(f"cdrj_ros.{room}.{module}")
+        for attribute in attributes:
+            found = getattr(found, attribute)
+
+
+def test_the_pages_contain_what_the_tests_above_look_for() -> None:
+    texts = "".join(page.read_text() for page in PAGES)
+    for pattern in (
+        r"-k \w+",
+        r"`make [a-z]",
+        r"\n(identify|validate|simulate) .* --",
+        r"`model\.\w+\.",
+    ):
+        assert len(re.findall(pattern, texts)) > 1, pattern
