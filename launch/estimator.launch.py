@@ -115,6 +115,7 @@ def _nodes(context: LaunchContext) -> list[SetEnvironmentVariable | Node]:
     environment = []
     if given["discovery_range"]:
         environment.append(SetEnvironmentVariable(RANGE, given["discovery_range"]))
+    state = ["--state-file", given["state_file"]] if given["state_file"] else []
     files = [str(Path(given["params_file"]).resolve())] if given["params_file"] else []
     return [
         *environment,
@@ -123,7 +124,7 @@ def _nodes(context: LaunchContext) -> list[SetEnvironmentVariable | Node]:
             executable="estimator",
             namespace=given["namespace"],
             output="screen",
-            arguments=["--state-file", given["state_file"]] if given["state_file"] else [],
+            arguments=["--supervised", *state],
             ros_arguments=["--log-level", given["log_level"]] if given["log_level"] else [],
             parameters=[*files, parameters],
             remappings=[

@@ -4,6 +4,8 @@ Python runs signal handlers only between two bytecode instructions of the main t
 during a kernel, a compilation or the wait for a thread pool would therefore be handled late, and
 one during an import would print a traceback.  A watcher thread receives the signal immediately
 through the wakeup file descriptor and ends the process if the main thread has not ended in time.
+The installed executables start with SIGINT blocked, so that an interrupt while Python itself starts
+waits until ``run_interruptibly`` can handle it.
 """
 
 from __future__ import annotations
@@ -23,6 +25,9 @@ INTERRUPTED: Final = 130
 GRACE_S: Final = 1.0
 """Time for the main thread to end by itself after Ctrl-C [s]."""
 
+DEFERRED_S: Final = 0.8
+"""Additional time within ``deferring`` [s]."""
+
 SHOW_CURSOR: Final = "\x1b[?25h"
 """Terminal sequence that shows the cursor, which progress bars hide."""
 
@@ -35,6 +40,8 @@ class _Phase:
         """The command is being imported, so that no cleanup is needed."""
         self.deferred = 0
         """Nesting depth of ``deferring``."""
+        self.restore: Callable[[], None] | None = None
+        """Undoes a change of the terminal, see ``restoring``."""
         self.announced = False
         """Whether the line has been printed or is being printed."""
         self.announcing = threading.RLock()
@@ -57,12 +64,22 @@ def announce_interruption(name: str) -> None:
 
 @contextmanager
 def deferring() -> Iterator[None]:
-    """Within the block, the caller ends the command after an interrupt, not the watcher thread."""
+    """Give the caller ``DEFERRED_S`` longer to end the command by itself after an interrupt."""
     _PHASE.deferred += 1
     try:
         yield
     finally:
         _PHASE.deferred -= 1
+
+
+@contextmanager
+def restoring(restore: Callable[[], None]) -> Iterator[None]:
+    """Call ``restore`` if the process is ended within the block without unwinding the stack."""
+    before, _PHASE.restore = _PHASE.restore, restore
+    try:
+        yield
+    finally:
+        _PHASE.restore = before
 
 
 def run_interruptibly(name: str, load: Callable[[], Callable[[], int]]) -> NoReturn:
@@ -81,6 +98,7 @@ def run_interruptibly(name: str, load: Callable[[], Callable[[], int]]) -> NoRet
 
     signal.signal(signal.SIGINT, on_interrupt)
     _watch(name)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     sys.unraisablehook = _without_interrupts
     main = load()
     try:
@@ -94,12 +112,14 @@ def run_interruptibly(name: str, load: Callable[[], Callable[[], int]]) -> NoRet
 
 
 def _end(name: str) -> NoReturn:
+    if _PHASE.restore is not None:
+        _PHASE.restore()
     announce_interruption(name)
     os._exit(INTERRUPTED)
 
 
 def _watch(name: str) -> None:
-    """Start the thread that ends the process at most ``GRACE_S`` after an interrupt."""
+    """Start the thread that ends the process if it has not ended in time after an interrupt."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
@@ -107,11 +127,12 @@ def _watch(name: str) -> None:
     def watch() -> None:
         ended = threading.Event()
         while number := os.read(reader, 1):
-            if number[0] == signal.SIGINT and not _PHASE.deferred:
+            if number[0] == signal.SIGINT:
                 if not _PHASE.loading:
                     ended.wait(GRACE_S)
-                if not _PHASE.deferred:
-                    _end(name)
+                    if _PHASE.deferred:
+                        ended.wait(DEFERRED_S)
+                _end(name)
 
     threading.Thread(target=watch, name="interrupts", daemon=True).start()
 

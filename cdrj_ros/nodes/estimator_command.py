@@ -12,14 +12,21 @@ from rclpy.utilities import remove_ros_args
 from cdrj_ros.commands.shared import DONE, run_command
 from cdrj_ros.nodes.estimator import EstimatorNode
 from cdrj_ros.nodes.parameters import parameter_file
-from cdrj_ros.nodes.spinning import OneLineParser, ros_context, spin_until_stopped, starting
+from cdrj_ros.nodes.spinning import (
+    OneLineParser,
+    add_supervised_option,
+    exit_code,
+    ros_context,
+    spin_until_stopped,
+    starting,
+)
 
 
 def _arguments(arguments: list[str]) -> argparse.Namespace:
     parser = OneLineParser(
         prog="estimator",
-        usage="estimator [--state-file FILE] --ros-args -p robot:=FILE [-p timeout:=S] "
-        "[-r FROM:=TO] ...",
+        usage="estimator [--state-file FILE] [--supervised] --ros-args -p robot:=FILE "
+        "[-p timeout:=S] [-r FROM:=TO] ...",
         description="Tension of every cable element and force on every pulley from motor encoders "
         "and joint angles. Topics in the namespace /cdrj: in motor_states, joint_states, "
         "tension_sensors; out tensions, nodal_forces, efforts; /diagnostics. Services: ~/reset, "
@@ -33,6 +40,7 @@ def _arguments(arguments: list[str]) -> argparse.Namespace:
         "--print-parameters", action="store_true",
         help="print a parameter file with every parameter, its default, unit and range, and exit",
     )  # fmt: skip
+    add_supervised_option(parser)
     return parser.parse_args(arguments)
 
 
@@ -47,7 +55,7 @@ def _body(argv: Sequence[str]) -> int:
         with starting():
             node = EstimatorNode(own.state_file)
         spin_until_stopped(node, stop, node.write_state)
-    return DONE
+    return exit_code("estimator", stop, supervised=own.supervised)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import monotonic, perf_counter
@@ -46,6 +47,10 @@ NEWS_S: Final = 3.0
 
 SETTLE_S: Final = 2.0
 """Maximum time to wait for other subscribers, so that they do not miss messages [s]."""
+
+
+ANSWERS_S: Final = 0.5
+"""Maximum time to wait for answers in flight after a signal [s]."""
 
 
 class Ending(enum.Enum):
@@ -193,7 +198,8 @@ class Player:
         heard = run.finish()
         self.before += heard.tally
         self._run = Run(self.model)
-        if not run.heard_s and heard.tally.expected and ending is not Ending.GONE:
+        silent = not run.heard_s and heard.tally.expected > 0
+        if silent and ending is not Ending.GONE and not self._stop:
             self._refuse_silence(heard)
         return Played(
             heard, ending,
@@ -273,9 +279,14 @@ class Player:
         self.executor.spin_until_future_complete(room, timeout_sec=left_s)
 
     def _drain(self, playback: Playback, run: Run, watch: _Stopwatch) -> None:
-        """Wait for the answers in flight."""
+        """Wait for the answers in flight; after a signal for at most ``ANSWERS_S``."""
+        signalled_s = math.inf
         while run.under_way and not self._gone and run.trouble is None:
             now = perf_counter()
+            if self._stop:
+                signalled_s = min(signalled_s, now)
+                if now - signalled_s > ANSWERS_S:
+                    return
             if now >= self._chores_s:
                 watch.tick(now, playback)
                 self._do_chores(now, playback, run)

@@ -37,7 +37,7 @@ from cdrj_ros.nodes.qos import read_overrides, was_latched
 from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, wiring_of
 from cdrj_ros.nodes.replay_options import CLOCK_TOPIC, replay_parser
 from cdrj_ros.nodes.services import offer_services
-from cdrj_ros.nodes.spinning import StopRequest, ros_context, starting
+from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, starting
 from cdrj_ros.replay.agreement import preload_difference
 from cdrj_ros.replay.controls import KEYS, Controls, rate_in_words
 from cdrj_ros.replay.display import Display
@@ -248,7 +248,11 @@ def _play_and_report(
             if arguments.wait_for_all_acked is not None:
                 for topic in node.wait_for_acknowledgements(arguments.wait_for_all_acked):
                     display.say(f"not every listener of {topic} has acknowledged every message")
-    return _report(arguments, model, bags, outcomes, ending)
+    if stop.interrupted and not any(outcome.tally.sent for outcome in outcomes):
+        return exit_code("replay", stop, supervised=False)
+    code = _report(arguments, model, bags, outcomes, ending, hurried=stop.interrupted)
+    sys.stdout.flush()
+    return exit_code("replay", stop, supervised=False) or code
 
 
 def _agreed(arguments: argparse.Namespace, player: Player) -> Model:
@@ -272,7 +276,7 @@ def _keys(arguments: argparse.Namespace, keyboard: Keyboard) -> Iterator[bool]:
 
 def _report(
     arguments: argparse.Namespace, model: Model, bags: Sequence[Bag],
-    outcomes: Sequence[Outcome], ending: Ending,
+    outcomes: Sequence[Outcome], ending: Ending, *, hurried: bool,
 ) -> int:  # fmt: skip
     """Print what was played and the comparison with the references; returns the exit code."""
     comparisons = []
@@ -291,8 +295,13 @@ def _report(
     if any(comparison.channels for comparison in comparisons):
         errors = errors_of(comparisons)
         title = f"{model.robot.name}: estimator node against reference"
-        write_files(arguments, model, errors, title)
-        print_results(arguments, model, errors, title)
+        first = argparse.Namespace(json=arguments.json, html=None) if hurried else arguments
+        write_files(first, model, errors, title)
+        print_results(first, model, errors, title)
+        if hurried and arguments.html:  # it may take longer than the time left after Ctrl-C
+            sys.stdout.flush()
+            write_files(argparse.Namespace(json=None, html=arguments.html), model, errors, title)
+            say(f"report: {arguments.html}")
     else:
         print("no references in the bag: nothing to compare with; name topics with --reference")
     if ending is Ending.GONE:
@@ -303,7 +312,7 @@ def _report(
 
 @contextmanager
 def _second_signal_aborts(stop: StopRequest) -> Iterator[None]:
-    """The first Ctrl-C ends the playback, and the report follows; a second one exits at once."""
+    """The first Ctrl-C ends the playback and leaves time for the report; a second exits at once."""
 
     def on_signal(number: int, frame: FrameType | None) -> None:
         if stop:

@@ -18,7 +18,7 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.commands.shared import run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.nodes.diagnostics import diagnostic_array
@@ -26,7 +26,14 @@ from cdrj_ros.nodes.rig_commands import CommandListener
 from cdrj_ros.nodes.rig_declaring import declare_numbers, declare_text
 from cdrj_ros.nodes.rig_outputs import RigOutputs
 from cdrj_ros.nodes.rig_settings import changed_load, declare_rig_options, meant
-from cdrj_ros.nodes.spinning import OneLineParser, ros_context, spin_until_stopped, starting
+from cdrj_ros.nodes.spinning import (
+    OneLineParser,
+    add_supervised_option,
+    exit_code,
+    ros_context,
+    spin_until_stopped,
+    starting,
+)
 from cdrj_ros.rig.live import LiveRig
 from cdrj_ros.rig.live_commands import Command, Trajectory
 from cdrj_ros.rig.live_drives import Drives
@@ -272,21 +279,23 @@ class RigNode(Node):
 
 def _body(argv: Sequence[str]) -> int:
     arguments = ["rig", *argv]
+    parser = OneLineParser(
+        prog="rig",
+        usage="rig [--supervised] --ros-args -p robot:=FILE [-p motion:=sine] [-p NAME:=VALUE] ...",
+        description="A simulated robot in real time. Topics in the namespace /cdrj: in "
+        "commands/position, commands/velocity, commands/effort, motor_commands, "
+        "motor_trajectory; out motor_states, joint_states, on request tension_sensors, "
+        "truth/tensions, truth/states and /clock; /diagnostics. Services: ~/inject_fault, "
+        "~/push, ~/reset. Parameters: docs/rig_node.md.",
+    )
+    add_supervised_option(parser)
     with starting():
-        OneLineParser(
-            prog="rig",
-            usage="rig --ros-args -p robot:=FILE [-p motion:=sine] [-p NAME:=VALUE] ...",
-            description="A simulated robot in real time. Topics in the namespace /cdrj: in "
-            "commands/position, commands/velocity, commands/effort, motor_commands, "
-            "motor_trajectory; out motor_states, joint_states, on request tension_sensors, "
-            "truth/tensions, truth/states and /clock; /diagnostics. Services: ~/inject_fault, "
-            "~/push, ~/reset. Parameters: docs/rig_node.md.",
-        ).parse_args(remove_ros_args(arguments)[1:])
+        own = parser.parse_args(remove_ros_args(arguments)[1:])
     with ros_context(arguments) as stop:
         with starting():
             node = RigNode()
         spin_until_stopped(node, stop)
-    return DONE
+    return exit_code("rig", stop, supervised=own.supervised)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -16,8 +16,9 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from cdrj_ros.commands.shared import DONE
 from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.foundation.interruption import deferring
+from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption, deferring
 
 STOP_POLL_S: Final = 0.1
 """Maximum time until a stop request is noticed [s]."""
@@ -59,15 +60,20 @@ class StopRequest:
     """True once the process has been asked to stop."""
 
     def __init__(self) -> None:
-        self._asked = False
+        self._number = 0
 
     def __bool__(self) -> bool:
         """Whether to stop."""
-        return self._asked
+        return self._number != 0
 
-    def ask(self, _number: int, _frame: FrameType | None) -> None:
+    @property
+    def interrupted(self) -> bool:
+        """Whether it was Ctrl-C that asked."""
+        return self._number == signal.SIGINT
+
+    def ask(self, number: int, _frame: FrameType | None) -> None:
         """Handle a signal."""
-        self._asked = True
+        self._number = self._number or number
 
     @contextmanager
     def listening(self) -> Iterator[None]:
@@ -133,6 +139,23 @@ def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
         rclpy.try_shutdown()
         for number, handler in zip(SIGNALS, before, strict=True):
             signal.signal(number, handler)
+
+
+def add_supervised_option(parser: argparse.ArgumentParser) -> None:
+    """``--supervised``."""
+    parser.add_argument(
+        "--supervised", action="store_true",
+        help="exit with code 0 on SIGINT, which ros2 launch and systemd take for a clean end; "
+        f"otherwise with {INTERRUPTED}",
+    )  # fmt: skip
+
+
+def exit_code(name: str, stop: StopRequest, *, supervised: bool) -> int:
+    """Exit code of a node that has been asked to stop; prints the line of an interruption."""
+    if supervised or not stop.interrupted:
+        return DONE
+    announce_interruption(name)
+    return INTERRUPTED
 
 
 def spin_until_stopped(

@@ -157,10 +157,12 @@ def bench(start_node: Any) -> Iterator[Callable[..., Bench]]:
     with ros_context([]) as stop:
         opened: list[Bench] = []
 
-        def open_bench(remap: tuple[str, ...] = (), timeout_s: float = 3600.0) -> Bench:
+        def open_bench(
+            remap: tuple[str, ...] = (), timeout_s: float = 3600.0, options: tuple[str, ...] = ()
+        ) -> Bench:
             process = start_node(
-                "estimator", "--ros-args", "-p", f"robot:={ROBOT}", "-p", f"timeout:={timeout_s}",
-                *remap,
+                "estimator", *options, "--ros-args", "-p", f"robot:={ROBOT}",
+                "-p", f"timeout:={timeout_s}", *remap,
             )  # fmt: skip
             robot = Robot(load_model(ROBOT).layout, remap)
             executor = EventsExecutor()
@@ -367,7 +369,14 @@ def test_a_wrong_start_is_one_clear_line_and_exit_code_2(
     assert len([line for line in lines if not any(part in line for part in apart)]) == 1
 
 
-def test_an_interrupt_ends_the_node_with_exit_code_0(bench: Callable[..., Bench]) -> None:
-    process = bench().process
-    process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 0
+@pytest.mark.parametrize(
+    ("options", "number", "code"),
+    [((), signal.SIGINT, 130), (("--supervised",), signal.SIGINT, 0), ((), signal.SIGTERM, 0)],
+)
+def test_the_exit_code_of_a_running_node_tells_an_interrupt_unless_it_is_supervised(
+    bench: Callable[..., Bench], options: tuple[str, ...], number: int, code: int
+) -> None:
+    """ros2 launch reports every code but 0 as a crash, even of a node that it has interrupted."""
+    process = bench(options=options).process
+    process.send_signal(number)
+    assert process.wait(PATIENCE_S) == code

@@ -73,7 +73,7 @@ def test_robot_is_required_and_all_other_arguments_have_a_default(launched: Any)
 def test_the_node_gets_what_was_given_and_nothing_else(launched: Any) -> None:
     (node,) = launched("robot:=r.yaml")
     assert node.parameters == [{"robot": "r.yaml"}]
-    assert (node.namespace, node.arguments, node.ros_arguments) == ("cdrj", [], [])
+    assert (node.namespace, node.arguments, node.ros_arguments) == ("cdrj", ["--supervised"], [])
 
     change, node = launched(
         "robot:=r.yaml", "params_file:=/p.yaml", "state_file:=/s", "preload:=30,20.5",
@@ -91,7 +91,7 @@ def test_the_node_gets_what_was_given_and_nothing_else(launched: Any) -> None:
         },
     ]
     assert node.namespace == "left"
-    assert node.arguments == ["--state-file", "/s"]
+    assert node.arguments == ["--supervised", "--state-file", "/s"]
     assert node.ros_arguments == ["--log-level", "debug"]
     assert node.remappings == [("motor_states", "/m"), ("joint_states", "joint_states")]
 

@@ -426,7 +426,7 @@ def test_a_slow_and_late_channel_neither_stalls_nor_loses_anything(
     assert "within the time allowed" not in out
 
 
-def test_ctrl_c_ends_with_the_report_of_what_was_played(
+def test_ctrl_c_writes_the_report_of_what_was_played_and_exits_with_130(
     estimator: Any, replay: Any, tmp_path: Path
 ) -> None:
     figures = tmp_path / "f.json"
@@ -435,7 +435,9 @@ def test_ctrl_c_ends_with_the_report_of_what_was_played(
     one.wait_for(ANSWERED)
     one.process.send_signal(signal.SIGINT)
     code, out = one.finish()
-    assert code == 0, out
+    assert code == 130, out
+    assert out.endswith("replay: interrupted\n")
+    assert out.count("interrupted") == 1
     assert "Traceback" not in out
     facts = _facts(figures)
     assert "ended by the user at" in facts["played"]

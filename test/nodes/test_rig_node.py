@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -151,7 +152,7 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(start_node: Any, no
     executor.add_node(node)
     try:
         start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}")
-        start_node(
+        rig = start_node(
             "rig", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "cells:=4", "-p", "truth_rate:=100",
             "-p", "motor_rate:=250", "-p", "joint_rate:=125",
         )  # fmt: skip
@@ -163,6 +164,8 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(start_node: Any, no
         commands.publish(trajectory((0.8, 1.5), (2.0, -1.0), (2.4, -0.5)))
         wanted = first + 2_500_000_000
         assert spin_until(executor, lambda: max(estimates) > wanted < max(truths))
+        rig.send_signal(signal.SIGINT)
+        assert rig.wait(PATIENCE_S) == 130
     finally:
         executor.shutdown()
     times = np.array(sorted(estimates))

@@ -1,0 +1,66 @@
+"""The end of an interrupted command whose main thread does not end it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+PATIENCE_S = 30.0
+WAITING = """
+import os, signal, time
+from cdrj_ros.foundation.interruption import deferring, restoring, run_interruptibly
+
+def main():
+    signal.signal(signal.SIGINT, lambda *_: None)  # only notes the request, as a node does
+    with {block}:
+        os.write(1, b"ready")
+        while True:  # a callback that never returns
+            time.sleep(60.0)
+
+run_interruptibly("waiting", lambda: main)
+"""
+
+
+@pytest.mark.parametrize(
+    ("block", "errors"),
+    [
+        ("deferring()", "waiting: interrupted\n"),
+        (
+            "deferring(), restoring(lambda: os.write(2, b'restored, '))",
+            "restored, waiting: interrupted\n",
+        ),
+    ],
+)
+def test_a_command_that_does_not_end_by_itself_is_ended(block: str, errors: str) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", WAITING.format(block=block)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.read(5) == "ready"
+            process.send_signal(signal.SIGINT)
+            assert process.communicate(timeout=PATIENCE_S)[1] == errors
+            assert process.returncode == 130
+        finally:
+            process.kill()
+
+
+def test_an_interrupt_before_the_handler_is_installed_is_one_line() -> None:
+    script = """
+import os, signal
+signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # as the installed executables start
+os.kill(os.getpid(), signal.SIGINT)
+from cdrj_ros.foundation.interruption import run_interruptibly
+run_interruptibly("blocked", lambda: print)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "blocked: interrupted\n")
