@@ -2,9 +2,9 @@
 
 from cdrj_ros.bag.messages import RawMessage, TopicInfo, list_topics, read_messages
 from cdrj_ros.bag.recording import Recording, Topics, read_recording
-from cdrj_ros.bag.series import Series
 from cdrj_ros.bag.source import size_of
 from cdrj_ros.bag.writer import BagWriter
+from cdrj_ros.foundation.series import Series
 
 __all__ = [
     "BagWriter",

@@ -12,9 +12,10 @@ from cdrj_ros.bag.batch import Batch, Channel
 from cdrj_ros.bag.bounds import LARGEST_REFERENCE
 from cdrj_ros.bag.bulk import BulkDecoder
 from cdrj_ros.bag.definitions import message_type
-from cdrj_ros.bag.series import Decoded, Series, series_by_name
+from cdrj_ros.bag.series import Decoded, series_by_name
 from cdrj_ros.bag.source import BagFile, Source, open_source
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.messages.cdr import JOINT_STATE, REFERENCE_ARRAYS
 
 

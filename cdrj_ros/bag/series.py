@@ -3,28 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cdrj_ros.bag.batch import Int64s
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.foundation.text import printable
 
 Float64s = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Series:
-    """One scalar channel in order of log time; values are as recorded, including NaN."""
-
-    stamp_ns: Int64s
-    """Header stamps [ns], shape (n,); log times if all header stamps of the topic are zero."""
-    log_ns: Int64s
-    """Log times [ns], shape (n,), never decreasing."""
-    value: Float64s
-    """Shape (n,)."""
 
 
 class Decoded:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 from cdrj_ros.bag import Recording, Topics
 from cdrj_ros.commands.compilation import announce_compilation
@@ -27,7 +26,6 @@ from cdrj_ros.commands.identify_results import (
 )
 from cdrj_ros.commands.shared import DONE, CommandParser, add_topic_options, run_command, topics_of
 from cdrj_ros.commands.validate import validate_bag
-from cdrj_ros.conditioning.whole_recording import Readings
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say
@@ -287,17 +285,10 @@ def _settings(arguments: argparse.Namespace) -> Settings:
 
 def recorded(recording: Recording, name: str) -> Recorded:
     """A recording in the form that the identification expects."""
-
-    def readings(channels: Mapping[str, Any]) -> dict[str, Readings]:
-        return {
-            key: Readings(series.stamp_ns, series.log_ns, series.value)
-            for key, series in channels.items()
-        }
-
     return Recorded(
         name,
-        readings(recording.motors),
-        readings(recording.joints),
+        recording.motors,
+        recording.joints,
         {key: (series.stamp_ns, series.value) for key, series in recording.references.items()},
     )
 

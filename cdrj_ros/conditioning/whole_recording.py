@@ -15,24 +15,13 @@ from cdrj_ros.conditioning.motion import curvatures
 from cdrj_ros.conditioning.samples import ALL_SEEN_OVER_TIME, Sample, Samples
 from cdrj_ros.conditioning.time_line import REFUSALS, Conditioner, Mode
 from cdrj_ros.conditioning.tracking import Vector, track_all
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.description import Robot
 
 Stamps = NDArray[np.int64]
 
 PIECE: Final = 65_536
 """Readings or samples processed at a time; the results do not depend on it."""
-
-
-@dataclass(frozen=True)
-class Readings:
-    """All readings of one channel, in order of arrival."""
-
-    stamp_ns: Stamps
-    """[ns], shape (n,)."""
-    arrival_ns: Stamps
-    """Time of recording [ns], shape (n,)."""
-    value: Vector
-    """[rad], shape (n,)."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +39,8 @@ class Conditioned:
 
 def condition(
     robot: Robot,
-    motors: Mapping[str, Readings],
-    joints: Mapping[str, Readings],
+    motors: Mapping[str, Series],
+    joints: Mapping[str, Series],
     mode: Mode = "wait",
 ) -> Conditioned:
     """Condition a recording; the same samples, bit for bit, as feeding it message by message.
@@ -82,7 +71,7 @@ def condition(
     return Conditioned((samples,), refused, accepted, 0, 0)
 
 
-def _at_once(robot: Robot, channels: Sequence[Readings]) -> Samples | None:
+def _at_once(robot: Robot, channels: Sequence[Series]) -> Samples | None:
     """All samples without a loop over them; None unless the gates would accept every reading."""
     if not all(np.all(np.abs(readings.value) <= LARGEST) for readings in channels):
         return None
@@ -99,7 +88,7 @@ def _at_once(robot: Robot, channels: Sequence[Readings]) -> Samples | None:
     return _merge(list(map(_between_counts, angles, limits)), curved, limits, len(robot.motors))
 
 
-def _angles(readings: Readings, limits: Limits) -> Readings:
+def _angles(readings: Series, limits: Limits) -> Series:
     """Readings as angles, as ``Channel.angle_at`` makes them."""
     stamps, value, sensor = readings.stamp_ns, readings.value, limits.sensor
     if sensor.clock_offset_ns:
@@ -113,21 +102,19 @@ def _angles(readings: Readings, limits: Limits) -> Readings:
         value = sensor.scale * value + sensor.offset
     if sensor.corrected_at:
         value = value + np.interp(value, sensor.corrected_at, sensor.correction)
-    return Readings(stamps, readings.arrival_ns, value)
+    return Series(stamps, readings.log_ns, value)
 
 
-def _between_counts(readings: Readings, limits: Limits) -> Readings:
+def _between_counts(readings: Series, limits: Limits) -> Series:
     """As ``Channel.between_counts``, for a clean channel."""
     if not limits.bandwidth > 0.0:
         return readings
     angle = np.empty_like(readings.value)
     track_all(readings.stamp_ns, readings.value, limits.bandwidth, limits.band, angle)
-    return Readings(
-        readings.stamp_ns, readings.arrival_ns, np.clip(angle, limits.lower, limits.upper)
-    )
+    return Series(readings.stamp_ns, readings.log_ns, np.clip(angle, limits.lower, limits.upper))
 
 
-def _is_clean(readings: Readings, angles: Readings, limits: Limits) -> bool:
+def _is_clean(readings: Series, angles: Series, limits: Limits) -> bool:
     """Whether the gate would accept every reading of a channel.
 
     Args:
@@ -151,7 +138,7 @@ def _is_clean(readings: Readings, angles: Readings, limits: Limits) -> bool:
 
 
 def _merge(
-    channels: Sequence[Readings],
+    channels: Sequence[Series],
     curved: Sequence[Vector],
     limits: Sequence[Limits],
     motor_count: int,
@@ -174,7 +161,7 @@ def _merge(
 
 
 def _unseen(
-    channels: Sequence[Readings],
+    channels: Sequence[Series],
     curved: Sequence[Vector],
     limits: Sequence[Limits],
     stamps: Stamps,
@@ -204,7 +191,7 @@ def _unseen(
     return unseen
 
 
-def _interpolated(channels: Sequence[Readings], stamps: Stamps) -> NDArray[np.float64]:
+def _interpolated(channels: Sequence[Series], stamps: Stamps) -> NDArray[np.float64]:
     """Angles of some channels at ``stamps``, shape (n, channels) [rad]."""
     values = np.empty((stamps.size, len(channels)))
     for begin in range(0, stamps.size, PIECE):
@@ -214,7 +201,7 @@ def _interpolated(channels: Sequence[Readings], stamps: Stamps) -> NDArray[np.fl
     return values
 
 
-def _values_at(readings: Readings, stamps: Stamps) -> Vector:
+def _values_at(readings: Series, stamps: Stamps) -> Vector:
     """``_value_at`` for many stamps, in the same arithmetic."""
     own, value = readings.stamp_ns, readings.value
     at = np.searchsorted(own, stamps, side="right") - 1
@@ -226,7 +213,7 @@ def _values_at(readings: Readings, stamps: Stamps) -> Vector:
 
 
 def _replay(
-    robot: Robot, motors: Mapping[str, Readings], joints: Mapping[str, Readings], mode: Mode
+    robot: Robot, motors: Mapping[str, Series], joints: Mapping[str, Series], mode: Mode
 ) -> Conditioned:
     """Reading by reading, in order of arrival."""
     conditioner = Conditioner(robot, mode)
@@ -236,7 +223,7 @@ def _replay(
     stamps = np.concatenate([readings.stamp_ns for _, _, readings in sources])
     values = np.concatenate([readings.value for _, _, readings in sources])
     order = np.argsort(
-        np.concatenate([readings.arrival_ns for _, _, readings in sources]), kind="stable"
+        np.concatenate([readings.log_ns for _, _, readings in sources]), kind="stable"
     )
     ends = np.cumsum([readings.stamp_ns.size for _, _, readings in sources])
     motor_count, joint_count = len(robot.motors), len(robot.joints)

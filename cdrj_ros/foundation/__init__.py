@@ -1,1 +1,1 @@
-"""What every room uses: errors, files, YAML, printing, progress, interruption."""
+"""What every room uses: errors, files, YAML, time series, printing, progress, interruption."""

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.channels import EFFORT, channel_columns
 from cdrj_ros.model.prepared import Layout, Model, prepare
@@ -46,8 +47,8 @@ class Recorded:
     """One recording: readings and references."""
 
     name: str
-    motors: Mapping[str, Readings]
-    joints: Mapping[str, Readings]
+    motors: Mapping[str, Series]
+    joints: Mapping[str, Series]
     references: Mapping[str, tuple[Stamps, Vector]]
     """Stamps [ns] and values by channel: ``tension/upper/8``, ``effort/jaw``."""
 

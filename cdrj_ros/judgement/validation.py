@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cdrj_ros.bag import Recording, Series, Topics, read_recording
 from cdrj_ros.bag.source import open_source
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import Conditioned, Readings, condition
+from cdrj_ros.conditioning.whole_recording import Conditioned, condition
 from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.judgement.angles import telling_angles
@@ -85,14 +85,7 @@ def condition_recording(model: Model, recording: Recording) -> Conditioned:
     joints = recording.joints
     if set(joints) == set(recording.motors):
         joints = {name: joints[name] for name in model.layout.joints}
-    return condition(model.robot, _readings(recording.motors), _readings(joints))
-
-
-def _readings(channels: Mapping[str, Series]) -> dict[str, Readings]:
-    return {
-        name: Readings(series.stamp_ns, series.log_ns, series.value)
-        for name, series in channels.items()
-    }
+    return condition(model.robot, recording.motors, joints)
 
 
 def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int]:

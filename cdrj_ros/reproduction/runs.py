@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.judgement.channels import Angle, Channel
 from cdrj_ros.judgement.comparison import compare
 from cdrj_ros.model.channels import NODAL_FORCE, TENSION
@@ -222,10 +223,10 @@ def record(
     layout = prepare(robot).layout
     end = float(truth.time[-1])
 
-    def angles(encoder: Encoder, values: NDArray[np.float64]) -> Readings:
+    def angles(encoder: Encoder, values: NDArray[np.float64]) -> Series:
         times = reading_times(0.0, end, min(encoder.rate, motion.rate), encoder.phase_s)
         stamps = _stamps(times)
-        return Readings(stamps, stamps, read_encoder(encoder, times, truth.time, _column(values)))
+        return Series(stamps, stamps, read_encoder(encoder, times, truth.time, _column(values)))
 
     conditioned = condition(
         robot,

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning.time_line import Conditioner
-from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.description import Robot, Sensor
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
@@ -37,8 +38,8 @@ def test_it_is_straight_between_its_points_and_constant_beyond(
     robot: Robot, reading_deg: float, angle_deg: float
 ) -> None:
     stamps = EPOCH_NS + np.arange(2, dtype=np.int64) * 10_000_000
-    flat = Readings(stamps, stamps, np.zeros(2))
-    reading = Readings(stamps, stamps, np.full(2, np.radians(reading_deg)))
+    flat = Series(stamps, stamps, np.zeros(2))
+    reading = Series(stamps, stamps, np.full(2, np.radians(reading_deg)))
     (samples,) = condition(robot, {"winch": flat}, {"elbow": reading}).segments
     np.testing.assert_allclose(np.degrees(samples.joint_angle[:, 0]), angle_deg)
 
@@ -47,7 +48,7 @@ def test_it_is_the_same_bit_for_bit_message_by_message_and_in_bulk(robot: Robot)
     time = np.arange(200)
     stamps = EPOCH_NS + time * 5_000_000
     angle = 0.6 * np.sin(0.1 * time)
-    readings = Readings(stamps, stamps, angle)
+    readings = Series(stamps, stamps, angle)
     (bulk,) = condition(robot, {"winch": readings}, {"elbow": readings}).segments
     conditioner = Conditioner(robot)
     samples = []

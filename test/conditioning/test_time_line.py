@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from cdrj_ros.conditioning.gate import CONFIRMATIONS, MAX_GAP_NS
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import Conditioner
-from cdrj_ros.conditioning.whole_recording import Conditioned, Readings, condition
+from cdrj_ros.conditioning.whole_recording import Conditioned, condition
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.reader import parse_robot
 
 ROBOT = parse_robot("""
@@ -93,9 +94,9 @@ def offline(messages: Sequence[Message]) -> Conditioned:
         for name, value in zip(message.names, message.values, strict=True):
             rows.setdefault(name, []).append((message.stamp, arrival, value))
 
-    def readings(name: str) -> Readings:
+    def readings(name: str) -> Series:
         stamps, arrivals, values = zip(*rows[name], strict=True) if rows[name] else ((), (), ())
-        return Readings(
+        return Series(
             np.array(stamps, dtype=np.int64),
             np.array(arrivals, dtype=np.int64),
             np.array(values, float),
@@ -414,7 +415,7 @@ cables:
 
 def _readings(stamps, values):
     stamps = np.asarray(stamps, dtype=np.int64)
-    return Readings(stamps, stamps.copy(), np.asarray(values, dtype=float))
+    return Series(stamps, stamps.copy(), np.asarray(values, dtype=float))
 
 
 def _events(motor, joint):
@@ -422,7 +423,7 @@ def _events(motor, joint):
     return [
         (arrival, which, stamp, value)
         for which, r in enumerate((motor, joint))
-        for stamp, arrival, value in zip(r.stamp_ns, r.arrival_ns, r.value, strict=True)
+        for stamp, arrival, value in zip(r.stamp_ns, r.log_ns, r.value, strict=True)
     ]
 
 
@@ -465,7 +466,7 @@ def _lagging_joint():
     stamps = 1_000_000 * np.arange(1, 401)
     motor = _readings(stamps, stamps * 1e-9)
     slow = stamps[::2]
-    return motor, Readings(slow, slow + 3_000_000, slow * -1e-9)
+    return motor, Series(slow, slow + 3_000_000, slow * -1e-9)
 
 
 def test_predicting_answers_at_once_what_waiting_answers_late():

@@ -15,7 +15,8 @@ from cdrj_ros.conditioning import time_line as conditioning
 from cdrj_ros.conditioning.gate import MAX_GAP_NS, RANGE_MARGIN, limits_of
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import WHOLE, Conditioner
-from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.conditioning.whole_recording import condition
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.reader import parse_robot
 
 PLAIN = """
@@ -255,14 +256,14 @@ def test_a_recording_gives_the_same_as_its_messages(
     robot: str, streams: dict[str, list[Message]]
 ) -> None:
     conditioner = Conditioner(ROBOTS[robot])
-    channels: dict[str, dict[str, Readings]] = {"motors": {}, "joints": {}}
+    channels: dict[str, dict[str, Series]] = {"motors": {}, "joints": {}}
     found = []
     for topic, sent in streams.items():
         for message in sent:
             found += _bits(feed(conditioner, message))
         for k, name in enumerate(NAMES[topic]):
             stamps = np.array([m.stamp for m in sent])
-            channels[topic][name] = Readings(stamps, stamps, np.array([m.values[k] for m in sent]))
+            channels[topic][name] = Series(stamps, stamps, np.array([m.values[k] for m in sent]))
     done = condition(ROBOTS[robot], channels["motors"], channels["joints"])
     offline = [
         one

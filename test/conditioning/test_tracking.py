@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from cdrj_ros.conditioning.time_line import Conditioner
 from cdrj_ros.conditioning.tracking import half_width, new_track, track, track_all
-from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.description import Sensor
 from cdrj_ros.robot.reader import parse_robot
 
@@ -98,8 +99,8 @@ def test_the_node_path_and_the_bulk_path_agree_bit_for_bit_across_a_silence() ->
     joint = np.round(0.5 * np.sin(time) / 4e-4) * 4e-4
     whole = condition(
         robot,
-        {"winch": Readings(stamps, stamps, np.zeros(time.size))},
-        {"elbow": Readings(stamps, stamps, joint)},
+        {"winch": Series(stamps, stamps, np.zeros(time.size))},
+        {"elbow": Series(stamps, stamps, joint)},
     ).segments[0]
     conditioner = Conditioner(robot)
     samples = []

@@ -11,7 +11,8 @@ import pytest
 from cdrj_ros.conditioning import whole_recording
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.conditioning.time_line import Conditioner
-from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.conditioning.whole_recording import condition
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.reader import parse_robot
 
 ROBOT = parse_robot("""
@@ -31,7 +32,7 @@ HELD_AT_MOST = 1.6
 """Peak of memory while conditioning, over that of the readings and samples."""
 
 
-def recording() -> tuple[Readings, Readings]:
+def recording() -> tuple[Series, Series]:
     """Four seconds, then two seconds an hour earlier, with a gap and refused readings."""
     stamps = START + MS * np.arange(6000)
     stamps[4000:] -= 3_600_000 * MS
@@ -41,15 +42,15 @@ def recording() -> tuple[Readings, Readings]:
     elbow[1234] = 7.0
     heard = np.r_[0:2000, 2300:6000]  # 0.3 s without the joint, while it moves
     arrival = MS * np.arange(6000)
-    return Readings(stamps, arrival, winch), Readings(stamps[heard], arrival[heard], elbow[heard])
+    return Series(stamps, arrival, winch), Series(stamps[heard], arrival[heard], elbow[heard])
 
 
-def message_by_message(motor: Readings, joint: Readings) -> tuple[list[Sample], Conditioner]:
+def message_by_message(motor: Series, joint: Series) -> tuple[list[Sample], Conditioner]:
     conditioner = Conditioner(ROBOT)
     readings = [
         (arrival, which, stamp, value)
         for which, one in enumerate((motor, joint))
-        for stamp, arrival, value in zip(one.stamp_ns, one.arrival_ns, one.value, strict=True)
+        for stamp, arrival, value in zip(one.stamp_ns, one.log_ns, one.value, strict=True)
     ]
     samples = []
     for _, which, stamp, value in sorted(readings, key=lambda reading: reading[:2]):
@@ -92,8 +93,8 @@ def test_samples_of_a_clean_recording_with_a_gap_are_those_of_its_messages() -> 
     stamps = START + MS * np.arange(4000)
     time = MS * np.arange(4000) * 1e-9
     heard = np.r_[0:2000, 2300:4000]
-    motor = Readings(stamps, stamps, 2.0 * np.sin(3.0 * time))
-    joint = Readings(stamps[heard], stamps[heard], 0.5 * np.sin(4.0 * time)[heard])
+    motor = Series(stamps, stamps, 2.0 * np.sin(3.0 * time))
+    joint = Series(stamps[heard], stamps[heard], 0.5 * np.sin(4.0 * time)[heard])
     wanted, conditioner = message_by_message(motor, joint)
     assert not any(conditioner.refused.values())
     (samples,) = condition(ROBOT, {"winch": motor}, {"elbow": joint}).segments
@@ -112,8 +113,8 @@ def test_little_more_memory_is_used_than_readings_and_samples_take(
     elbow = 0.5 * np.sin(2e-3 * np.arange(n))
     winch = 8.0 * elbow
     winch[n // 2 : n // 2 + refused] = np.nan
-    motor = Readings(stamps, stamps + 100, winch)
-    joint = Readings(stamps[::2].copy(), stamps[::2] + 3 * MS, elbow[::2].copy())
+    motor = Series(stamps, stamps + 100, winch)
+    joint = Series(stamps[::2].copy(), stamps[::2] + 3 * MS, elbow[::2].copy())
     given = sum(array.nbytes for one in (motor, joint) for array in vars(one).values())
     gc.collect()
     tracemalloc.start()

@@ -15,7 +15,7 @@ import pytest
 from cdrj_ros.conditioning.gate import MAX_GAP_NS
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.conditioning.time_line import Conditioner
-from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.estimation.state_file import (
     HEADER,
@@ -25,6 +25,7 @@ from cdrj_ros.estimation.state_file import (
     write_state,
 )
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
@@ -98,9 +99,9 @@ def test_nothing_is_made_up_for_the_time_in_which_one_topic_was_silent(
     assert before[-1].stddev is not None
     assert np.mean(first.stddev[:16]) > 2.0 * np.mean(before[-1].stddev[:16])
 
-    motors = {"winch": Readings(stamps, stamps, readings.motor_angle[:, 0])}
+    motors = {"winch": Series(stamps, stamps, readings.motor_angle[:, 0])}
     heard = np.r_[0:1000, 4000:5000]
-    joints = {"elbow": Readings(stamps[heard], stamps[heard] - 1, readings.joint_angle[heard, 0])}
+    joints = {"elbow": Series(stamps[heard], stamps[heard] - 1, readings.joint_angle[heard, 0])}
     offline = estimate(model, condition(model.robot, motors, joints), spread=True)
     assert np.array_equal(offline.stamp_ns, [o.estimate.stamp_ns for o in before + outputs])
     node = np.array([output.estimate.tension for output in before + outputs])

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import Readings
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.fit import Identification, Settings, identify
 from cdrj_ros.identification.residuals import Recorded
 from cdrj_ros.identification.standard_errors import remaining_step
@@ -67,8 +67,8 @@ def recording(
     reported = stamps - round(late_s * 1e9)
     return Recorded(
         name,
-        {"winch": Readings(stamps, stamps, motor)},
-        {"elbow": Readings(reported, stamps, joint)},
+        {"winch": Series(stamps, stamps, motor)},
+        {"elbow": Series(reported, stamps, joint)},
         references,
     )
 

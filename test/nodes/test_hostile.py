@@ -22,8 +22,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning.time_line import WHOLE
-from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     ENCAPSULATION,
@@ -75,10 +76,10 @@ def valid(topic: str, stamp_ns: int) -> bytes:
 def offline(model: Model, stamps: Mapping[str, Sequence[int]]) -> Estimates:
     """Estimates from the same valid messages without a node, from the initial state."""
 
-    def readings(topic: str) -> dict[str, Readings]:
+    def readings(topic: str) -> dict[str, Series]:
         when = np.array(stamps[topic], dtype=np.int64)
         values = np.array([angle(topic, stamp) for stamp in stamps[topic]])
-        return {NAMES[topic]: Readings(when, when, values)}
+        return {NAMES[topic]: Series(when, when, values)}
 
     (samples,) = condition(model.robot, readings("motors"), readings("joints")).segments
     return run(model, initial_state(model), samples)[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import subprocess
 import sys
@@ -80,6 +81,14 @@ def test_the_map_has_no_circle() -> None:
         ground = {room for room, below in above.items() if not below & set(above)}
         assert ground, f"a circle among {sorted(above)}"
         above = {room: below for room, below in above.items() if room not in ground}
+
+
+def test_the_forms_between_a_bag_and_its_report_are_five() -> None:
+    table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("takes five forms:")[1]
+    forms = re.findall(r"^\| `([\w.]+)\.(\w+)` \|", table, re.MULTILINE)
+    assert len(forms) == 5
+    for module, name in forms:
+        assert isinstance(getattr(importlib.import_module(f"cdrj_ros.{module}"), name), type)
 
 
 def test_the_folders_of_tests_are_rooms() -> None:

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.whole_recording import Readings, condition
+from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import SLACK
@@ -62,11 +63,11 @@ class Watched:
         return self.then(np.stack(near, axis=1))
 
 
-def readings(encoder: Encoder, time: np.ndarray, angle: np.ndarray) -> Readings:
+def readings(encoder: Encoder, time: np.ndarray, angle: np.ndarray) -> Series:
     """Readings of the rig's encoder, with stamps that start at one second."""
     when = reading_times(0.0, time[-1], encoder.rate, encoder.phase_s)
     stamps = 1_000_000_000 + np.round(when * 1e9).astype(np.int64)
-    return Readings(stamps, stamps, read_encoder(encoder, when, time, angle))
+    return Series(stamps, stamps, read_encoder(encoder, when, time, angle))
 
 
 def watch(

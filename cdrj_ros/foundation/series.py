@@ -1,0 +1,21 @@
+"""The time series of one channel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Series:
+    """Readings of one scalar channel in order of arrival; values are as received, including NaN."""
+
+    stamp_ns: NDArray[np.int64]
+    """Time of measurement [ns], shape (n,): in a recording the header stamps, or the log times if
+    all header stamps of the topic are zero."""
+    log_ns: NDArray[np.int64]
+    """Time of arrival [ns], shape (n,), never decreasing: in a recording the log times."""
+    value: NDArray[np.float64]
+    """Shape (n,)."""
