@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from cdrj_ros.conditioning.motion import Leap, Motion
+from cdrj_ros.conditioning.motion import EVER_NS, Leap, Motion
 from cdrj_ros.conditioning.tracking import Vector, half_width, new_track, track
 from cdrj_ros.robot.description import Robot, Sensor
 
@@ -140,6 +140,16 @@ def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]
 
 
 @dataclass
+class Doubt:
+    """A time in which the readings of a channel may be those of a sensor that has stepped."""
+
+    after_ns: int
+    """Stamp of the last good reading before it [ns]; -1 where there is none."""
+    until_ns: int = EVER_NS
+    """Stamp of the first good reading after it [ns]."""
+
+
+@dataclass
 class Channel:
     """Gate of one channel, and its readings that wait for other channels."""
 
@@ -165,6 +175,8 @@ class Channel:
     """Number of periods that unwrapping adds to a reading."""
     near: float | None = None
     """Angle expected of the first reading [rad]."""
+    resumed: float = 0.0
+    """Curvature between the last sample of an earlier run and the first reading [rad/ns^2]."""
     before: Channel | None = None
     """The channel before a reset, until the first reading after it."""
     refused_stamp: int = -1
@@ -179,6 +191,10 @@ class Channel:
     """Stamp of the first of these [ns]."""
     displaced: float = 0.0
     """Sum of all steps of the sensor since the last reset [rad]."""
+    stepped: bool = False
+    """Whether its sensor has stepped since the last reset, however often and wherever to."""
+    doubt: Doubt | None = None
+    """Time in which its readings may be those of a sensor that has stepped, while it lasts."""
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
     """Stamps [ns] and angles [rad] from which the velocity is computed."""
     memory: Vector = field(default_factory=new_track)
@@ -191,6 +207,15 @@ class Channel:
     def __post_init__(self) -> None:
         """Begin without any estimate of the motion."""
         self.motion = self.limits.motion()
+
+    def take_over(self, earlier: Channel) -> None:
+        """Keep what a change of the clock leaves as it is: the axis's motion, the sensor's steps.
+
+        Args:
+            earlier: the channel before the change.
+        """
+        self.motion = earlier.motion.elsewhen()
+        self.displaced, self.stepped = earlier.displaced, earlier.stepped
 
     @property
     def patience_ns(self) -> int:
@@ -279,19 +304,38 @@ class Channel:
             if verdict:
                 self.leap = None
             if verdict == "step":
-                self.displaced += leap.after - leap.before
+                self._step_by(leap.after - leap.before)
                 stepped = True
         elif self.agreeing:
             beyond = abs(value - self.refused_value) < abs(value - self.last_value)
             least = self.motion.reach((stamp - self.last_stamp) * 1e-9)
             lasted = self.agreeing >= CONFIRMATIONS or abs(self.step) > least
             if beyond and lasted:
-                self.displaced += self.step
+                self._step_by(self.step)
                 stepped = True
         else:
             self.leap = self.motion.leap(self.last_stamp, self.last_value, stamp, value)
         self.agreeing = 0
         return stepped
+
+    def _step_by(self, by: float) -> None:
+        self.displaced += by
+        self.stepped = True
+
+    def note_doubt(self, stamp: int) -> Doubt | None:
+        """Begin or end the doubt about an accepted reading; call before it becomes the last one.
+
+        Returns:
+            The doubt that begins with it, if any.
+        """
+        if self.leap is not None or self.stepped:
+            if self.doubt is None:
+                self.doubt = Doubt(self.last_stamp)
+                return self.doubt
+        elif self.doubt is not None:
+            self.doubt.until_ns = stamp
+            self.doubt = None
+        return None
 
     @property
     def recent_ns(self) -> int:

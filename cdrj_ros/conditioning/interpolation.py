@@ -39,7 +39,7 @@ def unseen_at(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
     Args:
         channels: of all motors and joints.
         stamp: of the sample [ns].
-        previous: stamp of the sample before [ns]; equal to ``stamp`` for the first sample.
+        previous: stamp of the sample before [ns].
     """
     unseen: Vector | None = None
     for k, channel in enumerate(channels):
@@ -57,6 +57,26 @@ def unseen_at(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
             unseen[0, k] = curvature * (stamp - before) * (after - stamp)
             unseen[1, k] = way
     return ALL_SEEN if unseen is None else unseen
+
+
+def unseen_before(channels: Sequence[Channel], stamp: int, resumed: int) -> Vector:
+    """``Sample.unseen`` of the first sample, which may continue an earlier run.
+
+    Args:
+        channels: of all motors and joints.
+        stamp: of the sample [ns].
+        resumed: stamp of the last sample of the earlier run [ns]; -1 where there is none.
+    """
+    unseen = unseen_at(channels, stamp, stamp)
+    if not 0 <= resumed < stamp:
+        return unseen
+    ways = [
+        way_between(channel.resumed, stamp - resumed, channel.limits.negligible)
+        for channel in channels
+    ]
+    if not any(ways):
+        return unseen
+    return np.array([unseen[0] if unseen.size else np.zeros(len(channels)), ways])
 
 
 def unseen_ahead(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:

@@ -52,6 +52,9 @@ TRAVEL: Final = 1.0
 """Leaps are looked for only after an axis has travelled this far in all [rad]."""
 
 
+LASTING: Final = ("speed", "acceleration", "fastest", "hardest", "travelled")
+"""What is known of an axis's motion whatever the clock of its readings: fields of ``Motion``."""
+
 Verdict = Literal["", "glitch", "motion", "step"]
 """What a leap was; empty while undecided."""
 
@@ -109,11 +112,18 @@ class Motion:
 
     def take(self, stamp: int, angle: float) -> None:
         """Take the next reading of the axis, (C2)."""
-        if self.begin_ns < 0:
+        if self.begin_ns < 0 or stamp < self.begin_ns:  # the clock went back during a restart
             self.begin_ns, self.begin = stamp, angle
         elif stamp - self.begin_ns >= WINDOW_NS:
             self._close((stamp - self.begin_ns) * 1e-9, angle - self.begin)
             self.begin_ns, self.begin = stamp, angle
+
+    def elsewhen(self) -> Motion:
+        """What stays known of the axis when the clock of its readings changes: all but the time."""
+        known = {name: getattr(self, name) for name in LASTING}
+        later = Motion(self.band, self.negligible, **known)
+        later.seen_ns = later._seen()
+        return later
 
     def _close(self, span_s: float, moved: float) -> None:
         """End a window of ``span_s`` in which the axis has moved by ``moved`` [rad]."""

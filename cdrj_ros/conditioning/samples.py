@@ -16,6 +16,9 @@ ALL_SEEN: Vector = np.empty((0, 0))
 ALL_SEEN_OVER_TIME: Vector = np.empty((0, 0, 0))
 """``Samples.unseen`` where all deviations of all samples are zero."""
 
+NO_DOUBTS: NDArray[np.bool_] = np.empty(0, dtype=np.bool_)
+"""``Samples.doubtful`` where no sample is doubtful."""
+
 
 class Sample(NamedTuple):
     """Encoder readings of all motors and joints at one time."""
@@ -32,6 +35,8 @@ class Sample(NamedTuple):
     Row 0: at the sample's time.  Row 1: midway between the sample before and this one.  Shape
     (0, 0) where all are zero.
     """
+    doubtful: bool = False
+    """Whether an axis may be elsewhere than its sensor says: the readings have stepped."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +51,21 @@ class Samples:
     """[rad], shape (n, joints)."""
     unseen: NDArray[np.float64] = field(default_factory=lambda: ALL_SEEN_OVER_TIME)
     """As ``Sample.unseen``, shape (n, 2, axes); (0, 0, 0) where all are zero."""
+    doubtful: NDArray[np.bool_] = field(default_factory=lambda: NO_DOUBTS)
+    """As ``Sample.doubtful``, shape (n,); (0,) where all are false."""
 
     def part(self, where: slice) -> Samples:
         """A slice of the samples, as views."""
         unseen = self.unseen[where] if len(self.unseen) else self.unseen
+        doubtful = self.doubtful[where] if len(self.doubtful) else self.doubtful
         return Samples(
-            self.stamp_ns[where], self.motor_angle[where], self.joint_angle[where], unseen
+            self.stamp_ns[where], self.motor_angle[where], self.joint_angle[where], unseen, doubtful
         )
 
     def at(self, k: int) -> Sample:
         """One sample, as views."""
         unseen = self.unseen[k] if len(self.unseen) else ALL_SEEN
-        return Sample(int(self.stamp_ns[k]), self.motor_angle[k], self.joint_angle[k], unseen)
+        doubtful = bool(self.doubtful[k]) if len(self.doubtful) else False
+        return Sample(
+            int(self.stamp_ns[k]), self.motor_angle[k], self.joint_angle[k], unseen, doubtful
+        )

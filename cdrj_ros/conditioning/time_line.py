@@ -13,18 +13,27 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final, Literal, get_args
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.gate import (
     CONFIRMATIONS,
     MAX_GAP_NS,
     SPEED_WINDOW_NS,
     Channel,
+    Doubt,
     limits_of,
 )
-from cdrj_ros.conditioning.interpolation import predicted, unseen_ahead, unseen_at, value_at
+from cdrj_ros.conditioning.interpolation import (
+    predicted,
+    unseen_ahead,
+    unseen_at,
+    unseen_before,
+    value_at,
+)
+from cdrj_ros.conditioning.motion import LASTING
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.tracking import Vector, new_track
 from cdrj_ros.foundation.errors import UsageError
@@ -126,21 +135,17 @@ class Conditioner:
         return [c.limits.name for c in self._channels if c.last_stamp < 0]
 
     @property
-    def suspected(self) -> bool:
-        """Whether any channel has a leap that may yet prove to be a step of its sensor."""
-        return any(channel.leap is not None for channel in self._channels)
-
-    @property
     def displaced(self) -> dict[str, float]:
-        """Sum of the sensor's steps since the last reset [rad], by name; zeros are left out."""
-        return {c.limits.name: c.displaced for c in self._channels if c.displaced}
+        """Sum of the steps [rad] of every sensor that has stepped since the last reset, by name."""
+        return {c.limits.name: c.displaced for c in self._channels if c.stepped}
 
     def reset(self, keep_turns: bool = False) -> None:
         """Forget all readings; the counters stay.
 
         Args:
-            keep_turns: keep the count of turns of every sensor with a ``period``, however late
-                the next reading; otherwise only where it follows within ``MAX_GAP_NS``.
+            keep_turns: keep how fast the axes have moved so far, and the count of turns of every
+                sensor with a ``period``, however late the next reading; otherwise the count only
+                where it follows within ``MAX_GAP_NS``.
         """
         before = self._channels
         self._begin()
@@ -148,19 +153,50 @@ class Conditioner:
             self._drop_held(old)
             if keep_turns:
                 channel.turns, channel.last_reading = old.turns, old.last_reading
+                channel.motion = old.motion.elsewhen()
             elif old.last_stamp >= 0:
                 channel.before = replace(old, readings=deque(), before=None)
 
     def _begin(self) -> None:
         self._channels = [Channel(limits) for limits in self._limits]
+        self._doubts: list[Doubt] = []
+        self._resumed = -1
         self._given_out = -1
         self._missing = len(self._channels)
 
-    def expect(self, angles: Vector) -> None:
-        """Set the angles expected of motors, then joints, at first [rad]; shape (channels,)."""
+    def memory(self) -> dict[str, NDArray[np.float64]]:
+        """What a restart leaves as it is, to be given to ``recall`` later: see ``LASTING``."""
+        rows = [
+            (*(getattr(c.motion, name) for name in LASTING), c.displaced) for c in self._channels
+        ]
+        stepped = [float(channel.stepped) for channel in self._channels]
+        return {"axes": np.array(rows), "stepped": np.array(stepped)}
+
+    def recall(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Take up what ``memory`` gave; nothing changes where it does not fit."""
+        rows, stepped = arrays.get("axes"), arrays.get("stepped")
+        shape = (len(self._channels), len(LASTING) + 1)
+        if rows is None or stepped is None or rows.shape != shape or stepped.shape != shape[:1]:
+            return
+        if not (np.all(np.isfinite(rows)) and np.all(rows[:, :-1] >= 0.0)):
+            return
+        for channel, row, step in zip(self._channels, rows.tolist(), stepped.tolist(), strict=True):
+            known = dict(zip(LASTING, row, strict=False))
+            channel.motion = replace(channel.limits.motion(), **known).elsewhen()
+            channel.displaced, channel.stepped = row[-1], step != 0.0
+
+    def expect(self, angles: Vector, stamp_ns: int) -> None:
+        """Continue from the last sample of an earlier run.
+
+        Args:
+            angles: of motors, then joints [rad], shape (channels,).
+            stamp_ns: of that sample [ns].
+        """
         if angles.shape == (len(self._channels),) and np.all(np.isfinite(angles)):
+            self._resumed = stamp_ns
             for channel, angle in zip(self._channels, angles.tolist(), strict=True):
                 channel.near = angle
+                channel.motion.take(stamp_ns, angle)
 
     def set_tracking(self, tracking: float | None) -> None:
         """Change the tracking bandwidth, see ``limits_of``; no reading is lost."""
@@ -273,6 +309,8 @@ class Conditioner:
         """Add an accepted reading to its channel."""
         value = angle = channel.angle_at(reading)
         self.steps += channel.note_plausible(stamp, value)
+        if doubt := channel.note_doubt(stamp):
+            self._doubts.append(doubt)
         if channel.limits.bandwidth > 0.0:
             angle = channel.between_counts(stamp, value)
         channel.turns = channel.turns_at(reading)
@@ -281,6 +319,8 @@ class Conditioner:
         curvature = 0.0
         if channel.last_stamp < 0:
             self._missing -= 1
+            if 0 <= self._resumed < stamp:
+                channel.resumed = motion.curvature(stamp - self._resumed)
         else:
             interval = stamp - channel.last_stamp
             curvature = motion.curvature(interval)
@@ -356,12 +396,13 @@ class Conditioner:
             if channel.held and not kept:
                 self._drop_held(channel)
         confirmed = [list(kept) for kept in held]
-        left_behind = [channel.last_stamp for channel in self._channels]
-        for channel in self._channels:
+        before = self._channels
+        for channel in before:
             channel.held.clear()
         self._begin()
-        for channel, kept, last in zip(self._channels, confirmed, left_behind, strict=True):
-            channel.left_behind = last
+        for channel, kept, old in zip(self._channels, confirmed, before, strict=True):
+            channel.left_behind = old.last_stamp
+            channel.take_over(old)
             self._append_held(channel, kept)
 
     def _complete_samples(self) -> list[Sample]:
@@ -379,7 +420,9 @@ class Conditioner:
             return []
         samples = self._interpolated(until)
         if self._predict and self._given_out < newest <= until + self._horizon:
-            samples.append(self._predicted(newest))
+            lagging = (channel for channel in self._channels if channel.last_stamp < newest)
+            if all(channel.recent_ns for channel in lagging):  # their velocities are known
+                samples.append(self._predicted(newest))
         self.lag_ns = newest - self._given_out
         return samples
 
@@ -400,8 +443,12 @@ class Conditioner:
                         stamp = min(stamp, when)
                         break
             values = np.array([value_at(channel.readings, stamp) for channel in channels])
-            unseen = unseen_at(channels, stamp, given_out if began else stamp)
-            samples.append(Sample(stamp, values[:motors], values[motors:], unseen))
+            if began:
+                unseen = unseen_at(channels, stamp, given_out)
+            else:
+                unseen = unseen_before(channels, stamp, self._resumed)
+            doubtful = self._is_doubtful(stamp) if self._doubts else False
+            samples.append(Sample(stamp, values[:motors], values[motors:], unseen, doubtful))
             given_out, began = stamp, True
         self._given_out = given_out
         return samples
@@ -416,7 +463,13 @@ class Conditioner:
         for channel in channels:  # no later sample needs readings before this one
             while len(channel.readings) > 1 and channel.readings[1][0] <= stamp:
                 channel.readings.popleft()
-        return Sample(stamp, values[:motors], values[motors:], unseen)
+        doubtful = self._is_doubtful(stamp) if self._doubts else False
+        return Sample(stamp, values[:motors], values[motors:], unseen, doubtful)
+
+    def _is_doubtful(self, stamp: int) -> bool:
+        """Whether some sensor may have stepped before a sample; forgets what is over."""
+        self._doubts = [doubt for doubt in self._doubts if doubt.until_ns > stamp]
+        return any(doubt.after_ns < stamp for doubt in self._doubts)
 
 
 def _unusable(stamp: int, reading: float) -> Literal["", "not_finite", "late", "future"]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.gate import LARGEST, MAX_GAP_NS, RANGE_MARGIN, Limits, limits_of
 from cdrj_ros.conditioning.motion import curvatures
-from cdrj_ros.conditioning.samples import ALL_SEEN_OVER_TIME, Sample, Samples
+from cdrj_ros.conditioning.samples import ALL_SEEN_OVER_TIME, NO_DOUBTS, Sample, Samples
 from cdrj_ros.conditioning.time_line import REFUSALS, Conditioner, Mode
 from cdrj_ros.conditioning.tracking import Vector, track_all
 from cdrj_ros.foundation.series import Series
@@ -262,6 +262,7 @@ class _Segment:
         self._joints = array("d")
         self._rows = array("q")
         self._unseen = array("d")
+        self._doubtful = array("q")
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -272,6 +273,8 @@ class _Segment:
         if sample.unseen.size:
             self._rows.append(len(self._stamps))
             self._unseen.frombytes(sample.unseen.tobytes())
+        if sample.doubtful:
+            self._doubtful.append(len(self._stamps))
         self._stamps.append(sample.stamp_ns)
         self._motors.frombytes(sample.motor_angle.tobytes())
         self._joints.frombytes(sample.joint_angle.tobytes())
@@ -284,9 +287,14 @@ class _Segment:
         if self._rows:
             unseen = np.zeros((n, 2, motor_count + joint_count))
             unseen[np.asarray(self._rows)] = np.asarray(self._unseen).reshape(-1, *unseen.shape[1:])
+        doubtful = NO_DOUBTS
+        if self._doubtful:
+            doubtful = np.zeros(n, dtype=np.bool_)
+            doubtful[np.asarray(self._doubtful)] = True
         return Samples(
             np.asarray(self._stamps),
             np.asarray(self._motors).reshape(n, motor_count),
             np.asarray(self._joints).reshape(n, joint_count),
             unseen,
+            doubtful,
         )

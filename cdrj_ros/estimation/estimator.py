@@ -118,7 +118,7 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     Returns:
         The new state and the estimate at the sample's stamp.
     """
-    stamp, motor_angle, joint_angle, _ = sample
+    stamp, motor_angle, joint_angle, _, _ = sample
     before, values = state
     out = _empty(model.out_size)
     dt = (stamp - before) * 1e-9 if before != NEVER else 0.0

@@ -152,7 +152,6 @@ class LiveEstimator:
     def _restart(self) -> None:
         self._restart_from: tuple[State, Any, Any, Any] | None = None
         self._jumps = self.conditioner.clock_jumps
-        self._steps = self.conditioner.steps
         self.state: State = initial_state(self.model)
         self.unaided: State = self.state
         """The state without corrections by other sensors."""
@@ -187,7 +186,7 @@ class LiveEstimator:
         self._restart_from = (state, motor, joint, unaided)
         self.taught = set(taught)
         if motor is not None and joint is not None:
-            self.conditioner.expect(np.concatenate([motor, joint]))
+            self.conditioner.expect(np.concatenate([motor, joint]), state.stamp_ns)
 
     def _take_up(self, sample: Sample) -> None:
         """Continue an earlier run's state at the first sample of this one."""
@@ -255,7 +254,7 @@ class LiveEstimator:
         if spread is not None:
             stddev = spread.update(sample, estimate)
             mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
-        if self._steps != self.conditioner.steps or self.conditioner.suspected:
+        if sample.doubtful:
             mark_all_unsure(estimate)
         if self.fusion is not None and estimate.solved:
             self.fusion.remember(estimate)

@@ -100,6 +100,7 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
             "motor_angle": live.sample.motor_angle,
             "joint_angle": live.sample.joint_angle,
         }
+        arrays |= live.conditioner.memory()
         if live.spread is not None:
             arrays |= live.spread.memory()
     buffer = BytesIO()
@@ -163,6 +164,7 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
     if live.spread is not None and not live.spread.recall(arrays):
         live.spread.reset()
     state = State(int(stamp[0]), values.astype(np.float64))
+    live.conditioner.recall(arrays)
     live.resume(state, arrays, unaided.astype(np.float64), taught)
 
 

@@ -27,7 +27,7 @@ from support.campaign import (
     run,
 )
 
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 
@@ -35,7 +35,7 @@ ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 SEEDS = range(int(os.environ["CDRJ_CAMPAIGN"])) if "CDRJ_CAMPAIGN" in os.environ else (0, 2, 5, 18)
 """Seeds of the runs: by default a few that together contain every kind of fault."""
 KNOWN_NS = 5 * SECOND
-"""Time after which the friction history of a run is known."""
+"""Time after which the friction history of a run is known, and most elements have status 0."""
 BEYOND_TWO, BEYOND_FIVE = 0.08, 0.001
 
 
@@ -63,7 +63,7 @@ def test_whatever_happens_to_the_inputs_status_0_means_what_it_says(
         motion = all_courses[seed % len(all_courses)]
         faults = draw_faults(generator, motion.duration_ns)
         outputs = run(model, motion, faults, scratch=tmp_path)
-        verdict = judge(motion, outputs, KNOWN_NS, motion.duration_ns)
+        verdict = judge(motion, outputs, 0, motion.duration_ns)
         ratios.append(verdict.ratio.astype(np.float32))
         shares = verdict.beyond(5.0), verdict.beyond(2.0)
         worst.append((*shares, verdict.worst, seed, faults.words()))
@@ -165,6 +165,80 @@ def test_a_missing_period_is_found_at_any_rate(hertz: int, model: Model, course:
     verdict = judge(course, run(model, course, faults), 0, course.duration_ns)
     assert verdict.worst < 10.0, "before the first turn"
     assert verdict.ratio.size < 0.5 * verdict.judged
+
+
+HOUR = 3600 * SECOND
+
+
+@pytest.mark.parametrize("by", [-HOUR, -5 * SECOND])
+def test_a_clock_that_is_set_back_leaves_known_how_fast_an_axis_moves(
+    by: int, model: Model, all_courses: list[Course]
+) -> None:
+    """A slow topic says nothing of its speed with its first readings after it."""
+    motion = all_courses[1]
+    slow = Faults(period_ns={"winch": 624_805_671, "elbow": MS}, mode="predict")
+    for clock in (8.0, 8.2, 8.4):
+        at = int(clock * SECOND)
+        outputs = run(model, motion, replace(slow, clock_ns=(at, by)))
+        verdict = judge(motion, outputs, at, motion.duration_ns)
+        assert verdict.ratio.size > 0
+        assert verdict.beyond(2.0) <= BEYOND_TWO
+        assert verdict.beyond(5.0) <= BEYOND_FIVE
+
+
+@pytest.mark.parametrize(
+    "after",
+    [
+        Faults(),
+        Faults(restart_ns=BEGIN + SECOND, stop_ns=30 * MS),
+        Faults(clock_ns=(BEGIN + SECOND, -HOUR)),
+        Faults(clock_ns=(BEGIN + SECOND, HOUR)),
+    ],
+)
+def test_a_slipped_encoder_stays_one_whatever_the_clock_and_the_process_do(
+    after: Faults, model: Model, course: Course, tmp_path: Path
+) -> None:
+    slipped = replace(after, slip=(BEGIN, 0.8))
+    found: list[float] = []
+    outputs = run(
+        model, course, slipped, scratch=tmp_path,
+        watch=lambda live: found.append(live.conditioner.displaced["winch"]),
+    )  # fmt: skip
+    verdict = judge(course, outputs, BEGIN + 1, course.duration_ns)
+    assert verdict.judged > 16 * 2000
+    assert verdict.ratio.size == 0
+    assert found == [pytest.approx(0.8, abs=0.05)]
+
+
+def test_a_turn_while_the_process_is_down_is_part_of_the_standard_deviation(
+    model: Model, all_courses: list[Course], tmp_path: Path
+) -> None:
+    """Where the axes stand again where they stood, their way between is unknown all the same."""
+    motion = all_courses[1]
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(motion.elbow)))) * MS
+    for turn in turns[(turns > 5 * SECOND) & (turns < motion.duration_ns - SECOND)][:2].tolist():
+        stop = Faults(restart_ns=turn - 72 * MS, stop_ns=145 * MS)
+        outputs = run(model, motion, stop, scratch=tmp_path)
+        verdict = judge(motion, outputs, turn, turn + SECOND)
+        assert verdict.judged > 16 * 900
+        assert verdict.beyond(2.0) <= BEYOND_TWO
+        assert verdict.beyond(5.0) <= BEYOND_FIVE
+
+
+def test_nothing_is_predicted_from_a_single_reading(model: Model, course: Course) -> None:
+    """It says nothing of the velocity."""
+    first: list[int] = []
+    live = LiveEstimator(model, Options(conditioning="predict"))
+    for k in range(700):
+        stamp = START + k * MS
+        if k % 300 == 0:
+            live.feed("joints", stamp, ("elbow",), (course.elbow[k],))
+        made = live.feed("motors", stamp, ("winch",), (course.winch[k],))[1]
+        first += [(output.estimate.stamp_ns - START) // MS for output in made][: not first]
+        if k == 299:
+            assert live.sample is not None
+            assert live.last_ns == START, "of the one time that has a reading of both"
+    assert live.last_ns == START + 620 * MS, "20 ms beyond the third reading"
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,8 @@ Vector = NDArray[np.float64]
 START = 1_700_000_000 * 10**9
 MS = 1_000_000
 SECOND = 1_000_000_000
+SLOWEST_NS = 100 * MS
+"""Readings further apart cannot tell a slip from a motion [ns]."""
 SMALLEST = 1e-3
 """Lower bound of standard deviations; smaller ones are rounding errors [N]."""
 
@@ -264,7 +266,31 @@ def draw_faults(generator: np.random.Generator, duration_ns: int) -> Faults:
         _FAULTS[kind](faults, generator, duration_ns)
     if generator.random() < 0.2:
         faults.mode = "predict"
+    _let_slips_be_seen(faults)
     return faults
+
+
+def _let_slips_be_seen(faults: Faults) -> None:
+    """Read the winch while its encoder slips or wraps: readings far apart cannot tell it.
+
+    That is a limit of the estimator (docs/reliability.md), not a fault that it could find.
+    """
+    if faults.slip is not None:
+        faults.period_ns["winch"] = min(faults.period_ns["winch"], SECOND // 50)
+        at = faults.slip[0]
+        faults.gaps = [
+            (axis, begin, end)
+            for axis, begin, end in faults.gaps
+            if axis != "winch" or not begin - SLOWEST_NS < at < end + SLOWEST_NS
+        ]
+        stopped = faults.restart_ns
+        if (
+            stopped is not None
+            and stopped - SLOWEST_NS < at < stopped + faults.stop_ns + SLOWEST_NS
+        ):
+            faults.restart_ns = None
+    if faults.wrap:
+        faults.period_ns["winch"] = min(faults.period_ns["winch"], SECOND // 20)
 
 
 def _time(generator: np.random.Generator, duration_ns: int) -> int:
@@ -294,13 +320,10 @@ def _late(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> 
 def _slip(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
     sign = generator.choice((-1.0, 1.0))
     faults.slip = _time(generator, duration_ns), float(sign * generator.uniform(0.4, 3.0))
-    # with a longer period, a slip could not be distinguished from a motion
-    faults.period_ns["winch"] = min(faults.period_ns["winch"], SECOND // 50)
 
 
 def _wrap(faults: Faults, _generator: np.random.Generator, _duration_ns: int) -> None:
     faults.wrap = True
-    faults.period_ns["winch"] = min(faults.period_ns["winch"], SECOND // 20)
 
 
 def _cell(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
