@@ -1,0 +1,85 @@
+"""A node that stands between wished and executed motor commands; the controllers here extend it."""
+
+from contextlib import suppress
+
+import numpy as np
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+
+from cdrj_ros.model.loading import load_model
+
+SILENCE_S = 0.1
+"""Time without an estimate, or without a wish, after which neither is used any more [s]."""
+
+
+class Between(Node):
+    """Hears /cdrj/wished/MODE and an estimate; sends /cdrj/commands/MODE for every estimate.
+
+    Both carry one number a motor, in the robot file's order: speeds [rad/s] with the mode
+    ``velocity``, angles [rad] with ``position``.  A subclass overrides ``changed``.
+    """
+
+    def __init__(self, name, mode, message, topic, **options):
+        super().__init__(name, namespace="cdrj", **options)
+        self.model = load_model(self.declare_parameter("robot", "prototype").value)
+        self.motors = len(self.model.robot.motors)
+        self.mode, self.wished, self.wished_ns, self.last_ns = mode, None, 0, 0
+        self.publisher = self.create_publisher(Float64MultiArray, f"commands/{mode}", 1)
+        self.create_subscription(Float64MultiArray, f"wished/{mode}", self.on_wish, 1)
+        self.create_subscription(message, topic, self.on_estimate, 1)
+        self.watchdog = self.create_timer(SILENCE_S, self.on_silence)
+
+    def changed(self, wished, dt, message):
+        """Commands for all motors, and a warning or "".
+
+        Args:
+            wished: one number a motor.
+            dt: time since the estimate before [s]; 0 for the first, and after a jump of the clock.
+            message: the estimate; None if none has come for ``SILENCE_S``.
+        """
+        raise NotImplementedError
+
+    def on_wish(self, message):
+        """Keep a wish, if it has one finite number a motor."""
+        if len(message.data) != self.motors or not np.isfinite(message.data).all():
+            self.wished = None
+            self.get_logger().error(f"wished/{self.mode} needs {self.motors} finite numbers")
+            return
+        self.wished = np.array(message.data)
+        self.wished_ns = self.get_clock().now().nanoseconds
+
+    def on_estimate(self, message):
+        """Command what the wish becomes with this estimate."""
+        self.watchdog.reset()
+        stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        dt = (stamp_ns - self.last_ns) * 1e-9 if self.last_ns else 0.0
+        self.last_ns = stamp_ns
+        self.send(dt if 0.0 < dt < SILENCE_S else 0.0, message)
+
+    def on_silence(self):
+        """Command what is possible without an estimate."""
+        self.last_ns = 0
+        self.send(0.0, None)
+        self.get_logger().warning(f"no estimate for {SILENCE_S} s", throttle_duration_sec=1.0)
+
+    def send(self, dt, message):
+        """Publish the commands; a speed that nobody wishes any more becomes zero."""
+        if self.wished is None:
+            return
+        wished = self.wished
+        age_s = (self.get_clock().now().nanoseconds - self.wished_ns) * 1e-9
+        if self.mode == "velocity" and not 0.0 <= age_s <= SILENCE_S:
+            wished = np.zeros_like(wished)
+        command, warning = self.changed(wished, dt, message)
+        if warning:
+            self.get_logger().warning(warning, throttle_duration_sec=1.0)
+        self.publisher.publish(Float64MultiArray(data=np.asarray(command).tolist()))
+
+
+def spin(make):
+    """Run a node until Ctrl-C."""
+    rclpy.init()
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(make())

@@ -1,0 +1,96 @@
+"""Rig, estimator and a controller in one process, without ROS: every run gives the same digits.
+
+    loop = ClosedLoop("prototype", payload=0.3)
+    loop.command("velocity", [0.5])
+    for _ in range(1000):
+        loop.step()
+        print(loop.estimate.tension - loop.rig.tension)
+
+The controllers beside this file are tested and measured with it (docs/controllers.md).
+"""
+
+import numpy as np
+
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.rig.live import LiveRig, LiveSettings
+from cdrj_ros.rig.live_commands import checked_command
+from cdrj_ros.rig.live_drives import Drives
+from cdrj_ros.rig.live_limits import drive_limits
+from cdrj_ros.rig.live_sensors import LiveEncoders
+from cdrj_ros.rig.load import make_load, usual_load
+from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER
+
+RATE_HZ = 1000.0
+STEP_NS = 1_000_000
+FIRST_NS = 1_000_000_000  # a stamp of 0 denotes a missing stamp
+
+
+class ClosedLoop:
+    """The simulated rig with its encoders, and the estimator that reads them."""
+
+    def __init__(self, robot, payload=0.3, damping=0.05, joint=0, seed=0, cells=8, **limits):
+        """Put the rig at rest.
+
+        Args:
+            robot: robot file, or the name of an installed one.
+            payload: mass that the free joint carries [kg].
+            damping: of the free joint [N m s/rad].
+            joint: index of the joint that moves freely.
+            seed: of the encoders' jitter.
+            cells: contact cells a pulley.
+            limits: of the motors (``drive_limits``) and ``lower`` and ``upper`` end stop [rad].
+        """
+        self.model = load_model(robot)
+        robot = self.model.robot
+        stops = {name: limits.pop(name) for name in ("lower", "upper") if name in limits}
+        load = make_load(usual_load(robot, joint), payload, damping)
+        self.rig = LiveRig(robot, LiveSettings(load, cells=cells, joint=joint, **stops))
+        self.limits = drive_limits(robot, RATE_HZ, **limits)
+        self.drives = Drives(self.limits)
+        self.estimator = LiveEstimator(self.model)
+        self.sensors = {
+            "motors": LiveEncoders(MOTOR_ENCODER, robot.motors, [seed, 1]),
+            "joints": LiveEncoders(JOINT_ENCODER, robot.joints, [seed, 2]),
+        }
+        self.estimate, self.stddev = None, None
+        self.readings = {}
+
+    @property
+    def stamp_ns(self):
+        """The present time on the encoders' clock [ns]."""
+        return FIRST_NS + self.rig.steps * STEP_NS
+
+    def command(self, mode, values):
+        """Command all motors: ``position`` [rad], ``velocity`` [rad/s] or ``effort`` [N m]."""
+        order = checked_command(self.limits, mode, None, values)
+        self.drives.command(order, self.rig.time_s)
+
+    def step(self):
+        """Advance by a millisecond; the newest estimate is then in ``estimate`` and ``stddev``."""
+        rig = self.rig
+        count = rig.steps + 1
+        angle = self.drives.next(count, count / RATE_HZ, 1.0 / RATE_HZ, rig.motor_effort)
+        if not rig.step(angle):
+            self.drives.stopped(rig.motor_angle)
+        for kind, angles in (("motors", rig.motor_angle), ("joints", rig.joint_angle)):
+            sensor = self.sensors[kind]
+            names = [axis.name for axis in sensor.axes]
+            for reading in sensor.take(rig.time_s, angles):
+                self.readings[kind] = reading.values
+                stamp_ns = FIRST_NS + round(reading.stamp_s * 1e9)
+                _, outputs = self.estimator.feed(kind, stamp_ns, names, reading.values)
+                for estimate, stddev in outputs:
+                    self.estimate, self.stddev = estimate, stddev
+
+    def tensions(self):
+        """The newest estimate as ``/cdrj/tensions`` has it: names, tensions, 2 arrays more.
+
+        Returns:
+            Names, tensions [N], standard deviations [N] and status flags of all elements.
+        """
+        elements = len(self.model.layout.elements)
+        if self.estimate is None:
+            return [], np.empty(0), np.empty(0), np.empty(0, dtype=int)
+        status = self.estimate.status.astype(int)
+        return self.model.layout.elements, self.estimate.tension, self.stddev[:elements], status

@@ -1,0 +1,112 @@
+"""Stop the motors when something pushes on a joint.
+
+    python3 collision_stop.py --ros-args -p robot:=prototype -p payload:=0.3 -p threshold:=0.5
+
+Publish the wished speeds [rad/s], one per motor in the robot file's order, on /cdrj/wished/velocity
+instead of /cdrj/commands/velocity.  The external torque on the first joint is the torque that its
+motion requires minus the estimated torque of the cables.  If it exceeds the threshold plus 2 sigma,
+the motors stop until ~/release is called.  They also stop if no efforts arrive.
+"""
+
+import numpy as np
+from between import Between, spin
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from cdrj_ros.rig.load import DAMPING, INERTIA, INERTIA_COS, make_load, usual_load, weight
+
+BANDWIDTH = 60.0  # of the observer [rad/s]
+SPEED_FILTER_S = 0.005  # of the joint's speed from its encoder [s]
+
+
+class PushObserver:
+    """Momentum observer: the external torque on a joint, low-passed with ``BANDWIDTH``.
+
+    With the momentum p = D(q) q' and the load's equation (``cdrj_ros.rig.load``),
+
+        r = K (p - integral of (cables' torque - weight - c q' + D'(q) q'^2 / 2 + r) dt)
+
+    follows the external torque as a filter of first order, without any acceleration (De Luca,
+    Mattone: Sensorless robot collision detection and hybrid force/motion control, ICRA 2005).
+    """
+
+    def __init__(self, load):
+        """Start at rest.
+
+        Args:
+            load: of the joint (``cdrj_ros.rig.load``).
+        """
+        self.numbers = load.coefficients()
+        self.torque, self.speed = 0.0, 0.0
+        self.before, self.integral = None, 0.0
+
+    def update(self, dt, angle, effort):
+        """Advance by ``dt`` [s]; returns the external torque [N m].
+
+        Args:
+            dt: time since the last call [s].
+            angle: of the joint [rad].
+            effort: torque of the cables on it, positive along positive angle [N m].
+        """
+        k = self.numbers
+        if self.before is None:
+            self.before = angle
+            return 0.0
+        share = dt / (dt + SPEED_FILTER_S)
+        self.speed += share * ((angle - self.before) / dt - self.speed)
+        self.before = angle
+        momentum = (k[INERTIA] + k[INERTIA_COS] * np.cos(angle)) * self.speed
+        pull = effort - float(weight(k, angle)) - k[DAMPING] * self.speed
+        pull -= 0.5 * k[INERTIA_COS] * np.sin(angle) * self.speed**2
+        self.integral += (pull + self.torque) * dt
+        self.torque = BANDWIDTH * (momentum - self.integral)
+        return self.torque
+
+
+class CollisionNode(Between):
+    """Passes wished speeds on until something pushes."""
+
+    def __init__(self, **options):
+        super().__init__("collision_stop", "velocity", JointState, "efforts", **options)
+        robot = self.model.robot
+        self.joint, self.sign = robot.joints[0].name, robot.joints[0].effort_sign
+        payload = self.declare_parameter("payload", 0.3).value
+        damping = self.declare_parameter("damping", 0.05).value
+        self.threshold = self.declare_parameter("threshold", 0.5).value
+        self.observer = PushObserver(make_load(usual_load(robot, 0), payload, damping))
+        self.angle, self.stddev, self.reason = None, 0.0, ""
+        self.create_subscription(JointState, "joint_states", self.on_joint, 1)
+        self.create_subscription(JointState, "efforts_stddev", self.on_stddev, 1)
+        self.create_service(Trigger, "~/release", self.on_release)
+
+    def on_joint(self, message):
+        """Keep the joint's angle."""
+        if self.joint in message.name:
+            self.angle = message.position[message.name.index(self.joint)]
+
+    def on_stddev(self, message):
+        """Keep the standard deviation of the cables' torque."""
+        if self.joint in message.name and message.effort:
+            self.stddev = message.effort[message.name.index(self.joint)]
+
+    def changed(self, wished, dt, message):
+        """The wished speeds; zero after a push, or if the effort is unknown."""
+        stop = np.zeros_like(wished)
+        if message is None or self.angle is None or not message.effort:
+            return stop, "stopped: the efforts or the joint's angle are unknown"
+        effort = self.sign * message.effort[message.name.index(self.joint)]
+        if dt > 0.0:
+            torque = self.observer.update(dt, self.angle, effort)
+            if abs(torque) > self.threshold + 2.0 * self.stddev and not self.reason:
+                self.reason = f"stopped by a push of {torque:.2f} N m; call ~/release to go on"
+        return (stop, self.reason) if self.reason else (wished, "")
+
+    def on_release(self, _request, response):
+        """Let the motors go on."""
+        response.success, response.message = True, self.reason or "nothing had stopped them"
+        self.reason = ""
+        return response
+
+
+if __name__ == "__main__":
+    spin(CollisionNode)

@@ -1,0 +1,85 @@
+"""Keep antagonistic cables as loose as possible without letting one go slack.
+
+    python3 keep_taut.py --ros-args -p robot:=finger -p floor:=2.0
+
+Publish the motor angles that position the joints [rad], one per motor in the robot file's order, on
+/cdrj/wished/position instead of /cdrj/commands/position.  The node adds a co-contraction: it winds
+all cables in, or pays all out, in proportions that leave the joints where they are.  Co-contraction
+rises quickly when an element's tension - 2 sigma falls below the floor, and falls slowly otherwise.
+If tensions must not be used, the robot file's preloads are restored.
+"""
+
+import numpy as np
+from between import Between, spin
+from cdrj_msgs.msg import CableTensions
+
+from cdrj_ros.model.prepared import shape_at
+from cdrj_ros.model.status import INVALID, STALE, UNSURE
+from cdrj_ros.rig.faults import drums_of
+
+REFUSED = STALE | INVALID | UNSURE
+TIGHTEN_S, LOOSEN_S = 0.008, 2.0  # time constants [s]
+
+
+class KeepTaut:
+    """Feedback of the smallest tension to the co-contraction of all motors."""
+
+    def __init__(self, model, floor=2.0):
+        """Derive the direction of co-contraction.
+
+        Cables whose preloads balance in the reference pose balance at every multiple of these:
+        the motors turn by what stretches every cable in proportion to its preload.
+
+        Args:
+            model: the prepared robot; every motor winds one cable, which has a preload.
+            floor: wished smallest tension minus 2 sigma [N].
+        """
+        robot = model.robot
+        pose = np.array([joint.reference_angle for joint in robot.joints])
+        counts = [len(cable.nodes) - 1 for cable in robot.cables]
+        length = np.add.reduceat(shape_at(model, pose).length, np.cumsum([0, *counts])[:-1])
+        self.floor, self.elements = floor, sum(counts)
+        self.turn = np.zeros(len(robot.motors))
+        """Angle of every motor that doubles the preloads [rad]."""
+        for cable, _, motor, radius in drums_of(robot):
+            one = robot.cables[cable]
+            self.turn[motor] = one.preload * length[cable] / (one.axial_stiffness * radius)
+        self.strength = np.repeat([one.preload for one in robot.cables], counts)
+        self.share = 0.0
+        """Co-contraction: every cable's preload is 1 + share times that of the robot file."""
+
+    def update(self, dt, tension, stddev, status):
+        """Advance by ``dt`` [s]; returns angles to add to the motors' [rad], shape (motors,).
+
+        Args:
+            dt: time since the last call [s].
+            tension, stddev, status: of every element, shape (elements,); empty: unknown.
+        """
+        unknown = len(tension) != self.elements or len(stddev) != self.elements
+        if unknown or np.any(status & REFUSED):
+            missing = -self.share
+        else:
+            missing = float(np.max((self.floor - tension + 2.0 * stddev) / self.strength))
+        self.share += missing * min(dt / (TIGHTEN_S if missing > 0.0 else LOOSEN_S), 1.0)
+        self.share = min(max(self.share, -0.9), 4.0)
+        return self.turn * self.share
+
+
+class TautNode(Between):
+    """Adds the co-contraction to the wished angles."""
+
+    def __init__(self, **options):
+        super().__init__("keep_taut", "position", CableTensions, "tensions", **options)
+        self.law = KeepTaut(self.model, self.declare_parameter("floor", 2.0).value)
+
+    def changed(self, wished, dt, message):
+        """The angles with the present co-contraction."""
+        if message is None:
+            self.law.share = 0.0
+            return wished, "the robot file's preloads are restored"
+        arrays = (np.array(part) for part in (message.tension, message.stddev, message.status))
+        return wished + self.law.update(dt, *arrays), ""
+
+
+if __name__ == "__main__":
+    spin(TautNode)

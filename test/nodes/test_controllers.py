@@ -1,0 +1,233 @@
+"""The example controllers as nodes: what they command for which estimates, and one closed loop."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PATIENCE_S = 60.0
+UPPER, LOWER = range(8), range(8, 16)
+
+
+class Bench:
+    """A controller in this process, and a node that wishes, estimates and hears its commands."""
+
+    def __init__(self, controller: Any, mode: str) -> None:
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.node import Node
+        from std_msgs.msg import Float64MultiArray
+
+        self.controller, self.user = controller, Node("user", namespace="cdrj")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(controller)
+        self.executor.add_node(self.user)
+        self.commands: list[list[float]] = []
+        self.user.create_subscription(
+            Float64MultiArray, f"commands/{mode}", lambda m: self.commands.append(list(m.data)), 10
+        )
+        self.wishes = self.user.create_publisher(Float64MultiArray, f"wished/{mode}", 10)
+        self.publishers: dict[str, Any] = {}
+
+    def wish(self, *values: float) -> None:
+        from std_msgs.msg import Float64MultiArray
+
+        self.wishes.publish(Float64MultiArray(data=list(values)))
+
+    def publish(self, topic: str, message: Any) -> None:
+        if topic not in self.publishers:
+            self.publishers[topic] = self.user.create_publisher(type(message), topic, 10)
+        message.header.stamp = self.user.get_clock().now().to_msg()
+        self.publishers[topic].publish(message)
+
+    def until(self, holds: Callable[[list[float]], bool], *again: Callable[[], None]) -> bool:
+        """Repeat what is published until a command fulfils a condition."""
+        deadline = monotonic() + PATIENCE_S
+        self.commands.clear()
+        while not any(holds(command) for command in self.commands):
+            if monotonic() > deadline:
+                return False
+            for publish in again:
+                publish()
+            end = monotonic() + 0.02
+            while (left := end - monotonic()) > 0.0:
+                self.executor.spin_once(timeout_sec=left)
+        return True
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.user.destroy_node()
+        self.controller.destroy_node()
+
+
+@pytest.fixture
+def controller(ros: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Bench]]:
+    """Create a controller of the examples by the names of its module and class."""
+    import importlib
+
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    opened: list[Bench] = []
+
+    def create(module: str, name: str, mode: str, **parameters: Any) -> Bench:
+        from rclpy.parameter import Parameter
+
+        made = getattr(importlib.import_module(module), name)
+        overrides = [Parameter(key, value=value) for key, value in parameters.items()]
+        opened.append(Bench(made(parameter_overrides=overrides), mode))
+        return opened[-1]
+
+    yield create
+    for one in opened:
+        one.close()
+
+
+def tensions(upper: float, lower: float, status: int = 0) -> Any:
+    from cdrj_msgs.msg import CableTensions
+
+    names = [f"{cable}/{k}" for cable in ("upper", "lower") for k in range(1, 9)]
+    return CableTensions(
+        name=names, tension=[upper] * 8 + [lower] * 8, stddev=[0.5] * 16, status=[status] * 16
+    )
+
+
+def test_the_limiter_passes_slows_and_turns_back(controller: Any) -> None:
+    from cdrj_msgs.msg import CableTensions
+
+    bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
+
+    def send(message: Any) -> tuple[Callable[[], None], Callable[[], None]]:
+        return lambda: bench.wish(2.0), lambda: bench.publish("tensions", message)
+
+    assert bench.until(lambda c: c == [2.0], *send(tensions(40.0, 30.0)))
+    assert bench.until(lambda c: 0.0 < c[0] < 1.0, *send(tensions(57.0, 30.0)))
+    assert bench.until(lambda c: c[0] < 0.0, *send(tensions(62.0, 30.0)))
+    assert bench.until(lambda c: c == [2.0], *send(tensions(30.0, 58.0))), "this cable pays out"
+    for flag in (CableTensions.UNSURE, CableTensions.STALE, CableTensions.INVALID):
+        assert bench.until(lambda c: c == [2.0], *send(tensions(40.0, 30.0)))
+        assert bench.until(lambda c: c == [0.0], *send(tensions(40.0, 30.0, flag)))
+
+
+def test_a_speed_is_neither_kept_without_a_wish_nor_without_tensions(controller: Any) -> None:
+    bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
+    feed = (lambda: bench.wish(2.0), lambda: bench.publish("tensions", tensions(40.0, 30.0)))
+    assert bench.until(lambda c: c == [2.0], *feed)
+    assert bench.until(lambda c: c == [0.0], feed[1]), "nobody wishes any more"
+    assert bench.until(lambda c: c == [2.0], *feed)
+    assert bench.until(lambda c: c == [0.0], feed[0]), "no tensions any more"
+
+
+def test_a_wish_of_the_wrong_length_is_not_used(controller: Any) -> None:
+    bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
+    good = lambda: bench.publish("tensions", tensions(40.0, 30.0))  # noqa: E731
+    assert bench.until(lambda c: c == [2.0], lambda: bench.wish(2.0), good)
+    bench.wish(2.0, 2.0)
+    bench.wish(float("nan"))
+    assert bench.until(lambda c: c == [1.0], lambda: bench.wish(1.0), good)
+    assert all(len(command) == 1 and abs(command[0]) <= 2.0 for command in bench.commands)
+
+
+def test_a_push_stops_the_motors_until_they_are_released(controller: Any) -> None:
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import Trigger
+
+    bench = controller("collision_stop", "CollisionNode", "velocity", threshold=0.5)
+    held = float(bench.controller.observer.numbers[3:5].sum())  # weight at an angle of 0 [N m]
+
+    def feed(extra: float) -> list[Callable[[], None]]:
+        return [
+            lambda: bench.wish(1.0),
+            lambda: bench.publish("joint_states", JointState(name=["elbow"], position=[0.0])),
+            lambda: bench.publish("efforts", JointState(name=["elbow"], effort=[held - extra])),
+        ]
+
+    assert bench.until(lambda c: c == [1.0], *feed(0.0))
+    assert bench.until(lambda c: c == [0.0], *feed(2.0))
+    assert "push" in bench.controller.reason
+    client = bench.user.create_client(Trigger, "collision_stop/release")
+    assert bench.until(lambda _: client.service_is_ready(), *feed(0.0))
+    done = client.call_async(Trigger.Request())
+    assert bench.until(lambda _: done.done(), *feed(0.0))
+    assert "push" in done.result().message
+    assert bench.until(lambda c: c == [1.0] and not bench.controller.reason, *feed(0.0))
+
+
+def test_loose_cables_are_tightened_and_tight_ones_loosened(controller: Any) -> None:
+    from cdrj_msgs.msg import CableTensions
+
+    bench = controller("keep_taut", "TautNode", "position", robot="finger", floor=2.0)
+    count = bench.controller.law.elements
+
+    def feed(tension: float, status: int = 0) -> tuple[Callable[[], None], Callable[[], None]]:
+        message = CableTensions(
+            name=[str(k) for k in range(count)], tension=[tension] * count, stddev=[0.1] * count,
+            status=[status] * count,
+        )  # fmt: skip
+        return lambda: bench.wish(0.0, 0.0, 0.0), lambda: bench.publish("tensions", message)
+
+    assert bench.until(lambda c: max(c) < -0.001, *feed(20.0))
+    assert bench.until(lambda c: min(c) > 0.001, *feed(1.0)), "every motor winds in"
+    assert bench.until(lambda c: max(map(abs, c)) < 1e-6, *feed(1.0, CableTensions.STALE))
+
+
+def test_a_target_becomes_a_motor_angle_and_an_impossible_one_none(controller: Any) -> None:
+    from sensor_msgs.msg import JointState
+
+    bench = controller("friction_feedforward", "FeedforwardNode", "position")
+    rigid = bench.controller.law.rigid(0.2)
+
+    def feed(angle: float) -> Callable[[], None]:
+        return lambda: bench.publish("wished/joints", JointState(name=["elbow"], position=[angle]))
+
+    assert bench.until(lambda c: abs(c[0] - rigid) < 0.2, feed(0.2))
+    bench.commands.clear()
+    for impossible in (2.0, float("nan")):
+        bench.publish("wished/joints", JointState(name=["elbow"], position=[impossible]))
+    assert bench.until(lambda c: abs(c[0] - rigid) < 0.2, feed(0.2))
+    assert all(abs(command[0] - rigid) < 0.2 for command in bench.commands)
+
+
+def test_rig_estimator_and_limiter_together_keep_the_true_tensions_below_the_limit(
+    start_node: Any, node: Any
+) -> None:
+    import rclpy
+    from cdrj_msgs.msg import CableTensions
+    from std_msgs.msg import Float64MultiArray
+
+    limit, largest, newest = 70.0, [0.0], [0.0]
+    start_node("estimator", "--ros-args", "-p", "robot:=prototype")
+    start_node(
+        "rig", "--ros-args", "-p", "robot:=prototype", "-p", "cells:=1", "-p", "truth_rate:=100.0",
+        "-p", "stop:=[-0.2, 0.2]", "-p", "motor_torque:=20.0",
+    )  # fmt: skip
+    limiter = subprocess.Popen(
+        [sys.executable, EXAMPLES / "tension_limiter.py", "--ros-args", "-p", "robot:=prototype",
+         "-p", f"limit:={limit}", "-p", "creep_speed:=0.5"],
+    )  # fmt: skip
+
+    def hear(message: Any) -> None:
+        newest[0] = max(message.tension)
+        largest[0] = max(largest[0], newest[0])
+
+    node.create_subscription(CableTensions, "/cdrj/truth/tensions", hear, 10)
+    wishes = node.create_publisher(Float64MultiArray, "/cdrj/wished/velocity", 1)
+    try:
+        deadline = monotonic() + 10.0 * PATIENCE_S
+        while newest[0] < 0.9 * limit:
+            assert limiter.poll() is None
+            assert monotonic() < deadline, f"{newest[0]:.1f} N"
+            wishes.publish(Float64MultiArray(data=[1.0]))
+            rclpy.spin_once(node, timeout_sec=0.02)
+        end = monotonic() + 1.0  # the wish persists: the tension must stay where it is
+        while monotonic() < end:
+            wishes.publish(Float64MultiArray(data=[1.0]))
+            rclpy.spin_once(node, timeout_sec=0.02)
+    finally:
+        limiter.kill()
+        limiter.wait()
+    assert largest[0] < limit

@@ -1,0 +1,65 @@
+"""The example controllers do on the rig's true tensions and angles what their pages say."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def measure() -> Any:
+    """The module that measures the controllers."""
+    pytest.importorskip("rclpy")
+    sys.path.insert(0, str(EXAMPLES))
+    try:
+        yield importlib.import_module("measure_controllers")
+    finally:
+        sys.path.remove(str(EXAMPLES))
+
+
+def test_the_limiter_holds_every_true_tension_below_its_limit(measure: Any) -> None:
+    effect = measure.limiter(seconds=3.0, limit=60.0)
+    assert effect.without > 100.0
+    assert 55.0 < effect.having < 60.0, "below the limit, and not because the motor stands still"
+
+
+def test_the_feedforward_divides_the_tracking_error_by_more_than_five(measure: Any) -> None:
+    effect = measure.feedforward(seconds=2.5)
+    assert effect.without > 0.2
+    assert effect.having < effect.without / 50.0
+
+
+def test_the_feedforward_helps_with_friction_that_is_20_percent_off(measure: Any) -> None:
+    effect = measure.feedforward(seconds=2.5, wrong={"friction.mu_c": 0.12})
+    assert effect.having < effect.without / 5.0
+
+
+def test_the_cables_stay_taut_at_a_lower_mean_tension(measure: Any) -> None:
+    effect = measure.taut(seconds=4.0, share=0.2)
+    assert effect.curves["with"].min() > 1.0
+    assert effect.curves["without"].min() >= effect.curves["with"].min()
+    assert effect.having < 0.9 * effect.without
+
+
+def test_a_push_is_detected_within_50_ms_and_motion_alone_is_not(measure: Any) -> None:
+    effect = measure.push(seconds=3.5, pushed_s=2.7)
+    assert effect.without < 0.5
+    assert 0.0 < effect.having < 0.05
+
+
+def test_the_closed_loop_gives_the_same_digits_again(measure: Any) -> None:
+    def tensions() -> Any:
+        loop = measure.ClosedLoop("prototype", seed=3, cells=2)
+        loop.command("velocity", [0.5])
+        for _ in range(100):
+            loop.step()
+        return loop.tensions()[1]
+
+    np.testing.assert_array_equal(tensions(), tensions())
