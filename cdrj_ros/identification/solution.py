@@ -32,9 +32,6 @@ HUBER: Final = 1.345
 TOLERANCE: Final = 3e-5
 """Relative change of the cost, or of the coordinates, that ends a round."""
 
-LAST_TOLERANCE: Final = 1e-3
-"""The same for the last round, which starts close to its solution."""
-
 Progress = Callable[[str], None]
 
 
@@ -54,7 +51,6 @@ def solve(
     most_steps: int,
     say: Progress,
     tolerance: float = TOLERANCE,
-    slopes: Problem | None = None,
 ) -> Solved:
     """Least squares from one start.
 
@@ -65,8 +61,6 @@ def solve(
         most_steps: largest number of residual evaluations, not counting those of the Jacobian.
         say: called with a line for every step.
         tolerance: relative change of cost or coordinates that ends the minimisation.
-        slopes: problem with the same references and fewer samples, whose Jacobian is nearly the
-            same and many times cheaper.
 
     Raises:
         RobotFileError: the start describes no possible robot.
@@ -77,7 +71,7 @@ def solve(
     margin = np.minimum(INSIDE, 0.25 * (upper - lower))
     begin = np.clip(begin, lower + margin, upper - margin)
     problem.model(begin)  # raises an error that states the reason
-    size = sum(one.size for one in problem.observations)
+    size = problem.size
     steps = 0
 
     def residuals(coordinates: Vector) -> Vector:
@@ -89,7 +83,7 @@ def solve(
         return found
 
     def differences(coordinates: Vector) -> Table:
-        return jacobian(slopes or problem, coordinates)
+        return jacobian(problem, coordinates)
 
     first = with_priors(problem, begin, problem.residuals(begin))
     found = least_squares(
@@ -129,12 +123,8 @@ def jacobian(problem: Problem, coordinates: Vector, central: bool = False) -> Ta
     """
     lower, upper = limits(problem)
     n = coordinates.size
-    ahead = np.where(coordinates + STEP <= upper, 1.0, -1.0)
-    points = [coordinates]
-    for k in range(n):
-        points.append(_beside(coordinates, k, ahead[k] * STEP))
-        if central:
-            points.append(_beside(coordinates, k, -ahead[k] * STEP))
+    ahead = _ahead(problem, coordinates)
+    points = difference_points(problem, coordinates, central)
     found = problem.residuals_of(points)
     rows = [
         with_priors(problem, point, values) for point, values in zip(points, found, strict=True)
@@ -165,6 +155,21 @@ def jacobian(problem: Problem, coordinates: Vector, central: bool = False) -> Ta
             )
         columns.append((there - here) / (side * STEP))
     return np.column_stack(columns)
+
+
+def difference_points(problem: Problem, coordinates: Vector, central: bool = False) -> list[Vector]:
+    """The points of ``jacobian``: the coordinates, then one or two beside them for each."""
+    points = [coordinates]
+    for k, side in enumerate(_ahead(problem, coordinates)):
+        points.append(_beside(coordinates, k, side * STEP))
+        if central:
+            points.append(_beside(coordinates, k, -side * STEP))
+    return points
+
+
+def _ahead(problem: Problem, coordinates: Vector) -> Vector:
+    """Direction of each coordinate's first step, which stays below the upper bound."""
+    return np.where(coordinates + STEP <= limits(problem)[1], 1.0, -1.0)
 
 
 def _beside(coordinates: Vector, k: int, step: float) -> Vector:

@@ -123,6 +123,13 @@ def remaining_step(
     return step, size
 
 
+def expected_gain(step: Vector, residuals: Vector, jacobian: Table, weights: Vector) -> float:
+    """Fraction of the cost by which a step would lower it if the residuals were linear."""
+    along = jacobian @ step
+    cost = float(weights @ residuals**2)
+    return float(-(weights * along) @ (2.0 * residuals + along)) / max(cost, 1e-300)
+
+
 def effective_variance(problem: Problem, residuals: Vector) -> float:
     """Variance that a residual would have if all residuals were independent.
 

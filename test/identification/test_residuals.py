@@ -1,0 +1,132 @@
+"""Residuals in chunks and in parallel: the same bits as at once, and no run twice."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.whole_recording import Readings
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.identification import residuals as module
+from cdrj_ros.identification.residuals import (
+    Observations,
+    Problem,
+    Recorded,
+    observe,
+    residuals_of_one,
+    residuals_together,
+    samples_of,
+)
+from cdrj_ros.identification.solution import jacobian
+from cdrj_ros.identification.unknowns import parse_unknowns
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.reader import build_robot, load_document
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+SIGMAS = {"tension/upper/8": 2.0, "tension/lower/8": 3.0, "effort/elbow": 0.1}
+
+
+@pytest.fixture(scope="module")
+def document() -> Document:
+    return load_document(PROTOTYPE)[0]
+
+
+@pytest.fixture(scope="module")
+def model(document: Document) -> Model:
+    return prepare(build_robot(document, "test"))
+
+
+@pytest.fixture(scope="module")
+def recorded() -> Recorded:
+    """3 s, with tensions at stamps of their own and efforts at those of the joint."""
+    stamps = 1_700_000_000_000_000_000 + np.arange(600) * 5_000_000
+    time = np.arange(600) * 0.005
+    motor, joint = 4.0 * np.sin(time), 0.4 * np.sin(time)
+    own = stamps[3:-3:4] + 1_234_567
+    generator = np.random.default_rng(3)
+    tension = (own, 30.0 + generator.normal(0.0, 1.0, own.size))
+    return Recorded(
+        "made up",
+        {"winch": Readings(stamps, stamps, motor)},
+        {"elbow": Readings(stamps, stamps, joint)},
+        {
+            "tension/upper/8": tension,
+            "tension/lower/8": (own, tension[1] + 1.0),
+            "effort/elbow": (stamps, generator.normal(0.0, 0.1, stamps.size)),
+        },
+    )
+
+
+def observed(model: Model, recorded: Recorded, *, moving: bool = False) -> Observations:
+    return observe(
+        model, recorded, samples_of(model, recorded), SIGMAS, 1, 100_000, 0.0, moving=moving
+    )
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 599, 600, 10_000])
+def test_residuals_are_those_of_one_run_whatever_the_chunk(
+    model: Model, recorded: Recorded, monkeypatch: pytest.MonkeyPatch, chunk: int
+) -> None:
+    samples = samples_of(model, recorded)
+    whole = Samples(samples.stamp_ns, samples.motor_angle, samples.joint_angle)
+    _, estimates = run(model, initial_state(model), whole)
+    monkeypatch.setattr(module, "CHUNK", chunk)
+    one = observed(model, recorded)
+    found = residuals_of_one(model, one)
+    np.testing.assert_array_equal(
+        found, residuals_of_one(model, observed(model, recorded, moving=True))
+    )
+    at = 0
+    for channel in one.channels:
+        wanted = np.interp(
+            (channel.stamp_ns - samples.stamp_ns[0]).astype(float),
+            (samples.stamp_ns - samples.stamp_ns[0]).astype(float),
+            estimates.values[:, channel.column],
+        )
+        part = found[at : at + channel.reference.size]
+        np.testing.assert_allclose(
+            part, (wanted - channel.reference) / channel.sigma, rtol=1e-12, atol=1e-12
+        )
+        at += channel.reference.size
+    assert at == found.size == one.size > 800
+
+
+def test_no_point_is_run_twice_and_threads_do_not_change_a_bit(
+    document: Document, model: Model, recorded: Recorded
+) -> None:
+    unknowns = parse_unknowns(document, "friction.rho,friction.mu_c")
+    found = []
+    for threads in (1, 3):
+        with ThreadPoolExecutor(threads) as pool:
+            fine = Problem(document, "test", unknowns, [observed(model, recorded)], pool)
+            rough = Problem(document, "test", unknowns, [observed(model, recorded)], pool)
+            here = np.array([0.1, -0.2])
+            beside = here + np.array([2e-3, 0.0])
+            together = residuals_together([(fine, [here]), (rough, [here, beside, here])])
+            assert (fine.evaluations, rough.evaluations) == (1, 2)
+            one_sided = jacobian(rough, here)
+            assert rough.evaluations == 3, "two of its three points were known"
+            both_sided = jacobian(rough, here, central=True)
+            assert rough.evaluations == 5
+            found.append([*together[0], *together[1], one_sided, both_sided])
+    for one, two in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(found[0][1], found[0][3])
+    assert np.any(found[0][1] != found[0][2])
+
+
+def test_a_problem_forgets_what_would_not_fit_into_memory(
+    document: Document, model: Model, recorded: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "REMEMBERED_BYTES", 2 * 8 * observed(model, recorded).size)
+    unknowns = parse_unknowns(document, "friction.rho")
+    with ThreadPoolExecutor(1) as pool:
+        problem = Problem(document, "test", unknowns, [observed(model, recorded)], pool)
+        points = [np.array([0.01 * k]) for k in range(4)]
+        problem.residuals_of(points)
+    assert [problem.recall(point) is not None for point in points] == [False, False, True, True]
