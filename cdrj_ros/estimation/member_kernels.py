@@ -11,12 +11,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.compiled import compiled, lean
 from cdrj_ros.model.friction_history import impose_friction
 from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID, UNSURE
+from cdrj_ros.model.views import copy_part, part
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -39,7 +40,7 @@ ONE: Final[Any] = np.int64(1)
 ANY: Final[Any] = np.int64(-1)
 
 
-@compiled
+@lean
 def _advance_member(
     plan: NDArray[np.int64],
     numbers: Vector,
@@ -55,20 +56,22 @@ def _advance_member(
 
     Takes 9 arguments because it passes the 7 of ``advance`` on.
     """
-    size, sizes = state.size, plan_views(plan).sizes
+    sizes = plan_views(plan).sizes
     if state_views(sizes, state).started[0] == 0.0:
         advance(plan, numbers, state, motor_angle, joint_angle, 0.0, out)
         if state_views(sizes, out).started[0] == 0.0:  # no such pose
             return False
-        state[:] = out[:size]
-        impose_friction(plan, numbers, share, state, out[size + estimate_size :])
+        copy_part(out, 0, state)
+        impose_friction(
+            plan, numbers, share, state, part(out, state.size + estimate_size, out.size)
+        )
         dt = 0.0
     solved = advance(plan, numbers, state, motor_angle, joint_angle, dt, out)
-    state[:] = out[:size]
+    copy_part(out, 0, state)
     return solved
 
 
-@compiled
+@lean
 def _is_invalid(estimate: Vector, elements: int, element: int) -> bool:
     """Whether an element of the estimate is ``INVALID``; for ``ANY``, whether any element is."""
     if element >= 0:
@@ -79,7 +82,7 @@ def _is_invalid(estimate: Vector, elements: int, element: int) -> bool:
     return flags & INVALID != 0
 
 
-@compiled
+@lean
 def _was_unseen(
     last_stamp: int, stamp: int, last_angle: Vector, motor_angle: Vector, joint_angle: Vector
 ) -> bool:
@@ -102,7 +105,7 @@ def _is_on_the_way(unseen: Table) -> bool:
     return unseen.shape[0] > 0 and bool(np.any(unseen[1] > 0.0))
 
 
-@compiled
+@lean
 def _note_unseen(unseen: Table, intervals: NDArray[np.int64]) -> bool:
     """Count every axis's intervals without readings; True if an axis is in one now.
 
@@ -120,7 +123,7 @@ def _note_unseen(unseen: Table, intervals: NDArray[np.int64]) -> bool:
     return hidden
 
 
-@compiled
+@lean
 def _deviate(
     readings: Vector,
     deviation: Vector,
@@ -142,7 +145,7 @@ def _deviate(
             readings[a] = min(max(moved, low), high)
 
 
-@compiled
+@lean
 def _forget(
     states: Table,
     deviation: Table,
@@ -158,14 +161,14 @@ def _forget(
     intervals[:] = 0
 
 
-@compiled
+@lean
 def _read(readings: Vector, angle: Vector, errors: Vector) -> None:
     """Write a member's readings, with its errors, for axes at ``angle`` [rad]."""
     for a in range(readings.size):
         readings[a] = angle[a] + errors[a]
 
 
-@compiled
+@lean
 def _take_deviation(
     columns: NDArray[np.int64],
     element_of: NDArray[np.int64],
@@ -256,8 +259,8 @@ def update_members(
         middle_angle[motors:] += 0.5 * joint_angle
         half = (stamp - last_stamp) * 0.5e-9
     progress[LAST_STAMP] = stamp
-    last_angle[:motors] = motor_angle
-    last_angle[motors:] = joint_angle
+    copy_part(motor_angle, 0, part(last_angle, 0, motors))
+    copy_part(joint_angle, 0, part(last_angle, motors, last_angle.size))
     unsolved = _is_invalid(estimate, elements, ANY)
     if progress[TURN] == 0 or (progress[BEHIND] and not unsolved):
         count = members
@@ -328,12 +331,11 @@ def run_members(
     Takes 27 arguments because it passes on those of ``update_members``.
     """
     size = state.size
-    wanted = estimates.shape[1]
     seen = np.empty((0, 0))
     for k in range(dt.size):
         advance(plan, nominal, state, motor_angles[k], joint_angles[k], dt[k], out)
-        state[:] = out[:size]
-        estimates[k] = out[size : size + wanted]
+        copy_part(out, 0, state)
+        copy_part(out, size, estimates[k])
         update_members(
             plan, numbers, states, stamps, shares, reading_errors, progress, ONE, columns,
             element_of, elements, sample_stamps[k], motor_angles[k], joint_angles[k],
@@ -342,7 +344,7 @@ def run_members(
         )  # fmt: skip
 
 
-@compiled
+@lean
 def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -> None:
     """Set ``UNSURE`` where the standard deviation exceeds a fraction of the tension or preload.
 

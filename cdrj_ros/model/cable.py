@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.compiled import compiled, lean
 from cdrj_ros.model.friction import BOUND_FLOOR, LUGRE, NONE, friction_force
 from cdrj_ros.model.records import Rows, record_type
 
@@ -94,12 +94,12 @@ class Contact:
     """Newton step of the slip [m]."""
     residual: float
     """Force imbalance at ``trial`` [N]."""
-    lower: float
-    """Derivative of the residual by the slip of the pulley before [N/m]."""
-    middle: float
-    """Derivative of the residual by this pulley's slip [N/m]."""
+    by_slip: float
+    """Derivative of friction by the slip at constant bound [N/m]."""
+    by_pull: float
+    """Derivative of friction by the tension on the pull side [-]."""
     upper: float
-    """Derivative of the residual by the slip of the pulley after [N/m]."""
+    """Eliminated system: coefficient of the next pulley's step [-]."""
 
 
 PULLEY: Final = record_type(PulleyNumbers)
@@ -112,26 +112,26 @@ SMALLEST_SHRINK: Final = 0.25
 """A Newton step may not shorten an element below this share of its material."""
 
 
-@compiled
+@lean
 def tolerance(axial_stiffness: float) -> float:
     """Largest force imbalance at a pulley that counts as solved [N]; rounding sets the floor."""
     return 1e-8 + 1e-14 * axial_stiffness
 
 
-@compiled
+@lean
 def acceptable(axial_stiffness: float) -> float:
     """Largest force imbalance with which a sample may be used [N]; above, it is not solved."""
     return 1e-4 + 1e-14 * axial_stiffness
 
 
-@compiled
+@lean
 def element_tension(axial_stiffness: float, length: float, material: float) -> float:
     """t = EA max(L / l - 1, 0) [N]; exact for large winding, (11) is its linearisation."""
     return max(axial_stiffness * (length / material - 1.0), 0.0)
 
 
-@compiled
-def _imbalance(
+@lean
+def _balance(
     axial_stiffness: float,
     elements: Rows[SolverElement],
     contacts: Rows[Contact],
@@ -141,37 +141,24 @@ def _imbalance(
     law: int,
     dt: float,
 ) -> float:
-    """Force imbalance of every pulley at its trial slip, with the Jacobian.
+    """Force imbalance of every pulley at its trial slip; returns the largest magnitude [N].
 
-    Residual i is (t_{i+1} - t_i) - friction_i, tridiagonal in the slips.  The bound of friction
-    depends on the pull side, so its derivative is in a neighbour's column too.  Fills material,
-    tension, bristle force, bound, residual and Jacobian; returns the largest |residual| [N].
-
-    Longer than a screen because tension and stiffness of an element are computed once and handed
-    on from pulley to pulley: this loop takes most of the time of a sample.
+    Residual i is (t_{i+1} - t_i) - friction_i.  Fills material and tension of the elements, and
+    bristle force, bound, residual and the derivatives of friction of the contacts.
     """
     n = len(contacts)
     worst = 0.0
     slip = contacts[0].trial
     material = elements[0].material_before + first_slip - slip
     elements[0].material = material
-    stretch = elements[0].length / material
-    t_left = axial_stiffness * (stretch - 1.0)
-    k_left = axial_stiffness * stretch / material
-    if t_left <= 0.0:
-        t_left, k_left = 0.0, 0.0
+    t_left = element_tension(axial_stiffness, elements[0].length, material)
     elements[0].tension = t_left
     for i in range(n):
         following = contacts[i + 1].trial if i + 1 < n else last_slip
         material = elements[i + 1].material_before + slip - following
         elements[i + 1].material = material
-        stretch = elements[i + 1].length / material
-        t_right = axial_stiffness * (stretch - 1.0)
-        k_right = axial_stiffness * stretch / material
-        if t_right <= 0.0:
-            t_right, k_right = 0.0, 0.0
+        t_right = element_tension(axial_stiffness, elements[i + 1].length, material)
         elements[i + 1].tension = t_right
-
         force = 0.0
         by_slip = 0.0
         by_pull = 0.0
@@ -197,68 +184,97 @@ def _imbalance(
                 viscous = pulleys[i].viscous / dt
                 force += viscous * slip
                 by_slip += viscous
-
+        contacts[i].by_slip = by_slip
+        contacts[i].by_pull = by_pull
         residual = t_right - t_left - force
         contacts[i].residual = residual
         if not abs(residual) <= worst:  # true for NaN too
             worst = abs(residual)
-        lower, upper = k_left, k_right
-        diagonal = -(k_left + k_right) - by_slip
-        # Slack elements carry no stiffness.  A little of it in the matrix, not in the residual,
-        # keeps a taut element between slack neighbours from making the system singular.
-        slack = 1e-3 * axial_stiffness / material
-        if k_left == 0.0:
-            diagonal -= slack
-        if k_right == 0.0:
-            diagonal -= slack
-        if t_right >= t_left:
-            diagonal += by_pull * k_right
-            upper -= by_pull * k_right
-        else:
-            diagonal -= by_pull * k_left
-            lower += by_pull * k_left
-        contacts[i].lower = lower
-        contacts[i].middle = diagonal
-        contacts[i].upper = upper
-        t_left, k_left = t_right, k_right
+        t_left = t_right
         slip = following
     return worst
 
 
-@compiled
-def _newton_step(contacts: Rows[Contact]) -> None:
-    """Solve the tridiagonal system J step = -residual in place (Thomas), O(n)."""
-    n = len(contacts)
-    scale = 1.0 / contacts[0].middle
-    contacts[0].upper *= scale
-    contacts[0].step = -contacts[0].residual * scale
-    for i in range(1, n):
-        scale = 1.0 / (contacts[i].middle - contacts[i].lower * contacts[i - 1].upper)
-        contacts[i].upper *= scale
-        contacts[i].step = (
-            -contacts[i].residual - contacts[i].lower * contacts[i - 1].step
-        ) * scale
-    for i in range(n - 2, -1, -1):
-        contacts[i].step -= contacts[i].upper * contacts[i + 1].step
+@lean
+def _element_stiffness(axial_stiffness: float, element: SolverElement) -> float:
+    """-dt / dl of an element [N/m]; 0 where it is slack."""
+    if not element.tension > 0.0:
+        return 0.0
+    return axial_stiffness * (element.length / element.material) / element.material
 
 
-@compiled
-def _longest_step(contacts: Rows[Contact], elements: Rows[SolverElement]) -> float:
-    """Share in (0, 1] of the Newton step that leaves every element some material."""
+@lean
+def _matrix_row(
+    contact: Contact, k_left: float, k_right: float, pulled_after: bool, slack: float
+) -> tuple[float, float, float]:
+    """Derivatives of a residual by the slips of the pulley before, this one and the next [N/m].
+
+    The bound of friction depends on the pull side, so its derivative is in a neighbour's column
+    too.
+
+    Args:
+        contact: the pulley.
+        k_left, k_right: stiffness of the elements before and after it [N/m].
+        pulled_after: whether the element after it is on the pull side.
+        slack: stiffness in place of a slack element's [N/m].  In the matrix, not in the residual,
+            it keeps a taut element between slack ones from making the system singular.
+    """
+    lower, upper = k_left, k_right
+    diagonal = -(k_left + k_right) - contact.by_slip
+    if k_left == 0.0:
+        diagonal -= slack
+    if k_right == 0.0:
+        diagonal -= slack
+    if pulled_after:
+        diagonal += contact.by_pull * k_right
+        upper -= contact.by_pull * k_right
+    else:
+        diagonal -= contact.by_pull * k_left
+        lower += contact.by_pull * k_left
+    return lower, diagonal, upper
+
+
+@lean
+def _newton_step(
+    axial_stiffness: float, elements: Rows[SolverElement], contacts: Rows[Contact]
+) -> float:
+    """Solve the tridiagonal system J step = -residual (Thomas), O(n).
+
+    Returns:
+        Share in (0, 1] of the step that leaves every element some material.
+    """
     n = len(contacts)
+    k_left = _element_stiffness(axial_stiffness, elements[0])
+    upper_before, step_before = 0.0, 0.0
+    for i in range(n):
+        element, contact = elements[i + 1], contacts[i]
+        k_right = _element_stiffness(axial_stiffness, element)
+        pulled_after = element.tension >= elements[i].tension
+        slack = 1e-3 * axial_stiffness / element.material
+        lower, diagonal, upper = _matrix_row(contact, k_left, k_right, pulled_after, slack)
+        scale = 1.0 / (diagonal - lower * upper_before)
+        step_before = (-contact.residual - lower * step_before) * scale
+        upper_before = upper * scale
+        contact.upper, contact.step = upper_before, step_before
+        k_left = k_right
     share = 1.0
-    incoming = 0.0
-    for e in range(n + 1):
-        outgoing = contacts[e].step if e < n else 0.0
-        change = incoming - outgoing
-        most = (SMALLEST_SHRINK - 1.0) * elements[e].material
-        if change < most:
-            share = min(share, most / change)
-        incoming = outgoing
-    return share
+    after = 0.0
+    for i in range(n - 1, -1, -1):
+        step = contacts[i].step - contacts[i].upper * after if i + 1 < n else contacts[i].step
+        contacts[i].step = step
+        share = _shortened(share, step - after, elements[i + 1].material)
+        after = step
+    return _shortened(share, -after, elements[0].material)
 
 
-@compiled
+@lean
+def _shortened(share: float, change: float, material: float) -> float:
+    """The share of a step that leaves an element some material [m]; ``change`` is the step's."""
+    most = (SMALLEST_SHRINK - 1.0) * material
+    return min(share, most / change) if change < most else share
+
+
+@lean
 def _try_step(
     contacts: Rows[Contact], pulleys: Rows[PulleyNumbers], law: int, share: float
 ) -> None:
@@ -283,7 +299,7 @@ def _try_step(
         contacts[i].trial = trial
 
 
-@compiled
+@lean
 def _predict(
     contacts: Rows[Contact], elements: Rows[SolverElement], first_slip: float, last_slip: float
 ) -> None:
@@ -306,7 +322,7 @@ def _predict(
         contacts[i].slip = passing
 
 
-@compiled
+@lean
 def _newton(
     axial_stiffness: float,
     elements: Rows[SolverElement],
@@ -322,16 +338,15 @@ def _newton(
     enough = tolerance(axial_stiffness)
     for i in range(n):
         contacts[i].trial = contacts[i].slip
-    worst = _imbalance(axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt)
+    worst = _balance(axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt)
     for iteration in range(MAX_ITERATIONS):
         if worst <= enough:
             return iteration, worst
-        _newton_step(contacts)
-        share = _longest_step(contacts, elements)
+        share = _newton_step(axial_stiffness, elements, contacts)
         best = worst
         for _ in range(6):
             _try_step(contacts, pulleys, law, share)
-            worst = _imbalance(
+            worst = _balance(
                 axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
             )
             if worst < best:
@@ -342,7 +357,7 @@ def _newton(
     return MAX_ITERATIONS, worst
 
 
-@compiled
+@lean
 def _guess_is_usable(
     contacts: Rows[Contact], elements: Rows[SolverElement], first_slip: float, last_slip: float
 ) -> bool:
@@ -357,7 +372,7 @@ def _guess_is_usable(
     return True
 
 
-@compiled
+@lean
 def solve_cable(
     axial_stiffness: float,
     elements: Rows[SolverElement],

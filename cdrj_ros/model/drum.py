@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.compiled import lean
 from cdrj_ros.model.records import record_type
 
 Vector = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Drum:
 DRUM: Final = record_type(Drum, angle=CAPACITY, material=CAPACITY)
 
 
-@compiled
+@lean
 def start_drum(drum: Drum, angle: float, material: float, rate: float) -> None:
     """Forget everything: below ``angle`` the drum holds ``rate`` [m/rad] of material throughout.
 
@@ -60,13 +60,13 @@ def start_drum(drum: Drum, angle: float, material: float, rate: float) -> None:
     drum.material[0] = material
 
 
-@compiled
+@lean
 def material_held(drum: Drum) -> float:
     """Unstretched material on the drum since the reference [m]."""
     return drum.material[int(drum.points) - 1]
 
 
-@compiled
+@lean
 def turn_drum(drum: Drum, angle: float, rate: float) -> float:
     """Turn the drum to a wound angle [rad]; returns the material on it [m].
 
@@ -101,7 +101,7 @@ def turn_drum(drum: Drum, angle: float, rate: float) -> float:
     return material
 
 
-@compiled
+@lean
 def _thin_out(drum: Drum) -> int:
     """Keep every other break point and the last one; returns how many are left."""
     n = int(drum.points)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import cos, exp, sqrt
 from typing import Final, get_args
 
-from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.compiled import lean
 from cdrj_ros.robot.description import LAWS, StribeckForm
 
 # The code of a law or a form is its place among the words of a robot file.
@@ -31,20 +31,20 @@ BOUND_FLOOR: Final = 1e-9
 """epsilon of (34) [N]: keeps the bound positive on a slack cable."""
 
 
-@compiled
+@lean
 def capstan_transmission(mu: float, wrap_angle: float) -> float:
     """(32): T_hold / T_pull of a cable sliding over a fixed cylinder."""
     return exp(-mu * wrap_angle)
 
 
-@compiled
+@lean
 def stribeck_share(slip_speed: float, stribeck_speed: float) -> float:
     """Share in [0, 1] of static friction that is left at a slip speed: the last factor of (33)."""
     ratio = slip_speed / stribeck_speed
     return exp(-ratio * ratio)
 
 
-@compiled
+@lean
 def sliding_loss(mu_c: float, mu_s: float, wrap_angle: float, stribeck: int) -> tuple[float, float]:
     """(37) as ``1 - eta_d = kinetic + static * stribeck_share(v)``; returns (kinetic, static).
 
@@ -61,7 +61,7 @@ def sliding_loss(mu_c: float, mu_s: float, wrap_angle: float, stribeck: int) -> 
     return kinetic, kinetic * (mu_s / mu_c - 1.0)
 
 
-@compiled
+@lean
 def sliding_transmission(
     slip_speed: float,
     mu_c: float,
@@ -76,7 +76,7 @@ def sliding_transmission(
     return max(1.0 - loss, MINIMUM_TRANSMISSION)
 
 
-@compiled
+@lean
 def bearing_transmission(wrap_angle: float, bearing_ratio: float) -> float:
     """(41): eta_r of a pulley that turns on a bearing, from the quadratic (40).
 
@@ -89,7 +89,7 @@ def bearing_transmission(wrap_angle: float, bearing_ratio: float) -> float:
     return (1.0 - c * cosine - root) / (1.0 - c)
 
 
-@compiled
+@lean
 def blended_loss(
     rho: float,
     mu_c: float,
@@ -118,7 +118,7 @@ def blended_loss(
     return kinetic, static
 
 
-@compiled
+@lean
 def friction_force(
     law: int, before: float, slip: float, stiffness: float, bound: float, breakaway: float
 ) -> tuple[float, float, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.compiled import lean
 from cdrj_ros.model.friction import NONE
 from cdrj_ros.model.packing import Indices, number_views, plan_views
 from cdrj_ros.model.state import scratch_views, state_views
@@ -13,7 +13,7 @@ from cdrj_ros.model.state import scratch_views, state_views
 Vector = NDArray[np.float64]
 
 
-@compiled
+@lean
 def impose_friction(
     plan: Indices, numbers: Vector, share: Vector, state: Vector, scratch: Vector
 ) -> None:

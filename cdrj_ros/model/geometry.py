@@ -13,7 +13,7 @@ from typing import Final, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.compiled import lean
 from cdrj_ros.model.records import Grid, Rows, record_type
 from cdrj_ros.robot.description import FrameMotion
 
@@ -120,13 +120,13 @@ TWIST: Final = record_type(Twist)
 CUBIC: Final = record_type(Cubic)
 
 
-@compiled
+@lean
 def wrap_to_pi(angle: float) -> float:
     """The same angle in [-pi, pi)."""
     return (angle + pi) % (2.0 * pi) - pi
 
 
-@compiled
+@lean
 def tangent(
     x1: float, y1: float, signed_radius1: float, x2: float, y2: float, signed_radius2: float
 ) -> tuple[float, float, float]:
@@ -146,7 +146,7 @@ def tangent(
     return length, atan2(dy, dx) - atan2(h, length), h
 
 
-@compiled
+@lean
 def place_frames(
     plans: Rows[FramePlan],
     frames: Rows[FrameNumbers],
@@ -208,14 +208,14 @@ def place_frames(
         pose[f].x, pose[f].y, pose[f].angle = ox, oy, angle
 
 
-@compiled
+@lean
 def node_centre(node: NodeNumbers, pose: Pose) -> tuple[float, float]:
     """Centre of a node in the base frame [m]; ``pose`` is that of its frame."""
     c, s = cos(pose.angle), sin(pose.angle)
     return pose.x + c * node.x - s * node.y, pose.y + s * node.x + c * node.y
 
 
-@compiled
+@lean
 def route(
     plans: Rows[NodePlan],
     nodes: Rows[NodeNumbers],
@@ -304,7 +304,7 @@ def route(
     return possible
 
 
-@compiled
+@lean
 def table_value(cubic: Cubic, share: float) -> tuple[float, float]:
     """Value of a cubic and its derivative by ``share``, the place u in the interval."""
     c1, c2, c3 = cubic.c1, cubic.c2, cubic.c3

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.cable import Contact, SolverElement, acceptable, element_tension, solve_cable
-from cdrj_ros.model.compiled import compiled, stage, usable_in_kernels
+from cdrj_ros.model.compiled import compiled, lean, stage, usable_in_kernels
 from cdrj_ros.model.drum import material_held, start_drum, turn_drum
 from cdrj_ros.model.friction import blended_loss, stribeck_share
 from cdrj_ros.model.outputs import passive_torque, report_cable
@@ -31,7 +31,7 @@ from cdrj_ros.model.state import (
     state_views,
 )
 from cdrj_ros.model.status import INVALID
-from cdrj_ros.model.views import part
+from cdrj_ros.model.views import copy_part, part
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -185,7 +185,7 @@ def _move_cable(step: Step, c: int, motor_angle: Vector, dt: float) -> bool:
     return solved
 
 
-@compiled
+@lean
 def _has_material(elements: Rows[SolverElement]) -> bool:
     """Whether every element has some unstretched length."""
     every = True
@@ -194,7 +194,7 @@ def _has_material(elements: Rows[SolverElement]) -> bool:
     return every
 
 
-@compiled
+@lean
 def _spread_evenly(axial_stiffness: float, elements: Rows[SolverElement], entered: float) -> None:
     """Distribute a cable's elongation evenly where its slips were not solved."""
     total = entered
@@ -212,7 +212,7 @@ def _spread_evenly(axial_stiffness: float, elements: Rows[SolverElement], entere
 @stage
 def _refuse(before: Vector, out: Vector, estimate: EstimateViews, estimate_size: int) -> None:
     """Keep the state, mark every element ``INVALID`` and report 0 for everything else."""
-    out[: before.size] = before
+    copy_part(before, 0, part(out, 0, before.size))
     out[before.size : before.size + estimate_size] = 0.0
     estimate.status[:] = INVALID
 
@@ -237,7 +237,7 @@ def _add_axes(step: Step, motor_angle: Vector, joint_angle: Vector) -> None:
             step.estimate.joint_effort[a - motors] = axis.effort_sign * (cables + torque)
 
 
-@compiled
+@lean
 def advance(
     plan: Indices,
     numbers: Vector,
@@ -306,9 +306,8 @@ def advance_all(
         estimates: shape (samples, estimate_size), written.
     """
     size = state.size
-    wanted = estimates.shape[1]
-    out = np.empty(size + wanted + scratch_size(plan_views(plan).sizes))
+    out = np.empty(size + estimates.shape[1] + scratch_size(plan_views(plan).sizes))
     for k in range(dt.size):
         advance(plan, numbers, state, motor_angles[k], joint_angles[k], dt[k], out)
-        state[:] = out[:size]
-        estimates[k] = out[size : size + wanted]
+        copy_part(out, 0, state)
+        copy_part(out, size, estimates[k])

@@ -7,7 +7,7 @@ from math import cos, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import compiled, stage
+from cdrj_ros.model.compiled import lean, stage
 from cdrj_ros.model.packing import AxisNumbers, Numbers, Plan
 from cdrj_ros.model.state import EstimateViews, ScratchViews
 from cdrj_ros.model.status import INVALID, OK, OVERLOAD, SLACK
@@ -107,7 +107,7 @@ def nodal_force_magnitude(before: Table, after: Table, cosine: Table) -> Table:
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 
-@compiled
+@lean
 def passive_torque(
     axis: AxisNumbers, friction_before: float, turned: float, angle: float
 ) -> tuple[float, float]:

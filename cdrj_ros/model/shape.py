@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import compiled, stage
+from cdrj_ros.model.compiled import lean, stage
 from cdrj_ros.model.geometry import place_frames, route, table_value
 from cdrj_ros.model.packing import Indices, Numbers, Plan, number_views, plan_views
 from cdrj_ros.model.state import ScratchViews, scratch_views
@@ -86,7 +86,7 @@ def place_cables(
     return possible
 
 
-@compiled
+@lean
 def shape(
     plan: Indices, numbers: Vector, joint_angle: Vector, length: Vector, scratch: Vector
 ) -> bool:

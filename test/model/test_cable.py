@@ -332,7 +332,7 @@ def _random_problem(seed: int, count: int) -> dict[str, Any]:
 def _residual(problem: dict[str, Any], law: int, slip: np.ndarray) -> np.ndarray:
     work = problem["work"].copy()
     work["trial"] = slip
-    kernel._imbalance(
+    kernel._balance(
         problem["stiffness"], problem["elements"].copy(), work, problem["pulleys"],
         1e-6, -2e-6, law, 1e-3,
     )  # fmt: skip
@@ -340,14 +340,18 @@ def _residual(problem: dict[str, Any], law: int, slip: np.ndarray) -> np.ndarray
 
 
 def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
-    work = problem["work"].copy()
-    kernel._imbalance(
-        problem["stiffness"], problem["elements"].copy(), work, problem["pulleys"],
-        1e-6, -2e-6, law, 1e-3,
-    )  # fmt: skip
-    matrix = np.diag(work["middle"])
-    matrix += np.diag(work["lower"][1:], -1) + np.diag(work["upper"][:-1], 1)
-    return np.array(matrix)
+    work, elements = problem["work"].copy(), problem["elements"].copy()
+    kernel._balance(
+        problem["stiffness"], elements, work, problem["pulleys"], 1e-6, -2e-6, law, 1e-3
+    )
+    stiffness = [kernel._element_stiffness(problem["stiffness"], element) for element in elements]
+    matrix = np.zeros((len(work), len(work) + 2))
+    for i, contact in enumerate(work):
+        pulled_after = elements[i + 1]["tension"] >= elements[i]["tension"]
+        matrix[i, i : i + 3] = kernel._matrix_row(
+            contact, stiffness[i], stiffness[i + 1], pulled_after, 0.0
+        )
+    return matrix[:, 1:-1]
 
 
 @pytest.mark.parametrize("law", [NONE, LUGRE, ELASTOPLASTIC], ids=LAWS.__getitem__)
