@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.model.compiled import compiled, lean
+from cdrj_ros.model.compiled import compiled, lean, stage
 from cdrj_ros.model.friction import BOUND_FLOOR, LUGRE, NONE, friction_force
 from cdrj_ros.model.records import Rows, record_type
 
@@ -130,6 +130,37 @@ def element_tension(axial_stiffness: float, length: float, material: float) -> f
     return max(axial_stiffness * (length / material - 1.0), 0.0)
 
 
+@stage
+def _friction(
+    contact: Contact, pulley: PulleyNumbers, slip: float, pull: float, law: int, dt: float
+) -> tuple[float, float, float]:
+    """Friction of a pulley [N], its derivatives by the slip [N/m] and by the pull side's tension.
+
+    Writes bristle force and bound of the contact.
+    """
+    bound = contact.loss * pull + pulley.drag + BOUND_FLOOR
+    stiffness = pulley.bristle_stiffness
+    bristle_before = contact.bristle_before
+    force, by_slip, by_bound = friction_force(
+        law, bristle_before, slip, stiffness, bound, pulley.breakaway
+    )
+    contact.bristle = force
+    contact.bound = bound
+    by_pull = by_bound * contact.loss
+    if dt > 0.0:
+        damping = pulley.bristle_damping
+        if damping != 0.0:
+            # sigma1 dz/dt, fading with speed: constant, it costs LuGre its passivity
+            rate = damping * contact.static_share / (stiffness * dt)
+            force += rate * (force - bristle_before)
+            by_slip *= 1.0 + rate
+            by_pull *= 1.0 + rate
+        viscous = pulley.viscous / dt
+        force += viscous * slip
+        by_slip += viscous
+    return force, by_slip, by_pull
+
+
 @lean
 def _balance(
     axial_stiffness: float,
@@ -159,31 +190,10 @@ def _balance(
         elements[i + 1].material = material
         t_right = element_tension(axial_stiffness, elements[i + 1].length, material)
         elements[i + 1].tension = t_right
-        force = 0.0
-        by_slip = 0.0
-        by_pull = 0.0
+        force, by_slip, by_pull = 0.0, 0.0, 0.0
         if law != NONE:
-            eta_loss = contacts[i].loss
-            bound = eta_loss * max(t_left, t_right) + pulleys[i].drag + BOUND_FLOOR
-            stiffness = pulleys[i].bristle_stiffness
-            bristle_before = contacts[i].bristle_before
-            force, by_slip, by_bound = friction_force(
-                law, bristle_before, slip, stiffness, bound, pulleys[i].breakaway
-            )
-            contacts[i].bristle = force
-            contacts[i].bound = bound
-            by_pull = by_bound * eta_loss
-            if dt > 0.0:
-                damping = pulleys[i].bristle_damping
-                if damping != 0.0:
-                    # sigma1 dz/dt, fading with speed: constant, it costs LuGre its passivity
-                    rate = damping * contacts[i].static_share / (stiffness * dt)
-                    force += rate * (force - bristle_before)
-                    by_slip *= 1.0 + rate
-                    by_pull *= 1.0 + rate
-                viscous = pulleys[i].viscous / dt
-                force += viscous * slip
-                by_slip += viscous
+            pull = max(t_left, t_right)
+            force, by_slip, by_pull = _friction(contacts[i], pulleys[i], slip, pull, law, dt)
         contacts[i].by_slip = by_slip
         contacts[i].by_pull = by_pull
         residual = t_right - t_left - force
