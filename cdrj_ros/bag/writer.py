@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import struct
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Final
+from typing import IO, Any, Final, TypeVar
 from uuid import uuid4
 
 import numpy as np
@@ -37,6 +37,7 @@ _COMPRESSIONS: Final = {
 }
 
 ArrayLike = npt.ArrayLike
+Piece = TypeVar("Piece")
 Queued = tuple[int, str, bytes]
 """Log time [ns], topic and payload of a message to be written."""
 
@@ -74,6 +75,18 @@ class _Copied:
             yield message.log_ns, message.topic, message.data
 
 
+@dataclass(frozen=True)
+class _InPieces:
+    """Messages of which a part at a time is made when the file is written."""
+
+    parts: Iterator[list[_Encoded]]
+    """Log times of a part are not before those of the part before it."""
+
+    def messages(self) -> Iterator[Queued]:
+        for part in self.parts:
+            yield from merge(*(one.messages() for one in part), key=lambda message: message[0])
+
+
 class BagWriter:
     """Collects messages and writes them, in order of log time, when closed.
 
@@ -97,7 +110,7 @@ class BagWriter:
         self._compression = _COMPRESSIONS[compression]
         self._chunk_bytes = chunk_bytes
         self._channels: dict[str, Channel] = {}
-        self._queue: list[_Encoded | _Copied] = []
+        self._queue: list[_Encoded | _Copied | _InPieces] = []
         self._closed = False
 
     def __enter__(self) -> BagWriter:
@@ -204,6 +217,34 @@ class BagWriter:
             self._declare(channel)
         if chosen:
             self._queue.append(_Copied(path, tuple(chosen)))
+
+    def write_pieces(
+        self,
+        topics: Mapping[str, str],
+        pieces: Iterable[Piece],
+        write: Callable[[BagWriter, Piece], None],
+    ) -> None:
+        """Write what need not be in memory at once.
+
+        Each piece is asked for, and forgotten, while the bag is written.  What `pieces` raises
+        passes through, and no bag is left behind.
+
+        Args:
+            topics: types of the topics that `write` writes, by name.
+            pieces: what is written, in order of log time.
+            write: calls the `write_…` for one of them.
+        """
+        for topic, msgtype in topics.items():
+            definition = own_definition(msgtype).text
+            self._declare(Channel(topic, msgtype, "cdr", "ros2msg", definition))
+
+        def parts() -> Iterator[list[_Encoded]]:
+            for piece in pieces:
+                part = BagWriter(self.path)
+                write(part, piece)
+                yield [one for one in part._queue if isinstance(one, _Encoded)]
+
+        self._queue.append(_InPieces(parts()))
 
     def close(self) -> None:
         """Write the folder; called by the context manager."""

@@ -31,7 +31,6 @@ from cdrj_ros.commands.shared import (
     topics_of,
     write_files,
 )
-from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.output import say
@@ -42,11 +41,11 @@ from cdrj_ros.judgement.limits import judge, load_limits
 from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.judgement.validation import (
     WHOLE,
+    Validation,
     Window,
     condition_recording,
     read_inputs,
     require_reference_topics,
-    validate_recording,
 )
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -107,9 +106,8 @@ def _validate(model: Model, task: Task, progress: Progress | None = None) -> Bag
         if progress:
             progress(READING_SHARE + (1.0 - READING_SHARE) * share)
 
-    pieces: list[Estimates] = []
     begin = perf_counter()
-    comparison = validate_recording(
+    validation = Validation(
         model,
         task.path,
         recording,
@@ -117,8 +115,16 @@ def _validate(model: Model, task: Task, progress: Progress | None = None) -> Bag
         spread=task.spread,
         window=task.window,
         progress=on,
-        keep=pieces.append if task.written else None,
     )
+    if task.written:
+        stamps = np.concatenate([segment.stamp_ns for segment in conditioned.segments])
+        write_estimates(
+            task.written, task.path, recording, stamps, validation.pieces(), task.outputs
+        )
+    else:
+        for _ in validation.pieces():
+            pass
+    comparison = validation.result()
     facts = {
         "samples": f"{sum(segment.stamp_ns.size for segment in conditioned.segments)}",
         "time": f"{reading_s:.2f} s reading, {perf_counter() - begin:.2f} s estimating",
@@ -126,19 +132,7 @@ def _validate(model: Model, task: Task, progress: Progress | None = None) -> Bag
     }
     if task.preload is not None:
         facts["preload"] = f"{task.preload} N"
-    if task.written:
-        write_estimates(task.written, task.path, recording, _joined(pieces), task.outputs)
     return replace(comparison, facts=facts)
-
-
-def _joined(pieces: Sequence[Estimates]) -> Estimates:
-    stddev = [piece.stddev for piece in pieces if piece.stddev is not None]
-    return Estimates(
-        np.concatenate([piece.stamp_ns for piece in pieces]),
-        np.concatenate([piece.values for piece in pieces]),
-        pieces[0].layout,
-        np.concatenate(stddev) if stddev else None,
-    )
 
 
 def _start_worker() -> None:
@@ -222,7 +216,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--uncertainty", choices=("auto", "on", "off"), default="auto",
         help="compute standard deviations of the estimates and their coverage; auto: if the robot "
-        "file has an uncertainty section (default %(default)s)",
+        "file has an uncertainty section, or a bag is written (default %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--quiet", action="store_true", help="print errors and violated limits only"
@@ -236,8 +230,8 @@ def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[Task]:
     bags, topics = arguments.bags, topics_of(arguments)
     window = _window(arguments.start, arguments.duration)
     spread = arguments.uncertainty == "on"
-    if arguments.uncertainty == "auto":
-        spread = robot.uncertainty is not None
+    if arguments.uncertainty == "auto":  # a bag has the status that the node would publish
+        spread = robot.uncertainty is not None or bool(arguments.write_bag)
     prefix = topic_prefix(arguments)
     outputs = (prefix + OUTPUTS[0], prefix + OUTPUTS[1], prefix + OUTPUTS[2])
     return [

@@ -16,7 +16,7 @@ from cdrj_ros.model.friction_history import impose_friction
 from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import state_views
-from cdrj_ros.model.status import INVALID, UNSURE
+from cdrj_ros.model.status import INVALID
 from cdrj_ros.model.views import copy_part, part
 
 Vector = NDArray[np.float64]
@@ -342,21 +342,3 @@ def run_members(
             unseen[k] if unseen.shape[0] else seen, estimates[k],
             deviation, variance, last_angle, intervals, ways, span, readings, out, stddevs[k],
         )  # fmt: skip
-
-
-@lean
-def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -> None:
-    """Set ``UNSURE`` where the standard deviation exceeds a fraction of the tension or preload.
-
-    Args:
-        values: an estimate: tensions, then status of all elements, then the rest; changed in place.
-        preload: preload of every element's cable [N], shape (elements,).
-        stddev: standard deviations of the tensions [N], then of the rest.
-        share: see ``Options.unsure_share``; of the tension or the preload, whichever is greater.
-    """
-    elements = preload.size
-    for e in range(elements):
-        if stddev[e] > share * max(values[e], preload[e]):
-            flags = int(values[elements + e])
-            if flags & INVALID == 0:
-                values[elements + e] = flags | UNSURE

@@ -17,13 +17,18 @@ from cdrj_ros.conditioning.time_line import Conditioner, Mode
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
-from cdrj_ros.estimation.member_kernels import MOVED, mark_unsure, update_members
+from cdrj_ros.estimation.member_kernels import MOVED, update_members
 from cdrj_ros.estimation.rest import RestWatch
+from cdrj_ros.estimation.unsure import (
+    UNSURE_SHARE,
+    mark_all_unsure,
+    mark_unsure,
+    preload_of_elements,
+)
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.shape import shape
-from cdrj_ros.model.status import INVALID, UNSURE
 from cdrj_ros.robot.document import LARGEST, document_complaints
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
@@ -53,7 +58,7 @@ class Options:
     """``wait`` for the slower channel, or ``predict`` it."""
     uncertainty: bool = True
     """Whether to estimate standard deviations."""
-    unsure_share: float = 0.1
+    unsure_share: float = UNSURE_SHARE
     """An element is ``UNSURE`` if its standard deviation exceeds this fraction of its tension or
     preload, whichever is greater."""
     tension_sensors: bool = False
@@ -139,10 +144,7 @@ class LiveEstimator:
         self._clock_offset_ns = {
             motor.name: motor.sensor.clock_offset_ns for motor in model.robot.motors
         }
-        self._preload = np.repeat(
-            [cable.preload for cable in model.robot.cables],
-            [len(cable.element_names) for cable in model.robot.cables],
-        )
+        self._preload = preload_of_elements(model.robot)
 
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""
@@ -255,11 +257,11 @@ class LiveEstimator:
             stddev = spread.update(sample, estimate)
             mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
         if sample.doubtful:
-            mark_all_unsure(estimate)
+            mark_all_unsure(estimate.values, self._preload.size)
         if self.fusion is not None and estimate.solved:
             self.fusion.remember(estimate)
             if self._pending and self._use_pending(self.fusion, sample):
-                mark_all_unsure(estimate)
+                mark_all_unsure(estimate.values, self._preload.size)
         return Output(estimate, stddev)
 
     def feed_tensions(
@@ -420,13 +422,6 @@ class LiveEstimator:
     def last_ns(self) -> int:
         """Stamp of the last sample [ns]; ``NEVER`` before the first."""
         return self.state.stamp_ns if self.sample is not None else NEVER
-
-
-def mark_all_unsure(estimate: Estimate) -> None:
-    """Set ``UNSURE`` on every element that is not ``INVALID``."""
-    status = estimate.values[estimate.layout.status]
-    flags = status.astype(np.uint8)
-    status[:] = np.where(flags & INVALID, flags, flags | UNSURE)
 
 
 def with_other_numbers(model: Model, values: Mapping[str, float]) -> Model:

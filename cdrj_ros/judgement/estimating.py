@@ -11,22 +11,28 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned
 from cdrj_ros.estimation.ensemble import Spread, spread_columns
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.unsure import UNSURE_SHARE, mark_recording, preload_of_elements
 from cdrj_ros.judgement.pulley_friction import BLOCK
 from cdrj_ros.model.prepared import Model
 
 AT_ONCE: Final = 4 * BLOCK
 """Number of samples in a piece; it does not affect the estimates."""
 
+UNKNOWN: Final = np.empty((0, 0))
+"""Standard deviations that are not estimated."""
+
 
 def pieces_of(model: Model, samples: Samples, *, spread: bool = False) -> Iterator[Estimates]:
     """Estimate a pass from the initial state; yields the estimates of AT_ONCE samples at a time.
+
+    The status is what a node with default parameters publishes for the same readings.
 
     Args:
         model: the prepared robot.
         samples: of one pass.
         spread: whether to estimate standard deviations, which about doubles the time.
     """
-    state = initial_state(model)
+    state, preload = initial_state(model), preload_of_elements(model.robot)
     ensemble = Spread(model) if spread else None
     for begin in range(0, samples.stamp_ns.size, AT_ONCE):
         piece = samples.part(slice(begin, begin + AT_ONCE))
@@ -34,6 +40,11 @@ def pieces_of(model: Model, samples: Samples, *, spread: bool = False) -> Iterat
             state, estimates = run(model, state, piece)
         else:
             state, estimates = ensemble.run(state, piece)
+        stddev = estimates.stddev
+        mark_recording(
+            estimates.values, preload, UNKNOWN if stddev is None else stddev, UNSURE_SHARE,
+            piece.doubtful,
+        )  # fmt: skip
         yield estimates
 
 

@@ -114,70 +114,97 @@ class ByChannel(NamedTuple):
     """Standard deviations where they are known [unit of the channel], shape (n,) each."""
 
 
+class Validation:
+    """A recording that is estimated and compared with its references, piece by piece."""
+
+    def __init__(
+        self,
+        model: Model,
+        path: str,
+        recording: Recording,
+        conditioned: Conditioned,
+        *,
+        spread: bool = False,
+        window: Window = WHOLE,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        """Choose the references.
+
+        Args:
+            model: the prepared robot.
+            path: the recording, as the user named it.
+            recording: the recorded series.
+            conditioned: its samples; each segment is compared with the references of its own pass.
+            spread: whether to estimate standard deviations.
+            window: time interval of the references that are compared.
+            progress: called with the completed fraction, from 0 to 1.
+
+        Raises:
+            BagError: there is nothing to compare.
+        """
+        self._references = _references(path, recording, conditioned, window)
+        self._model, self._path, self._recording = model, path, recording
+        self._conditioned, self._window, self._progress = conditioned, window, progress
+        self._spread = spread
+        self._friction = FrictionSums(model.layout)
+        self._names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
+        self._passes: list[tuple[Channel, ...]] = []
+
+    def pieces(self) -> Iterator[Estimates]:
+        """Estimate and compare; exhaust it once, before ``result``.
+
+        Yields:
+            Consecutive estimates, which are not stored otherwise.
+        """
+        segments = self._conditioned.segments
+        total = sum(segment.stamp_ns.size for segment in segments)
+        longest = max(segments, key=lambda segment: segment.stamp_ns.size)
+        of_passes = references_of_passes(self._references, self._recording, len(segments))
+        done = 0
+        for segment, references in zip(segments, of_passes, strict=True):
+            comparing = _comparing(segment.stamp_ns, self._names, references)
+            for piece in pieces_of(self._model, segment, spread=self._spread):
+                if segment is longest:
+                    self._friction.add(piece.stamp_ns, piece.values)
+                named = _named(piece)
+                comparing.add(named.estimates, named.stddev, named.n)
+                yield piece
+                done += piece.stamp_ns.size
+                if self._progress:
+                    self._progress(done / total)
+            self._passes.append(_channels(self._model, segment, comparing))
+
+    def result(self) -> BagComparison:
+        """The comparison of all pieces."""
+        channels = one_after_another(self._passes)
+        passes = len(self._passes)
+        return summed_up(
+            self._path,
+            _duration_s(self._recording, self._window),
+            channels,
+            unknown_references(self._names, self._references),
+            counters_of(self._recording, self._conditioned),
+            (
+                *self._recording.notes,
+                *_pass_notes(passes),
+                *_preload_notes(self._model, channels),
+            ),
+            friction=self._friction.result(),
+        )
+
+
 def validate_recording(
-    model: Model,
-    path: str,
-    recording: Recording,
-    conditioned: Conditioned,
-    *,
-    spread: bool = False,
-    window: Window = WHOLE,
-    progress: Callable[[float], None] | None = None,
-    keep: Callable[[Estimates], None] | None = None,
+    model: Model, path: str, recording: Recording, conditioned: Conditioned
 ) -> BagComparison:
-    """Estimate a recording and compare the estimates with its references, piece by piece.
-
-    Longer than a screen because the generator of pieces shares its progress with the comparison.
-
-    Args:
-        model: the prepared robot.
-        path: the recording, as the user named it.
-        recording: the recorded series.
-        conditioned: its samples; each segment is compared with the references of its own pass.
-        spread: whether to estimate standard deviations.
-        window: time interval of the references that are compared.
-        progress: called with the completed fraction, from 0 to 1.
-        keep: called with every piece of the estimates, which are not stored otherwise.
+    """Estimate a whole recording and compare it with all of its references, see ``Validation``.
 
     Raises:
         BagError: there is nothing to compare.
     """
-    references = _references(path, recording, conditioned, window)
-    segments = conditioned.segments
-    total = sum(segment.stamp_ns.size for segment in segments)
-    longest = max(segments, key=lambda segment: segment.stamp_ns.size)
-    friction = FrictionSums(model.layout)
-    done = 0
-
-    def estimated(segment: Samples) -> Iterator[ByChannel]:
-        nonlocal done
-        for piece in pieces_of(model, segment, spread=spread):
-            if segment is longest:
-                friction.add(piece.stamp_ns, piece.values)
-            if keep:
-                keep(piece)
-            yield _named(piece)
-            done += piece.stamp_ns.size
-            if progress:
-                progress(done / total)
-
-    of_passes = references_of_passes(references, recording, len(segments))
-    names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
-    channels = one_after_another(
-        [
-            _compare_pass(model, segment, segment.stamp_ns, names, estimated(segment), given)
-            for segment, given in zip(segments, of_passes, strict=True)
-        ]
-    )
-    return summed_up(
-        path,
-        _duration_s(recording, window),
-        channels,
-        unknown_references(names, references),
-        counters_of(recording, conditioned),
-        (*recording.notes, *_pass_notes(len(segments)), *_preload_notes(model, channels)),
-        friction=friction.result(),
-    )
+    validation = Validation(model, path, recording, conditioned)
+    for _ in validation.pieces():
+        pass
+    return validation.result()
 
 
 def _named(piece: Estimates) -> ByChannel:
@@ -226,7 +253,9 @@ def compare_with_references(
     references = _references(path, recording, conditioned, WHOLE)
     (segment,) = conditioned.segments
     names = list(estimates.estimates)
-    compared = _compare_pass(model, segment, stamps, names, [estimates], references)
+    comparing = _comparing(stamps, names, references)
+    comparing.add(estimates.estimates, estimates.stddev, estimates.n)
+    compared = _channels(model, segment, comparing)
     return summed_up(
         path,
         _duration_s(recording, WHOLE),
@@ -257,23 +286,16 @@ def _no_references(path: str, when: str = "") -> BagError:
     )
 
 
-def _compare_pass(
-    model: Model,
-    segment: Samples,
-    stamps: NDArray[np.int64],
-    names: list[str],
-    pieces: Iterable[ByChannel],
-    references: Mapping[str, Series],
-) -> tuple[Channel, ...]:
-    """Compare one pass; ``segment`` holds the angles, ``stamps`` are those of the estimates."""
-    comparing = Comparing(
-        names,
-        stamps,
-        {name: (series.stamp_ns, series.value) for name, series in references.items()},
-        MAX_GAP_NS,
-    )
-    for piece in pieces:
-        comparing.add(piece.estimates, piece.stddev, piece.n)
+def _comparing(
+    stamps: NDArray[np.int64], names: list[str], references: Mapping[str, Series]
+) -> Comparing:
+    """The comparison of one pass, to which its estimates are to be added."""
+    given = {name: (series.stamp_ns, series.value) for name, series in references.items()}
+    return Comparing(names, stamps, given, MAX_GAP_NS)
+
+
+def _channels(model: Model, segment: Samples, comparing: Comparing) -> tuple[Channel, ...]:
+    """The channels of one pass; ``segment`` has the angles."""
     zones = reversal_zones(segment.stamp_ns, (*segment.motor_angle.T, *segment.joint_angle.T))
     return comparing.channels(telling_angles(model, segment), zones)
 

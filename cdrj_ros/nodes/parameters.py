@@ -11,6 +11,7 @@ from textwrap import wrap
 from typing import Final, Literal, get_args
 
 from cdrj_ros.conditioning.time_line import MODES
+from cdrj_ros.estimation.unsure import UNSURE_SHARE
 from cdrj_ros.robot.document import schema
 
 UNSET: Final = -1.0
@@ -99,7 +100,7 @@ def settings() -> tuple[Setting, ...]:
         ),
         Setting("uncertainty", True, "Whether to estimate standard deviations"),
         Setting(
-            "unsure_share", 0.1,
+            "unsure_share", UNSURE_SHARE,
             "An element is UNSURE if its standard deviation exceeds this share of its tension or "
             "preload",
             "-", 0.001, 10.0, changeable=True,

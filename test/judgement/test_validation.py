@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import tracemalloc
+import weakref
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from cdrj_ros.bag import Topics
+from cdrj_ros.bag import Series, Topics, read_recording
 from cdrj_ros.estimation.estimator import Estimates
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.judgement import estimating
 from cdrj_ros.judgement.channels import estimate_channels
 from cdrj_ros.judgement.comparison import compare
+from cdrj_ros.judgement.estimates_bag import OUTPUTS, write_estimates
 from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.judgement.validation import (
     MAX_GAP_NS,
+    Validation,
     condition_recording,
     read_inputs,
     validate_recording,
 )
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.status import UNSURE
 
 ROOT = Path(__file__).parents[2]
 BAG = str(ROOT / "bags" / "prototype_preload_36_26")
@@ -33,8 +42,7 @@ def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memo
     references = {n: (s.stamp_ns, s.value) for n, s in recording.references.items()}
     named = estimate_channels(model.layout, whole.values)
     expected = compare(whole.stamp_ns, named, references, max_gap_ns=MAX_GAP_NS)
-    pieces: list[Estimates] = []
-    validate_recording(model, BAG, recording, conditioned, keep=pieces.append)
+    pieces: list[Estimates] = list(Validation(model, BAG, recording, conditioned).pieces())
     assert len(pieces) > 3
     assert np.concatenate([piece.values for piece in pieces]).tobytes() == whole.values.tobytes()
     pieces.clear()
@@ -46,3 +54,80 @@ def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memo
     for one, other in zip(expected, got.channels, strict=True):
         assert one.name == other.name
         assert one.estimate.tobytes() == other.estimate.tobytes()
+
+
+def test_a_bag_of_estimates_is_written_piece_by_piece(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No piece is made before the one before it has been written, and forgotten."""
+    monkeypatch.setattr(estimating, "AT_ONCE", 512)
+    model = load_model(ROBOT)
+    read = read_inputs(BAG, Topics(), model)
+    motors, joints = (
+        {
+            name: Series(*(column[:6000] for column in vars(one).values()))
+            for name, one in of.items()
+        }
+        for of in (read.motors, read.joints)
+    )
+    recording = replace(read, motors=motors, joints=joints)
+    conditioned = condition_recording(model, recording)
+    stamps = conditioned.segments[0].stamp_ns
+    alive: list[weakref.ref[Estimates]] = []
+    most = 0
+
+    def watched() -> Iterator[Estimates]:
+        nonlocal most
+        for piece in Validation(model, BAG, recording, conditioned).pieces():
+            alive.append(weakref.ref(piece))
+            most = max(most, sum(one() is not None for one in alive))
+            yield piece
+
+    out = tmp_path / "out"
+    write_estimates(str(out), BAG, recording, stamps, watched())
+    assert len(alive) > 10
+    assert most <= 2
+    written = read_recording(out, Topics(references=OUTPUTS)).references
+    named = estimate_channels(model.layout, estimate(model, conditioned).values)
+    assert set(written) == set(named)
+    for name, series in written.items():
+        assert np.array_equal(series.stamp_ns, stamps)
+        assert np.array_equal(series.value, named[name])
+
+
+def test_offline_the_status_is_that_of_the_node_bit_for_bit() -> None:
+    """With UNSURE elements at the start, in a gap, and after the encoder has slipped."""
+    model = load_model(ROBOT)
+    recording = read_inputs(BAG, Topics(), model)
+    motor, joint = recording.motors["winch"], recording.joints["elbow"]
+    winch = motor.value[:20_000].copy()
+    winch[15_000:] += 0.6
+    heard = np.r_[0:6000, 6600:9000]
+    slipped = replace(
+        recording,
+        motors={"winch": Series(motor.stamp_ns[:20_000], motor.log_ns[:20_000], winch)},
+        joints={"elbow": Series(*(column[heard] for column in vars(joint).values()))},
+    )
+    offline = estimate(model, condition_recording(model, slipped), spread=True)
+    live = LiveEstimator(model)
+    messages = [
+        (log, kind, name, stamp, value)
+        for kind, name, series in (
+            ("motors", "winch", slipped.motors["winch"]),
+            ("joints", "elbow", slipped.joints["elbow"]),
+        )
+        for stamp, log, value in zip(*(c.tolist() for c in vars(series).values()), strict=True)
+    ]
+    node = [
+        output
+        for _, kind, name, stamp, value in sorted(messages)
+        for output in live.feed(kind, stamp, (name,), (value,))[1]
+    ]
+    status = np.array([output.estimate.status for output in node])
+    unsure = (status.astype(int) & UNSURE > 0).mean(axis=1)
+    assert np.array_equal(offline.stamp_ns, [output.estimate.stamp_ns for output in node])
+    assert np.array_equal(offline.values[:, model.layout.status], status)
+    after = offline.stamp_ns > motor.stamp_ns[15_000]
+    assert np.all(unsure[after] == 1.0)
+    assert after.sum() > 3000
+    assert 0.0 < unsure[~after].mean() < 0.5

@@ -1,0 +1,73 @@
+"""When an element is ``UNSURE``: one rule for the node, sample by sample, and for recordings."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.compiled import compiled, lean
+from cdrj_ros.model.status import INVALID, UNSURE
+from cdrj_ros.robot.description import Robot
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+UNSURE_SHARE: Final = 0.1
+"""An element is ``UNSURE`` where its standard deviation exceeds this share of its tension."""
+
+
+def preload_of_elements(robot: Robot) -> Vector:
+    """Preload of every element's cable [N], shape (elements,)."""
+    return np.repeat(
+        [cable.preload for cable in robot.cables],
+        [len(cable.element_names) for cable in robot.cables],
+    )
+
+
+@lean
+def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -> None:
+    """Set ``UNSURE`` where a standard deviation exceeds a share of the tension or the preload.
+
+    Args:
+        values: an estimate: tensions, then status of all elements, then the rest; changed.
+        preload: see ``preload_of_elements`` [N].
+        stddev: of the tensions, then the rest [N].
+        share: see ``UNSURE_SHARE``.
+    """
+    elements = preload.size
+    for e in range(elements):
+        if stddev[e] > share * max(values[e], preload[e]):
+            flags = int(values[elements + e])
+            if flags & INVALID == 0:
+                values[elements + e] = flags | UNSURE
+
+
+@lean
+def mark_all_unsure(values: Vector, elements: int) -> None:
+    """Set ``UNSURE`` on every element of an estimate that is not ``INVALID``."""
+    for e in range(elements):
+        flags = int(values[elements + e])
+        if flags & INVALID == 0:
+            values[elements + e] = flags | UNSURE
+
+
+@compiled
+def mark_recording(
+    values: Table, preload: Vector, stddev: Table, share: float, doubtful: NDArray[np.bool_]
+) -> None:
+    """``mark_unsure`` and ``mark_all_unsure`` for all estimates of a recording.
+
+    Args:
+        values: estimates, shape (n, size); changed.
+        preload: see ``mark_unsure``.
+        stddev: shape (n, columns), or (0, 0) where none is known.
+        share: see ``mark_unsure``.
+        doubtful: see ``Samples.doubtful``, shape (n,) or (0,).
+    """
+    for k in range(values.shape[0]):
+        if stddev.shape[0]:
+            mark_unsure(values[k], preload, stddev[k], share)
+        if doubtful.shape[0] and doubtful[k]:
+            mark_all_unsure(values[k], preload.size)
