@@ -1,8 +1,9 @@
-"""Keep the tests' ROS traffic to themselves.
+"""Isolate the ROS traffic of the tests.
 
-Set before anything imports rclpy, and inherited by every process a test starts: a domain of this
-run's own, of each of its workers under pytest-xdist, and no discovery beyond this machine. Two runs
-side by side do not hear each other. How long an example of hypothesis takes proves nothing.
+The environment is set before rclpy is imported, and processes started by tests inherit it: every
+run and, under pytest-xdist, every worker has its own ROS domain, and discovery is limited to this
+machine, so parallel runs do not receive each other's messages. Hypothesis has no deadline, because
+the duration of an example depends on the load of the machine.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ if TYPE_CHECKING:
     from cdrj_ros.model.prepared import Model
 
 DOMAINS = 101
-"""1 to 101: above, the ports are those that Linux gives to anyone."""
+"""Domains 1 to 101; Linux may give the ports of higher domains to any program."""
 
 
 def _domain() -> int:
-    """Of its own for every worker of a run; those of runs started together are apart."""
+    """Domain of this worker; runs that are started at the same time have different domains."""
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     run = os.getppid() if worker else os.getpid()  # the workers' parent is their run
     return 1 + (8 * run + int(worker.removeprefix("gw") or 0)) % DOMAINS
@@ -43,7 +44,7 @@ SAMPLE = Path(__file__).parents[1] / "bags" / "prototype_preload_36_26"
 
 @pytest.fixture(scope="session")
 def recorded() -> Callable[[Model, int], Samples]:
-    """Angles of the sample recording, six cycles at 1.5 kHz, of which every so many-th is kept."""
+    """Angles of the sample recording, six cycles at 1.5 kHz, of which every n-th is kept."""
     from cdrj_ros.bag import Topics
     from cdrj_ros.conditioning.samples import Samples
     from cdrj_ros.judgement.validation import condition_recording, read_inputs

@@ -239,7 +239,7 @@ def _require_whole(path: Path) -> int:
     claimed = (65536 if page == 1 else page) * pages
     if size < max(claimed, _HEAD.size):
         raise BagError(
-            f"{path} is cut: {size} of {claimed} bytes are there; `sqlite3 {path} .recover` gives "
+            f"{path} is cut: {size} of {claimed} bytes are there; `sqlite3 {path} .recover` prints "
             "what is left as SQL"
         )
     return size

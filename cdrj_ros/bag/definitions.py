@@ -127,7 +127,7 @@ class _Flattening:
         nested = _resolve(kind, package)
         body = self._sections.get(nested, _COMMON.get(nested))
         if body is None or count is not None:
-            raise self._error("has a field this reader cannot place", line)
+            raise self._error("has a field of an unsupported type", line)
         self.add(body, nested.partition("/")[0], name + ".", depth + 1)
 
     def _error(self, what: str, line: str = "") -> BagError:

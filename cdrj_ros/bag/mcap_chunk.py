@@ -36,7 +36,7 @@ def read_chunk(packed: bytes, stretch: Stretch, unpacked: Unpacked, where: str) 
     elif shortened:
         note = "was cut while it was read"
     elif rest and not stretch.cut and not note:
-        note = f"ends in {rest} bytes that are no whole record"
+        note = f"ends in {rest} bytes that form no complete record"
     return _batch(raw or b"", offsets, unpacked, declared, f"{where} {note}" if note else "")
 
 
@@ -56,7 +56,7 @@ def _unpack_chunk(packed: bytes, stretch: Stretch) -> tuple[bytes | None, str]:
     if stretch.cut:
         return raw, ""
     if len(raw) != stretch.size:
-        return raw, f"has {len(raw)} bytes, not the {stretch.size} it says"
+        return raw, f"has {len(raw)} bytes instead of {stretch.size}"
     if stretch.crc and zlib.crc32(raw) != stretch.crc:
         return None, "fails its checksum"
     return raw, ""

@@ -247,7 +247,9 @@ class McapFile:
         if start + packed <= stop:
             stop, cut = start + packed, False
         elif not cut:
-            self.notes.append(f"{self.path.name}: the chunk at byte {body} is shorter than it says")
+            self.notes.append(
+                f"{self.path.name}: the chunk at byte {body} is shorter than its header states"
+            )
             cut = True
         if size > CHUNK_BYTES or stop - start > CHUNK_BYTES:
             self.notes.append(

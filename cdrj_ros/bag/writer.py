@@ -103,7 +103,9 @@ class BagWriter:
         if self.path.exists():
             raise BagError(f"{self.path} exists already; a bag is written to a new folder")
         if not str(self.path).isprintable():
-            raise BagError(f"{self.path} is no name for a bag: metadata.yaml takes printable text")
+            raise BagError(
+                f"{self.path} is not a name for a bag: metadata.yaml takes printable text"
+            )
         if compression not in _COMPRESSIONS:
             known = tuple(_COMPRESSIONS)
             raise BagError(f"compression must be one of {known}, got {compression!r}")

@@ -48,7 +48,7 @@ class RestWatch:
         watched = samples[-1].stamp_ns - samples[0].stamp_ns if samples else 0
         if watched < REST_NS:
             return (
-                f"the axes must be seen at rest for {REST_NS * 1e-9:g} s; so far there are "
+                f"the axes must be at rest for {REST_NS * 1e-9:g} s; so far there are "
                 f"readings of {watched * 1e-9:.3g} s"
             )
         angles = np.array([np.concatenate([one.motor_angle, one.joint_angle]) for one in samples])

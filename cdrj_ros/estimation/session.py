@@ -364,7 +364,7 @@ class LiveEstimator:
             UsageError: no sample yet, or the robot is not at rest.
         """
         if self.sample is None:
-            raise UsageError("no angles yet: every motor and joint must have been heard")
+            raise UsageError("no angles yet: no reading of every motor and joint has arrived")
         if reason := self._watch.in_motion(self.model.robot):
             raise UsageError(reason)
         values, words = {}, []

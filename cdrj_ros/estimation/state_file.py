@@ -133,15 +133,15 @@ def read_state(live: LiveEstimator, path: Path) -> str:
         raise StateFileError(f"cannot read the state file {path}: {error.strerror}") from error
     arrays = _arrays(content, path)
     if arrays.get("robot", np.empty(0)).tobytes() != _digest(live.started).tobytes():
-        raise StateFileError(f"{path} is of another robot, or of other parameters")
+        raise StateFileError(f"{path} belongs to another robot, or to other parameters")
     words = _take_up_changes(live, arrays, path)
     if "state" not in arrays:
         return f"{words} from {path}; the state itself is unknown"
     if arrays.get("digest", np.empty(0)).tobytes() != _digest(live.model).tobytes():
         said = f"{words} taken up; " if words else ""
-        raise StateFileError(f"{said}the state in {path} is of other friction")
+        raise StateFileError(f"{said}the state in {path} belongs to other friction")
     _take_up_state(live, arrays, path)
-    return f"goes on from {path}" + (f", with {words}" if words else "")
+    return f"continues from {path}" + (f", with {words}" if words else "")
 
 
 def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> None:

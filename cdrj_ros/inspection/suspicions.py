@@ -146,7 +146,7 @@ def _slip(cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
                 else ""
             )
             + f": it slips only as the tension changes by some {_swing(cable, check, k, pulley)}, "
-            f"and until then what lies behind it is known to ±{bound:.2g} N only",
+            f"and until then the tensions behind it are known to ±{bound:.2g} N only",
             grave=False,
         )
 
@@ -183,7 +183,11 @@ def _without_effect(cable: Cable, pulley: Pulley) -> Iterator[str]:
     if bearing and (friction.rho == 1.0 or euler):
         yield (
             "bearing_friction is without effect: "
-            + ("law euler knows sliding alone" if euler else "rho is 1: sliding alone")
+            + (
+                "law euler has sliding friction only"
+                if euler
+                else "rho is 1: sliding friction only"
+            )
         )
     if friction.bearing_friction > 0.0 and pulley.bearing_diameter == 0.0 and friction.rho < 1.0:
         yield "bearing_friction is without effect: bearing_diameter is 0"
@@ -232,8 +236,8 @@ def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Ite
         if not loaded:
             yield Suspicion(
                 cable.name,
-                "has no preload: its tension is what the winch stretches it by; give --load for "
-                "the tension under a load",
+                "has no preload: its tension follows from its elongation by the winch; give --load "
+                "for the tension under a load",
                 grave=False,
             )
     elif not loaded and check.followed.low < LOST_PRELOAD * cable.preload:
@@ -319,7 +323,7 @@ def _motors(inspection: Inspection) -> Iterator[Suspicion]:
                 motor.name,
                 "winding and turn contradict each other between "
                 + " and ".join(senses)
-                + ": drums on one shaft that the cables go round in the same sense wind alike, "
+                + ": drums on one shaft around which cables run in the same sense wind alike, "
                 "and in opposite senses wind oppositely",
             )
     signs = {motor.name: motor.effort_sign for motor in robot.motors}
@@ -328,8 +332,8 @@ def _motors(inspection: Inspection) -> Iterator[Suspicion]:
         negative = [name for name, sign in signs.items() if sign < 0]
         yield Suspicion(
             ", ".join(negative),
-            "effort_sign is -1 here and +1 elsewhere: these efforts are what balances the cables, "
-            "the others what the cables exert",
+            "effort_sign is -1 here and +1 elsewhere: these efforts balance the cables, "
+            "the others are exerted by the cables",
             grave=False,
         )
 
@@ -349,7 +353,7 @@ def _joints(inspection: Inspection) -> Iterator[Suspicion]:
             if all(max(sign * arm.low, sign * arm.high) <= small for arm in arms):
                 yield Suspicion(
                     joint.name,
-                    f"no cable can {word} it: only a load, gravity or a spring does",
+                    f"no cable can {word} it: only a load, gravity or a spring can",
                     grave=False,
                 )
     if inspection.unmoved and len(moved) == len(robot.joints):

@@ -239,7 +239,8 @@ class EstimatorNode(Node):
             jumped, outputs = feed(kind, stamp, names, position)
             if jumped:
                 self.get_logger().warning(
-                    "the clock of the inputs went back: started anew", throttle_duration_sec=1.0
+                    "the clock of the inputs went back: estimate restarted",
+                    throttle_duration_sec=1.0,
                 )
             if outputs:
                 self.times.add((perf_counter() - begin) / len(outputs))
@@ -325,8 +326,8 @@ class EstimatorNode(Node):
         self._forget()
         response.success = True
         response.message = (
-            f"{self.live.model.robot.name}: friction history and waiting readings forgotten; the "
-            "next sample of every motor and joint starts anew"
+            f"{self.live.model.robot.name}: friction history and waiting readings discarded; the "
+            "estimate restarts with the next sample of every motor and joint"
         )
         return response
 
@@ -334,7 +335,7 @@ class EstimatorNode(Node):
         try:
             if self.live.sample is not None and self.watch.silence_s() > self.timeout_s:
                 raise UsageError(
-                    f"no estimate for {self.timeout_s:g} s: where the robot is now is not known"
+                    f"no estimate for {self.timeout_s:g} s: the present pose is not known"
                 )
             response.message = self.live.tare()
             response.success = True

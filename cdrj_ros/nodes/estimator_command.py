@@ -34,7 +34,7 @@ def _arguments(arguments: list[str]) -> argparse.Namespace:
     )
     parser.add_argument(
         "--state-file", type=Path, metavar="FILE",
-        help="what is known is written there every second, and read at the next start",
+        help="file to which the state is written every second; the next start continues from it",
     )  # fmt: skip
     parser.add_argument(
         "--print-parameters", action="store_true",

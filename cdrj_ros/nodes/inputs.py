@@ -72,14 +72,14 @@ class InputTopic:
         who = f"{self.heard.topic}: the publisher in {', '.join(sorted(unreliable))} is best-effort"
         if name in self._node._parameter_overrides:  # set by the user
             return (
-                f"{who}, but the parameter {name} asks for reliable: nothing arrives. Set it to "
-                "best_effort, or let the publisher be reliable"
+                f"{who}, but the parameter {name} requires reliable, so no messages arrive. Set "
+                "it to best_effort, or make the publisher reliable"
             )
         profile = self._subscription.qos_profile
         profile.reliability = ReliabilityPolicy.BEST_EFFORT
         self._node.destroy_subscription(self._subscription)
         self._subscription = self._subscribe(profile)
         return (
-            f"{who}: subscribed best-effort as well. Readings may be lost under load; let the "
-            "publisher be reliable to avoid that"
+            f"{who}: subscribed best-effort as well. Readings may be lost under load; a "
+            "reliable publisher avoids this"
         )

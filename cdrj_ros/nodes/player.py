@@ -59,7 +59,7 @@ class Ending(enum.Enum):
     END = "at the end"
     SOUGHT = "by a seek"
     USER = "by the user"
-    GONE = "as the estimator went away"
+    GONE = "because the estimator disappeared"
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class Player:
         self.estimator = self.node.settings(self.executor)
         require_every_sample(self.estimator)
         for topic in self.node.rivals():
-            self.display.say(f"warning: several nodes publish {topic}; their answers mix")
+            self.display.say(f"warning: several nodes publish {topic}; their answers are mixed")
         return True
 
     def play(self, playback: Playback, delay_s: float = 0.0) -> list[Played]:
@@ -236,7 +236,7 @@ class Player:
         ended = playback.ended
         if self._stop and run.under_way:
             self.display.say(
-                f"stopping: {run.under_way} answers are under way; Ctrl-C again ends at once"
+                f"stopping: waiting for {run.under_way} answers; Ctrl-C again ends at once"
             )
         self._drain(playback, run, watch)
         if run.trouble is not None:
@@ -328,20 +328,22 @@ class Player:
         self.display.show(playback, self.controls, self.before, run, now)
         lost = run.give_up_stalled(now)
         if lost:
-            self.display.say(f"{lost} estimates did not come within the time allowed: counted lost")
+            self.display.say(
+                f"{lost} estimates did not arrive within the time allowed and count as lost"
+            )
             self._gone = not self.node.is_through(self.executor)
             if not self._gone and not run.heard_s:
                 self._refuse_silence(run.finish())
         if now >= self._presence_s:
             self._presence_s = now + PRESENCE_S
             if missing := self.node.missing():
-                self.display.say(f"the estimator went away: {'; '.join(missing)}")
+                self.display.say(f"the estimator disappeared: {'; '.join(missing)}")
                 self._gone = True
 
     def _refuse_silence(self, heard: Heard) -> None:
         raise NoEstimatorError(
-            f"the estimator is there and answered none of {heard.tally.sent} inputs: is it of "
-            "another robot, with other names? /diagnostics counts what it refuses"
+            f"the estimator is present but answered none of {heard.tally.sent} inputs: is it of "
+            "another robot, with other names? /diagnostics counts the refused readings"
         )
 
     def _read_keys(self) -> None:

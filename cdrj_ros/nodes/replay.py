@@ -55,7 +55,7 @@ from cdrj_ros.replay.playback import (
 )
 
 INCOMPLETE: Final = 1
-"""Exit code: the bag was played, but estimates were lost or the estimator went away."""
+"""Exit code: the bag was played, but estimates were lost or the estimator disappeared."""
 
 _STAMP: Final = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
 
@@ -115,7 +115,7 @@ def _matches(pattern: str | None, topic: str, option: str) -> bool:
     try:
         return re.search(pattern, topic) is not None
     except re.error as error:
-        raise UsageError(f"{option}: {pattern!r} is no regular expression: {error}") from None
+        raise UsageError(f"{option}: {pattern!r} is not a regular expression: {error}") from None
 
 
 def _remap(arguments: argparse.Namespace) -> dict[str, str]:
@@ -305,7 +305,7 @@ def _report(
     else:
         print("no references in the bag: nothing to compare with; name topics with --reference")
     if ending is Ending.GONE:
-        print("replay: the estimator went away while it was played to", file=sys.stderr)
+        print("replay: the estimator disappeared during the playback", file=sys.stderr)
         return INCOMPLETE
     return DONE if all(outcome.complete for outcome in outcomes) else INCOMPLETE
 

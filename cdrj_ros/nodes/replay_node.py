@@ -92,8 +92,8 @@ class ReplayNode(Node):
             name = self.resolve_topic_name(wiring.remap.get(extra.topic, extra.topic))
             if name in self.outputs:
                 raise UsageError(
-                    f"{extra.topic} is where the estimator answers: give it another name with "
-                    f"--remap {extra.topic}:=/recorded{extra.topic}"
+                    f"the estimator publishes on {extra.topic}: give the recorded topic another "
+                    f"name with --remap {extra.topic}:=/recorded{extra.topic}"
                 )
             self.extras[extra.topic] = publisher(
                 message_class(extra.msgtype), extra.topic, extra.topic,
@@ -152,7 +152,7 @@ class ReplayNode(Node):
             )
         response = future.result()
         if not response.success:
-            raise NoEstimatorError(f"the estimator refuses to start anew: {response.message}")
+            raise NoEstimatorError(f"the estimator refuses the reset: {response.message}")
         return str(response.message)
 
     def is_through(self, executor: EventsExecutor) -> bool:

@@ -26,14 +26,14 @@ def replay_parser() -> argparse.ArgumentParser:
         "answers, compare them with the recorded references and report.",
         epilog=f"Keys in a terminal: {KEYS}. Services under /cdrj/replay: pause, resume, "
         "toggle_paused, is_paused, play_next, stop, set_rate, seek, burst, get_playback. "
-        "Exit code: 0 done, or ended at the user's wish; 1 estimates were lost or the estimator "
-        "went away; 2 bad usage or input, or no estimator; 130 interrupted before anything was "
+        "Exit code: 0 done, or stopped by the user; 1 estimates were lost or the estimator "
+        "disappeared; 2 bad usage or input, or no estimator; 130 interrupted before anything was "
         "played.",
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
     add_robot_option(parser)
     _add_time_options(parser.add_argument_group("time"))
-    _add_choice_options(parser.add_argument_group("what is played"))
+    _add_choice_options(parser.add_argument_group("played topics"))
     group = parser.add_argument_group("estimator")
     group.add_argument(
         "--estimator", default="/cdrj/estimator", metavar="NAME",
@@ -41,7 +41,7 @@ def replay_parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     group.add_argument(
         "--use-node-preload", action="store_true",
-        help="take the preloads that the estimator node has, not those of --robot and --preload",
+        help="use the preloads of the estimator node instead of those of --robot and --preload",
     )  # fmt: skip
     group.add_argument(
         "--patience", type=_seconds, default=120.0, metavar="S",
@@ -49,11 +49,9 @@ def replay_parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     group.add_argument(
         "--wait-for-all-acked", type=_seconds, metavar="S",
-        help="in the end, wait so long for every listener to acknowledge every message [s]",
+        help="at the end, wait this long for every listener to acknowledge every message [s]",
     )  # fmt: skip
-    group.add_argument(
-        "--disable-keyboard-controls", action="store_true", help="leave the terminal alone"
-    )
+    group.add_argument("--disable-keyboard-controls", action="store_true", help="read no keys")
     add_topic_options(parser)
     add_result_options(parser)
     return parser
@@ -62,25 +60,25 @@ def replay_parser() -> argparse.ArgumentParser:
 def _add_time_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "-r", "--rate", type=float, metavar="X",
-        help=f"times real time, {MIN_RATE:g} to {MAX_RATE:g} "
+        help=f"rate as a multiple of real time, {MIN_RATE:g} to {MAX_RATE:g} "
         "(default: as fast as the estimator keeps up)",
     )  # fmt: skip
     repeat = group.add_mutually_exclusive_group()
     repeat.add_argument(
         "-l", "--loop", action="store_true",
-        help="start over at the end, until stopped; the estimator starts anew each time",
+        help="repeat until stopped; the estimator is reset before every pass",
     )  # fmt: skip
-    repeat.add_argument("--passes", type=int, default=1, metavar="N", help="play N times over")
+    repeat.add_argument("--passes", type=int, default=1, metavar="N", help="play N times")
     group.add_argument(
         "-d", "--delay", type=_seconds, default=0.0, metavar="S", help="wait before each pass [s]"
     )
     group.add_argument(
         "--start-offset", type=_seconds, default=0.0, metavar="S",
-        help="begin so far into the bag [s]",
+        help="start this long after the beginning of the bag [s]",
     )  # fmt: skip
     end = group.add_mutually_exclusive_group()
     end.add_argument(
-        "--playback-duration", type=_seconds, metavar="S", help="end after so much of the bag [s]"
+        "--playback-duration", type=_seconds, metavar="S", help="play this much of the bag [s]"
     )
     end.add_argument(
         "--playback-until-sec", type=_seconds, metavar="T",
@@ -90,7 +88,7 @@ def _add_time_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("-p", "--start-paused", action="store_true", help="begin paused")
     group.add_argument(
         "--message-order", choices=ORDERS, default=ORDERS[0],
-        help="by the time a message was recorded, or by its header stamp (default %(default)s)",
+        help="order by the time of recording or by the header stamp (default %(default)s)",
     )  # fmt: skip
     clock = group.add_mutually_exclusive_group()
     clock.add_argument(
@@ -99,7 +97,7 @@ def _add_time_options(group: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
     clock.add_argument(
         "--clock-topics", nargs="+", default=[], metavar="TOPIC",
-        help=f"publish {CLOCK_TOPIC} just before every message of these",
+        help=f"publish {CLOCK_TOPIC} just before every message of these topics",
     )  # fmt: skip
     clock.add_argument(
         "--clock-topics-all", action="store_true",
@@ -114,14 +112,14 @@ def _add_choice_options(group: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
     group.add_argument(
         "--topics", nargs="+", default=[], metavar="TOPIC",
-        help="play these as well, beside the estimator's inputs",
+        help="play these topics in addition to the estimator's inputs",
     )  # fmt: skip
     group.add_argument("-a", "--all", action="store_true", help="play every topic of the bag")
-    group.add_argument("-e", "--regex", metavar="R", help="play topics that match R as well")
+    group.add_argument("-e", "--regex", metavar="R", help="also play topics that match R")
     group.add_argument(
-        "--exclude-topics", nargs="+", default=[], metavar="TOPIC", help="do not play these"
+        "--exclude-topics", nargs="+", default=[], metavar="TOPIC", help="do not play these topics"
     )
-    group.add_argument("-x", "--exclude-regex", metavar="R", help="nor those that match R")
+    group.add_argument("-x", "--exclude-regex", metavar="R", help="do not play topics that match R")
     group.add_argument(
         "-m", "--remap", nargs="+", default=[], metavar="OLD:=NEW",
         help="publish topic OLD of the bag as NEW",

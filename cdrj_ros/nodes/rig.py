@@ -74,7 +74,8 @@ class RigNode(Node):
                 "the rig keeps its own time: leave use_sim_time out; drive_clock:=true publishes it"
             )
         model = load_model(
-            path, declare_numbers(self, "preload", "Of every cable [N]; unset: the robot file's")
+            path,
+            declare_numbers(self, "preload", "Preload of every cable [N]; unset: the robot file's"),
         )
         self.options = declare_rig_options(self, model)
         settings = self.options.settings
@@ -94,7 +95,7 @@ class RigNode(Node):
         gc.collect()
         gc.freeze()  # exclude objects that live as long as the node from later collections
         self.get_logger().info(
-            f"{model.robot.name}: {settings.cells} contact cells a pulley, "
+            f"{model.robot.name}: {settings.cells} contact cells per pulley, "
             f"{model.robot.joints[settings.joint].name} moves freely, motion "
             f"{self.options.demonstration.kind}"
         )
@@ -221,7 +222,10 @@ class RigNode(Node):
         self.drives.reset()
         self.outputs.thaw()
         response.success = True
-        response.message = "everything repaired, at rest in the reference pose; time goes on"
+        response.message = (
+            "faults and pushes removed, at rest with the motors at their reference angles; time "
+            "goes on"
+        )
         return response
 
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:

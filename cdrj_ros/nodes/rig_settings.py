@@ -75,7 +75,9 @@ def declare_rig_options(node: Node, model: Model) -> RigOptions:
     Raises:
         UsageError: a value is invalid.
     """
-    joint = _joint(model, declare_text(node, "joint", "", "Joint that moves freely; the first"))
+    joint = _joint(
+        model, declare_text(node, "joint", "", "Joint that moves freely; empty: the first")
+    )
     kind, load = _load(node, model, joint)
     stop = declare_numbers(
         node, "stop", "End stops of the free joint, lower and upper [rad] or [m]; unset: its range"
@@ -87,7 +89,7 @@ def declare_rig_options(node: Node, model: Model) -> RigOptions:
     )
     settings = LiveSettings(
         load,
-        cells=declare_count(node, "cells", 8, 1, 200, "Contact cells a pulley"),
+        cells=declare_count(node, "cells", 8, 1, 200, "Contact cells per pulley"),
         rate=rate,
         joint=joint,
         lower=stop[0] if stop else None,
@@ -102,11 +104,11 @@ def declare_rig_options(node: Node, model: Model) -> RigOptions:
         1.0,
         0.01,
         100.0,
-        "Seconds of the rig in one second; other than 1 only with drive_clock [-]",
+        "Seconds of the rig per second of real time; other than 1 only with drive_clock [-]",
     )
     if speed != 1.0 and not drive_clock:
         raise UsageError(f"speed {speed:g} needs drive_clock:=true: stamps would leave the clock")
-    seed = declare_count(node, "seed", 0, 0, 2**31, "Of everything random")
+    seed = declare_count(node, "seed", 0, 0, 2**31, "Seed of all random numbers")
     sensors = _declare_sensors(node)
     return RigOptions(
         settings=settings,
@@ -118,7 +120,9 @@ def declare_rig_options(node: Node, model: Model) -> RigOptions:
         efforts=_efforts(node, sensors[0].encoder),
         load_cells=_elements(node, model),
         cells=LoadCells(
-            rate=declare_number(node, "load_cell_rate", 100.0, 0.1, 5000.0, "Of load cells [Hz]"),
+            rate=declare_number(
+                node, "load_cell_rate", 100.0, 0.1, 5000.0, "Rate of load cells [Hz]"
+            ),
             force_noise=declare_number(
                 node, "load_cell_noise", 0.02, 0.0, 1e4, "Standard deviation of load cells [N]"
             ),
@@ -129,7 +133,7 @@ def declare_rig_options(node: Node, model: Model) -> RigOptions:
             0.0,
             0.0,
             2000.0,
-            "Of truth/tensions and truth/states [Hz]; 0: not published",
+            "Rate of truth/tensions and truth/states [Hz]; 0: not published",
         ),
         drive_clock=drive_clock,
         speed=speed,
@@ -167,7 +171,7 @@ def _load(node: Node, model: Model, joint: int) -> tuple[LoadKind, Load]:
         node,
         "load",
         "",
-        f"How the joint carries the payload: {', '.join(LOADS)}; empty: by the joint's frame",
+        f"Kind of load: {', '.join(LOADS)}; empty: depends on the joint's frame",
     )
     if name and name not in LOADS:
         raise UsageError(f"load must be one of {', '.join(LOADS)}, got {name!r}")
@@ -181,11 +185,11 @@ def _load(node: Node, model: Model, joint: int) -> tuple[LoadKind, Load]:
         9.81,
         -100.0,
         100.0,
-        "Against positive joint angle [m/s^2]",
+        "Gravity against positive joint angle [m/s^2]",
         changeable=True,
     )
     damping = declare_number(
-        node, "damping", 0.05, 0.0, 1e6, "Of the joint [N m s/rad]", changeable=True
+        node, "damping", 0.05, 0.0, 1e6, "Damping of the joint [N m s/rad]", changeable=True
     )
     return kind, make_load(kind, mass, damping, gravity)
 
@@ -197,7 +201,7 @@ def _limits(node: Node, model: Model, rate: float) -> DriveLimits:
         USUAL,
         USUAL,
         1e4,
-        "Fastest that a motor turns [rad/s]; 0: 10, or max_speed if that is lower",
+        "Largest speed of a motor [rad/s]; 0: 10, or max_speed if that is lower",
     )
     torque = declare_number(
         node,
@@ -205,7 +209,7 @@ def _limits(node: Node, model: Model, rate: float) -> DriveLimits:
         USUAL,
         USUAL,
         1e6,
-        "Most that a motor exerts [N m]; 0: by the greatest tension of its cables",
+        "Largest torque of a motor [N m]; 0: that of one cable at max_tension, or 10",
     )
     inertia = declare_number(
         node,
@@ -213,7 +217,7 @@ def _limits(node: Node, model: Model, rate: float) -> DriveLimits:
         USUAL,
         USUAL,
         1e3,
-        "Of rotor and drum, for torque commands [kg m^2]; 0: 1e-4, or what the step resolves",
+        "Inertia of rotor and drum, for effort commands [kg m^2]; 0: default",
     )
     return drive_limits(
         model.robot,
@@ -221,14 +225,14 @@ def _limits(node: Node, model: Model, rate: float) -> DriveLimits:
         speed=speed or None,
         torque=torque or None,
         inertia=inertia or None,
-        damping=declare_number(node, "rotor_damping", 1e-3, 0.0, 1e3, "Of the rotors [N m s/rad]"),
+        damping=declare_number(node, "rotor_damping", 1e-3, 0.0, 1e3, "Rotor damping [N m s/rad]"),
         timeout_s=declare_number(
             node,
             "command_timeout",
             0.5,
             0.001,
             3600.0,
-            "A motor under speed or torque commands holds its angle after so long without one [s]",
+            "Time without a velocity or effort command after which a motor holds its angle [s]",
         ),
     )
 
@@ -238,7 +242,7 @@ def _demonstration(node: Node, seed: int) -> Demonstration:
         node,
         "motion",
         "none",
-        f"What the free joint does until the first command: {', '.join(MOTIONS)}",
+        f"Motion of the free joint until the first command: {', '.join(MOTIONS)}",
     )
     amplitude = declare_number(
         node,
@@ -246,9 +250,9 @@ def _demonstration(node: Node, seed: int) -> Demonstration:
         USUAL,
         USUAL,
         1e3,
-        "Of that motion [rad] or [m]; 0: 0.6 of what the range allows",
+        "Amplitude of that motion [rad] or [m]; 0: 0.6 of what the range allows",
     )
-    frequency = declare_number(node, "motion_frequency", 0.2, 1e-3, 10.0, "Of that motion [Hz]")
+    frequency = declare_number(node, "motion_frequency", 0.2, 1e-3, 10.0, "Frequency [Hz]")
     return Demonstration(cast(MotionName, kind), amplitude or None, frequency, seed)
 
 
@@ -258,10 +262,10 @@ def _declare_sensors(node: Node) -> tuple[Reader, Reader]:
         encoder = replace(
             usual,
             rate=declare_number(
-                node, f"{name}_rate", usual.rate, 1.0, 5000.0, "Of the encoders [Hz]"
+                node, f"{name}_rate", usual.rate, 1.0, 5000.0, "Rate of the encoders [Hz]"
             ),
             counts=declare_count(
-                node, f"{name}_counts", usual.counts, 1, 2**40, "Counts of the encoders in a turn"
+                node, f"{name}_counts", usual.counts, 1, 2**40, "Counts of the encoders per turn"
             ),
             noise=declare_number(
                 node, f"{name}_noise", 0.0, 0.0, 10.0, "Standard deviation of the encoders [rad]"
@@ -274,7 +278,7 @@ def _declare_sensors(node: Node) -> tuple[Reader, Reader]:
             ),
         )
         latency_s = declare_number(
-            node, f"{name}_latency", 0.0, 0.0, 10.0, "From a reading to its message [s]"
+            node, f"{name}_latency", 0.0, 0.0, 10.0, "Time from a reading to its message [s]"
         )
         readers.append(Reader(encoder, latency_s))
     return readers[0], readers[1]

@@ -169,7 +169,9 @@ def spin_until_stopped(
         before_end: called after the last callback, even if a callback has raised.
     """
     if os.environ.get(RANGE) == "LOCALHOST":
-        node.get_logger().info(f"heard on this machine only; {RANGE}=SUBNET opens the network")
+        node.get_logger().info(
+            f"reachable from this machine only; {RANGE}=SUBNET opens the network"
+        )
     executor = EventsExecutor()
     executor.add_node(node)
     with stop.listening():

@@ -178,9 +178,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = CommandParser(
         prog="watch",
         description="Show the estimator's tensions, their 2 sigma and status as a live table; in a "
-        "pipe, one line a second. Topics: /cdrj/tensions, /cdrj/nodal_forces; remap them with "
+        "pipe, one line per second. Topics: /cdrj/tensions, /cdrj/nodal_forces; remap them with "
         "--ros-args -r tensions:=/other/tensions.",
-        epilog="Exit code: 0 done, 2 bad usage, or nothing came with --once, 130 ended by Ctrl-C.",
+        epilog="Exit code: 0 done, 2 bad usage, or no message with --once, 130 ended by Ctrl-C.",
     )
     parser.add_argument("--once", action="store_true", help="print one table and end")
     parser.add_argument(

@@ -126,7 +126,7 @@ class Controls:
         wanted = base + round(offset_s * 1e9)
         reached = playback.seek(wanted)
         cut = "" if reached == wanted else " (there is no more on that side)"
-        return Reply(True, f"gone to {self._where()}{cut}; the estimator starts anew there")
+        return Reply(True, f"moved to {self._where()}{cut}; the estimator is reset there")
 
     def set_rate(self, rate: float) -> Reply:
         """Change the rate; 0 for as fast as possible."""

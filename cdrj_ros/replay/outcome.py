@@ -130,18 +130,16 @@ class Outcome:
             )
         if self.runs > max(self.passes, 1):
             found.append(
-                f"The estimator was started anew {self.runs} times, each time without a friction "
-                "history; where runs overlap the later counts."
+                f"The estimator was reset {self.runs} times, each time without a friction "
+                "history; where runs overlap, the later one counts."
             )
         if self.clock_jumps:
             found.append(
                 f"The clock of the recording went back {self.clock_jumps} times; where stamps "
-                "repeat the later estimate counts."
+                "repeat, the later estimate counts."
             )
         if self.passes > 1 and self.difference > 0:
-            found.append(
-                f"Passes differ by up to {self.difference:.3g}; the estimator should repeat itself."
-            )
+            found.append(f"Passes differ by up to {self.difference:.3g}; they should be identical.")
         return tuple(found)
 
     def comparison(self, path: str, recording: Recording) -> BagComparison:

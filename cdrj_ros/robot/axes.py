@@ -73,7 +73,7 @@ def given(entry: Document, *keys: str, **renamed: str) -> dict[str, float]:
 
 def _sensor(path: str, entry: Document, refuse: Refusal) -> Sensor:
     if entry.get("scale") == 0.0:
-        raise refuse(f"{path}.scale", "must not be 0: every reading would be one angle")
+        raise refuse(f"{path}.scale", "must not be 0: all readings would give one angle")
     counts = entry.get("resolution", 0.0) or entry.get("noise", 0.0)
     if entry.get("tracking_bandwidth", 0.0) > 0.0 and not counts:
         raise refuse(
@@ -103,7 +103,7 @@ def _correction(
     if not np.all(steps > 0.0):
         raise refuse(f"{path}.angle", "must increase")
     if not np.all(np.diff(value) > -steps):
-        raise refuse(f"{path}.value", "falls so steeply that two readings would be one angle")
+        raise refuse(f"{path}.value", "falls so steeply that two readings would give one angle")
     return angle, value
 
 

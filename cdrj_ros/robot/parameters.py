@@ -237,7 +237,7 @@ def _expanded(
             continue
         found += [((name, *key) if apart else key, (name, *path)) for key, path in below]
     if not found:
-        raise complaint or UsageError(f"{pattern} stands for nothing in this robot file")
+        raise complaint or UsageError(f"{pattern} matches nothing in this robot file")
     return found
 
 
@@ -319,12 +319,13 @@ def _number(document: Document, path: str, parent: _Spot, spot: _Spot) -> Number
     if isinstance(value, bool) or not (value is None or isinstance(value, (int, float))):
         names = _names(spot)
         raise UsageError(
-            f"{path} is not a number" + (f"; go on with one of {', '.join(names)}" if names else "")
+            f"{path} is not a number"
+            + (f"; continue with one of {', '.join(names)}" if names else "")
         )
     if value is not None:
         return Number(path, keys, float(value), True, 1.0, spot.rules)
     if spot.rules.get("type") != "number":
-        raise UsageError(f"{path} is not a number; go on with one of {', '.join(_names(spot))}")
+        raise UsageError(f"{path} is not a number; continue with one of {', '.join(_names(spot))}")
     if parent.kind == "cable" and keys[-1] == "axial_stiffness":
         area = pi * parent.value["diameter"] ** 2 / 4.0
         modulus = parent.value["youngs_modulus"]

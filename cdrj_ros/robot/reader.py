@@ -43,7 +43,7 @@ def load_document(path: str | Path) -> tuple[Document, str]:
     try:
         # reading a pipe or a device might not end
         if path.exists() and not path.is_file() and not path.is_dir():
-            raise RobotFileError(f"cannot read the robot file {path}: it is no regular file")
+            raise RobotFileError(f"cannot read the robot file {path}: it is not a regular file")
         size = path.stat().st_size
         if size > MAXIMUM_BYTES:
             raise RobotFileError(
@@ -114,7 +114,7 @@ def _frames(document: Document, profiles: ProfileReader, refuse: Refusal) -> Ite
     for k, entry in enumerate(document.get("frames", [])):
         path = f"frames[{k}]"
         if entry["name"] == "base":
-            raise refuse(f"{path}.name", "'base' is the frame that is always there")
+            raise refuse(f"{path}.name", "'base' always exists and cannot be defined")
         parent = entry.get("parent", "base")
         if parent not in known:
             raise refuse(
@@ -128,9 +128,9 @@ def _frames(document: Document, profiles: ProfileReader, refuse: Refusal) -> Ite
         else:
             profiles.known_joint(f"{path}.joint", joint)
         if (motion == "rolling") != ("radius" in entry):
-            raise refuse(f"{path}.radius", "belongs to a rolling frame, and to no other")
+            raise refuse(f"{path}.radius", "is allowed only for a rolling frame")
         if "direction" in entry and motion != "prismatic":
-            raise refuse(f"{path}.direction", "belongs to a prismatic frame")
+            raise refuse(f"{path}.direction", "is allowed only for a prismatic frame")
         direction = np.array(entry.get("direction", (1.0, 0.0)), dtype=float)
         norm = float(np.hypot(*direction))
         if norm == 0.0:

@@ -150,7 +150,7 @@ def test_a_folder_that_has_appeared_meanwhile_is_not_replaced(tmp_path):
 
 @pytest.mark.parametrize("name", ["bag\udc80", "bag\n", "bag\x1b[31m"])
 def test_a_name_that_metadata_cannot_hold_is_refused(tmp_path, name):
-    with pytest.raises(BagError, match="no name for a bag") as caught:
+    with pytest.raises(BagError, match="not a name for a bag") as caught:
         BagWriter(tmp_path / name)
     assert str(caught.value).isprintable()
 

@@ -34,7 +34,7 @@ def robot() -> Robot:
 @pytest.mark.parametrize(
     ("reading_deg", "angle_deg"), [(-35.0, -34.0), (-30.0, -29.0), (-15.0, -14.5), (38.0, 37.5)]
 )
-def test_it_is_straight_between_its_points_and_constant_beyond(
+def test_a_correction_is_linear_between_its_points_and_constant_beyond(
     robot: Robot, reading_deg: float, angle_deg: float
 ) -> None:
     stamps = EPOCH_NS + np.arange(2, dtype=np.int64) * 10_000_000
@@ -44,7 +44,7 @@ def test_it_is_straight_between_its_points_and_constant_beyond(
     np.testing.assert_allclose(np.degrees(samples.joint_angle[:, 0]), angle_deg)
 
 
-def test_it_is_the_same_bit_for_bit_message_by_message_and_in_bulk(robot: Robot) -> None:
+def test_a_correction_is_the_same_bit_for_bit_message_by_message_and_in_bulk(robot: Robot) -> None:
     time = np.arange(200)
     stamps = EPOCH_NS + time * 5_000_000
     angle = 0.6 * np.sin(0.1 * time)
@@ -59,7 +59,7 @@ def test_it_is_the_same_bit_for_bit_message_by_message_and_in_bulk(robot: Robot)
     assert not np.array_equal(bulk.joint_angle[:, 0], angle)
 
 
-def test_a_robot_without_one_is_left_alone() -> None:
+def test_a_sensor_without_correction_is_unchanged() -> None:
     joint = load_robot(PROTOTYPE).joints[0]
     assert replace(joint.sensor, resolution=0.0, noise=0.0, tracking_bandwidth=0.0) == Sensor()
 
@@ -70,10 +70,10 @@ def test_a_robot_without_one_is_left_alone() -> None:
         ("{angle: [0, 1], value: [0]}", "at least 2"),
         ("{angle: [0, 1, 2], value: [0, 0]}", "must have 3 entries like angle, got 2"),
         ("{angle: [1, 0], value: [0, 0]}", "must increase"),
-        ("{angle: [0, 0.1], value: [0.2, 0]}", "two readings would be one angle"),
+        ("{angle: [0, 0.1], value: [0.2, 0]}", "two readings would give one angle"),
         ("{angle: [0, 1]}", "value is missing"),
     ],
 )
-def test_an_impossible_one_is_refused(text: str, taught: str) -> None:
+def test_an_impossible_correction_is_refused(text: str, taught: str) -> None:
     with pytest.raises(RobotFileError, match=taught):
         corrected(text)

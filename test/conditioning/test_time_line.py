@@ -350,7 +350,7 @@ def test_a_gap_is_crossed_and_loses_no_reading() -> None:
         messages = by_stamp(late)
         listener = listen(messages)
         assert listener.conditioner.clock_jumps == 0
-        assert listener.conditioner.gaps == 4, "one a channel"
+        assert listener.conditioner.gaps == 4, "one per channel"
         assert listener.conditioner.accepted == sum(len(m.names) for m in messages)
         assert not any(listener.conditioner.refused.values())
         stamps = {sample.stamp_ns for sample in listener.samples}
@@ -448,7 +448,7 @@ def test_a_reading_becomes_an_angle_by_scale_offset_and_clock_offset():
     assert samples[0].motor_angle[0] == pytest.approx(-2.0 * 0.2 + 0.5 + 0.1)  # half way back
 
 
-def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped_alike_online_and_in_bulk():
+def test_an_encoder_that_wraps_is_unwrapped_alike_online_and_in_bulk():
     period = 2.0 * np.pi
     robot, conditioner = _two_clocks(period=period, scale=0.5)
     stamps = 1_000_000 * np.arange(1, 3001)
@@ -469,7 +469,7 @@ def _lagging_joint():
     return motor, Series(slow, slow + 3_000_000, slow * -1e-9)
 
 
-def test_predicting_answers_at_once_what_waiting_answers_late():
+def test_prediction_gives_at_once_the_samples_that_waiting_gives_late():
     motor, joint = _lagging_joint()
     for mode, lag in (("wait", 5_000_000), ("predict", 0)):
         _, conditioner = _two_clocks(mode)
@@ -486,7 +486,7 @@ def test_predicting_answers_at_once_what_waiting_answers_late():
         assert np.all(np.diff([s.stamp_ns for s in samples]) > 0)
 
 
-def test_prediction_ends_at_its_horizon_and_goes_on_without_a_lost_reading():
+def test_prediction_ends_at_its_horizon_and_continues_without_a_lost_reading():
     robot, conditioner = _two_clocks("predict")
     stamps = 1_000_000 * np.arange(1, 301)
     motor = _readings(stamps, stamps * 1e-9)
@@ -516,7 +516,7 @@ def test_prediction_offline_is_prediction_online():
     assert np.array_equal(bulk.joint_angle[:, 0], [s.joint_angle[0] for s in online])
 
 
-def test_stragglers_of_a_slower_topic_do_not_undo_a_loop_of_the_recording():
+def test_late_readings_of_a_slower_topic_do_not_undo_a_loop_of_the_recording():
     _, conditioner = _two_clocks()
     second = 1_000_000_000
     for k in range(1, 50):

@@ -166,7 +166,7 @@ def test_every_reading_is_accepted_refused_elsewhere_or_held_and_nothing_else(
 
 @thorough
 @given(ROBOT, STREAMS)
-def test_what_is_kept_is_bounded(robot: str, stream: list[Message]) -> None:
+def test_the_number_of_kept_readings_is_bounded(robot: str, stream: list[Message]) -> None:
     conditioner = Conditioner(ROBOTS[robot], "predict")
     for message in stream:
         feed(conditioner, message)

@@ -41,7 +41,7 @@ def tracked(stamps: np.ndarray, readings: np.ndarray, bandwidth: float, band: fl
 
 
 @pytest.mark.parametrize("frequency", [0.1, 0.2, 0.3])
-def test_it_halves_the_error_of_counting_on_a_smooth_motion(frequency: float) -> None:
+def test_tracking_halves_the_quantisation_error_of_a_smooth_motion(frequency: float) -> None:
     time = np.arange(0.0, 20.0, 2e-3)
     truth = 0.66 * np.sin(2 * np.pi * frequency * time)
     stamps = SECOND + np.round(time * 1e9).astype(np.int64)
@@ -56,11 +56,11 @@ def test_constant_acceleration_is_followed_without_lag() -> None:
     time = (stamps - stamps[0]) * 1e-9
     truth = 0.1 + 0.5 * time + 0.4 * time**2
     left = np.abs(tracked(stamps, truth, 12.0, 1.0) - truth)
-    assert left.max() < 1e-5  # at first the uneven steps count a little
+    assert left.max() < 1e-5  # at first the uneven steps cause a small error
     assert left[200:].max() < 1e-9
 
 
-def test_at_rest_it_is_the_reading() -> None:
+def test_at_rest_the_tracked_angle_is_the_reading() -> None:
     stamps = SECOND + np.arange(5000) * 2_000_000
     reading = np.concatenate([np.linspace(0.0, 0.1, 1000), np.full(4000, 0.1)])
     angle = tracked(stamps, reading, 12.0, COUNT / 2)
@@ -77,7 +77,7 @@ STEP = st.sampled_from((1, 1000, 1_000_000, 2_000_000, 999_999_999))
     st.sampled_from((0.1, 12.0, 1000.0)),
     st.sampled_from((1e-6, 1e-3, 10.0)),
 )
-def test_it_is_never_further_from_a_reading_than_the_sensor_may_be(
+def test_the_tracked_angle_stays_within_the_band_of_every_reading(
     readings: list[tuple[int, float]], bandwidth: float, band: float
 ) -> None:
     memory = new_track()
@@ -110,7 +110,7 @@ def test_the_node_path_and_the_bulk_path_agree_bit_for_bit_across_a_silence() ->
     live = np.concatenate([sample.joint_angle for sample in samples])
     assert np.array_equal(live, whole.joint_angle[:, 0])
     assert not np.array_equal(live, joint)
-    assert live[time > 1.9][0] == joint[time > 1.9][0]  # it starts anew after the silence
+    assert live[time > 1.9][0] == joint[time > 1.9][0]  # it restarts after the silence
 
 
 def test_a_filter_without_an_error_to_stay_within_is_refused() -> None:

@@ -64,7 +64,7 @@ def in_order(segments: tuple[Samples, ...]) -> list[Sample]:
 
 
 @pytest.mark.parametrize("piece", [1, 7, 65_536])
-def test_it_gives_the_samples_of_its_messages_bit_for_bit_in_pieces_of_any_size(
+def test_a_recording_gives_the_samples_of_its_messages_bit_for_bit_in_pieces_of_any_size(
     monkeypatch: pytest.MonkeyPatch, piece: int
 ) -> None:
     motor, joint = recording()

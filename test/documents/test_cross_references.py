@@ -18,6 +18,7 @@ FOLDERS = "bags|bench|cdrj_ros|config|docs|examples|launch|msg_defs|requirements
 FILE = re.compile(
     rf"(?<![\w/.:$}}-])((?:{FOLDERS})/[\w./-]*\w\.(?:py|md|yaml|json|xml|sh|txt|msg|png))\b"
 )
+TESTS = re.compile(r"(?<![\w/])(test_\w+\.py)\b")
 MODULE = re.compile(r"`([a-z_]+/[a-z_]+\.py)`")
 PARSERS: dict[str, Callable[[], ArgumentParser]] = {
     "check_robot": check_robot._parser,
@@ -39,11 +40,13 @@ def sources() -> list[Path]:
 
 
 def test_files_that_a_document_a_comment_or_a_docstring_names_exist() -> None:
+    folders_of_tests = tuple(path for path in (ROOT / "test").iterdir() if path.is_dir())
     missing, count = [], 0
     for path in sources():
         text = path.read_text()
         named = [(name, (ROOT,)) for name in FILE.findall(text)]
         named += [(name, (ROOT, ROOT / "cdrj_ros")) for name in MODULE.findall(text)]
+        named += [(name, folders_of_tests) for name in TESTS.findall(text)]
         count += len(named)
         for name, folders in named:
             if not any((folder / name).exists() for folder in folders):

@@ -79,7 +79,7 @@ def _hits(preload: str, bag: str, runs: int, seed: int) -> np.ndarray:
     return np.array(hits)
 
 
-def test_two_standard_deviations_cover_what_they_should() -> None:
+def test_two_standard_deviations_cover_the_expected_share() -> None:
     # 200 robots have parameters drawn from the robot file's covariance.  Each estimate starts in
     # the middle of a motion, from encoder readings, without knowledge of the friction history.
     hits = np.concatenate(
@@ -140,7 +140,7 @@ def test_sample_by_sample_and_in_bulk_the_spread_is_the_same(model: Model, path:
         assert np.array_equal(spread.update(sample, estimate), bulk.stddev[k])
 
 
-def test_the_estimate_is_none_the_different_for_its_spread(model: Model, path: Samples) -> None:
+def test_the_spread_does_not_change_the_estimate(model: Model, path: Samples) -> None:
     samples = _part(path, slice(0, 500))
     _, alone = run(model, initial_state(model), samples)
     _, beside = Spread(model).run(initial_state(model), samples)
@@ -179,7 +179,7 @@ uncertainty: {{parameters: [cables.c.preload, cables.c.axial_stiffness], stddev:
         (2.0, 10.0, 0.5, 2.0),
     ],
 )
-def test_what_depends_linearly_has_exactly_its_spread(
+def test_linear_dependence_gives_the_exact_spread(
     preload: float, ea: float, rho: float, expected: float
 ) -> None:
     text = ONE_STRAND.format(noise=0.0, preload=preload, ea=ea, rho=rho)
@@ -206,7 +206,7 @@ def test_noise_of_an_encoder_becomes_noise_of_the_tension() -> None:
     assert np.mean(spreads) == pytest.approx(expected, rel=0.1)
 
 
-def test_members_stay_within_what_a_robot_file_may_say(model: Model) -> None:
+def test_members_stay_within_the_limits_of_a_robot_file(model: Model) -> None:
     known = model.robot.uncertainty
     assert known is not None
     wide = replace(known, covariance=1e4 * known.covariance)
@@ -221,7 +221,7 @@ def test_members_stay_within_what_a_robot_file_may_say(model: Model) -> None:
                 assert pulley.friction.mu_s >= pulley.friction.mu_c >= 0.0
 
 
-def test_friction_histories_are_even_handed_and_within_bounds() -> None:
+def test_friction_histories_are_symmetric_and_within_bounds() -> None:
     shares = friction_shares(MEMBERS, 7, np.random.default_rng(0))
     assert shares.shape == (MEMBERS, 7)
     assert np.all(np.abs(shares) <= 1.0)

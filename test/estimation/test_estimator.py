@@ -1,4 +1,4 @@
-"""Properties of the estimator for every friction law; test_step.py has those of the prototype."""
+"""Properties of the estimator for every friction law; test/model/test_laws.py has physical laws."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ MODELS = {law: law_of(law) for law in LAWS} | {"routed": ROUTED_MODEL}
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_however_it_is_cut_a_run_gives_the_bits_of_step_by_step(name: str) -> None:
+def test_a_run_in_any_pieces_gives_the_bits_of_step_by_step(name: str) -> None:
     model = MODELS[name]
     samples = motion(model, 800)
     state = initial_state(model)
@@ -150,7 +150,7 @@ def test_the_time_of_the_first_sample_does_not_matter() -> None:
     assert one.tobytes() == other.tobytes()
 
 
-def test_effort_signs_turn_what_the_cables_exert_into_what_balances_them() -> None:
+def test_effort_signs_convert_exerted_efforts_into_balancing_ones() -> None:
     plain = prepare(parse_robot(ROUTED.replace("effort_sign: -1", "effort_sign: 1")))
     samples = motion(plain, 50)
     for k in (0, 49):
@@ -190,7 +190,7 @@ def assert_refused(state: State) -> None:
     assert after.values.tobytes() == state.values.tobytes()
 
 
-def test_an_impossible_pose_leaves_the_state_as_it_was() -> None:
+def test_an_impossible_pose_leaves_the_state_unchanged() -> None:
     start = initial_state(ROUTED_MODEL)
     assert_refused(start)
     state, _ = run(ROUTED_MODEL, start, motion(ROUTED_MODEL, 300))

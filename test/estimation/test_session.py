@@ -110,7 +110,7 @@ def test_load_cells_at_the_ends_find_a_lost_preload_in_every_element(
 
 
 @pytest.mark.parametrize("late", [1, 5, 15])
-def test_load_cells_that_come_late_do_not_tell_the_same_news_twice(
+def test_late_load_cell_readings_are_not_applied_twice(
     late: int, model: Model, readings: Samples
 ) -> None:
     true, values = _truth(LOST, readings)
@@ -140,7 +140,9 @@ def test_load_cells_that_come_late_do_not_tell_the_same_news_twice(
     assert course.live.fusion.health["upper/8"].refused == 0
 
 
-def test_a_load_cell_on_one_cable_leaves_the_other_alone(model: Model, readings: Samples) -> None:
+def test_a_load_cell_on_one_cable_does_not_affect_the_other(
+    model: Model, readings: Samples
+) -> None:
     true, values = _truth(LOST, readings)
     tension = values[:, true.layout.tension]
     column = true.layout.elements.index("upper/8")
@@ -165,7 +167,7 @@ def test_a_load_cell_on_one_cable_leaves_the_other_alone(model: Model, readings:
         (lambda _k, true, _first: -true, "standard deviations"),
     ],
 )
-def test_a_load_cell_that_freezes_drifts_or_lies_is_found_and_dropped(
+def test_a_load_cell_that_freezes_drifts_or_reads_wrong_is_dropped(
     model: Model, readings: Samples, fault: Callable[..., float], words: str
 ) -> None:
     _, values = _truth("36.85,26.26", readings)
@@ -236,7 +238,7 @@ def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_t
     assert np.abs(course.error[ninth]).mean() < 0.1 * np.abs(course.error[0, :8]).mean()
 
 
-def test_efforts_are_not_looked_at_unless_asked_for(model: Model, readings: Samples) -> None:
+def test_efforts_are_ignored_without_track_preload(model: Model, readings: Samples) -> None:
     live = LiveEstimator(model)
     live.feed_efforts(int(readings.stamp_ns[0]), ["winch"], [1e6])
     output = live.take(_sample(readings, 0))
@@ -244,7 +246,7 @@ def test_efforts_are_not_looked_at_unless_asked_for(model: Model, readings: Samp
     assert np.array_equal(output.estimate.values, plain.estimate.values)
 
 
-def test_sensors_without_uncertainty_are_a_contradiction(model: Model) -> None:
+def test_sensors_require_uncertainty(model: Model) -> None:
     with pytest.raises(UsageError, match="uncertainty"):
         LiveEstimator(model, Options(uncertainty=False, tension_sensors=True))
 
@@ -269,7 +271,7 @@ def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: S
     assert live.fusion.health["upper/8"].used == 0
 
 
-def test_unsure_says_that_the_friction_history_is_not_known_yet(
+def test_elements_are_unsure_until_the_friction_history_is_known(
     model: Model, readings: Samples
 ) -> None:
     live = LiveEstimator(model)
@@ -316,7 +318,7 @@ def _first_reversal_after_travel(angle: np.ndarray) -> int:
     return turn + int(np.argmax(back > 0.35))
 
 
-def test_a_restart_with_a_state_file_goes_on_as_if_it_had_not_ended(
+def test_a_restart_with_a_state_file_continues_without_a_difference(
     model: Model, readings: Samples, tmp_path: Path
 ) -> None:
     path = tmp_path / "state"
@@ -334,7 +336,7 @@ def test_a_restart_with_a_state_file_goes_on_as_if_it_had_not_ended(
     assert [p.name for p in tmp_path.iterdir()] == ["state"]  # no temporary file is left
 
 
-def test_a_robot_moved_while_nobody_looked_is_known_less_well(
+def test_a_motion_during_a_restart_increases_the_standard_deviation(
     model: Model, readings: Samples, tmp_path: Path
 ) -> None:
     path = tmp_path / "state"
@@ -392,7 +394,7 @@ def test_a_state_file_that_cannot_be_used_is_refused_in_a_line(
     assert np.array_equal(other.take(_sample(readings, 10)).estimate.values, fresh)
 
 
-def test_without_a_state_file_nothing_is_taken_up(model: Model, tmp_path: Path) -> None:
+def test_without_a_state_file_nothing_is_restored(model: Model, tmp_path: Path) -> None:
     assert read_state(LiveEstimator(model), tmp_path / "none") == ""
     assert not write_state(LiveEstimator(model), tmp_path / "none")
 
@@ -412,7 +414,7 @@ def test_tare_makes_the_present_pose_the_reference(model: Model, readings: Sampl
     assert np.allclose(tension[8:], 26.26)
 
 
-def test_set_preload_starts_anew_from_what_was_measured(model: Model, readings: Samples) -> None:
+def test_set_preload_restarts_from_the_measured_angles(model: Model, readings: Samples) -> None:
     live = LiveEstimator(model)
     for k in range(500):
         live.take(_sample(readings, k))
@@ -432,7 +434,7 @@ def test_set_preload_starts_anew_from_what_was_measured(model: Model, readings: 
         ({}, "name at least one"),
     ],
 )
-def test_a_preload_that_cannot_be_changes_nothing(
+def test_an_invalid_preload_changes_nothing(
     model: Model, readings: Samples, preloads: dict[str, float], words: str
 ) -> None:
     live, untouched = LiveEstimator(model), LiveEstimator(model)

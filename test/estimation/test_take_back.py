@@ -79,7 +79,7 @@ def _dropped(live: LiveEstimator) -> str:
 
 
 @pytest.mark.parametrize("lie", LIES)
-def test_what_a_trusted_load_cell_taught_is_undone_once_it_is_dropped(
+def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
     lie: str, model: Model, beside: Beside
 ) -> None:
     live = LiveEstimator(model, MEASURED)
@@ -132,7 +132,7 @@ def test_the_standard_deviation_opens_where_corrections_are_undone(
 
 
 @pytest.mark.parametrize("break_at", [CALM - 100, CALM + 20])
-def test_what_a_load_cell_taught_before_a_restart_is_undone_after_it(
+def test_corrections_before_a_restart_are_undone_after_it(
     break_at: int, model: Model, beside: Beside, tmp_path: Path
 ) -> None:
     """Restart while the cell is right or its fault is undetected; afterwards it is always wrong."""
@@ -146,12 +146,12 @@ def test_what_a_load_cell_taught_before_a_restart_is_undone_after_it(
     assert np.abs(live.state.values - live.unaided.values).max() > 0.0
     write_state(live, path)
     live = LiveEstimator(model, MEASURED)
-    assert "goes on" in read_state(live, path)
+    assert "continues from" in read_state(live, path)
     offs = []
     for k in range(break_at, beside.cell.size):
         _feed_cell(live, beside, k, lie)
         output = live.take(_sample(beside.samples, k))
         offs.append(np.abs(output.estimate.tension - beside.tension[k])[:8].max())
-    assert offs[0] > 3.0, "what it taught was taken up"
+    assert offs[0] > 3.0, "its corrections are restored"
     assert _dropped(live)
     assert offs[-1] < 1e-9, "as without the cell"

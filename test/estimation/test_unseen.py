@@ -80,7 +80,7 @@ def all_unsure(output: Output) -> bool:
 # -- gaps --------------------------------------------------------------------------------------
 
 
-def test_nothing_is_made_up_for_the_time_in_which_one_topic_was_silent(
+def test_there_are_no_estimates_for_the_silence_of_one_topic(
     model: Model, readings: Samples
 ) -> None:
     """The joint moves out and back while only the motor has readings."""
@@ -110,7 +110,7 @@ def test_nothing_is_made_up_for_the_time_in_which_one_topic_was_silent(
     assert np.array_equal(offline.stddev, [output.stddev for output in before + outputs])
 
 
-def test_a_gap_in_which_nothing_moved_forgets_nothing(model: Model, readings: Samples) -> None:
+def test_a_gap_without_motion_keeps_the_history(model: Model, readings: Samples) -> None:
     live = LiveEstimator(model)
     outputs = [output for k in range(1000) for output in send(live, readings, k)]
     known = outputs[-1].stddev
@@ -123,7 +123,7 @@ def test_a_gap_in_which_nothing_moved_forgets_nothing(model: Model, readings: Sa
     assert np.mean(outputs[-1].stddev[:16]) < 1.2 * np.mean(known[:16])
 
 
-def test_a_robot_moved_while_the_clock_was_set_back_is_known_less_well(
+def test_a_motion_while_the_clock_is_set_back_increases_the_standard_deviation(
     model: Model, readings: Samples, tmp_path: Path
 ) -> None:
     path = tmp_path / "state"
@@ -163,7 +163,7 @@ ACTIONS: Mapping[str, Callable[[LiveEstimator], object]] = {
 
 
 @pytest.mark.parametrize("action", ACTIONS)
-def test_turns_are_counted_on_whatever_is_set(
+def test_turns_are_still_counted_after_every_change(
     action: str, model: Model, turning: Model, readings: Samples
 ) -> None:
     """The result equals that of a sensor without wrap, more than a turn from the reference."""
@@ -183,7 +183,7 @@ def test_turns_are_counted_on_whatever_is_set(
         assert np.allclose(got[0].estimate.tension, expected[0].estimate.tension, atol=1e-6)
 
 
-def test_a_recording_that_is_played_anew_starts_at_its_own_turn(turning: Model) -> None:
+def test_a_recording_that_is_played_again_restarts_the_count_of_turns(turning: Model) -> None:
     """After a reset and stamps that go back, earlier turns are not counted."""
     live = LiveEstimator(turning)
     for k in range(250):
@@ -197,9 +197,7 @@ def test_a_recording_that_is_played_anew_starts_at_its_own_turn(turning: Model) 
     assert live.sample.motor_angle[0] == pytest.approx(0.5)
 
 
-def test_a_restart_finds_the_turn_it_was_in(
-    turning: Model, readings: Samples, tmp_path: Path
-) -> None:
+def test_a_restart_restores_the_turn(turning: Model, readings: Samples, tmp_path: Path) -> None:
     path = tmp_path / "state"
     there = Samples(readings.stamp_ns, readings.motor_angle, readings.joint_angle)
     far = int(np.argmax(np.abs(readings.motor_angle[:, 0])))
@@ -285,7 +283,7 @@ def test_noise_that_is_implausible_all_the_time_is_no_step(model: Model) -> None
 # -- unsolved cables ---------------------------------------------------------------------------
 
 
-def test_one_cable_that_is_not_solved_leaves_what_is_known_of_the_others(model: Model) -> None:
+def test_an_unsolved_cable_does_not_affect_the_others(model: Model) -> None:
     """The robot's two cables, each on its own motor, one of them wound in entirely."""
 
     def change(document: dict[str, Any]) -> None:
@@ -362,7 +360,7 @@ def test_reference_and_preloads_that_were_set_are_in_the_state_file(
     assert read_state(LiveEstimator(model, UNFILTERED), path)  # and the restart after that one
 
 
-def test_of_other_friction_the_reference_is_taken_up_and_the_state_is_not(
+def test_a_state_file_with_other_friction_restores_the_reference_but_not_the_state(
     model: Model, readings: Samples, tmp_path: Path
 ) -> None:
     path = tmp_path / "state"
@@ -433,7 +431,7 @@ def test_a_motors_efforts_are_moved_by_its_clock_offset(
 
 
 @pytest.mark.parametrize("stamp", [2**31 * 10**9, 2**31 * 10**9 + 4_294_967_295, 2**62])
-def test_a_stamp_that_no_header_can_say_is_refused(model: Model, stamp: int) -> None:
+def test_a_stamp_beyond_the_range_of_a_header_is_refused(model: Model, stamp: int) -> None:
     live = LiveEstimator(model)
     assert live.feed("both", stamp, ("winch", "elbow"), (0.0, 0.0)) == (False, [])
     assert live.conditioner.refused["future"] == 2
@@ -462,7 +460,7 @@ def test_a_tare_in_motion_is_refused_with_the_axis_and_changes_nothing(
     assert live.model is untouched.model
 
 
-def test_a_tare_is_refused_until_rest_has_been_seen_for_long_enough(
+def test_a_tare_is_refused_until_the_axes_have_rested_long_enough(
     model: Model, readings: Samples
 ) -> None:
     live = LiveEstimator(model)
@@ -501,4 +499,4 @@ def test_a_state_file_with_any_bit_flipped_is_refused_by_name(
         with pytest.raises(StateFileError, match=r"state is (damaged|not a state file)"):
             read_state(again, path)
     path.write_bytes(content)
-    assert "goes on" in read_state(again, path)
+    assert "continues from" in read_state(again, path)

@@ -28,7 +28,7 @@ Drive = Callable[..., Samples]
 
 STRAND, DRUM = 0.06, 0.015
 FOLLOW = 2 * STRAND / DRUM
-"""Motor angle that takes up what both strands give at sin(joint) = 1 [rad]."""
+"""Motor angle that compensates both strands at sin(joint) = 1 [rad]."""
 ENCODERS = 2 * np.pi / 81_920, 2 * np.pi / 16_384
 """Steps of motor and joint encoder [rad]."""
 
@@ -178,7 +178,7 @@ def test_a_cable_wound_in_entirely_is_invalid_and_not_slack(prototype: Robot) ->
         assert not estimate.solved
 
 
-def test_the_first_sample_has_one_tension_a_cable_and_that_is_the_preload(
+def test_the_first_sample_has_the_preload_in_every_element(
     prototype: Robot,
 ) -> None:
     model = prepare(prototype)
@@ -191,7 +191,7 @@ def test_the_first_sample_has_one_tension_a_cable_and_that_is_the_preload(
     assert np.ptp(elsewhere.tension[8:]) < 1e-9
 
 
-def test_flags_say_slack_and_overload(prototype: Robot, drive: Drive) -> None:
+def test_flags_mark_slack_and_overload(prototype: Robot, drive: Drive) -> None:
     model = prepare(prototype)
     estimates = estimated(model, huge_jumps(drive))
     tension = tensions(estimates)
@@ -202,7 +202,7 @@ def test_flags_say_slack_and_overload(prototype: Robot, drive: Drive) -> None:
     assert (status & OVERLOAD).any()
 
 
-def test_material_is_neither_made_nor_lost(variant: Variant, drive: Drive) -> None:
+def test_material_is_conserved(variant: Variant, drive: Drive) -> None:
     # with the winch at rest every cable keeps its material for any motion of the joint
     model = prepare(variant())
     time = np.arange(5000) * 1e-3
@@ -215,10 +215,10 @@ def test_material_is_neither_made_nor_lost(variant: Variant, drive: Drive) -> No
 
 
 @pytest.mark.parametrize("cells", [1, 2, 3])
-def test_what_leaves_the_drum_is_on_the_cable_slack_or_not(
+def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(
     cells: int, prototype: Robot, drive: Drive
 ) -> None:
-    # a sample may be solved in pieces: none of them may be left out
+    # a sample may be divided into substeps, all of which must count
     model = prepare(divide(prototype, cells).robot)
     samples = into_slack_and_back(drive)
     state = initial_state(model)
@@ -255,7 +255,7 @@ def test_equation_eleven_is_the_first_order_form_of_the_exact_tension() -> None:
     assert errors[0] > 1e-3
     for coarse, fine in pairwise(errors):
         assert coarse / fine == pytest.approx(4.0, rel=0.02)
-    # k = EA / L of (11) is this slope but for the strain, here 0.6 %
+    # k = EA / L of (11) is this slope except for the strain, here 0.6 %
     assert by_length == pytest.approx(stiffness / length, rel=0.013)
     assert by_material == pytest.approx(-stiffness / length, rel=0.013)
     assert element_tension(stiffness, length, material) == pytest.approx(preload, rel=1e-12)
@@ -300,7 +300,7 @@ def test_small_motions_change_the_tension_by_the_stiffness_of_equation_eleven() 
         taken_in = 0.015 * wound / (1.0 + 30.0 / 6283.0) * length / material
         linear = first.tension[0] + 6283.0 / material * (taken_in - 0.06 * moved)
         errors.append(float(np.abs(tension_at(model, wound, moved) - linear).max()))
-    assert errors[0] > 1e-3, "large enough to tell the exact form from the linear one"
+    assert errors[0] > 1e-3, "large enough to distinguish the exact form from the linear one"
     for coarse, fine in pairwise(errors):
         assert coarse / fine == pytest.approx(4.0, rel=0.1)
 

@@ -11,7 +11,7 @@ from cdrj_ros.robot.reader import load_robot
 ROBOT = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 
 
-def test_channels_have_columns_of_their_own_in_the_order_of_the_standard_deviations() -> None:
+def test_every_channel_has_its_own_column_in_the_order_of_the_standard_deviations() -> None:
     layout = prepare(load_robot(ROBOT)).layout
     columns = channel_columns(layout)
     assert list(columns) == [

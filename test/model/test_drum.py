@@ -143,7 +143,7 @@ def test_memory_stays_bounded_and_its_error_tiny_over_two_hundred_turns() -> Non
         turn_drum(memory, angle, laid)
         spacings.add(float(memory.spacing))
         assert 1 <= memory.points <= CAPACITY
-    assert len(spacings) > 5, "the memory was thinned out again and again"
+    assert len(spacings) > 5, "the memory was thinned out repeatedly"
     assert material_held(memory) == pytest.approx(exact[-1], rel=1e-12)
     errors = [
         turn_drum(memory, angle, rate(0.0)) - wound

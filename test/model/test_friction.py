@@ -105,7 +105,7 @@ def test_stribeck_share_falls_from_one_to_nothing_alike_in_both_directions() -> 
     assert [stribeck_share(-v, STRIBECK_SPEED) for v in speeds] == share.tolist()
 
 
-def test_printed_static_friction_is_kept_from_going_through_zero() -> None:
+def test_printed_static_friction_never_makes_the_transmission_negative() -> None:
     kinetic, static = sliding_loss(0.1, 0.4, pi, PRINTED)
     assert 1.0 - kinetic - static < 0.0, "(35) as printed: nothing would be left to transmit"
     assert sliding_transmission(0.0, 0.1, 0.4, 0.05, pi, PRINTED) == MINIMUM_TRANSMISSION
@@ -305,14 +305,14 @@ def _walk(
 
 @pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
 @pytest.mark.parametrize("seed", range(3))
-def test_friction_never_gives_more_than_its_bristles_have_stored(
+def test_friction_never_returns_more_than_its_bristles_have_stored(
     law: int, breakaway: float, seed: int
 ) -> None:
     generator = np.random.default_rng(seed)
     slips = generator.normal(size=150) * 10.0 ** generator.uniform(-7.5, -5.0, size=150)
     work, stored = _walk(law, breakaway, slips, lambda _: BOUND, 60)
     lost = np.diff(work - stored, prepend=0.0)
-    # the trapezoidal rule overrates the work inside one piece by less than this
+    # the trapezoidal rule overestimates the work inside one piece by less than this
     assert np.all(lost >= -1e-3 * np.abs(slips) * BOUND)
     assert work[-1] - stored[-1] > 0.1 * BOUND * np.abs(slips).sum() * 0.1
 
@@ -333,7 +333,7 @@ def test_minor_loops_close_exactly_where_lugre_creeps() -> None:
     begin, end = _minor_loops(ELASTOPLASTIC, 0.7, 1000)
     assert end == pytest.approx(begin, abs=1e-11), "below break-away"
     begin, end = _minor_loops(LUGRE, 1.0, 1000)
-    assert end < 0.1 * begin, "the source's law forgets its force under ripple"
+    assert end < 0.1 * begin, "the source's law loses its force under ripple"
 
 
 def test_sliding_forgets_the_past() -> None:
@@ -402,17 +402,17 @@ def test_bearing_transmission_falls_with_friction_and_wrap_and_rises_with_the_ra
 
 
 @pytest.mark.parametrize("form", [PRINTED, CAPSTAN])
-def test_rho_of_nought_is_the_bearing_alone_and_rho_of_one_sliding_alone(form: int) -> None:
+def test_rho_of_zero_is_the_bearing_alone_and_rho_of_one_sliding_alone(form: int) -> None:
     for beta, ratio in TABLE:
         kinetic, static = blended_loss(0.0, MU_C, MU_S, beta, ratio, form, 1.0)
-        assert static == 0.0, "a bearing knows no Stribeck effect"
+        assert static == 0.0, "a bearing has no Stribeck effect"
         assert 1.0 - kinetic == pytest.approx(bearing_transmission(beta, ratio), abs=1e-15)
         assert blended_loss(1.0, MU_C, MU_S, beta, ratio, form, 1.0) == pytest.approx(
             sliding_loss(MU_C, MU_S, beta, form), abs=1e-15
         )
 
 
-def test_sliding_takes_more_of_the_sources_cable_than_its_bearings_do() -> None:
+def test_sliding_loses_more_tension_than_the_bearings() -> None:
     # fig. 9: what is left at the far end of all seven pulleys
     left = [
         np.prod([1.0 - sum(blended_loss(rho, MU_C, MU_S, *row, PRINTED, 1.0)) for row in TABLE])

@@ -29,7 +29,7 @@ cables:
 
 
 def routed(nodes: str, joints: str = "", frames: str = "") -> Model:
-    """A robot of one cable whose nodes are written one a line."""
+    """A robot of one cable whose nodes are written one per line."""
     lines = [f"      - {line.strip()}" for line in nodes.strip().splitlines()]
     return prepare(parse_robot(HEAD % (joints, frames) + "\n".join(lines) + "\n"))
 
@@ -38,7 +38,7 @@ def still(nodes: str) -> Shape:
     return shape_at(routed(nodes), np.zeros(0))
 
 
-def test_angles_are_brought_within_half_a_turn() -> None:
+def test_angles_are_wrapped_to_half_a_turn() -> None:
     for angle in np.linspace(-20.0, 20.0, 401):
         brought = wrap_to_pi(angle)
         assert -pi <= brought < pi
@@ -300,7 +300,7 @@ def test_a_wrap_grows_through_half_a_turn_without_a_jump() -> None:
     assert wraps[0] < pi / 2 < pi < 1.4 * pi < wraps[-1]
 
 
-def test_half_an_arc_belongs_to_either_neighbour(prototype: Robot) -> None:
+def test_half_of_an_arc_belongs_to_each_neighbour(prototype: Robot) -> None:
     shape = shape_at(prepare(prototype), np.zeros(1))
     # upper cable: spans of the file, wraps of Table I; pulley 6 amid its range
     wraps = np.radians([40.9, 105.4, 32.1, 57.7, (0.6 + 78.5) / 2, 180.0, 90.0])
@@ -379,7 +379,7 @@ def test_a_table_that_never_falls_gives_a_length_that_never_falls() -> None:
     assert np.all(np.diff(lengths) >= -1e-12)
 
 
-def test_a_wrap_that_rests_at_nothing_is_never_negative() -> None:
+def test_a_wrap_that_rests_at_zero_is_never_negative() -> None:
     # a cable that touches its pulley in half of the joint's range only
     wrap = "{joint: q, angle: [-1, 0.13, 1], value: [0, 0, 1.2]}"
     model = prepare(tabled("0.5", wrap))

@@ -102,7 +102,7 @@ def test_a_frictionless_swing_keeps_its_energy_to_the_integrators_order(load: Ro
 
     coarse, fine = drift(1e-6), drift(1e-9)
     assert fine < 1e-7
-    # error per step goes with the tolerance
+    # the error per step scales with the tolerance
     assert 100.0 < coarse / fine < 10_000.0
 
 

@@ -23,7 +23,7 @@ WITH_FRICTION = [law for law in LAWS if law != "none"]
 
 
 def follow(joint: np.ndarray | float) -> np.ndarray:
-    """Motor angle [rad] that takes up what both strands and the arc of pulley 6 give."""
+    """Motor angle [rad] that compensates both strands and the arc of pulley 6."""
     wrap_by_joint = np.radians(78.5 - 0.6) / np.radians(80.0)
     return np.asarray((0.12 * np.sin(joint) - 0.0045 * wrap_by_joint * joint) / 0.015)
 
@@ -39,7 +39,7 @@ def cyclic(
     step_s: float = 1e-3,
     lead: float = np.pi / 2,
 ) -> Samples:
-    """A steady cycle of the joint and a motor that leads it by a phase [rad], as a load makes."""
+    """A steady cycle of the joint and a motor that leads it by a phase [rad], as under a load."""
     phase = 2 * np.pi * np.arange(round(cycles * period) + 1) / period
     joint = 0.6 * np.sin(phase)
     motor = follow(joint) + 0.12 * np.sin(phase + lead)
@@ -103,7 +103,7 @@ def test_tension_ratios_stay_within_the_transmission(
     # LuGre's bristles relax only while slipping: their force lags behind a shrinking bound
     assert share.max() <= (1.1 if law == "lugre" else 1.0 + 1e-6)
     kinetic = 0.75 if law != "euler" else 0.999
-    assert share.max() > kinetic, "and they are reached"
+    assert share.max() > kinetic, "the bounds are reached"
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -170,7 +170,7 @@ def test_without_friction_the_drum_alone_costs_work(variant: Variant, drive: Dri
 
 @pytest.mark.parametrize("law", WITH_FRICTION)
 @pytest.mark.parametrize("seed", range(3))
-def test_no_pulley_ever_gives_more_than_its_bristles_have_stored(
+def test_no_pulley_ever_returns_more_than_its_bristles_have_stored(
     law: str, seed: int, variant: Variant, drive: Drive
 ) -> None:
     model = prepare(variant(law))
@@ -335,7 +335,7 @@ def _rest_under_dither(law: str, variant: Variant, drive: Drive) -> tuple[np.nda
     return difference[3000:4000].mean(axis=0), difference[-1000:].mean(axis=0)
 
 
-def test_encoder_dither_wears_friction_away_with_lugre_and_not_with_elastoplastic(
+def test_encoder_dither_relaxes_friction_with_lugre_and_not_with_elastoplastic(
     variant: Variant, drive: Drive
 ) -> None:
     early, late = _rest_under_dither("elastoplastic", variant, drive)
@@ -345,7 +345,9 @@ def test_encoder_dither_wears_friction_away_with_lugre_and_not_with_elastoplasti
     assert np.abs(late_lugre).max() < 0.5 * np.abs(early).max()
 
 
-def test_the_prototypes_pulleys_are_what_these_laws_assume(prototype: Robot) -> None:
+def test_the_prototypes_pulleys_have_the_properties_that_these_tests_assume(
+    prototype: Robot,
+) -> None:
     for cable in prototype.cables:
         for pulley in cable.pulleys:
             assert isinstance(pulley, Pulley)

@@ -98,7 +98,7 @@ def test_the_matrix_is_the_negative_derivative_of_forces_and_imbalances(
     np.testing.assert_allclose(matrix, expected, atol=1e-7 * np.abs(expected).max())
 
 
-def test_it_is_symmetric_exactly_where_every_transmission_is_one() -> None:
+def test_the_matrix_is_symmetric_exactly_where_every_transmission_is_one() -> None:
     chain = Chain(4)
     matrix = chain.matrix(exact=False).matrix
     np.testing.assert_allclose(matrix, matrix.T, atol=1e-9)
@@ -121,7 +121,7 @@ def test_the_exact_law_is_symmetric_up_to_the_strain() -> None:
     np.testing.assert_allclose(whole.slip_by_slip, whole.slip_by_slip.T)
 
 
-def test_its_blocks_are_those_of_equations_eighteen_to_twenty_six() -> None:
+def test_the_blocks_are_those_of_equations_eighteen_to_twenty_six() -> None:
     chain = Chain(6, nodes=4)
     chain.direction[:] = -1.0
     eta = chain.transmission
@@ -246,7 +246,7 @@ def test_the_linear_tension_is_the_exact_one_to_first_order() -> None:
     assert nominal[-1] < 3.0 * chain.tension.max() / EA * change
 
 
-def test_a_slack_element_pulls_nothing_and_has_no_stiffness() -> None:
+def test_a_slack_element_exerts_no_force_and_has_no_stiffness() -> None:
     chain = Chain(12)
     chain.tension[2] = 0.0
     blocks = chain.matrix(exact=False)

@@ -149,7 +149,7 @@ def test_the_motors_effort_recovers_a_preload_that_has_lost_a_fifth_within_ten_c
     assert np.mean(np.abs(error) < 2.0 * stddev[tenth]) > 0.92
 
 
-def test_unless_asked_for_the_same_efforts_change_no_byte_and_recover_nothing(
+def test_without_track_preload_efforts_change_no_byte_and_recover_nothing(
     node: Any, start_node: Any
 ) -> None:
     measured = measure(LOST, 10)

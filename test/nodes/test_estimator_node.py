@@ -236,7 +236,7 @@ def _unequal(stamp_ns: int) -> bytes:
     return bytes(one[: len(one) // 2])
 
 
-def test_hostile_samples_leave_the_output_as_if_they_had_never_come(
+def test_hostile_samples_do_not_change_the_output(
     bench: Callable[..., Bench], short_bag: str
 ) -> None:
     offline = _offline(short_bag)
@@ -300,7 +300,7 @@ def test_hostile_samples_leave_the_output_as_if_they_had_never_come(
     assert beside.spin_until(lambda: beside.refused() == sent), (beside.refused(), sent)
 
 
-def test_silence_is_said_and_the_numbers_are_marked_stale(
+def test_after_a_silence_the_last_estimate_is_published_as_stale(
     bench: Callable[..., Bench], short_bag: str
 ) -> None:
     offline = _offline(short_bag)

@@ -266,7 +266,7 @@ def _one_position_less(stamp: int, topic: str) -> bytes:
     return payload
 
 
-def test_hostile_messages_leave_the_numbers_as_if_they_had_never_come(node: Any) -> None:
+def test_hostile_messages_do_not_change_the_estimates(node: Any) -> None:
     rng = np.random.default_rng(SEED)
     model = node.live.model
     node.heard = Heard(model, MESSAGES // 4)
@@ -352,7 +352,7 @@ def wild_tensions(rng: Any, now: int) -> bytes:
     return payload
 
 
-def test_after_anything_at_all_the_node_counts_every_reading_and_starts_anew_rightly(
+def test_after_any_messages_every_reading_is_counted_and_a_reset_gives_correct_estimates(
     node: Any,
 ) -> None:
     rng = np.random.default_rng(SEED + 1)
@@ -420,7 +420,7 @@ def as_sent(payload: bytes) -> bytes:
     return payload + bytes(-len(payload) % 4)
 
 
-def test_a_node_fed_with_hostile_bytes_over_dds_lives_counts_and_goes_on_rightly(
+def test_a_node_survives_hostile_bytes_over_dds_counts_them_and_stays_correct(
     ros: None, start_node: Any
 ) -> None:
     import rclpy

@@ -68,7 +68,7 @@ def diagnosed(node: Any) -> Any:
 # missing and refused ---------------------------------------------------------------------------
 
 
-def test_a_name_that_no_message_carries_is_said_with_what_came_instead(
+def test_a_missing_name_is_reported_with_the_names_that_arrived(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
     from cdrj_ros.nodes.input_watch import PATIENCE_S
@@ -91,7 +91,7 @@ def test_a_name_that_no_message_carries_is_said_with_what_came_instead(
     assert logged(bench, log, "WARN", "the last names winch_motor, not winch")
 
 
-def test_the_log_says_when_estimates_begin_stop_and_come_back(
+def test_estimates_that_begin_stop_and_resume_are_logged(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
     node = bench.estimator(timeout=0.2)
@@ -120,7 +120,7 @@ def test_many_refused_readings_are_a_warning_with_the_cause(bench: Bench) -> Non
 # quality of service ----------------------------------------------------------------------------
 
 
-def test_a_best_effort_publisher_is_heard_and_the_log_says_what_it_costs(
+def test_a_best_effort_publisher_is_received_and_the_cost_is_logged(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
     from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -147,7 +147,7 @@ def test_a_best_effort_publisher_is_heard_and_the_log_says_what_it_costs(
     assert joints_heard.reliability == ReliabilityPolicy.RELIABLE
 
 
-def test_an_explicit_reliability_is_kept_and_the_log_says_the_remedy(
+def test_an_explicit_reliability_is_kept_and_the_remedy_is_logged(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
     from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -164,7 +164,7 @@ def test_an_explicit_reliability_is_kept_and_the_log_says_the_remedy(
 # parameters ------------------------------------------------------------------------------------
 
 
-def test_parameters_show_what_is_in_force(bench: Bench) -> None:
+def test_parameters_show_the_values_in_force(bench: Bench) -> None:
     from cdrj_msgs.srv import SetPreload
     from rclpy.parameter import Parameter
 
@@ -190,7 +190,7 @@ def test_parameters_show_what_is_in_force(bench: Bench) -> None:
     assert (shown("unsure_share"), node.live.options.unsure_share) == (1.0, 1.0)
 
 
-def test_whole_numbers_are_numbers(bench: Bench) -> None:
+def test_integers_are_accepted_for_floating_point_parameters(bench: Bench) -> None:
     node = bench.estimator("-p", "timeout:=1", "-p", "preload:=[30, 20]", timeout=2)
     assert node.timeout_s == 2.0
     assert node.get_parameter("timeout").value == 2.0
@@ -220,7 +220,7 @@ def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
 # time ------------------------------------------------------------------------------------------
 
 
-def test_without_a_clock_a_steady_one_finds_the_silence(
+def test_without_simulated_time_a_steady_clock_detects_missing_inputs(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
     from cdrj_msgs.msg import CableTensions
@@ -238,7 +238,7 @@ def test_without_a_clock_a_steady_one_finds_the_silence(
     assert said[-1].level == said[-1].STALE
 
 
-def test_nobody_changes_the_clock_of_a_running_node(bench: Bench) -> None:
+def test_the_clock_of_a_running_node_cannot_be_changed(bench: Bench) -> None:
     from rclpy.parameter import Parameter
 
     node = bench.estimator()
@@ -267,7 +267,7 @@ def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
     assert values_of(diagnosed(node))["impossible times on /clock"] == "3"
 
 
-def test_estimates_that_lag_behind_are_marked_and_said(bench: Bench) -> None:
+def test_old_estimates_are_marked_stale_and_reported(bench: Bench) -> None:
     """Joint readings arrive ten seconds late while the motor readings are on time."""
     node = bench.estimator(timeout=0.5)
     node.live.set_unsure_share(10.0)
@@ -301,7 +301,7 @@ def send_unequal_rates(node: Any, count: int) -> None:
             node.motor(MOTOR.encode(stamp, position=sample.motor_angle))
 
 
-def test_thinning_leaves_out_messages_and_changes_no_bit(bench: Bench) -> None:
+def test_thinning_omits_messages_and_changes_no_bit(bench: Bench) -> None:
     everything = bench.estimator()
     send_unequal_rates(everything, 600)
     whole = {one.estimate.stamp_ns: one for one in everything.outputs}

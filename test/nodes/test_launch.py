@@ -70,7 +70,7 @@ def test_robot_is_required_and_all_other_arguments_have_a_default(launched: Any)
     assert without == ["robot"]
 
 
-def test_the_node_gets_what_was_given_and_nothing_else(launched: Any) -> None:
+def test_the_node_gets_the_given_arguments_and_no_others(launched: Any) -> None:
     (node,) = launched("robot:=r.yaml")
     assert node.parameters == [{"robot": "r.yaml"}]
     assert (node.namespace, node.arguments, node.ros_arguments) == ("cdrj", ["--supervised"], [])
@@ -96,8 +96,8 @@ def test_the_node_gets_what_was_given_and_nothing_else(launched: Any) -> None:
     assert node.remappings == [("motor_states", "/m"), ("joint_states", "joint_states")]
 
 
-def test_an_exported_discovery_range_is_left_alone(launched: Any) -> None:
-    """The node itself stays on this machine if the environment says nothing."""
+def test_an_exported_discovery_range_is_kept(launched: Any) -> None:
+    """The node itself limits discovery to this machine if the environment does not set a range."""
     assert [type(one).__name__ for one in launched("robot:=r.yaml")] == ["Node"]
 
 

@@ -47,7 +47,7 @@ def model() -> Model:
 # parameters ------------------------------------------------------------------------------------
 
 
-def test_every_parameter_says_what_it_is_and_what_it_may_be(bench: Bench) -> None:
+def test_every_parameter_has_a_description_and_a_range_or_is_read_only(bench: Bench) -> None:
     node = bench.estimator()
     own = [name for name in node._parameters if not name.startswith("qos_overrides.")]
     own = [n for n in own if n not in ("use_sim_time", "start_type_description_service")]
@@ -117,7 +117,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-def test_a_refused_change_says_why_and_changes_nothing(bench: Bench, model: Model) -> None:
+def test_a_refused_change_states_the_reason_and_changes_nothing(bench: Bench, model: Model) -> None:
     from rclpy.parameter import Parameter
 
     node, beside = bench.estimator(), bench.estimator("-r", "__ns:=/beside")
@@ -156,7 +156,7 @@ def test_quality_of_service_may_be_overridden_by_parameters(bench: Bench) -> Non
 # services --------------------------------------------------------------------------------------
 
 
-def test_the_services_answer_with_what_they_did(bench: Bench) -> None:
+def test_the_responses_of_the_services_describe_their_effect(bench: Bench) -> None:
     from cdrj_msgs.srv import SetPreload
     from std_srvs.srv import Trigger
 
@@ -204,7 +204,7 @@ def test_the_services_answer_with_what_they_did(bench: Bench) -> None:
 
     done = bench.call(Trigger, reset, Trigger.Request())
     assert done.success
-    assert "forgotten" in done.message
+    assert "discarded" in done.message
     assert node.live.sample is None
 
 
@@ -225,7 +225,7 @@ def test_a_recording_that_loops_restarts_the_estimate_once_and_loses_nothing(
     assert np.array_equal(tensions(node)[first:], alone)
 
 
-def test_a_clock_that_steps_forth_is_a_gap_and_nothing_is_lost(bench: Bench) -> None:
+def test_a_clock_that_jumps_forward_causes_a_gap_and_loses_nothing(bench: Bench) -> None:
     node = bench.estimator()
     feed(node, 0, 50)
     feed(node, 50, 100, BEGIN + 3600 * SECOND)
@@ -344,9 +344,7 @@ def test_outputs_are_stale_no_sooner_and_hardly_later_than_the_timeout(bench: Be
 
 
 @pytest.mark.parametrize("service", ["reset", "tare", "set_preload"])
-def test_what_was_said_before_a_change_does_not_stand_as_the_last_word(
-    bench: Bench, service: str
-) -> None:
+def test_after_a_change_the_last_message_is_marked_stale(bench: Bench, service: str) -> None:
     from cdrj_msgs.msg import CableTensions
     from cdrj_msgs.srv import SetPreload
     from std_srvs.srv import Trigger
@@ -391,7 +389,7 @@ def test_a_tare_is_refused_while_the_inputs_are_silent(bench: Bench) -> None:
     assert node.live.model.robot.motors[0].reference_angle == sample_at(599).motor_angle[0]
 
 
-def test_efforts_say_nothing_where_a_cable_is_not_solved_and_how_sure_they_are_elsewhere(
+def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_otherwise(
     bench: Bench,
 ) -> None:
     from sensor_msgs.msg import JointState
@@ -429,7 +427,7 @@ def test_without_uncertainty_there_is_no_topic_for_it(bench: Bench) -> None:
     assert len(node.outputs) == 3
 
 
-def test_the_last_stamp_that_a_header_can_say_does_not_end_the_node(bench: Bench) -> None:
+def test_the_largest_stamp_of_a_header_does_not_end_the_node(bench: Bench) -> None:
     node = bench.estimator()
     end = (2**31 - 1).to_bytes(4, "little") + (2**32 - 1).to_bytes(4, "little")
     for template, listen in ((JOINT, node.joint), (MOTOR, node.motor)):
@@ -441,7 +439,7 @@ def test_the_last_stamp_that_a_header_can_say_does_not_end_the_node(bench: Bench
     assert len(node.outputs) == 10
 
 
-def test_a_step_of_an_encoder_is_said_until_the_reference_is_set_anew(bench: Bench) -> None:
+def test_a_step_of_an_encoder_is_reported_until_a_tare(bench: Bench) -> None:
     from cdrj_ros.nodes.diagnostics import Health, status_of
 
     node = bench.estimator()
@@ -474,7 +472,7 @@ KEYS = {
 }  # fmt: skip
 
 
-def test_diagnostics_say_in_words_what_is_the_matter(bench: Bench) -> None:
+def test_diagnostics_describe_every_problem(bench: Bench) -> None:
     from cdrj_ros.conditioning.time_line import REFUSALS
     from cdrj_ros.nodes.diagnostics import Health, status_of
 
@@ -537,7 +535,9 @@ def test_diagnostics_say_in_words_what_is_the_matter(bench: Bench) -> None:
 # several nodes ---------------------------------------------------------------------------------
 
 
-def test_two_estimators_in_one_executor_do_not_hear_each_other(bench: Bench, model: Model) -> None:
+def test_two_estimators_in_one_executor_do_not_receive_each_others_messages(
+    bench: Bench, model: Model
+) -> None:
     from sensor_msgs.msg import JointState
 
     left = bench.estimator("-r", "__ns:=/left")

@@ -143,7 +143,7 @@ def alone(model: Model, readings: Samples) -> np.ndarray:
     return estimates.values[:, model.layout.tension]
 
 
-def test_of_two_robots_on_a_network_one_is_killed_and_goes_on_and_the_other_never_notices(
+def test_of_two_estimators_one_is_killed_and_continues_and_the_other_is_not_affected(
     node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
 ) -> None:
     """Each estimator is a process; one is killed in motion and restarts from its state file."""
@@ -171,7 +171,7 @@ def test_of_two_robots_on_a_network_one_is_killed_and_goes_on_and_the_other_neve
     assert np.mean(apart < 2.0) > 0.95
 
 
-def test_killed_without_a_state_file_it_is_within_two_sigma_at_once_and_soon_within_three_percent(
+def test_without_a_state_file_a_restart_is_within_two_sigma_and_soon_within_three_percent(
     node: Any, model: Model, readings: Samples, start_node: Any
 ) -> None:
     one = Remote(node, start_node, "cold")
@@ -200,7 +200,7 @@ def test_killed_without_a_state_file_it_is_within_two_sigma_at_once_and_soon_wit
     assert relative.max() < 0.03
 
 
-def test_what_the_services_set_outlives_a_kill(
+def test_values_set_by_services_survive_a_kill(
     node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
 ) -> None:
     """The process is killed right after the response, before any further sample."""

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0
 
 
-def test_it_uses_sure_tensions_and_refuses_all_others(node: Any, tmp_path: Path) -> None:
+def test_it_uses_reliable_tensions_and_refuses_all_others(node: Any, tmp_path: Path) -> None:
     from cdrj_msgs.msg import CableTensions
 
     publisher = node.create_publisher(CableTensions, "/cdrj/tensions", 10)

@@ -193,7 +193,7 @@ def _facts(path: Path) -> dict[str, str]:
     return dict(bag["facts"])
 
 
-def test_replay_judges_the_node_and_writes_figures_and_report(
+def test_replay_evaluates_the_node_and_writes_json_and_report(
     estimator: Any, replay: Any, short_bag: str, tmp_path: Path
 ) -> None:
     figures, report = tmp_path / "f.json", tmp_path / "r.html"
@@ -211,7 +211,7 @@ def test_replay_judges_the_node_and_writes_figures_and_report(
     assert "rate achieved" in report.read_text()
 
 
-def test_preloads_of_the_node_that_differ_are_a_warning_or_taken_over(
+def test_different_preloads_of_the_node_cause_a_warning_or_are_adopted(
     estimator: Any, replay: Any, short_bag: str
 ) -> None:
     short = ("--playback-duration", "0.2", "--preload", "30,20")
@@ -224,7 +224,7 @@ def test_preloads_of_the_node_that_differ_are_a_warning_or_taken_over(
     assert differ not in " ".join(out.split())
 
 
-def test_passes_repeat_themselves_bit_for_bit(
+def test_passes_agree_bit_for_bit(
     estimator: Any, replay: Any, short_bag: str, tmp_path: Path
 ) -> None:
     figures = tmp_path / "f.json"
@@ -292,7 +292,7 @@ def _excerpt(path: Path, begin_s: float, end_s: float, topics: Sequence[str] = (
     return str(path)
 
 
-def test_several_bags_play_one_after_the_other_each_with_figures_of_its_own(
+def test_several_bags_play_one_after_the_other_each_with_its_own_figures(
     estimator: Any, replay: Any, tmp_path: Path
 ) -> None:
     first, second = _excerpt(tmp_path / "a", 0.0, 2.0), _excerpt(tmp_path / "b", 10.0, 13.0)
@@ -310,7 +310,7 @@ def test_several_bags_play_one_after_the_other_each_with_figures_of_its_own(
         assert alone["channels"] == bag["channels"]
 
 
-def test_bags_of_one_topic_each_are_merged_into_the_recording_they_were(
+def test_bags_of_one_topic_each_are_merged_into_the_original_recording(
     estimator: Any, replay: Any, tmp_path: Path
 ) -> None:
     whole = _excerpt(tmp_path / "whole", 0.0, 2.0)
@@ -356,7 +356,7 @@ def test_a_bag_in_several_files_plays_as_one(
     assert parts["facts"]["inputs sent"] == at_once["facts"]["inputs sent"]
 
 
-def test_other_topics_play_beside_the_inputs_as_they_were_recorded(
+def test_other_topics_are_played_with_the_inputs_as_recorded(
     estimator: Any, replay: Any, short_bag: str, node: Any, tmp_path: Path
 ) -> None:
     from cdrj_msgs.msg import CableTensions
@@ -465,7 +465,7 @@ def test_a_second_ctrl_c_ends_at_once(estimator: Any, replay: Any, node: Any) ->
     assert "Traceback" not in out
 
 
-def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again(estimator: Any, replay: Any) -> None:
+def test_ctrl_z_restores_the_terminal_and_fg_takes_it_again(estimator: Any, replay: Any) -> None:
     keys, screen = pty.openpty()
     before = termios.tcgetattr(screen)
     one = replay(str(SAMPLE), "--rate", "1", terminal=(keys, screen))
@@ -494,7 +494,7 @@ def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again(estimator: Any, re
         os.close(screen)
 
 
-def test_an_estimator_that_goes_away_is_said_and_what_it_answered_is_judged(
+def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
     start_node: Any, replay: Any, tmp_path: Path
 ) -> None:
     name = "/cdrj/mortal"
@@ -511,12 +511,12 @@ def test_an_estimator_that_goes_away_is_said_and_what_it_answered_is_judged(
     mortal.send_signal(signal.SIGINT)
     code, out = one.finish()
     assert code == 1, out
-    assert "the estimator went away" in out
+    assert "the estimator disappeared" in out
     assert "all elements" in out
     assert "Traceback" not in out
 
 
-def test_services_control_the_playing(
+def test_services_control_the_playback(
     estimator: Any, replay: Any, node: Any, tmp_path: Path
 ) -> None:
     from rosgraph_msgs.msg import Clock
@@ -555,7 +555,7 @@ def test_services_control_the_playing(
     seek = call("seek", offset=10.0)
     assert seek.success
     assert seek.offset == 10.0
-    assert "starts anew" in seek.message
+    assert "is reset" in seek.message
     assert not call("seek", offset=float("nan")).success
     assert call("set_rate", rate=2.0).rate == 2.0
     assert not call("set_rate", rate=-2.0).success
@@ -570,11 +570,11 @@ def test_services_control_the_playing(
     assert call("stop").success
     code, out = one.finish()
     assert code == 0, out
-    assert "started anew 2 times" in out
+    assert "was reset 2 times" in out
     assert _facts(figures)["estimates lost"] == "0"
 
 
-def test_keys_control_the_playing_in_a_terminal(estimator: Any, replay: Any) -> None:
+def test_keys_control_the_playback_in_a_terminal(estimator: Any, replay: Any) -> None:
     keys, screen = pty.openpty()
     before = termios.tcgetattr(screen)
     one = replay(str(SAMPLE), "--rate", "1", terminal=(keys, screen))
@@ -585,7 +585,7 @@ def test_keys_control_the_playing_in_a_terminal(estimator: Any, replay: Any) -> 
             (b" ", "paused at"),
             (b"n", "next message after"),
             (b"\x1b[A", "2 x real time from"),
-            (b"]", r"gone to \d"),
+            (b"]", r"moved to \d"),
             (b" ", "playing on from"),
             (b"q", "stopping at"),
         ):
@@ -596,7 +596,7 @@ def test_keys_control_the_playing_in_a_terminal(estimator: Any, replay: Any) -> 
         assert code == 0, one.output
         begin, end = (
             float(one.wait_for(rf"{words} ([\d.]+) s")[1])
-            for words in ("2 x real time from", "gone to")
+            for words in ("2 x real time from", "moved to")
         )
         assert end == pytest.approx(begin + 10.0, abs=2e-3)
         assert "Traceback" not in one.output
@@ -605,7 +605,7 @@ def test_keys_control_the_playing_in_a_terminal(estimator: Any, replay: Any) -> 
         os.close(screen)
 
 
-def test_without_an_estimator_it_says_what_is_missing(replay: Any, short_bag: str) -> None:
+def test_without_an_estimator_the_missing_parts_are_named(replay: Any, short_bag: str) -> None:
     one = replay(short_bag, "--patience", "1", "--estimator", "/nobody")
     code, out = one.finish()
     assert code == 2
@@ -635,13 +635,13 @@ def test_ctrl_c_before_anything_was_played_is_an_interruption(replay: Any, short
         (("--remap", "/a:=/b"), "--remap: /a is not played"),
         (("--remap", "nonsense"), "--remap takes OLD:=NEW"),
         (("--topics", "/nothing"), "has no /nothing"),
-        (("--regex", "("), "no regular expression"),
+        (("--regex", "("), "not a regular expression"),
         (("--exclude-topics", "/cdrj/motor_states"), "the estimator needs /cdrj/motor_states"),
         (("--clock-topics", "/nothing"), "--clock-topics: /nothing is not played"),
         (("--qos-profile-overrides-path", "/nowhere.yaml"), "/nowhere.yaml"),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_one_line(
+def test_invalid_options_of_replay_are_refused_in_one_line(
     arguments: tuple[str, ...],
     words: str,
     short_bag: str,

@@ -45,7 +45,9 @@ def test_policies_are_read_by_name_and_by_number(tmp_path: Path) -> None:
         ("{", "is not YAML"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(tmp_path: Path, text: str, words: str) -> None:
+def test_an_invalid_file_is_refused_with_the_place_of_the_error(
+    tmp_path: Path, text: str, words: str
+) -> None:
     with pytest.raises(UsageError, match=words.replace("{", r"\{")):
         _read(tmp_path, text)
 

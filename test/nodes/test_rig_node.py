@@ -203,7 +203,7 @@ def test_every_kind_of_command_moves_the_motor(bench: Any) -> None:
     assert one.refused() == 0
 
 
-def test_commands_that_cannot_be_are_refused_and_counted_and_nothing_moves(bench: Any) -> None:
+def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
 
     one = bench()
@@ -251,7 +251,7 @@ def test_a_motor_that_is_no_longer_commanded_holds(bench: Any) -> None:
     assert one.rig.rig.motor_angle[0] == held
 
 
-def test_faults_by_service_break_and_a_reset_repairs(bench: Any) -> None:
+def test_services_inject_faults_and_a_reset_removes_them(bench: Any) -> None:
     from cdrj_msgs.msg import CableTensions
     from cdrj_msgs.srv import InjectFault, Push
     from sensor_msgs.msg import JointState
@@ -295,7 +295,7 @@ def test_faults_by_service_break_and_a_reset_repairs(bench: Any) -> None:
     before = stamp_ns(tensions[-1])
     assert one.call(Trigger, "rig/reset", Trigger.Request()).success
     assert one.spin_until(lambda: tensions[-1].tension[8] > 20.0)
-    assert stamp_ns(tensions[-1]) > before, "time goes on"
+    assert stamp_ns(tensions[-1]) > before, "the stamps continue to increase"
     assert (one.rig.rig.faults, one.rig.outputs.frozen) == ((), ())
 
 
@@ -329,14 +329,14 @@ def test_load_cells_clock_and_payload(bench: Any) -> None:
         return bool(answer.results[0].successful)
 
     before = one.rig.rig.joint_angle[0]
-    assert set_one("payload", 2), "a whole number is meant as 2.0"
+    assert set_one("payload", 2), "an integer is converted to 2.0"
     assert one.spin_until(lambda: one.rig.rig.joint_angle[0] < before - 1e-3)
     assert not set_one("payload", -1.0)
     assert not set_one("preload", [1.0, 2.0])
     assert not set_one("cells", 4)
 
 
-def test_a_rig_that_cannot_keep_up_leaves_time_out_and_says_so(bench: Any) -> None:
+def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench: Any) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
 
     one = bench(drive_clock=True, speed=100.0, cells=8)  # 10 us per step cannot be reached
@@ -350,7 +350,7 @@ def test_a_rig_that_cannot_keep_up_leaves_time_out_and_says_so(bench: Any) -> No
     assert one.spin_until(lambda: one.rig.rig.steps > steps + 100)
 
 
-def test_after_a_pause_the_stamps_go_on_at_the_machines_time(bench: Any) -> None:
+def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any) -> None:
     from sensor_msgs.msg import JointState
 
     one = bench()
@@ -407,7 +407,7 @@ def test_the_documents_table_lists_every_parameter_topic_and_service(bench: Any)
         ({"payload": 5000.0}, "the cables cannot hold the load in any pose of elbow"),
     ],
 )
-def test_a_parameter_that_cannot_be_is_refused_at_the_start(
+def test_an_invalid_parameter_is_refused_at_the_start(
     ros: None, given: dict[str, Any], words: str
 ) -> None:
     from rclpy.node import Node
@@ -420,7 +420,7 @@ def test_a_parameter_that_cannot_be_is_refused_at_the_start(
     assert not made
 
 
-def test_the_command_says_what_is_missing_in_one_line(executables: Path) -> None:
+def test_the_command_names_a_missing_parameter_in_one_line(executables: Path) -> None:
     ended = subprocess.run(
         [executables / "rig"], capture_output=True, text=True, check=False, timeout=COMPILING_S
     )

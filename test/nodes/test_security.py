@@ -160,7 +160,7 @@ def test_the_state_file_is_named_on_the_command_line_and_nowhere_else() -> None:
     assert written == ["write_state(self.live, self._state_file)"]
 
 
-def test_nothing_is_loaded_that_could_run() -> None:
+def test_nothing_executable_is_loaded() -> None:
     for path in SOURCES:
         tree = ast.parse(path.read_text("utf-8"))
         imported = {
@@ -182,7 +182,7 @@ def test_nothing_is_loaded_that_could_run() -> None:
                 assert keywords.get("allow_pickle") == "False", path
 
 
-def test_a_node_that_is_run_speaks_to_this_machine_only_unless_told_otherwise() -> None:
+def test_a_node_communicates_on_this_machine_only_unless_the_environment_differs() -> None:
     from cdrj_ros.nodes.spinning import RANGE, REACH, stay_on_this_machine
 
     environment = {"PATH": "/bin", "ROS_STATIC_PEERS": ""}
@@ -194,7 +194,7 @@ def test_a_node_that_is_run_speaks_to_this_machine_only_unless_told_otherwise() 
         assert told == {name: "SUBNET"}
 
 
-def test_what_was_not_told_is_seen_by_ros_itself() -> None:
+def test_ros_uses_the_default_discovery_range() -> None:
     script = (
         "import os\n"
         "import rclpy\n"

@@ -84,7 +84,7 @@ def test_once_prints_one_table_in_the_encoding_of_its_output_and_ends_with_code_
     assert "\x1b" not in output
 
 
-def test_a_pipe_gets_lines_that_notice_silence_and_ctrl_c_ends_it(
+def test_a_pipe_gets_lines_that_report_silence_and_ctrl_c_ends_it(
     start_node: Any, source: Source, tmp_path: Path
 ) -> None:
     reader, writer = os.pipe()
@@ -137,7 +137,7 @@ def test_a_terminal_gets_a_table_and_its_cursor_back(
     assert "Traceback" not in text
 
 
-def test_it_ends_when_nobody_reads_any_more(start_node: Any, ros: None) -> None:
+def test_it_ends_when_its_output_is_closed(start_node: Any, ros: None) -> None:
     process = start_node("watch", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdout.readline().startswith(b"/cdrj/tensions")
     process.stdout.close()
@@ -159,7 +159,7 @@ def test_once_without_a_publisher_ends_with_code_2_and_one_line(start_node: Any,
     )
 
 
-def test_it_says_why_nothing_comes(start_node: Any, node: Any, tmp_path: Path) -> None:
+def test_it_reports_why_no_message_arrives(start_node: Any, node: Any, tmp_path: Path) -> None:
     from std_msgs.msg import String
 
     elsewhere = Source(node, "/left/cdrj/tensions")

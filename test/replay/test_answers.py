@@ -201,7 +201,7 @@ def test_a_pass_that_differs_is_said(model: Model) -> None:
     again.answer(*range(5))
     outcome.add(again.run.finish(), whole=True)
     assert outcome.difference == pytest.approx(0.25)
-    assert any("repeat itself" in note for note in outcome.notes())
+    assert any("should be identical" in note for note in outcome.notes())
 
 
 def test_where_runs_overlap_the_later_counts(model: Model) -> None:
@@ -213,4 +213,4 @@ def test_where_runs_overlap_the_later_counts(model: Model) -> None:
     outcome.add(again.run.finish(), whole=False)
     assert outcome.stamp_ns.size == 8
     np.testing.assert_allclose(outcome.value[3:] - outcome.value[0], 1.0)
-    assert any("started anew 2 times" in note for note in outcome.notes())
+    assert any("was reset 2 times" in note for note in outcome.notes())

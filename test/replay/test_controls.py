@@ -63,12 +63,12 @@ def test_a_step_is_refused_while_playing(controls: Controls) -> None:
 def test_a_seek_beyond_the_end_says_so(controls: Controls) -> None:
     done, words = controls.seek(99.0)
     assert done
-    assert words.startswith("gone to 30.000 s of 30.000 s (there is no more on that side)")
+    assert words.startswith("moved to 30.000 s of 30.000 s (there is no more on that side)")
 
 
 def test_a_seek_back_is_from_where_it_is(controls: Controls) -> None:
     controls.seek(25.0)
-    assert "gone to 15.000 s" in controls.seek(-10.0, relative=True).words
+    assert "moved to 15.000 s" in controls.seek(-10.0, relative=True).words
 
 
 @pytest.mark.parametrize("offset", [float("nan"), float("inf"), 1e12])

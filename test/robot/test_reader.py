@@ -194,7 +194,7 @@ REFUSED = {
     "unknown joint of a frame": ("    joint: q", "    joint: p", "frames[0].joint must be one of q", "got 'p'"),
     "unknown frame": ("frame: arm", "frame: leg", "cables[1].nodes[2].frame must be one of arm, base", "got 'leg'"),
     "unknown parent": ("    joint: q", "    joint: q\n    parent: leg", "frames[0].parent must name an earlier frame", "got 'leg'"),
-    "reserved frame": ("- name: arm", "- name: base", "frames[0].name", "always there"),
+    "reserved frame": ("- name: arm", "- name: base", "frames[0].name", "always exists"),
     "unknown law": ("mu_c: 0.1", "mu_c: 0.1\n  law: dahl", "friction.law must be one of none, euler, steady", "'dahl'"),
     "unknown node": ("{type: anchor}", "{type: hook}", "cables[0].nodes[2].type must be one of", "'hook'"),
     "unknown motion": ("motion: revolute", "motion: turning", "frames[0].motion must be one of", "'turning'"),
@@ -497,7 +497,7 @@ def test_only_a_regular_file_is_read(tmp_path: Path, kind: str) -> None:
     path = {"pipe": tmp_path / "pipe", "device": Path("/dev/zero")}[kind]
     if kind == "pipe":
         os.mkfifo(path)
-    with pytest.raises(RobotFileError, match="it is no regular file"):
+    with pytest.raises(RobotFileError, match="it is not a regular file"):
         load_robot(path)
 
 
