@@ -76,6 +76,8 @@ class InstallScripts(install_scripts):
 # `watch` would shadow the system's, and pip cannot install the ROS packages that the nodes import.
 AS_WHEEL = bool({"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv))
 
+NODES = ("estimator", "markers", "replay", "rig", "watch")
+
 about = ElementTree.parse("package.xml").getroot()
 maintainer = about.find("maintainer")
 
@@ -102,7 +104,7 @@ setup(
     entry_points={
         "console_scripts": [
             *scripts("commands", "check_robot", "identify", "reproduce", "simulate", "validate"),
-            *([] if AS_WHEEL else scripts("nodes", "estimator", "replay", "rig", "watch")),
+            *([] if AS_WHEEL else scripts("nodes", *NODES)),
         ],
     },
     cmdclass={} if AS_WHEEL else {"develop": Develop, "install_scripts": InstallScripts},

@@ -50,3 +50,14 @@ def rig() -> NoReturn:
         return main
 
     run_interruptibly("rig", load)
+
+
+def markers() -> NoReturn:
+    """Run the markers node."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.nodes.markers import main
+
+        return main
+
+    run_interruptibly("markers", load)

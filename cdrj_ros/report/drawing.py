@@ -93,7 +93,7 @@ def _fitting_size(
     robot = inspection.model.robot
     points = np.vstack(
         [
-            cable_line(inspection, pose_of(inspection, pose), c)
+            cable_line(inspection.model, pose_of(inspection.model, pose), c)
             for pose in [inspection.poses[0], *ghost_poses(robot)]
             for c in placed
         ]

@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.inspection.ranges import Inspection
-from cdrj_ros.model.prepared import Shape, shape_at
+from cdrj_ros.model.prepared import Model, Shape, shape_at
 from cdrj_ros.robot.description import Place, Pulley
 
 Vector = NDArray[np.float64]
@@ -30,10 +29,10 @@ class Pose:
     shape: Shape
 
 
-def pose_of(inspection: Inspection, joint_angle: Vector) -> Pose:
+def pose_of(model: Model, joint_angle: Vector) -> Pose:
     """Frames and tangents at joint angles [rad] or [m], shape (joints,)."""
-    robot = inspection.model.robot
-    values = dict(zip(inspection.model.layout.joints, joint_angle.tolist(), strict=True))
+    robot = model.robot
+    values = dict(zip(model.layout.joints, joint_angle.tolist(), strict=True))
     frames: dict[str, tuple[float, float, float]] = {}
     for frame in robot.frames:
         x, y, turned = frames[frame.parent] if frame.parent else (0.0, 0.0, 0.0)
@@ -52,7 +51,7 @@ def pose_of(inspection: Inspection, joint_angle: Vector) -> Pose:
             y += 2.0 * frame.rolling_radius * sin(angle + q)
             angle += 2.0 * q
         frames[frame.name] = (x, y, angle)
-    return Pose(frames, shape_at(inspection.model, joint_angle))
+    return Pose(frames, shape_at(model, joint_angle))
 
 
 def centre_of(pose: Pose, place: Place) -> tuple[float, float]:
@@ -62,19 +61,19 @@ def centre_of(pose: Pose, place: Place) -> tuple[float, float]:
     return x + c * place.x - s * place.y, y + s * place.x + c * place.y
 
 
-def cable_line(inspection: Inspection, pose: Pose, cable: int) -> Points:
+def cable_line(model: Model, pose: Pose, cable: int) -> Points:
     """Path of a cable given by positions, as tangents and arcs in the base [m], shape (n, 2)."""
     path: list[tuple[float, float]] = []
-    for start, end, arc in strands_and_arcs(inspection, pose, cable):
+    for start, end, arc in strands_and_arcs(model, pose, cable):
         path += [start, end, *arc]
     return np.array(path)
 
 
 def strands_and_arcs(
-    inspection: Inspection, pose: Pose, c: int
+    model: Model, pose: Pose, c: int
 ) -> Iterator[tuple[tuple[float, float], tuple[float, float], list[tuple[float, float]]]]:
     """Both ends of every element, and the arc around the pulley that follows it."""
-    robot = inspection.model.robot
+    robot = model.robot
     cable = robot.cables[c]
     first = sum(len(other.nodes) - 1 for other in robot.cables[:c])
     wraps = pose.shape.wrap[sum(len(other.pulleys) for other in robot.cables[:c]) :]

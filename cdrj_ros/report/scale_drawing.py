@@ -62,13 +62,13 @@ def draw_placed(
     """
     robot = inspection.model.robot
     reference = np.array([joint.reference_angle for joint in robot.joints])
-    poses = [pose_of(inspection, angle) for angle in ghost_poses(robot)]
-    poses.append(pose_of(inspection, reference))
+    poses = [pose_of(inspection.model, angle) for angle in ghost_poses(robot)]
+    poses.append(pose_of(inspection.model, reference))
     for k, pose in enumerate(poses):
         bold = k == len(poses) - 1
         _draw_bodies(axes, robot, pose, cables, bold)
         for c in cables:
-            line = cable_line(inspection, pose, c)
+            line = cable_line(inspection.model, pose, c)
             axes.plot(
                 line[:, 0], line[:, 1], color=cable_colour(c), linewidth=1.9 if bold else 1.0,
                 alpha=1.0 if bold else GHOST, zorder=5 if bold else 3,
@@ -221,7 +221,7 @@ def _number_elements(axes: Axes, inspection: Inspection, pose: Pose, cables: Seq
     """Number the elements, each number beside its line and without overlap."""
     taken: list[tuple[float, float]] = []
     for c in cables:
-        for e, (start, end, _) in enumerate(strands_and_arcs(inspection, pose, c)):
+        for e, (start, end, _) in enumerate(strands_and_arcs(inspection.model, pose, c)):
             a, b = axes.transData.transform([start, end])
             place = _free_place(a, b, taken)
             taken.append((float(place[0]), float(place[1])))

@@ -32,6 +32,7 @@ COMMANDS = {
     "replay": [BAG, "--robot", ROBOT],
     "rig": ["--ros-args", "-p", f"robot:={ROBOT}"],
     "watch": [],
+    "markers": ["--ros-args", "-p", f"robot:={ROBOT}"],
 }
 
 INTERRUPT = 1 << signal.SIGINT - 1

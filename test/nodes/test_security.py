@@ -46,13 +46,14 @@ def allowed(node: str) -> dict[tuple[str, str], set[str]]:
 
 @pytest.fixture
 def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
-    """An observer node, with an estimator, a replay, a watch and a rig with all their topics."""
+    """An observer node, and one node of each executable with all their topics."""
     from rclpy.experimental import EventsExecutor
     from rclpy.node import Node
     from rclpy.parameter import Parameter
 
     from cdrj_ros.nodes.estimator import EstimatorNode
     from cdrj_ros.nodes.feed import Choice
+    from cdrj_ros.nodes.markers import MarkersNode
     from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
     from cdrj_ros.nodes.rig import RigNode
     from cdrj_ros.nodes.services import offer_services
@@ -68,13 +69,14 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     asked = [Parameter("load_cells", value=["upper/8"])]
     asked += [Parameter(name, value=value) for name, value in given.items()]
     rig = RigNode(parameter_overrides=asked)
+    markers = MarkersNode(parameter_overrides=[Parameter("robot", value=ROBOT)])
     onlooker = Node("onlooker")
     executor = EventsExecutor()
-    for node in (estimator, replay, watch, rig, onlooker):
+    for node in (estimator, replay, watch, rig, markers, onlooker):
         executor.add_node(node)
     yield onlooker, executor
     executor.shutdown()
-    for node in (estimator, replay, watch, rig, onlooker):
+    for node in (estimator, replay, watch, rig, markers, onlooker):
         node.destroy_node()
 
 
@@ -90,7 +92,7 @@ def test_the_policy_allows_exactly_what_the_nodes_have(
             for key, method in GRAPH.items()
         }
 
-    for node in ("estimator", "replay", "watch", "rig"):
+    for node in ("estimator", "replay", "watch", "rig", "markers"):
         wanted = allowed(node)
         wait_until(lambda: wanted == graph(node), 10.0)  # noqa: B023
         real = graph(node)
@@ -103,7 +105,7 @@ def test_the_policy_is_of_the_form_that_sros2_reads() -> None:
     assert (policy.tag, policy.attrib) == ("policy", {"version": "0.2.0"})
     enclaves = policy.findall("./enclaves/enclave")
     assert {e.get("path") for e in enclaves} == {
-        f"/cdrj/{node}" for node in ("estimator", "replay", "watch", "rig")
+        f"/cdrj/{node}" for node in ("estimator", "replay", "watch", "rig", "markers")
     }
     for profile in policy.iter("profile"):
         for group in profile:

@@ -10,6 +10,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.model.loading import load_model
@@ -114,3 +115,18 @@ def test_every_layout_is_looked_at_and_is_what_the_tool_writes() -> None:
 def test_what_does_not_exist_would_be_found_out(name: str) -> None:
     with pytest.raises((AssertionError, KeyError, IndexError)):
         curve_of_plotjuggler(name)
+
+
+def test_rviz_shows_the_markers_in_their_default_frame() -> None:
+    layout = yaml.safe_load((FOLDER / "markers.rviz").read_text())
+    (cables,) = (
+        one
+        for one in layout["Visualization Manager"]["Displays"]
+        if one["Class"] == "rviz_default_plugins/MarkerArray"
+    )
+    policy = ElementTree.parse(ROOT / "config" / "sros2" / "cdrj_ros.policy.xml")
+    topics = policy.findall(".//profile[@node='markers']/topics[@publish='ALLOW']/topic")
+    assert cables["Topic"]["Value"] in {f"/cdrj/{topic.text}" for topic in topics}
+    source = (ROOT / "cdrj_ros" / "nodes" / "markers.py").read_text()
+    frame = layout["Visualization Manager"]["Global Options"]["Fixed Frame"]
+    assert f'"frame_id", "{frame}"' in source

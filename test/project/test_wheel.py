@@ -123,7 +123,7 @@ def test_the_wheel_brings_the_commands_and_asks_for_what_they_import(
     assert "cdrj_ros/py.typed" in names
     scripts = {path.name for path in (installation.folder / "bin").iterdir()}
     assert set(COMMANDS) <= scripts
-    assert not {"estimator", "replay", "watch"} & scripts
+    assert not {"estimator", "markers", "replay", "watch"} & scripts
 
 
 def test_every_command_is_loaded_and_explains_itself_without_ros(

@@ -63,15 +63,15 @@ def test_the_drawn_line_is_as_long_as_the_cable(
 ) -> None:
     inspection = inspections[name]
     model = inspection.model
-    begin = pose_of(inspection, inspection.poses[0])
+    begin = pose_of(inspection.model, inspection.poses[0])
     for angle in inspection.poses[:: max(1, len(inspection.poses) // 7)]:
-        pose = pose_of(inspection, angle)
+        pose = pose_of(inspection.model, angle)
         element = 0
         for c, cable in enumerate(model.robot.cables):
             part = slice(element, element + len(cable.nodes) - 1)
             element = part.stop
             drawn = [
-                np.hypot(*np.diff(cable_line(inspection, at, c), axis=0).T).sum()
+                np.hypot(*np.diff(cable_line(inspection.model, at, c), axis=0).T).sum()
                 for at in (begin, pose)
             ]
             # cable wound on the drum as the first element rotates is counted but not drawn
@@ -91,9 +91,9 @@ def test_the_line_leaves_every_pulley_along_its_tangent(
     name: str, inspections: dict[str, Inspection]
 ) -> None:
     inspection = inspections[name]
-    pose = pose_of(inspection, inspection.poses[-1])
+    pose = pose_of(inspection.model, inspection.poses[-1])
     for c in range(len(inspection.cables)):
-        steps = np.diff(cable_line(inspection, pose, c), axis=0)
+        steps = np.diff(cable_line(inspection.model, pose, c), axis=0)
         steps = steps[np.hypot(*steps.T) > 1e-9]
         angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
         assert np.abs(np.diff(angle)).max() < 0.06, "a corner"

@@ -1,0 +1,131 @@
+"""A robot in one pose as lines and wheels in space, for live pictures.
+
+Cables given by positions lie in the plane z = 0 of the base frame.  Cables given by tables have no
+positions; they are drawn unrolled, as straight lines one above the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.report.pose import Pose, centre_of, pose_of, strands_and_arcs
+from cdrj_ros.robot.description import Anchor, Cable, Winch
+
+Vector = NDArray[np.float64]
+Points = NDArray[np.float64]
+Colour = tuple[float, float, float]
+
+Kind = Literal["winch", "pulley", "anchor"]
+"""What a cable touches."""
+
+ROW: Final = 3.0
+"""Distance between unrolled cables, in radii of the largest pulley [-]."""
+
+SLACK_COLOUR: Final[Colour] = (0.27, 0.46, 0.87)
+TAUT_COLOUR: Final[Colour] = (0.22, 0.62, 0.36)
+HIGH_COLOUR: Final[Colour] = (0.94, 0.70, 0.16)
+LIMIT_COLOUR: Final[Colour] = (0.84, 0.15, 0.16)
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """A winch, pulley or anchor."""
+
+    name: str
+    """``cable/node``."""
+    kind: Kind
+    centre: tuple[float, float, float]
+    """[m]."""
+    radius: float
+    """[m]; 0 for an anchor at a point."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is drawn in one pose."""
+
+    elements: tuple[Points, ...]
+    """Path of every element [m], shape (n, 3), in the order of ``Layout.elements``.
+
+    An element includes half of the arc on either of its pulleys, so that the cable is complete.
+    """
+    wheels: tuple[Wheel, ...]
+    """In the order of the cables and their nodes."""
+
+
+def is_placed(cable: Cable) -> bool:
+    """Whether a cable is given by positions."""
+    return all(node.place is not None for node in cable.nodes)
+
+
+def scene_of(model: Model, joint_angle: Vector) -> Scene:
+    """The robot at joint angles [rad] or [m], shape (joints,)."""
+    robot = model.robot
+    pose = pose_of(model, joint_angle)
+    elements: list[Points] = []
+    wheels: list[Wheel] = []
+    row = 0
+    for c, cable in enumerate(robot.cables):
+        if is_placed(cable):
+            elements += _placed_elements(model, pose, c)
+            centres = [centre_of(pose, node.place) for node in cable.nodes if node.place]
+        else:
+            paths, centres = _unrolled(model, c, row)
+            elements += paths
+            row += 1
+        for k, (node, (x, y)) in enumerate(zip(cable.nodes, centres, strict=True)):
+            kind: Kind = "pulley"
+            if isinstance(node, (Winch, Anchor)):
+                kind = "winch" if isinstance(node, Winch) else "anchor"
+            wheels.append(Wheel(f"{cable.name}/{k + 1}", kind, (x, y, 0.0), node.radius))
+    return Scene(tuple(elements), tuple(wheels))
+
+
+def _placed_elements(model: Model, pose: Pose, c: int) -> list[Points]:
+    """Tangents of one cable, each with half of the arcs at its ends."""
+    paths: list[Points] = []
+    before: list[tuple[float, float]] = []
+    for start, end, arc in strands_and_arcs(model, pose, c):
+        middle = len(arc) // 2
+        paths.append(_in_space([*before, start, end, *arc[: middle + 1]]))
+        before = arc[middle:]
+    return paths
+
+
+def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[tuple[float, float]]]:
+    """Elements and nodes of a cable as a straight line, in the reference pose."""
+    robot = model.robot
+    reference = np.array([joint.reference_angle for joint in robot.joints])
+    lengths = shape_at(model, reference).length
+    first = sum(len(cable.nodes) - 1 for cable in robot.cables[:c])
+    cable = robot.cables[c]
+    along = np.concatenate([[0.0], np.cumsum(lengths[first : first + len(cable.nodes) - 1])])
+    y = -row * ROW * max(node.radius for cable in robot.cables for node in cable.nodes)
+    nodes = [(float(x), y) for x in along]
+    return [_in_space(nodes[e : e + 2]) for e in range(len(nodes) - 1)], nodes
+
+
+def _in_space(points: list[tuple[float, float]]) -> Points:
+    return np.column_stack([np.array(points), np.zeros(len(points))])
+
+
+def tension_colour(tension: float, preload: float, limit: float) -> Colour:
+    """Colour of an element: blue without tension, green at the preload, red at the limit.
+
+    Args:
+        tension: of the element [N].
+        preload: of its cable [N].
+        limit: of its cable [N]; infinite: four times the preload, or 100 N without a preload.
+    """
+    if not np.isfinite(limit):
+        limit = 4.0 * preload if preload > 0.0 else 100.0
+    preload = min(max(preload, 0.1 * limit), 0.9 * limit)
+    at = [0.0, preload, 0.5 * (preload + limit), limit]
+    colours = np.array([SLACK_COLOUR, TAUT_COLOUR, HIGH_COLOUR, LIMIT_COLOUR])
+    red, green, blue = (float(np.interp(tension, at, colours[:, k])) for k in range(3))
+    return red, green, blue
