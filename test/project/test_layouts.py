@@ -101,9 +101,10 @@ def test_foxglove_finds_every_path_and_labels_it_rightly() -> None:
     assert labels == {*LAYOUT.elements, *AXES}
 
 
-def test_every_layout_is_looked_at_and_is_what_the_tool_writes() -> None:
+def test_every_layout_is_what_the_tool_writes_except_that_of_rviz() -> None:
     tool = runpy.run_path(str(ROOT / "tools" / "layouts.py"))
-    assert {path.name: path.read_text() for path in FOLDER.iterdir()} == {
+    written = {path.name: path.read_text() for path in FOLDER.iterdir() if path.suffix != ".rviz"}
+    assert written == {
         "plotjuggler_prototype.xml": tool["plotjuggler"](LAYOUT),
         "foxglove_prototype.json": tool["foxglove"](LAYOUT),
     }
