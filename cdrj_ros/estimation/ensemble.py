@@ -29,14 +29,14 @@ from cdrj_ros.estimation.member_kernels import (
     update_members,
 )
 from cdrj_ros.estimation.members import (
-    draw_members,
+    draw_numbers,
     friction_shares,
     preload_differently,
     reading_errors,
     unseen_ways,
     wind_differently,
 )
-from cdrj_ros.model.prepared import Layout, Model, prepare, read_only
+from cdrj_ros.model.prepared import Layout, Model, read_only
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -85,11 +85,7 @@ class Spread:
         robot = model.robot
         self.model = model
         self.columns = spread_columns(model.layout)
-        rows = draw_members(robot, members, generator)
-        if rows:
-            numbers = np.stack([prepare(one, check_range=False).numbers for one in rows])
-        else:
-            numbers = np.repeat(model.numbers[None, :], members, axis=0)
+        numbers = draw_numbers(model, members, generator)
         wind_differently(model, numbers, generator)
         if preload_share > 0.0:
             preload_differently(model, numbers, preload_share, generator)

@@ -12,9 +12,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.estimation.drawn_numbers import drawn_numbers
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.packing import number_views
-from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
@@ -45,32 +46,69 @@ def draw_members(robot: Robot, members: int, generator: np.random.Generator) -> 
     The draws are antithetic pairs.  If there are no more parameters than pairs, the sample
     covariance equals the given one, so quantities linear in the parameters have the exact spread.
     """
+    draws = _draws(robot, members, generator)
+    return [] if draws is None else _members(robot, draws)
+
+
+def draw_numbers(model: Model, members: int, generator: np.random.Generator) -> Table:
+    """Numbers of the robots that ``draw_members`` gives, shape (members, numbers)."""
+    draws = _draws(model.robot, members, generator)
+    if draws is None:
+        return np.repeat(model.numbers[None, :], members, axis=0)
+    numbers = drawn_numbers(model, _values(model.robot, draws))
+    if numbers is None:
+        rows = _members(model.robot, draws)
+        numbers = np.stack([prepare(one, check_range=False).numbers for one in rows])
+    return numbers
+
+
+def _draws(robot: Robot, members: int, generator: np.random.Generator) -> Table | None:
+    """Changes of all parameters, shape (members, parameters); None if all are exact."""
     known = robot.uncertainty
     if known is None or not robot.document:
-        return []
+        return None
     values, vectors = np.linalg.eigh(known.covariance)
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
     pairs, p = members // 2, len(known.parameters)
     normal = generator.standard_normal((pairs, p))
     if pairs >= p:
         normal = np.linalg.qr(normal)[0] * np.sqrt(pairs)
-    draws = np.concatenate([normal, -normal]) @ factor.T
-    return [_drawn(robot, known.parameters, draw) for draw in draws]
+    draws: Table = np.concatenate([normal, -normal]) @ factor.T
+    return draws
 
 
-def _drawn(robot: Robot, parameters: tuple[str, ...], draw: Vector) -> Robot:
-    """The robot with its parameters changed by ``draw``, or by less if that robot is invalid."""
+def _members(robot: Robot, draws: Table) -> list[Robot]:
+    """Robots with their parameters changed by ``draws``, or by less if that robot is invalid."""
     document: Any = robot.document
-    for share in (1.0, 0.5, 0.25):
-        values = {}
-        for path, change in zip(parameters, draw * share, strict=True):
-            number = find_number(document, path)
-            values[path] = _within(number.value + float(change), number.rules, number.value)
-        try:
-            return build_robot(with_numbers(document, values), robot.source)
-        except CdrjError:
-            continue
-    return robot
+    values = [_values(robot, share * draws) for share in (1.0, 0.5, 0.25)]
+    found = []
+    for k in range(len(draws)):
+        for one in values:
+            try:
+                changed = with_numbers(document, {path: float(v[k]) for path, v in one.items()})
+                found.append(build_robot(changed, robot.source))
+                break
+            except CdrjError:
+                continue
+        else:
+            found.append(robot)
+    return found
+
+
+def _values(robot: Robot, draws: Table) -> dict[str, Vector]:
+    """Parameters of all members within the schema's ranges, by path [SI], shape (members,) each."""
+    assert robot.uncertainty is not None
+    document: Any = robot.document
+    values = {}
+    for path, changes in zip(robot.uncertainty.parameters, draws.T, strict=True):
+        number = find_number(document, path)
+        values[path] = np.array(
+            [
+                _within(number.value + change, number.rules, number.value)
+                for change in changes.tolist()
+            ]
+        )
+    return values
 
 
 def _within(value: float, rules: Mapping[str, Any], given: float) -> float:

@@ -30,7 +30,7 @@ from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.shape import shape
 from cdrj_ros.robot.document import LARGEST, document_complaints
-from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.parameters import allowed_range, find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
 
 Vector = NDArray[np.float64]
@@ -434,6 +434,11 @@ def with_other_numbers(model: Model, values: Mapping[str, float]) -> Model:
     for path, value in values.items():
         if not abs(value) <= LARGEST:
             raise UsageError(f"{path} must be a finite number, got {value:g}")
-    for complaint in document_complaints(document):
-        raise UsageError(complaint)
-    return prepare(build_robot(document, model.robot.source))
+    if not all(
+        value in allowed_range(find_number(document, path).rules) for path, value in values.items()
+    ):
+        for complaint in document_complaints(document):
+            raise UsageError(complaint)
+    # friction leaves the geometry as it was when it was checked
+    geometry = any("friction." not in path for path in values)
+    return prepare(build_robot(document, model.robot.source), check_range=geometry)

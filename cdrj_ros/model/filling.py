@@ -184,7 +184,7 @@ class _Rows:
             wrap_changes=int(changes),
             stribeck=stribeck,
         )
-        values = _friction_numbers(pulley, law)
+        values = friction_numbers(pulley, law)
         kinetic, static = blended_loss(
             values["rho"],
             values["mu_c"],
@@ -249,7 +249,7 @@ def _stribeck(cable: Cable) -> int:
     return STRIBECK_FORMS.index(forms.pop())
 
 
-def _friction_numbers(pulley: Pulley, law: int) -> dict[str, float]:
+def friction_numbers(pulley: Pulley, law: int) -> dict[str, float]:
     """Friction constants of one pulley; the simpler laws are limits of the full one."""
     friction = pulley.friction
     if law == EULER:  # sliding alone, without static friction

@@ -14,10 +14,18 @@ from cdrj_ros.bag import Topics
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.ensemble import MEMBERS, Spread, spread_columns
 from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.members import draw_members, friction_shares, reading_errors
+from cdrj_ros.estimation.members import (
+    draw_members,
+    draw_numbers,
+    friction_shares,
+    reading_errors,
+)
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.judgement.validation import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.description import Robot, Uncertainty
+from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import parse_robot
 
 ROOT = Path(__file__).parents[2]
@@ -204,6 +212,54 @@ def test_noise_of_an_encoder_becomes_noise_of_the_tension() -> None:
     # dt / dphi = EA / l * r at a strain of 5 %
     expected = 1e-3 * 1000.0 / (2.0 / 1.05) * 0.01
     assert np.mean(spreads) == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "added",
+    [
+        {},
+        {"friction.bearing_friction": 0.001},
+        {"friction.mu_s": 0.3},  # many are no robots and move less far, or not at all
+        {"cables.upper.friction.mu_c": 0.01, "cables.lower.nodes.3.friction.rho": 0.05},
+        {"friction.bristle_stiffness": 1e5, "friction.viscous": 1.0, "friction.mu_c": 0.005},
+        {"motors.winch.reference_angle": 0.01},
+    ],
+)
+@pytest.mark.parametrize("name", ["prototype", "prototype_positions", "hoist", "finger"])
+def test_numbers_drawn_at_once_are_those_of_members_read_one_by_one(
+    name: str, added: dict[str, float]
+) -> None:
+    """Bit for bit, with parameters of every kind, also where draws reach the ends of a range."""
+    robot = load_model(str(ROOT / "config" / "robots" / f"{name}.yaml")).robot
+    drawn = {f"cables.{cable.name}.preload": 0.4 for cable in robot.cables}
+    drawn |= {f"cables.{robot.cables[0].name}.axial_stiffness": 60.0, "friction.rho": 0.3}
+    names = {*drawn, *added}
+    if not all(_has(robot, path) for path in names):
+        pytest.skip("no such parameters")
+    spread = np.array([{**drawn, **added}[path] for path in sorted(names)])
+    known = Uncertainty(tuple(sorted(names)), np.diag(spread**2))
+    model = prepare(replace(robot, uncertainty=known))
+    fast = draw_numbers(model, MEMBERS, np.random.default_rng(3))
+    slow = draw_members(model.robot, MEMBERS, np.random.default_rng(3))
+    rows = np.stack([prepare(one, check_range=False).numbers for one in slow])
+    assert len({row.tobytes() for row in rows}) == MEMBERS or "friction.mu_s" in added
+    assert fast.tobytes() == rows.tobytes()
+
+
+def test_the_installed_robots_members_need_not_be_read_one_by_one(
+    model: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That is what a change of a parameter would have to wait for."""
+    monkeypatch.setattr("cdrj_ros.estimation.members.build_robot", None)
+    assert draw_numbers(model, MEMBERS, np.random.default_rng(0)).shape[0] == MEMBERS
+
+
+def _has(robot: Robot, path: str) -> bool:
+    try:
+        find_number(dict(robot.document), path)
+    except UsageError:
+        return False
+    return True
 
 
 def test_members_stay_within_the_limits_of_a_robot_file(model: Model) -> None:

@@ -1,0 +1,164 @@
+"""Numbers of all members at once, where only preloads, stiffness and friction are drawn.
+
+A member is a robot file with other numbers.  To read 32 of them one by one takes 35 ms, for which
+the estimate would stop at every change of a parameter.  Neither preload nor stiffness nor friction
+changes the geometry, so the members' numbers are the robot's own but for a few columns.  What a
+robot file may not say is checked here too; then, and for other parameters, they are read one by
+one.  A test holds both ways to the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from math import pi
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.filling import friction_numbers
+from cdrj_ros.model.friction import blended_loss
+from cdrj_ros.model.packing import number_views, plan_views
+from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.robot.description import LAWS, Cable, Friction, Pulley
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+FIELDS: Final = frozenset(one.name for one in fields(Friction) if one.name != "stribeck")
+
+
+@dataclass
+class _Layer:
+    """Friction of a robot, a cable or a pulley by key: one number, or that of every member."""
+
+    given: dict[str, Any] = field(default_factory=dict)
+
+
+def drawn_numbers(model: Model, drawn: Mapping[str, Vector]) -> Table | None:
+    """Numbers of all members, shape (members, numbers).
+
+    Args:
+        model: the prepared robot.
+        drawn: values of every member, within the schema's ranges, by path [SI].
+
+    Returns:
+        The same as reading every member like a robot file and preparing it, bit for bit.  None
+        where other parameters are drawn, or where some member would be no robot.
+    """
+    members = len(next(iter(drawn.values())))
+    numbers = np.repeat(model.numbers[None, :], members, axis=0)
+    friction = _Layer(dict(model.robot.document.get("friction", {})))
+    entries = model.robot.document["cables"]
+    cables = [
+        _CableDraw(cable, entry) for cable, entry in zip(model.robot.cables, entries, strict=True)
+    ]
+    by_name = {one.cable.name: one for one in cables}
+    for path, values in drawn.items():
+        match path.split("."):
+            case ["friction", key] if key in FIELDS:
+                friction.given[key] = values
+            case ["cables", name, *rest] if name in by_name:
+                if not by_name[name].take(rest, values):
+                    return None
+            case _:
+                return None
+    lengths = shape_at(model, np.array([joint.reference_angle for joint in model.robot.joints]))
+    for c, one in enumerate(cables):
+        if not one.write(model, numbers, c, friction, lengths.length):
+            return None
+    return numbers
+
+
+class _CableDraw:
+    """What is drawn of one cable."""
+
+    def __init__(self, cable: Cable, entry: Mapping[str, Any]) -> None:
+        self.cable, self._entry = cable, entry
+        self._preload: Any = cable.preload
+        self._stiffness: Any = cable.axial_stiffness
+        self._own = _Layer(dict(entry.get("friction", {})))
+        self._pulleys = [_Layer(dict(node.get("friction", {}))) for node in entry["nodes"][1:-1]]
+
+    def take(self, rest: Sequence[str], values: Vector) -> bool:
+        """Take a parameter by the rest of its path; False where it is none of those known here."""
+        match rest:
+            case ["preload"]:
+                self._preload = values
+            case ["axial_stiffness"]:
+                diameter = self._entry.get("diameter")
+                if diameter is None:
+                    self._stiffness = values
+                else:  # the file gives the modulus
+                    area = pi * diameter**2 / 4.0
+                    self._stiffness = values / area * pi * diameter**2 / 4.0
+            case ["friction", key] if key in FIELDS:
+                self._own.given[key] = values
+            case ["nodes", k, "friction", key] if (
+                key in FIELDS and k.isdecimal() and 1 < int(k) < len(self._pulleys) + 2
+            ):
+                self._pulleys[int(k) - 2].given[key] = values
+            case _:
+                return False
+        return True
+
+    def write(self, model: Model, numbers: Table, c: int, common: _Layer, lengths: Vector) -> bool:
+        """Write the cable's numbers; False where some member would be no robot."""
+        plan = plan_views(model.plan).cables[c]
+        views: Any = number_views(model.sizes, numbers)
+        views.cables["axial_stiffness"][:, c] = self._stiffness
+        views.cables["preload"][:, c] = self._preload
+        views.cables["wound_tension"][:, c] = self._preload
+        strain = self._preload / self._stiffness
+        for k in range(plan.elements):
+            place = plan.first_element + k
+            views.elements["material"][:, place] = lengths[place] / (1.0 + strain)
+        stribeck: Any = plan_views(model.plan).pulleys
+        for k, (pulley, own) in enumerate(zip(self.cable.pulleys, self._pulleys, strict=True)):
+            place = plan.first_pulley + k
+            friction = _friction(pulley, common, self._own, own)
+            if friction is None:
+                return False
+            if not any(isinstance(value, np.ndarray) for value in vars(friction).values()):
+                continue
+            law = LAWS.index(self.cable.law)
+            found = friction_numbers(replace(pulley, friction=friction), law)
+            row = views.pulleys[:, place]
+            for name, value in found.items():
+                row[name] = value
+            losses = _losses(row, int(stribeck[place]["stribeck"]))
+            row["kinetic_loss"], row["static_loss"] = losses.T
+        return True
+
+
+def _friction(pulley: Pulley, *layers: _Layer) -> Friction | None:
+    """Friction of a pulley, of which some values are those of all members; None where it cannot be.
+
+    As ``CableReader`` merges and checks it.
+    """
+    merged: dict[str, Any] = {}
+    for layer in layers:
+        merged.update(layer.given)
+    chosen = {key: value for key, value in merged.items() if key in FIELDS}
+    kinetic = chosen.get("mu_c", Friction.mu_c)
+    chosen.setdefault("mu_s", kinetic)
+    friction = replace(pulley.friction, **chosen)
+    static = np.asarray(friction.mu_s)
+    turns = np.asarray(friction.bearing_friction) * pulley.bearing_diameter < pulley.radius
+    parted = np.any(static != kinetic) and "stribeck_speed" not in merged
+    if np.any(static < kinetic) or not np.all(turns) or parted:
+        return None
+    return friction
+
+
+def _losses(row: Any, stribeck: int) -> Table:
+    """Kinetic and static loss of a pulley of every member, shape (members, 2)."""
+    names = ("rho", "mu_c", "mu_s", "wrap", "bearing_ratio", "cells")
+    columns: Iterable[list[float]] = (row[name].tolist() for name in names)
+    return np.array(
+        [
+            blended_loss(rho, kinetic, static, wrap, bearing, stribeck, cells)
+            for rho, kinetic, static, wrap, bearing, cells in zip(*columns, strict=True)
+        ]
+    )
