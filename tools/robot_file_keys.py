@@ -31,13 +31,21 @@ PLACES = {
     "cable": "`cables[]`",
     "winch": "`cables[].nodes[]` with `type: winch`",
     "pulley": "`cables[].nodes[]` with `type: pulley`",
+    "swivel": "`cables[].nodes[]` with `type: swivel`, in space",
+    "eyelet": "`cables[].nodes[]` with `type: eyelet`, in space",
+    "cylinder": "`cables[].nodes[]` with `type: cylinder`, in space",
+    "sphere": "`cables[].nodes[]` with `type: sphere`, in space",
+    "sheath": "`cables[].nodes[]` with `type: sheath`, in space",
     "anchor": "`cables[].nodes[]` with `type: anchor`",
     "term": "a function of one joint, in `spans` and `wrap_angle`",
 }
 """Places of the schema's definitions in a file; unlisted definitions keep their own names."""
 
-SKIPPED = {"name", "sign", "point", "profile", "node"}
+SKIPPED = {"name", "sign", "point", "place", "vector", "profile", "node"}
 """Definitions of single values or of a choice between other definitions."""
+
+NUMBERS = {"point": "2 numbers", "place": "2 or 3 numbers", "vector": "3 numbers"}
+"""Types of definitions that are numbers."""
 
 UNIT = re.compile(r"\s*\[([^\]]+)\]")
 DEFAULT = re.compile(r"\s*Default:? (.+?)\.(?=\s|$)")
@@ -108,8 +116,8 @@ def _type(rule: Mapping[str, Any]) -> str:
         return "name"
     if part == "profile":
         return "number or function"
-    if part == "point":
-        return "2 numbers"
+    if part in NUMBERS:
+        return NUMBERS[part]
     if part and "properties" in rule:
         return "mapping"
     if "const" in rule or ("enum" in rule and "type" not in rule):
@@ -130,7 +138,7 @@ def _allowed(rule: Mapping[str, Any]) -> str:
         return ", ".join(f"`{value}`" for value in rule["enum"])
     if rule.get("type") == "array" and ("minItems" in rule or "maxItems" in rule):
         least, most = rule.get("minItems", 0), rule.get("maxItems")
-        if rule.get("part") == "point":
+        if rule.get("part") in NUMBERS:
             return ""
         return f"{least} or more" if most is None else f"{least} to {most}"
     low = [f"> {rule['exclusiveMinimum']:g}"] if "exclusiveMinimum" in rule else []

@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from math import degrees, isfinite, pi
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from cdrj_ros.commands.compilation import announce_compilation
@@ -14,6 +15,7 @@ from cdrj_ros.commands.shared import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.text import counted, fixed, printable
+from cdrj_ros.inspection.geometry_table import geometry_table, read_poses
 from cdrj_ros.inspection.ranges import (
     CableCheck,
     Extent,
@@ -51,6 +53,14 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument("--png", metavar="FILE", help="draw the cables")
     parser.add_argument(
+        "--poses", metavar="CSV",
+        help="poses for --geometry-csv: a header of joint names, then one pose per line in SI",
+    )  # fmt: skip
+    parser.add_argument(
+        "--geometry-csv", metavar="CSV",
+        help="write length/CABLE, arm/CABLE/JOINT and wrap/CABLE/NODE in every one of --poses",
+    )  # fmt: skip
+    parser.add_argument(
         "--json", metavar="FILE", help="write the results as JSON; -: to standard output"
     )
     return parser
@@ -59,15 +69,25 @@ def _parser() -> argparse.ArgumentParser:
 def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     to_terminal = arguments.json == "-"
+    if (arguments.poses is None) != (arguments.geometry_csv is None):
+        raise UsageError("--poses and --geometry-csv belong together")
     check_outputs(
-        {"--json": None if to_terminal else arguments.json, "--png": arguments.png},
-        [robot_path(arguments.robot)],
+        {
+            "--json": None if to_terminal else arguments.json,
+            "--png": arguments.png,
+            "--geometry-csv": arguments.geometry_csv,
+        },
+        [robot_path(arguments.robot), *([arguments.poses] if arguments.poses else [])],
     )
     announce_compilation()
     model = load_model(arguments.robot, arguments.preload)
+    told = []
+    if arguments.poses:
+        poses = read_poses(_text_of(arguments.poses), model.robot, arguments.poses)
+        write_text(arguments.geometry_csv, geometry_table(model, poses).text())
+        told.append(f"geometry of {counted(len(poses), 'pose')}: {arguments.geometry_csv}")
     inspection = inspect_robot(model, _loads(arguments.load))
     suspicions = find_suspicions(inspection)
-    told = []
     if arguments.json and not to_terminal:
         write_text(arguments.json, _json_text(inspection, suspicions))
         told.append(f"figures: {arguments.json}")
@@ -83,6 +103,15 @@ def _body(argv: Sequence[str]) -> int:
     for line in told:
         print(printable(line), file=sys.stderr if to_terminal else None)
     return DONE
+
+
+def _text_of(path: str) -> str:
+    """Text of a file of poses."""
+    try:
+        return Path(path).read_text("utf-8")
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise UsageError(f"cannot read the poses {printable(path)}: {reason}") from error
 
 
 def _loads(entries: Sequence[str]) -> dict[str, float]:
@@ -180,7 +209,7 @@ def _table(inspection: Inspection, cable: CableCheck) -> Table:
         if k < len(cable.pulleys):
             pulley = cable.pulleys[k]
             table.add_row(
-                f"pulley {k + 2}",
+                f"{_cable_of(robot, cable).pulleys[k].kind} {k + 2}",
                 *blank,
                 _shown(pulley.wrap, 180.0 / pi, 1),
                 _shown(pulley.transmission_at_rest, 1.0, 3),
@@ -216,9 +245,14 @@ def _shown(extent: Extent, factor: float, decimals: int) -> str:
     return low if low == high else f"{low} … {high}"
 
 
+def _cable_of(robot: Robot, check: CableCheck) -> Cable:
+    """The cable that was checked."""
+    return next(cable for cable in robot.cables if cable.name == check.name)
+
+
 def _facts(inspection: Inspection, check: CableCheck) -> Iterator[str]:
     robot = inspection.model.robot
-    cable = next(cable for cable in robot.cables if cable.name == check.name)
+    cable = _cable_of(robot, check)
     yield (
         f"EA {cable.axial_stiffness:.4g} N, {1e-3 * check.stiffness:.3g} N/mm, "
         f"preload {cable.preload:g} N, law {cable.law}"

@@ -63,6 +63,11 @@ class Estimate(NamedTuple):
         return self.values[self.layout.force_y]
 
     @property
+    def force_z(self) -> Vector:
+        """Force on every pulley [N], shape (pulleys,); 0 for cables in a plane."""
+        return self.values[self.layout.force_z]
+
+    @property
     def nodal_force(self) -> Vector:
         """Magnitude of the force on every pulley [N], eq. (38), shape (pulleys,)."""
         return self.values[self.layout.magnitude]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.text import fixed
+from cdrj_ros.model.filling import bearing_drag, bearing_ratio
 from cdrj_ros.model.friction import RIGID_BRISTLE, STRIBECK_FORMS, blended_loss
 from cdrj_ros.model.prepared import Model, Shape, shape_at
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch
@@ -171,7 +172,7 @@ def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[floa
         friction.mu_c,
         friction.mu_s,
         wrap_angle,
-        friction.bearing_friction * pulley.bearing_diameter / pulley.radius,
+        bearing_ratio(pulley),
         STRIBECK_FORMS.index(friction.stribeck),
         1.0,
     )
@@ -396,7 +397,7 @@ def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:
     for p in reversed(range(len(cable.pulleys))):  # each pulley adds its loss
         drag = 0.0
         if cable.law not in ("none", "euler"):
-            drag = cable.pulleys[p].bearing_torque / cable.pulleys[p].radius
+            drag = bearing_drag(cable.pulleys[p])
         worst = worst / eta[:, p, 0] + np.where(worst > 0.0, drag, 0.0)
     return worst
 

@@ -82,7 +82,7 @@ def _write_piece(
         values[:, layout.magnitude],
         force_x=values[:, layout.force_x],
         force_y=values[:, layout.force_y],
-        force_z=np.zeros((stamps.size, pulleys)),
+        force_z=values[:, layout.force_z],
         stddev=None if stddev is None else deviations[:, elements : elements + pulleys],
         friction=values[:, layout.friction],
         slip_speed=values[:, layout.slip_speed],

@@ -51,7 +51,6 @@ class EstimateEncoder:
         self._efforts = Template(JOINT_STATE, axes, ("effort",), frame_id)
         self._no_efforts = Template(JOINT_STATE, axes, (), frame_id)
         self._efforts_stddev = Template(JOINT_STATE, axes, ("effort",), frame_id)
-        self._flat = np.zeros(len(layout.pulleys))
 
     def tensions(self, estimate: Estimate, stddev: NDArray[np.float64] | None = None) -> bytes:
         """Encode cdrj_msgs/CableTensions; ``stddev`` is in the order of ``spread_columns``."""
@@ -71,7 +70,7 @@ class EstimateEncoder:
             estimate.stamp_ns,
             force_x=values[layout.force_x],
             force_y=values[layout.force_y],
-            force_z=self._flat,
+            force_z=values[layout.force_z],
             magnitude=values[layout.magnitude],
             friction=values[layout.friction],
             slip_speed=values[layout.slip_speed],

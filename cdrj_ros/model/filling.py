@@ -19,6 +19,8 @@ from cdrj_ros.model.friction import (
     blended_loss,
 )
 from cdrj_ros.model.packing import (
+    PLANAR,
+    SPATIAL,
     Indices,
     Numbers,
     Plan,
@@ -31,13 +33,13 @@ from cdrj_ros.robot.description import (
     LAWS,
     TABLE_INTERVALS,
     Cable,
-    Friction,
     Node,
     Profile,
     Pulley,
     Robot,
     Winch,
 )
+from cdrj_ros.robot.space import CONTACT_KINDS
 
 Vector = NDArray[np.float64]
 
@@ -56,6 +58,7 @@ def pack(robot: Robot) -> tuple[Indices, Vector]:
     rows = _Rows(robot, plan_views(plan), number_views(sizes, numbers))
     rows.axes()
     rows.frames()
+    rows.spatial_frames()
     for c in range(len(robot.cables)):
         rows.cable(c)
     return plan, numbers
@@ -73,6 +76,8 @@ def _sizes(robot: Robot) -> Sizes:
         pulleys=nodes - 2 * len(cables),
         frames=len(robot.frames),
         nodes=nodes,
+        spatial_frames=len(robot.spatial_frames),
+        spatial_nodes=nodes if robot.spatial_frames else 0,
         terms=sum(1 for cable in cables for profile in _profiles(cable) if profile.joint),
     )
 
@@ -85,8 +90,8 @@ def _profiles(cable: Cable) -> Iterator[Profile]:
         yield from span
 
 
-def _fill(rows: Any, place: int, **fields: float) -> None:
-    """Set all fields of one row of a structured array, by name."""
+def _fill(rows: Any, place: int, **fields: float | tuple[float, ...]) -> None:
+    """Set all fields of one row of a structured array, by name; vectors as tuples."""
     rows[place] = tuple(fields.pop(name) for name in rows.dtype.names)
     if fields:
         raise TypeError(f"no such fields: {', '.join(fields)}")
@@ -99,7 +104,9 @@ class _Rows:
         self._robot, self._plan, self._numbers = robot, plan, numbers
         self._motors = {motor.name: k for k, motor in enumerate(robot.motors)}
         self._joints = {joint.name: k for k, joint in enumerate(robot.joints)}
-        self._frames = {frame.name: k for k, frame in enumerate(robot.frames)}
+        names = [frame.name for frame in robot.frames]
+        names += [frame.name for frame in robot.spatial_frames]
+        self._frames = {name: k for k, name in enumerate(names)}
         self._node = 0
         self._term = 0
 
@@ -135,6 +142,27 @@ class _Rows:
                 rolling_radius=frame.rolling_radius,
             )
 
+    def spatial_frames(self) -> None:
+        """Frames in space, parents first."""
+        for k, frame in enumerate(self._robot.spatial_frames):
+            _fill(
+                self._plan.spatial_frames,
+                k,
+                parent=self._frames[frame.parent] if frame.parent else -1,
+                motion=geometry.MOTIONS.index(frame.motion),
+                joint=self._joints[frame.joint] if frame.joint else -1,
+            )
+            _fill(
+                self._numbers.spatial_frames,
+                k,
+                origin=frame.origin,
+                rotation=frame.rotation,
+                axis=frame.axis,
+                rolling_radius=frame.rolling_radius,
+                multiplier=frame.multiplier,
+                offset=frame.offset,
+            )
+
     def cable(self, c: int) -> None:
         """One cable with its ends, pulleys, elements and nodes; call it in the cables' order."""
         cable = self._robot.cables[c]
@@ -148,7 +176,7 @@ class _Rows:
             pulleys=len(cable.nodes) - 2,
             first_node=self._node,
             law=LAWS.index(cable.law),
-            routed=int(cable.routed),
+            routed=SPATIAL if cable.spatial else PLANAR if cable.routed else 0,
         )
         _fill(
             self._numbers.cables,
@@ -176,7 +204,7 @@ class _Rows:
     def _pulley(self, cable: Cable, k: int, place: int, element: int) -> None:
         pulley, law, stribeck = cable.pulleys[k], LAWS.index(cable.law), _stribeck(cable)
         wrap = self._add_profiles(pulley.wrap, True, place)
-        changes = cable.routed or any(profile.joint for profile in pulley.wrap)
+        changes = cable.routed or cable.spatial or any(profile.joint for profile in pulley.wrap)
         _fill(
             self._plan.pulleys,
             place,
@@ -222,6 +250,39 @@ class _Rows:
                 arc_reference=0.0,
                 arc_angle=pi,
             )
+        if self._robot.spatial_frames:
+            self._add_spatial_node(k, node)
+
+    def _add_spatial_node(self, k: int, node: Node) -> None:
+        """Body of a node; the reference of an arc is pi until the reference pose is known."""
+        place = node.space
+        if place is None:
+            _fill(self._plan.spatial_nodes, k, kind=0, frame=-1, exit_frame=-1)
+            return
+        basis = _basis(place.axis)
+        side = basis @ np.array(place.side) if place.side else np.zeros(3)
+        _fill(
+            self._plan.spatial_nodes,
+            k,
+            kind=CONTACT_KINDS.index(place.kind),
+            frame=self._frames[place.frame],
+            exit_frame=self._frames[place.exit_frame],
+        )
+        _fill(
+            self._numbers.spatial_nodes,
+            k,
+            centre=place.position,
+            basis=tuple(basis.ravel()),
+            exit=place.exit,
+            side=tuple(side),
+            sided=float(place.side is not None),
+            radius=node.radius,
+            turn=float(place.turn),
+            turns=float(place.turns),
+            length=place.length,
+            arc_reference=pi if isinstance(node, Pulley) else 0.0,
+            turn_reference=0.0,
+        )
 
     def _add_profiles(
         self, profiles: tuple[Profile, ...], adds_to_wrap: bool, target: int
@@ -243,6 +304,15 @@ class _Rows:
         return constant
 
 
+def _basis(axis: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Right-handed unit vectors by rows, the last of them the axis; exact along z."""
+    z = np.array(axis)
+    helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]
+    x = helper - z * (helper @ z)
+    x /= np.linalg.norm(x)
+    return np.array([x, np.cross(z, x), z])
+
+
 def _stribeck(cable: Cable) -> int:
     """Code of the cable's Stribeck form; its pulleys share one."""
     forms = {pulley.friction.stribeck for pulley in cable.pulleys} or {"printed"}
@@ -256,14 +326,14 @@ def friction_numbers(pulley: Pulley, law: int) -> dict[str, float]:
         friction = replace(friction, rho=1.0, mu_s=friction.mu_c)
     rigid = law in (EULER, STEADY)
     cells = float(pulley.cells)  # parallel springs to the ground share stiffness and drag
-    drag = 0.0 if law == EULER else pulley.bearing_torque / pulley.radius
+    drag = 0.0 if law == EULER else bearing_drag(pulley)
     return {
         "rho": friction.rho,
         "mu_c": friction.mu_c,
         "mu_s": friction.mu_s,
         "stribeck_speed": friction.stribeck_speed or NEVER_SLIDES,
         "stribeck_lag": friction.stribeck_lag,
-        "bearing_ratio": _bearing_ratio(friction, pulley),
+        "bearing_ratio": bearing_ratio(pulley),
         "drag": drag / cells,
         "bristle_stiffness": (RIGID_BRISTLE if rigid else friction.bristle_stiffness) / cells,
         "bristle_damping": (0.0 if rigid else friction.bristle_damping) / cells,
@@ -273,6 +343,13 @@ def friction_numbers(pulley: Pulley, law: int) -> dict[str, float]:
     }
 
 
-def _bearing_ratio(friction: Friction, pulley: Pulley) -> float:
+def bearing_ratio(pulley: Pulley) -> float:
     """1 / alpha of (41)."""
-    return friction.bearing_friction * pulley.bearing_diameter / pulley.radius
+    if not pulley.radius:  # an eyelet or a sheath
+        return 0.0
+    return pulley.friction.bearing_friction * pulley.bearing_diameter / pulley.radius
+
+
+def bearing_drag(pulley: Pulley) -> float:
+    """Friction force of the bearing without load, at the cable [N]."""
+    return pulley.bearing_torque / pulley.radius if pulley.radius else 0.0

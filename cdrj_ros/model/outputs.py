@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import lean, stage
-from cdrj_ros.model.packing import AxisNumbers, Numbers, Plan
+from cdrj_ros.model.packing import SPATIAL, AxisNumbers, Numbers, Plan
 from cdrj_ros.model.state import EstimateViews, ScratchViews
 from cdrj_ros.model.status import INVALID, OK, OVERLOAD, SLACK
 
@@ -25,21 +25,24 @@ def _force_on_pulley(
     t_in: float,
     t_out: float,
     scratch: ScratchViews,
-) -> tuple[float, float]:
+) -> tuple[float, float, float]:
     """Components of a cable's force on a pulley [N], from the tensions before and after it.
 
     In the base frame for a routed cable.  Otherwise x lies along the bisector of the cable's two
     directions and y across it.
     """
-    if routed == 1:
+    if routed != 0:
         e = plan.pulleys[p].element
         x = t_out * scratch.direction[e + 1, 0] - t_in * scratch.direction[e, 0]
         y = t_out * scratch.direction[e + 1, 1] - t_in * scratch.direction[e, 1]
-        return x, y
+        z = 0.0
+        if routed == SPATIAL:
+            z = t_out * scratch.direction[e + 1, 2] - t_in * scratch.direction[e, 2]
+        return x, y, z
     along, across = numbers.pulleys[p].half_sine, numbers.pulleys[p].half_cosine
     if plan.pulleys[p].wrap_changes == 1:
         along, across = sin(0.5 * scratch.wrap[p]), cos(0.5 * scratch.wrap[p])
-    return (t_out + t_in) * along, (t_out - t_in) * across
+    return (t_out + t_in) * along, (t_out - t_in) * across, 0.0
 
 
 @stage
@@ -84,17 +87,18 @@ def report_cable(
     for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
         e = plan.pulleys[p].element
         t_in, t_out = tension[e], tension[e + 1]
-        x, y = _force_on_pulley(plan, numbers, p, cable.routed, t_in, t_out, scratch)
+        x, y, z = _force_on_pulley(plan, numbers, p, cable.routed, t_in, t_out, scratch)
         estimate.force_x[p] = x
         estimate.force_y[p] = y
-        estimate.magnitude[p] = sqrt(x * x + y * y)  # (38)
+        estimate.force_z[p] = z
+        estimate.magnitude[p] = sqrt(x * x + y * y + z * z)  # (38)
         estimate.friction[p] = t_out - t_in
         estimate.slip_speed[p] = slip_speed[p]
     if not solved:  # the distribution of the elongation is unknown: report no numbers
         estimate.tension[first:last] = 0.0
         for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
-            estimate.force_x[p], estimate.force_y[p], estimate.magnitude[p] = 0.0, 0.0, 0.0
-            estimate.friction[p], estimate.slip_speed[p] = 0.0, 0.0
+            estimate.force_x[p], estimate.force_y[p], estimate.force_z[p] = 0.0, 0.0, 0.0
+            estimate.magnitude[p], estimate.friction[p], estimate.slip_speed[p] = 0.0, 0.0, 0.0
 
 
 def nodal_force_magnitude(before: Table, after: Table, cosine: Table) -> Table:

@@ -28,6 +28,16 @@ from cdrj_ros.model.geometry import (
     NodePlan,
 )
 from cdrj_ros.model.records import Rows, record_type, words
+from cdrj_ros.model.spatial_records import (
+    SPATIAL_FRAME,
+    SPATIAL_FRAME_PLAN,
+    SPATIAL_NODE,
+    SPATIAL_NODE_PLAN,
+    SpatialFrameNumbers,
+    SpatialFramePlan,
+    SpatialNodeNumbers,
+    SpatialNodePlan,
+)
 from cdrj_ros.model.views import rows
 from cdrj_ros.robot.description import TABLE_INTERVALS
 
@@ -47,6 +57,10 @@ class Sizes(NamedTuple):
     nodes: int
     terms: int
     """Functions of a joint angle that add to a span or a wrap."""
+    spatial_frames: int
+    """0 for a robot described in the plane."""
+    spatial_nodes: int
+    """As ``nodes``, or 0 for a robot described in the plane."""
 
 
 class CablePlan:
@@ -60,7 +74,7 @@ class CablePlan:
     law: int
     """Code of the friction law of all its pulleys."""
     routed: int
-    """1 where lengths and wraps follow from positions."""
+    """``PLANAR`` or ``SPATIAL`` where lengths and wraps follow from positions, otherwise 0."""
 
 
 class EndPlan:
@@ -165,12 +179,17 @@ MOTOR: Final = record_type(MotorNumbers)
 JOINT: Final = record_type(JointNumbers)
 AXIS: Final = record_type(AxisNumbers)
 
+PLANAR: Final = 1
+SPATIAL: Final = 2
+
 _SIZES: Final = len(Sizes._fields)
 _CABLE_PLAN, _END_PLAN, _PULLEY_PLAN = words(CABLE_PLAN), words(END_PLAN), words(PULLEY_PLAN)
 _FRAME_PLAN, _NODE_PLAN, _TERM_PLAN = words(FRAME_PLAN), words(NODE_PLAN), words(TERM_PLAN)
 _CABLE, _END, _PULLEY, _ELEMENT = words(CABLE), words(END), words(PULLEY), words(ELEMENT)
 _FRAME, _NODE, _MOTOR, _JOINT = words(FRAME), words(NODE), words(MOTOR), words(JOINT)
 _AXIS, _TABLE = words(AXIS), words(CUBIC) * TABLE_INTERVALS
+_SPATIAL_FRAME_PLAN, _SPATIAL_NODE_PLAN = words(SPATIAL_FRAME_PLAN), words(SPATIAL_NODE_PLAN)
+_SPATIAL_FRAME, _SPATIAL_NODE = words(SPATIAL_FRAME), words(SPATIAL_NODE)
 
 
 class Plan(NamedTuple):
@@ -185,6 +204,8 @@ class Plan(NamedTuple):
     nodes: Rows[NodePlan]
     """Of all cables, shape (nodes,)."""
     terms: Rows[TermPlan]
+    spatial_frames: Rows[SpatialFramePlan]
+    spatial_nodes: Rows[SpatialNodePlan]
 
 
 class Numbers(NamedTuple):
@@ -203,10 +224,12 @@ class Numbers(NamedTuple):
     """All motors, then all joints."""
     tables: Rows[Cubic]
     """Of every term ``TABLE_INTERVALS`` cubics, shape (terms * TABLE_INTERVALS,)."""
+    spatial_frames: Rows[SpatialFrameNumbers]
+    spatial_nodes: Rows[SpatialNodeNumbers]
 
 
 @usable_in_kernels
-def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int]:
+def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int]:
     """Where each part of a plan ends, in the order of ``Plan``."""
     cables = _SIZES + sizes.cables * _CABLE_PLAN
     ends = cables + 2 * sizes.cables * _END_PLAN
@@ -214,14 +237,18 @@ def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int]:
     frames = pulleys + sizes.frames * _FRAME_PLAN
     nodes = frames + sizes.nodes * _NODE_PLAN
     terms = nodes + sizes.terms * _TERM_PLAN
-    return cables, ends, pulleys, frames, nodes, terms
+    spatial_frames = terms + sizes.spatial_frames * _SPATIAL_FRAME_PLAN
+    spatial_nodes = spatial_frames + sizes.spatial_nodes * _SPATIAL_NODE_PLAN
+    return cables, ends, pulleys, frames, nodes, terms, spatial_frames, spatial_nodes
 
 
 @usable_in_kernels
 def plan_views(plan: Indices) -> Plan:
     """Names for the parts of a plan, which begins with its sizes."""
-    sizes = Sizes(plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6], plan[7])
-    cables, ends, pulleys, frames, nodes, terms = _plan_ends(sizes)
+    sizes = Sizes(
+        plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6], plan[7], plan[8], plan[9]
+    )
+    cables, ends, pulleys, frames, nodes, terms, spatial_frames, spatial_nodes = _plan_ends(sizes)
     return Plan(
         sizes,
         rows(plan, _SIZES, cables, CABLE_PLAN),
@@ -230,11 +257,15 @@ def plan_views(plan: Indices) -> Plan:
         rows(plan, pulleys, frames, FRAME_PLAN),
         rows(plan, frames, nodes, NODE_PLAN),
         rows(plan, nodes, terms, TERM_PLAN),
+        rows(plan, terms, spatial_frames, SPATIAL_FRAME_PLAN),
+        rows(plan, spatial_frames, spatial_nodes, SPATIAL_NODE_PLAN),
     )
 
 
 @usable_in_kernels
-def _number_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int, int, int]:
+def _number_ends(
+    sizes: Sizes,
+) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int]:
     """Where each part of the numbers ends, in the order of ``Numbers``."""
     cables = sizes.cables * _CABLE
     ends = cables + 2 * sizes.cables * _END
@@ -246,7 +277,12 @@ def _number_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int, 
     joints = motors + sizes.joints * _JOINT
     axes = joints + (sizes.motors + sizes.joints) * _AXIS
     tables = axes + sizes.terms * _TABLE
-    return cables, ends, pulleys, elements, frames, nodes, motors, joints, axes, tables
+    spatial_frames = tables + sizes.spatial_frames * _SPATIAL_FRAME
+    spatial_nodes = spatial_frames + sizes.spatial_nodes * _SPATIAL_NODE
+    return (
+        cables, ends, pulleys, elements, frames, nodes, motors, joints, axes, tables,
+        spatial_frames, spatial_nodes,
+    )  # fmt: skip
 
 
 @usable_in_kernels
@@ -259,6 +295,7 @@ def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
     """
     (
         cables, ends, pulleys, elements, frames, nodes, motors, joints, axes, tables,
+        spatial_frames, spatial_nodes,
     ) = _number_ends(sizes)  # fmt: skip
     return Numbers(
         rows(numbers, 0, cables, CABLE),
@@ -271,6 +308,8 @@ def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
         rows(numbers, motors, joints, JOINT),
         rows(numbers, joints, axes, AXIS),
         rows(numbers, axes, tables, CUBIC),
+        rows(numbers, tables, spatial_frames, SPATIAL_FRAME),
+        rows(numbers, spatial_frames, spatial_nodes, SPATIAL_NODE),
     )
 
 

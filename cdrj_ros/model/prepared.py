@@ -11,8 +11,17 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.filling import pack
-from cdrj_ros.model.packing import Indices, Sizes, number_views, plan_views
+from cdrj_ros.model.packing import (
+    PLANAR,
+    SPATIAL,
+    CablePlan,
+    Indices,
+    Sizes,
+    number_views,
+    plan_views,
+)
 from cdrj_ros.model.shape import shape
+from cdrj_ros.model.spatial_reasons import spatial_reason
 from cdrj_ros.model.state import (
     ScratchViews,
     estimate_size,
@@ -52,6 +61,8 @@ class Layout:
     """[N], of the cable on the pulley."""
     force_y: slice
     """[N]."""
+    force_z: slice
+    """[N]; 0 for cables in a plane."""
     magnitude: slice
     """[N], eq. (38)."""
     friction: slice
@@ -108,7 +119,7 @@ class Shape:
     wrap: Vector
     """Of every pulley [rad]."""
     direction: NDArray[np.float64]
-    """Unit vectors of routed elements in the base frame, shape (elements, 2)."""
+    """Unit vectors of routed elements in the base frame, shape (elements, 3)."""
     possible: bool
     """False where a tangent does not exist or a wrap is negative."""
 
@@ -127,7 +138,7 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
     reference = np.array([joint.reference_angle for joint in robot.joints])
     rest = shape_at(model, reference)
     if not rest.possible:
-        raise RobotFileError(_impossible(robot, reference, rest))
+        raise RobotFileError(_impossible(model, reference, rest))
     _set_routed_references(model, reference)
     rest = shape_at(model, reference)
     elements = number_views(model.sizes, model.numbers).elements
@@ -221,17 +232,36 @@ def _set_routed_references(model: Model, reference: Vector) -> None:
     _, rest = _shape(model, reference)
     plan, numbers = plan_views(model.plan), number_views(model.sizes, model.numbers)
     for cable in (plan.cables[c] for c in range(len(plan.cables))):
-        if not cable.routed:
+        if cable.routed == SPATIAL:
+            _set_spatial_references(model, cable, rest, reference)
+        if cable.routed != PLANAR:
             continue
         for k in range(cable.pulleys):
             numbers.nodes[cable.first_node + 1 + k].arc_angle = rest.wrap[cable.first_pulley + k]
         for k in (0, cable.elements):
             node = cable.first_node + k
-            x, y = rest.direction[cable.first_element + max(k - 1, 0)]
+            x, y, _ = rest.direction[cable.first_element + max(k - 1, 0)]
             turned = rest.pose[plan.nodes[node].frame].angle
             circle = numbers.nodes[node]
             circle.arc_reference = np.arctan2(y, x)
             circle.arc_angle = circle.turn * (turned if k == 0 else -turned)
+
+
+def _set_spatial_references(
+    model: Model, cable: CablePlan, rest: ScratchViews, reference: Vector
+) -> None:
+    """As ``_set_routed_references``, of one cable in space."""
+    plan, numbers = plan_views(model.plan), number_views(model.sizes, model.numbers)
+    twists: Any = rest.spatial_twist
+    for k in range(cable.elements + 1):
+        place = cable.first_node + k
+        node, touch = numbers.spatial_nodes[place], rest.touches[place]
+        if 0 < k < cable.elements:
+            node.arc_reference = touch.angle
+            continue
+        angular = twists["angular"][plan.spatial_nodes[place].frame]
+        node.turn_reference = float(reference @ (angular @ touch.basis[6:9]))
+        node.arc_reference = touch.angle + node.turn_reference
 
 
 def _check_range(model: Model) -> None:
@@ -251,17 +281,23 @@ def _check_range(model: Model) -> None:
     for angle in lower + shares * (upper - lower):
         shape = shape_at(model, angle)
         if not shape.possible or not np.all(shape.length > 0.0) or not np.all(shape.wrap >= 0.0):
-            raise RobotFileError(_impossible(model.robot, angle, shape))
+            raise RobotFileError(_impossible(model, angle, shape))
 
 
-def _impossible(robot: Robot, angle: Vector, shape: Shape) -> str:
+def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
     """One line that names the impossible node or element and the joint angles."""
+    robot, first_node = model.robot, 0
     pose = ", ".join(
         f"{joint.name} = {a:.4g}" for joint, a in zip(robot.joints, angle, strict=True)
     )
     where = f" at {pose}" if pose else ""
     element = pulley = 0
     for k, cable in enumerate(robot.cables):
+        if cable.spatial:
+            reason = spatial_reason(cable, k, first_node, _shape(model, angle)[1])
+            if reason:
+                return f"{reason}{where} ({robot.source})"
+        first_node += len(cable.nodes)
         for e in range(len(cable.nodes) - 1):
             if cable.routed and not np.all(np.isfinite(shape.direction[element + e])):
                 return (

@@ -7,7 +7,17 @@ from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import lean, stage
 from cdrj_ros.model.geometry import place_frames, route, table_value
-from cdrj_ros.model.packing import Indices, Numbers, Plan, number_views, plan_views
+from cdrj_ros.model.packing import (
+    PLANAR,
+    SPATIAL,
+    Indices,
+    Numbers,
+    Plan,
+    number_views,
+    plan_views,
+)
+from cdrj_ros.model.spatial_frames import place_spatial_frames
+from cdrj_ros.model.spatial_route import route_in_space
 from cdrj_ros.model.state import ScratchViews, scratch_views
 from cdrj_ros.robot.description import TABLE_INTERVALS
 
@@ -61,11 +71,33 @@ def place_cables(
     possible = True
     _tabulated_shape(plan, numbers, joint_angle, length, scratch)
     place_frames(plan.frames, numbers.frames, joint_angle, scratch.pose, scratch.twist)
+    if len(plan.spatial_frames) > 0:
+        place_spatial_frames(
+            plan.spatial_frames,
+            numbers.spatial_frames,
+            joint_angle,
+            scratch.spatial_pose,
+            scratch.spatial_twist,
+        )
     for c in range(len(plan.cables)):
         cable = plan.cables[c]
         first, last = cable.first_element, cable.first_element + cable.elements
         pulley, beyond = cable.first_pulley, cable.first_pulley + cable.pulleys
-        if cable.routed == 1:
+        if cable.routed == SPATIAL:
+            nodes = slice(cable.first_node, cable.first_node + cable.elements + 1)
+            possible &= route_in_space(
+                plan.spatial_nodes[nodes],
+                numbers.spatial_nodes[nodes],
+                scratch.spatial_pose,
+                scratch.spatial_twist,
+                joint_angle,
+                scratch.touches[nodes],
+                length[first:last],
+                scratch.length_by_joint[first:last],
+                scratch.wrap[pulley:beyond],
+                scratch.direction[first:last],
+            )
+        elif cable.routed == PLANAR:
             nodes = slice(cable.first_node, cable.first_node + cable.elements + 1)
             possible &= route(
                 plan.nodes[nodes],

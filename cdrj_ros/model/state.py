@@ -17,6 +17,14 @@ from cdrj_ros.model.drum import DRUM, Drum
 from cdrj_ros.model.geometry import POSE, TWIST, Pose, Twist
 from cdrj_ros.model.packing import Sizes
 from cdrj_ros.model.records import Grid, Rows, words
+from cdrj_ros.model.spatial_records import (
+    SPATIAL_POSE,
+    SPATIAL_TWIST,
+    TOUCH,
+    SpatialPose,
+    SpatialTwist,
+    Touch,
+)
 from cdrj_ros.model.views import grid, part, rows, table
 
 Vector = NDArray[np.float64]
@@ -24,6 +32,7 @@ Table = NDArray[np.float64]
 
 _DRUM, _ELEMENT, _CONTACT = words(DRUM), words(SOLVER_ELEMENT), words(CONTACT)
 _POSE, _TWIST = words(POSE), words(TWIST)
+_SPATIAL_POSE, _SPATIAL_TWIST, _TOUCH = words(SPATIAL_POSE), words(SPATIAL_TWIST), words(TOUCH)
 
 
 class StateViews(NamedTuple):
@@ -60,6 +69,8 @@ class EstimateViews(NamedTuple):
     """Force of the cable on every pulley [N], shape (pulleys,)."""
     force_y: Vector
     """[N], shape (pulleys,)."""
+    force_z: Vector
+    """[N], shape (pulleys,)."""
     magnitude: Vector
     """Of the force on every pulley [N], (38), shape (pulleys,)."""
     friction: Vector
@@ -82,7 +93,7 @@ class ScratchViews(NamedTuple):
     length_by_joint: Table
     """Derivatives of the lengths by the joint angles, shape (elements, joints)."""
     direction: Table
-    """Unit vectors of routed elements in the base frame, shape (elements, 2)."""
+    """Unit vectors of routed elements in the base frame, shape (elements, 3)."""
     wrap: Vector
     """Of every pulley [rad], shape (pulleys,)."""
     elements: Rows[SolverElement]
@@ -92,6 +103,12 @@ class ScratchViews(NamedTuple):
     """Of every frame, shape (frames,)."""
     twist: Grid[Twist]
     """Of every frame by every joint, shape (frames, joints)."""
+    spatial_pose: Rows[SpatialPose]
+    """Of every frame in space, shape (spatial_frames,)."""
+    spatial_twist: Grid[SpatialTwist]
+    """Of every frame in space by every joint, shape (spatial_frames, joints)."""
+    touches: Rows[Touch]
+    """Of every node of a robot described in space, shape (spatial_nodes,)."""
 
 
 @usable_in_kernels
@@ -142,7 +159,7 @@ def state_views(sizes: Sizes, state: Vector) -> StateViews:
 def estimate_size(sizes: Sizes) -> int:
     """Floats of the estimate."""
     per_axis = sizes.motors + sizes.joints
-    return 2 * sizes.elements + 5 * sizes.pulleys + per_axis + 2 * sizes.cables
+    return 2 * sizes.elements + 6 * sizes.pulleys + per_axis + 2 * sizes.cables
 
 
 @usable_in_kernels
@@ -151,7 +168,8 @@ def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
     status = 2 * sizes.elements
     force_x = status + sizes.pulleys
     force_y = force_x + sizes.pulleys
-    magnitude = force_y + sizes.pulleys
+    force_z = force_y + sizes.pulleys
+    magnitude = force_z + sizes.pulleys
     friction = magnitude + sizes.pulleys
     slip_speed = friction + sizes.pulleys
     motor_effort = slip_speed + sizes.motors
@@ -162,7 +180,8 @@ def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
         part(estimate, sizes.elements, status),
         part(estimate, status, force_x),
         part(estimate, force_x, force_y),
-        part(estimate, force_y, magnitude),
+        part(estimate, force_y, force_z),
+        part(estimate, force_z, magnitude),
         part(estimate, magnitude, friction),
         part(estimate, friction, slip_speed),
         part(estimate, slip_speed, motor_effort),
@@ -173,34 +192,46 @@ def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
 
 
 @usable_in_kernels
-def _scratch_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int]:
+def _scratch_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int, int, int]:
     """Where each part of the scratch ends, in the order of ``ScratchViews``."""
     by_joint = sizes.elements * sizes.joints
-    direction = by_joint + 2 * sizes.elements
+    direction = by_joint + 3 * sizes.elements
     wrap = direction + sizes.pulleys
     elements = wrap + sizes.elements * _ELEMENT
     contacts = elements + sizes.pulleys * _CONTACT
     pose = contacts + sizes.frames * _POSE
     twist = pose + sizes.frames * sizes.joints * _TWIST
-    return by_joint, direction, wrap, elements, contacts, pose, twist
+    spatial_pose = twist + sizes.spatial_frames * _SPATIAL_POSE
+    spatial_twist = spatial_pose + sizes.spatial_frames * sizes.joints * _SPATIAL_TWIST
+    touches = spatial_twist + sizes.spatial_nodes * _TOUCH
+    return (
+        by_joint, direction, wrap, elements, contacts, pose, twist,
+        spatial_pose, spatial_twist, touches,
+    )  # fmt: skip
 
 
 @usable_in_kernels
 def scratch_size(sizes: Sizes) -> int:
     """Floats of the scratch."""
-    return _scratch_ends(sizes)[6]
+    return _scratch_ends(sizes)[9]
 
 
 @usable_in_kernels
 def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
     """Names for the parts of the scratch, shape (scratch_size,)."""
-    by_joint, direction, wrap, elements, contacts, pose, _ = _scratch_ends(sizes)
+    (
+        by_joint, direction, wrap, elements, contacts, pose, twist,
+        spatial_pose, spatial_twist, end,
+    ) = _scratch_ends(sizes)  # fmt: skip
     return ScratchViews(
         table(scratch, 0, sizes.elements, sizes.joints),
-        table(scratch, by_joint, sizes.elements, 2),
+        table(scratch, by_joint, sizes.elements, 3),
         part(scratch, direction, wrap),
         rows(scratch, wrap, elements, SOLVER_ELEMENT),
         rows(scratch, elements, contacts, CONTACT),
         rows(scratch, contacts, pose, POSE),
         grid(scratch, pose, sizes.frames, sizes.joints, TWIST),
+        rows(scratch, twist, spatial_pose, SPATIAL_POSE),
+        grid(scratch, spatial_pose, sizes.spatial_frames, sizes.joints, SPATIAL_TWIST),
+        rows(scratch, spatial_twist, end, TOUCH),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import pi
 from typing import Any
 
@@ -23,6 +23,7 @@ from cdrj_ros.robot.description import (
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.refusal import Refusal, listed
+from cdrj_ros.robot.space_reader import ONLY_IN_SPACE, PlaceReader
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ class CableReader:
     frames: Sequence[Frame]
     profiles: ProfileReader
     refuse: Refusal
+    places: PlaceReader | None = None
+    """Reads positions in space; None for a robot described in the plane."""
 
     def read(self, path: str, entry: Document) -> Cable:
         """One cable.
@@ -100,17 +103,26 @@ class CableReader:
         self, path: str, entry: Document, routed: bool, friction_layers: list[Document]
     ) -> Node:
         self._check_place(path, entry, routed)
-        place = self._place(path, entry) if routed else None
+        place = self._place(path, entry) if routed and self.places is None else None
+        space = self.places.read(path, entry) if routed and self.places is not None else None
         if entry["type"] == "winch":
             motors = [motor.name for motor in self.motors]
             if entry["motor"] not in motors:
                 raise self.refuse(
                     f"{path}.motor", f"must be one of {listed(motors)}, got {entry['motor']!r}"
                 )
-            return Winch(entry["motor"], float(entry["radius"]), entry["winding"], place)
+            return Winch(entry["motor"], float(entry["radius"]), entry["winding"], place, space)
         if entry["type"] == "anchor":
-            return Anchor(**given(entry, "radius"), place=place)
-        return self._pulley(path, entry, place, friction_layers)
+            return Anchor(**given(entry, "radius"), place=place, space=space)
+        if entry["type"] == "pulley":
+            self._check_wrap(path, entry, routed)
+        pulley = self._pulley(path, entry, friction_layers)
+        wrap: tuple[Profile, ...] = ()
+        if "wrap_angle" in entry:
+            wrap = self.profiles.read(f"{path}.wrap_angle", entry["wrap_angle"], "rad")
+        elif "bend" in entry:
+            wrap = self.profiles.read(f"{path}.bend", entry["bend"], "rad")
+        return replace(pulley, wrap=wrap, place=place, space=space)
 
     def _check_place(self, path: str, entry: Document, routed: bool) -> None:
         """Check that the nodes of a routed cable have positions and those of others do not."""
@@ -120,30 +132,38 @@ class CableReader:
                 "is missing: a cable without spans is described by the positions of its nodes",
             )
         if not routed:
-            for key in ("position", "frame", "turn"):
+            if entry["type"] in ONLY_IN_SPACE:
+                raise self.refuse(
+                    f"{path}.type",
+                    f"must not be {entry['type']} in a cable that is described by spans",
+                )
+            for key in ("position", "frame", "turn", "axis"):
                 if key in entry:
                     raise self.refuse(
                         f"{path}.{key}", "has no meaning for a cable that is described by spans"
                     )
 
-    def _pulley(
-        self, path: str, entry: Document, place: Place | None, friction_layers: list[Document]
-    ) -> Pulley:
-        if (place is not None) == ("wrap_angle" in entry):
+    def _check_wrap(self, path: str, entry: Document, routed: bool) -> None:
+        if routed == ("wrap_angle" in entry):
             raise self.refuse(
                 f"{path}.wrap_angle",
                 "follows from the positions and must not be given"
-                if place is not None
+                if routed
                 else "is missing: a cable described by spans needs the wrap angle of every pulley",
             )
+
+    def _pulley(self, path: str, entry: Document, friction_layers: list[Document]) -> Pulley:
+        """Radius and friction of a pulley, or of whatever else guides the cable."""
         own = entry.get("friction", {})
         for key in ("law", "stribeck"):
             if key in own:
                 raise self.refuse(
                     f"{path}.friction.{key}", "is the same for a whole cable; give it there"
                 )
-        radius = float(entry["radius"])
+        radius = float(entry.get("radius", 0.0))
         friction = self._friction(f"{path}.friction", *friction_layers, own)
+        if entry["type"] not in ("pulley", "swivel"):  # it does not turn: the cable slides
+            return Pulley(radius, replace(friction, rho=1.0, bearing_friction=0.0))
         bearing = float(entry.get("bearing_diameter", Pulley.bearing_diameter))
         if friction.bearing_friction * bearing >= radius:
             raise self.refuse(
@@ -151,17 +171,8 @@ class CableReader:
                 f"times bearing_friction {friction.bearing_friction:g} must be less than the "
                 f"radius {radius:g} m, got {bearing:g}: such a pulley cannot turn",
             )
-        wrap: tuple[Profile, ...] = ()
-        if place is None:
-            wrap = self.profiles.read(f"{path}.wrap_angle", entry["wrap_angle"], "rad")
-        return Pulley(
-            radius,
-            friction,
-            bearing,
-            float(entry.get("bearing_torque", Pulley.bearing_torque)),
-            wrap,
-            place,
-        )
+        torque = float(entry.get("bearing_torque", Pulley.bearing_torque))
+        return Pulley(radius, friction, bearing, torque)
 
     def _friction(self, path: str, *layers: Document) -> Friction:
         merged: Document = {}

@@ -9,6 +9,8 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.robot.space import SpatialFrame, SpatialPlace
+
 Law = Literal["none", "euler", "steady", "lugre", "elastoplastic"]
 LAWS: Final[tuple[Law, ...]] = get_args(Law)
 """Friction laws, see docs/model.md, section 4."""
@@ -173,14 +175,15 @@ class Winch:
     winding: int
     """+1: a positive motor angle winds the cable in; -1: pays it out."""
     place: Place | None = None
+    space: SpatialPlace | None = None
 
 
 @dataclass(frozen=True)
 class Pulley:
-    """A pulley inside a cable."""
+    """A pulley inside a cable, or whatever else guides it there."""
 
     radius: float
-    """From the axis to the cable's centre line [m]."""
+    """From the axis to the cable's centre line [m]; 0 for an eyelet or a sheath."""
     friction: Friction
     bearing_diameter: float = 0.0
     """d of (39) [m]."""
@@ -191,6 +194,14 @@ class Pulley:
     place: Place | None = None
     cells: int = 1
     """Number of equal contact cells into which the pulley is divided; 1 for a whole pulley."""
+    space: SpatialPlace | None = None
+
+    @property
+    def kind(self) -> str:
+        """What it is, for people: ``pulley``, ``eyelet``, ``cylinder``."""
+        if self.space is None:
+            return "pulley"
+        return "eyelet" if self.space.kind == "point" else self.space.kind
 
 
 @dataclass(frozen=True)
@@ -200,6 +211,7 @@ class Anchor:
     radius: float = 0.0
     """Radius of the sector [m]; 0 for a point."""
     place: Place | None = None
+    space: SpatialPlace | None = None
 
 
 Node = Winch | Pulley | Anchor
@@ -253,8 +265,13 @@ class Cable:
 
     @property
     def routed(self) -> bool:
-        """Whether lengths and wrap angles are computed from positions."""
+        """Whether lengths and wrap angles are computed from positions in the plane."""
         return self.nodes[0].place is not None
+
+    @property
+    def spatial(self) -> bool:
+        """Whether lengths and wrap angles are computed from positions in space."""
+        return self.nodes[0].space is not None
 
     @property
     def element_names(self) -> tuple[str, ...]:
@@ -276,17 +293,21 @@ class Robot:
     joints: tuple[Joint, ...]
     cables: tuple[Cable, ...]
     frames: tuple[Frame, ...] = ()
+    """Frames in the plane; empty for a robot described in space."""
     source: str = ""
     """The file it was read from."""
     uncertainty: Uncertainty | None = None
     document: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
     """The file's document in SI; empty for robots that were not read from a file."""
+    spatial_frames: tuple[SpatialFrame, ...] = ()
+    """Frames in space; empty for a robot described in the plane."""
 
     @property
     def prismatic_joints(self) -> frozenset[str]:
         """Names of the joints whose readings are positions [m] instead of angles."""
+        frames: tuple[Frame | SpatialFrame, ...] = (*self.frames, *self.spatial_frames)
         return frozenset(
-            frame.joint for frame in self.frames if frame.motion == "prismatic" and frame.joint
+            frame.joint for frame in frames if frame.motion == "prismatic" and frame.joint
         )
 
     @property

@@ -15,10 +15,11 @@ import numpy as np
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.axes import read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
-from cdrj_ros.robot.description import Frame, Robot, Uncertainty
+from cdrj_ros.robot.description import Frame, FrameMotion, Robot, Uncertainty
 from cdrj_ros.robot.document import Document, parse_document
 from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.refusal import Refusal, listed
+from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_spatial_frames
 
 MAXIMUM_BYTES: Final = 1_000_000
 """Largest accepted size of a robot file [bytes]."""
@@ -84,8 +85,13 @@ def build_robot(document: Document, source: str) -> Robot:
         if motor.name in joints:  # both may be read from one topic
             raise refuse(f"motors[{k}].name", f"{motor.name!r} is the name of a joint")
     profiles = ProfileReader(joints, refuse)
-    frames = tuple(_frames(document, profiles, refuse))
-    reader = CableReader(document.get("friction", {}), motors, frames, profiles, refuse)
+    in_space = is_spatial(document)
+    frames = () if in_space else tuple(_frames(document, profiles, refuse))
+    spatial_frames = (
+        tuple(read_spatial_frames(document, profiles.known_joint, refuse)) if in_space else ()
+    )
+    places = PlaceReader([frame.name for frame in spatial_frames], refuse) if in_space else None
+    reader = CableReader(document.get("friction", {}), motors, frames, profiles, refuse, places)
     cables = tuple(reader.read(f"cables[{k}]", entry) for k, entry in enumerate(document["cables"]))
     routed = any(cable.routed for cable in cables)
     return Robot(
@@ -97,6 +103,7 @@ def build_robot(document: Document, source: str) -> Robot:
         source,
         _uncertainty(document, refuse),
         document,
+        spatial_frames if any(cable.spatial for cable in cables) else (),
     )
 
 
@@ -120,7 +127,7 @@ def _frames(document: Document, profiles: ProfileReader, refuse: Refusal) -> Ite
             raise refuse(
                 f"{path}.parent", f"must name an earlier frame ({listed(known)}), got {parent!r}"
             )
-        motion = entry["motion"]
+        motion: FrameMotion = "revolute" if entry["motion"] == "continuous" else entry["motion"]
         joint = entry.get("joint")
         if motion == "fixed":
             if joint is not None:

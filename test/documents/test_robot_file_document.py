@@ -21,7 +21,7 @@ from cdrj_ros.robot.reader import parse_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "robot_file.md").read_text("utf-8")
-FIRST, SPANS = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+FIRST, SPANS, SPACE = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
 
 
 @pytest.fixture(scope="module")
@@ -140,3 +140,10 @@ def test_a_mistake_is_answered_as_the_document_says(given: str, changed: str, an
 def test_every_file_that_the_document_names_is_there() -> None:
     for name in re.findall(r"`(\w+\.yaml)`", TEXT):
         assert (ROOT / "config" / "robots" / name).exists(), name
+
+
+def test_the_example_in_space_is_a_valid_robot() -> None:
+    head = FIRST.partition("frames:")[0] + "friction: {mu_c: 0.1}\n"
+    model = prepare(parse_robot(head + SPACE))
+    assert model.robot.cables[0].spatial
+    assert [pulley.kind for pulley in model.robot.cables[0].pulleys] == ["sphere", "eyelet"]

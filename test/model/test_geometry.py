@@ -104,7 +104,7 @@ def test_wraps_of_a_quarter_a_half_and_three_quarters_of_a_turn(
     assert shape.wrap == pytest.approx([wrap], abs=1e-9)
     # half of the arc belongs to either element
     assert shape.length == pytest.approx([4.0 + wrap / 2, span + wrap / 2])
-    np.testing.assert_allclose(shape.direction[0], [1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(shape.direction[0], [1.0, 0.0, 0.0], atol=1e-12)
 
 
 def test_a_belt_crossed_between_two_pulleys() -> None:
@@ -116,7 +116,7 @@ def test_a_belt_crossed_between_two_pulleys() -> None:
     """)
     assert shape.wrap == pytest.approx([pi / 2, pi / 2])
     assert shape.length == pytest.approx([4 + pi / 4, 4 + pi / 2, 4 + pi / 4])
-    np.testing.assert_allclose(shape.direction, [[1, 0], [0, 1], [1, 0]], atol=1e-12)
+    np.testing.assert_allclose(shape.direction, [[1, 0, 0], [0, 1, 0], [1, 0, 0]], atol=1e-12)
 
 
 def test_an_open_belt_round_unequal_pulleys() -> None:
@@ -148,7 +148,7 @@ def test_a_mirrored_cable_has_the_same_lengths_and_wraps() -> None:
     other = still(text.format(s="-", a="cw", b="ccw"))
     np.testing.assert_allclose(one.wrap, other.wrap, atol=1e-12)
     np.testing.assert_allclose(one.length, other.length, atol=1e-12)
-    np.testing.assert_allclose(one.direction * [1, -1], other.direction, atol=1e-12)
+    np.testing.assert_allclose(one.direction * [1, -1, 1], other.direction, atol=1e-12)
 
 
 def test_a_sector_on_the_axis_winds_its_radius_times_the_angle() -> None:

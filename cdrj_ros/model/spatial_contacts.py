@@ -1,0 +1,341 @@
+"""What a cable does at one node, given where it comes from and where it goes: points and arc.
+
+All vectors are in the node's own axes: z is the axis of a round body, the origin its centre.
+``before`` is the point a from which the cable comes, ``after`` the point b to which it goes.  Every
+rule has a second function with the derivative along given velocities of a and b.
+docs/geometry.md, section 2.
+"""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, pi, sin, sqrt
+
+from cdrj_ros.model.compiled import lean, stage
+from cdrj_ros.model.spatial_records import (
+    CYLINDER,
+    PULLEY,
+    SPHERE,
+    SWIVEL,
+    SpatialNodeNumbers,
+    Touch,
+)
+from cdrj_ros.model.spatial_vectors import (
+    Vector3,
+    combined,
+    cross,
+    dot,
+    load,
+    minus,
+    norm,
+    plus,
+    scaled,
+    store,
+)
+
+PARALLEL = 1e-12
+"""Sine below which two directions count as parallel."""
+
+Z: Vector3 = (0.0, 0.0, 1.0)
+
+
+@stage
+def flat(a: Vector3) -> Vector3:
+    """The part of a vector across the axis."""
+    return a[0], a[1], 0.0
+
+
+@stage
+def tangent_normal(a: Vector3, axis: Vector3, radius: float, sense: float) -> tuple[Vector3, float]:
+    """Unit normal where a line from ``a`` becomes tangent to a circle, and the line's length.
+
+    ``a`` lies in the plane of the circle, which has its centre in the origin: (G4).  With the
+    opposite sense, the normal where a line to ``a`` leaves the circle.
+    """
+    square = dot(a, a)
+    length = sqrt(max(square - radius * radius, 0.0))
+    normal = combined(radius / square, a, sense * length / square, cross(axis, a))
+    return normal, length
+
+
+@stage
+def tangent_normal_by(
+    a: Vector3,
+    axis: Vector3,
+    radius: float,
+    sense: float,
+    length: float,
+    normal: Vector3,
+    a_by: Vector3,
+    axis_by: Vector3,
+) -> tuple[Vector3, float]:
+    """Derivatives of ``tangent_normal``: of the normal, and of the length."""
+    square = dot(a, a)
+    outwards = dot(a, a_by)
+    length_by = outwards / length
+    across = cross(axis, a)
+    across_by = plus(cross(axis_by, a), cross(axis, a_by))
+    turned = combined(sense * length_by, across, sense * length, across_by)
+    normal_by = scaled(1.0 / square, plus(scaled(radius, a_by), turned))
+    return combined(1.0, normal_by, -2.0 * outwards / square, normal), length_by
+
+
+@stage
+def _arc_angle(axis: Vector3, sense: float, first: Vector3, last: Vector3) -> float:
+    """Angle in [0, 2 pi) from one normal to another; rounding below 0 counts as 0."""
+    angle = sense * atan2(dot(axis, cross(first, last)), dot(first, last))
+    if angle < -1e-9:
+        angle += 2.0 * pi
+    return max(angle, 0.0)
+
+
+@stage
+def _lines_cross(a: Vector3, b: Vector3, c: Vector3, d: Vector3, axis: Vector3) -> bool:
+    """Whether the segments a-b and c-d of a plane intersect."""
+    ab, cd, ca = minus(b, a), minus(d, c), minus(a, c)
+    determinant = dot(axis, cross(ab, cd))
+    if abs(determinant) < 1e-15:
+        return False
+    first = dot(axis, cross(cd, ca)) / determinant
+    second = dot(axis, cross(ab, ca)) / determinant
+    return 0.0 <= first <= 1.0 and 0.0 <= second <= 1.0
+
+
+@stage
+def _goodness(
+    a: Vector3, b: Vector3, axis: Vector3, radius: float, sense: float, side: Vector3
+) -> float:
+    """How well one way round lies on a side; below -1 where its two lines cross."""
+    first, _ = tangent_normal(a, axis, radius, sense)
+    last, _ = tangent_normal(b, axis, radius, -sense)
+    if _lines_cross(a, scaled(radius, first), b, scaled(radius, last), axis):
+        return -2.0
+    middle = plus(first, last)
+    return dot(middle, side) / max(norm(middle) * norm(side), 1e-300)
+
+
+@stage
+def way_round(
+    a: Vector3, b: Vector3, axis: Vector3, radius: float, turn: float, sided: bool, side: Vector3
+) -> tuple[bool, float]:
+    """Whether a cable from a to b, both in the plane of a circle, touches it, and in which sense.
+
+    It touches where the straight line passes through the circle, or on the wrong side of it.
+    """
+    way = minus(b, a)
+    square = dot(way, way)
+    share = min(max(-dot(way, a) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    nearest = combined(1.0, a, share, way)
+    through = dot(nearest, nearest) <= radius * radius
+    left = dot(axis, cross(a, b))  # positive: the centre lies to the left of the line
+    if turn != 0.0:
+        return through or turn * left < 0.0, turn
+    if sided:
+        if not (through or dot(side, nearest) < 0.0):
+            return False, 1.0
+        plus_side = _goodness(a, b, axis, radius, 1.0, side)
+        minus_side = _goodness(a, b, axis, radius, -1.0, side)
+        sense = 1.0 if plus_side > minus_side else -1.0
+        return max(plus_side, minus_side) >= -1.0, sense
+    return through, 1.0 if left >= 0.0 else -1.0
+
+
+@stage
+def _meet_circle(node: SpatialNodeNumbers, touch: Touch, a: Vector3, b: Vector3) -> bool:
+    """Points of contact with a circle in the plane z = 0; False where a tangent does not exist."""
+    radius, sense = node.radius, node.turn
+    touch.sense = sense
+    first, length_before = tangent_normal(flat(a), Z, radius, sense)
+    last, length_after = tangent_normal(flat(b), Z, radius, -sense)
+    store(touch.entry_normal, first)
+    store(touch.exit_normal, last)
+    touch.before_length, touch.after_length = length_before, length_after
+    return length_before > 0.0 and length_after > 0.0
+
+
+@stage
+def _meet_swivel(node: SpatialNodeNumbers, touch: Touch, b: Vector3) -> bool:
+    """Angle of the arc on a pulley whose plane holds its axis and the leaving cable: (G7)."""
+    out = hypot(b[0], b[1])
+    x, y = out - node.radius, b[2]
+    square = x * x + y * y
+    length = sqrt(max(square - node.radius * node.radius, 0.0))
+    touch.angle = atan2(length * x + node.radius * y, length * y - node.radius * x)
+    if touch.angle < 0.0:
+        touch.angle += 2.0 * pi
+    touch.after_length = length
+    store(touch.exit_normal, (b[0] / out, b[1] / out, 0.0))  # direction of the pulley's plane
+    return length > 0.0 and out > 0.0
+
+
+@stage
+def _meet_body(node: SpatialNodeNumbers, kind: int, touch: Touch, a: Vector3, b: Vector3) -> bool:
+    """Points of contact with a cylinder or a sphere, or none; False where a point is inside."""
+    axis, side = Z, load(node.side)
+    if kind == SPHERE:
+        axis = cross(a, b)
+        size = norm(axis)
+        if size > PARALLEL * norm(a) * norm(b):
+            axis = scaled(1.0 / size, axis)
+        else:  # through the centre, or away from it: any plane will do
+            axis = cross(a, (1.0, 0.0, 0.0) if abs(a[0]) < 0.5 * norm(a) else (0.0, 1.0, 0.0))
+            axis = scaled(1.0 / norm(axis), axis)
+        side = combined(1.0, side, -dot(side, axis), axis)
+    else:
+        a, b = flat(a), flat(b)
+    radius = node.radius
+    if not (dot(a, a) > radius * radius and dot(b, b) > radius * radius):
+        return False
+    touching, sense = way_round(a, b, axis, radius, node.turn, node.sided == 1.0, side)
+    touch.touching = 1.0 if touching or node.turns > 0.0 else 0.0
+    touch.sense = sense
+    store(touch.normal, axis)
+    first, touch.before_length = tangent_normal(a, axis, radius, sense)
+    last, touch.after_length = tangent_normal(b, axis, radius, -sense)
+    store(touch.entry_normal, first)
+    store(touch.exit_normal, last)
+    return True
+
+
+@lean
+def meet(node: SpatialNodeNumbers, kind: int, touch: Touch) -> tuple[bool, Vector3, Vector3]:
+    """Find where a cable touches a node; ``before`` and ``after`` are given.
+
+    Returns:
+        False where it cannot run so, and the first and last point of contact in the node's own
+        axes.
+    """
+    a, b, radius = load(touch.before), load(touch.after), node.radius
+    if kind == PULLEY:
+        possible = _meet_circle(node, touch, a, b)
+        first, last = load(touch.entry_normal), load(touch.exit_normal)
+        return possible, scaled(radius, first), scaled(radius, last)
+    if kind == SWIVEL:
+        possible = _meet_swivel(node, touch, b)
+        out = scaled(radius * (1.0 - cos(touch.angle)), load(touch.exit_normal))
+        return possible, (0.0, 0.0, 0.0), (out[0], out[1], radius * sin(touch.angle))
+    possible = _meet_body(node, kind, touch, a, b)
+    first, last = load(touch.entry_normal), load(touch.exit_normal)
+    entry, leave = scaled(radius, first), scaled(radius, last)
+    if kind == CYLINDER:
+        angle = _arc_angle(Z, touch.sense, first, last) + 2.0 * pi * node.turns
+        rise = b[2] - a[2]
+        whole = touch.before_length + radius * angle + touch.after_length
+        entry = (entry[0], entry[1], a[2] + rise * touch.before_length / whole)
+        leave = (leave[0], leave[1], b[2] - rise * touch.after_length / whole)
+    return possible, entry, leave
+
+
+@stage
+def measure(node: SpatialNodeNumbers, kind: int, touch: Touch) -> None:
+    """Angle, length and wrap of the arc, once the points of contact are known: (G5) to (G7)."""
+    radius = node.radius
+    if kind == PULLEY:
+        first, last = load(touch.entry_normal), load(touch.exit_normal)
+        angle = node.turn * atan2(dot(Z, cross(first, last)), dot(first, last))
+        middle = node.arc_reference
+        touch.angle = middle + (angle - middle + pi) % (2.0 * pi) - pi
+        touch.wrap, touch.arc = touch.angle, radius * touch.angle
+    elif kind == SWIVEL:
+        touch.wrap, touch.arc = touch.angle, radius * touch.angle
+    else:
+        axis = load(touch.normal)
+        first, last = load(touch.entry_normal), load(touch.exit_normal)
+        touch.angle = _arc_angle(axis, touch.sense, first, last) + 2.0 * pi * node.turns
+        touch.wrap, touch.arc = touch.angle, radius * touch.angle
+        if kind == CYLINDER:
+            flat_length = touch.before_length + touch.arc + touch.after_length
+            rise = touch.after[2] - touch.before[2]
+            stretch = sqrt(1.0 + (rise / flat_length) ** 2)  # 1 / cos of the helix angle
+            touch.wrap /= stretch
+            touch.arc *= stretch
+
+
+@stage
+def _circle_by(
+    node: SpatialNodeNumbers, touch: Touch, a_by: Vector3, b_by: Vector3
+) -> tuple[Vector3, Vector3]:
+    first, last = load(touch.entry_normal), load(touch.exit_normal)
+    entry_turn = node.turn * dot(first, a_by) / touch.before_length
+    exit_turn = -node.turn * dot(last, b_by) / touch.after_length
+    touch.arc_by = node.radius * node.turn * (exit_turn - entry_turn)
+    entry_by = scaled(node.radius * entry_turn, cross(Z, first))
+    return entry_by, scaled(node.radius * exit_turn, cross(Z, last))
+
+
+@stage
+def _swivel_by(node: SpatialNodeNumbers, touch: Touch, b_by: Vector3) -> tuple[Vector3, Vector3]:
+    radius, angle, b = node.radius, touch.angle, load(touch.after)
+    plane = load(touch.exit_normal)
+    out = dot(plane, b_by)
+    plane_by = scaled(1.0 / hypot(b[0], b[1]), combined(1.0, flat(b_by), -out, plane))
+    angle_by = (cos(angle) * out - sin(angle) * b_by[2]) / touch.after_length
+    touch.arc_by = radius * angle_by
+    along = combined(radius * (1.0 - cos(angle)), plane_by, radius * sin(angle) * angle_by, plane)
+    return (0.0, 0.0, 0.0), (along[0], along[1], radius * cos(angle) * angle_by)
+
+
+@stage
+def _sphere_by(
+    node: SpatialNodeNumbers, touch: Touch, a_by: Vector3, b_by: Vector3
+) -> tuple[Vector3, Vector3]:
+    a, b, axis = load(touch.before), load(touch.after), load(touch.normal)
+    product = cross(a, b)
+    product_by = plus(cross(a_by, b), cross(a, b_by))
+    size = max(norm(product), 1e-300)
+    axis_by = scaled(1.0 / size, combined(1.0, product_by, -dot(axis, product_by), axis))
+    first, last = load(touch.entry_normal), load(touch.exit_normal)
+    sense, radius = touch.sense, node.radius
+    first_by, _ = tangent_normal_by(
+        a, axis, radius, sense, touch.before_length, first, a_by, axis_by
+    )
+    last_by, _ = tangent_normal_by(b, axis, radius, -sense, touch.after_length, last, b_by, axis_by)
+    along_first, along_last = cross(axis, first), cross(axis, last)
+    turned = dot(along_last, last_by) - dot(along_first, first_by)
+    touch.arc_by = radius * sense * turned
+    return scaled(radius, first_by), scaled(radius, last_by)
+
+
+@stage
+def _cylinder_by(
+    node: SpatialNodeNumbers, touch: Touch, a_by: Vector3, b_by: Vector3
+) -> tuple[Vector3, Vector3]:
+    radius, sense = node.radius, touch.sense
+    first, last = load(touch.entry_normal), load(touch.exit_normal)
+    entry_turn = sense * dot(first, a_by) / touch.before_length
+    exit_turn = -sense * dot(last, b_by) / touch.after_length
+    before, after = touch.before_length, touch.after_length
+    before_by = dot(flat(load(touch.before)), a_by) / before
+    after_by = dot(flat(load(touch.after)), b_by) / after
+    arc, arc_by = radius * touch.angle, radius * sense * (exit_turn - entry_turn)
+    whole, whole_by = before + arc + after, before_by + arc_by + after_by
+    rise, rise_by = touch.after[2] - touch.before[2], b_by[2] - a_by[2]
+    entry_z = a_by[2] + (rise_by * before + rise * before_by) / whole
+    entry_z -= rise * before * whole_by / (whole * whole)
+    exit_z = b_by[2] - (rise_by * after + rise * after_by) / whole
+    exit_z += rise * after * whole_by / (whole * whole)
+    slope = rise / whole
+    slope_by = (rise_by - slope * whole_by) / whole
+    stretch = sqrt(1.0 + slope * slope)
+    touch.arc_by = arc_by * stretch + arc * slope * slope_by / stretch
+    entry_by = scaled(radius * entry_turn, cross(Z, first))
+    exit_by = scaled(radius * exit_turn, cross(Z, last))
+    return (entry_by[0], entry_by[1], entry_z), (exit_by[0], exit_by[1], exit_z)
+
+
+@lean
+def meet_by(
+    node: SpatialNodeNumbers, kind: int, touch: Touch, a_by: Vector3, b_by: Vector3
+) -> tuple[Vector3, Vector3]:
+    """Derivatives of the first and last point of contact, and of the arc.
+
+    Args:
+        node, kind, touch: as ``meet`` and ``measure`` left them.
+        a_by, b_by: velocities of ``before`` and ``after`` in the node's own axes.
+    """
+    if kind == PULLEY:
+        return _circle_by(node, touch, a_by, b_by)
+    if kind == SWIVEL:
+        return _swivel_by(node, touch, b_by)
+    if kind == SPHERE:
+        return _sphere_by(node, touch, a_by, b_by)
+    return _cylinder_by(node, touch, a_by, b_by)

@@ -1,0 +1,168 @@
+"""Records of the geometry in space: constants of frames and nodes, and one pose of them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.records import record_type
+from cdrj_ros.robot.space import CONTACT_KINDS
+
+Vector = NDArray[np.float64]
+
+POINT, PULLEY, SWIVEL, CYLINDER, SPHERE, SHEATH = range(len(CONTACT_KINDS))
+
+
+class SpatialFramePlan:
+    """How a frame hangs in the tree; parents come first."""
+
+    parent: int
+    """Frame, -1 for the base."""
+    motion: int
+    """Code of the motion."""
+    joint: int
+    """Joint that moves it; -1 for a fixed frame."""
+
+
+class SpatialFrameNumbers:
+    """Where a frame lies in its parent."""
+
+    origin: Vector
+    """[m], shape (3,)."""
+    rotation: Vector
+    """Orientation in the parent when not moved, by rows, shape (9,)."""
+    axis: Vector
+    """Unit vector of its motion, in the frame, shape (3,)."""
+    rolling_radius: float
+    """Radius of both circles of a rolling joint [m]."""
+    multiplier: float
+    """Its motion per motion of its joint [-]."""
+    offset: float
+    """Its motion at joint angle 0 [rad] or [m]."""
+
+
+class SpatialNodePlan:
+    """Shape of a node and the frames that carry it."""
+
+    kind: int
+    frame: int
+    """-1 where the node has no position in space."""
+    exit_frame: int
+    """Frame of the far end of a sheath."""
+
+
+class SpatialNodeNumbers:
+    """A node in its frame.  Its own axes x, y, z have z along the axis of a round body."""
+
+    centre: Vector
+    """Centre, point or entry [m], shape (3,)."""
+    basis: Vector
+    """Unit vectors of its own axes, one by row, shape (9,)."""
+    exit: Vector
+    """Far end of a sheath in its frame [m], shape (3,)."""
+    side: Vector
+    """Point on the side that the cable passes, in its own axes [m], shape (3,)."""
+    sided: float
+    """1 where ``side`` is given, otherwise 0."""
+    radius: float
+    """[m]."""
+    turn: float
+    """+1 counter-clockwise about the axis, -1 clockwise, 0 where it follows from the position."""
+    turns: float
+    """Whole turns in addition to the wrap."""
+    length: float
+    """Length of a sheath [m]."""
+    arc_reference: float
+    """Of a pulley: wrap about which its wrap is continuous within half a turn [rad].  Of an end
+    that winds cable: angle of its tangent point in the reference pose, plus ``turn_reference``."""
+    turn_reference: float
+    """Of an end: turn of its frame about its axis in the reference pose [rad]."""
+
+
+class SpatialPose:
+    """Where a frame is in the base."""
+
+    rotation: Vector
+    """By rows, shape (9,)."""
+    origin: Vector
+    """[m], shape (3,)."""
+
+
+class SpatialTwist:
+    """Velocity of a frame per unit of a joint's velocity."""
+
+    angular: Vector
+    """[-], shape (3,)."""
+    linear: Vector
+    """Velocity of the base's origin, as if it moved with the frame [m], shape (3,)."""
+
+
+class Touch:
+    """Where a cable meets a node in one pose, and how that changes with one joint."""
+
+    centre: Vector
+    """In the base [m], shape (3,)."""
+    basis: Vector
+    """Unit vectors of the node's own axes in the base, one by row, shape (9,)."""
+    entry: Vector
+    """First point of contact in the base [m], shape (3,)."""
+    exit: Vector
+    """Last point of contact in the base [m], shape (3,)."""
+    before: Vector
+    """Point from which the cable comes, in the node's own axes [m], shape (3,)."""
+    after: Vector
+    """Point to which the cable goes, in the node's own axes [m], shape (3,)."""
+    normal: Vector
+    """Axis of the arc in the node's own axes, shape (3,)."""
+    entry_normal: Vector
+    """Unit vector to the first point of contact, normal to the axis of the arc, shape (3,)."""
+    exit_normal: Vector
+    """Unit vector to the last point of contact, normal to the axis of the arc, shape (3,)."""
+    before_length: float
+    """Free length before the contact, in the plane of the arc [m]."""
+    after_length: float
+    """Free length after the contact, in the plane of the arc [m]."""
+    sense: float
+    """+1: the cable goes round ``normal`` counter-clockwise, -1: clockwise."""
+    touching: float
+    """1 where the cable touches the node, otherwise 0."""
+    angle: float
+    """Angle of the arc about its axis [rad]."""
+    wrap: float
+    """Angle through which the cable turns at the node [rad]."""
+    arc: float
+    """Length of cable on the node [m]."""
+    share: float
+    """Where the cable does not touch: place of the node on the straight line past it [-]."""
+    entry_by: Vector
+    """Derivative of ``entry`` by one joint, shape (3,)."""
+    exit_by: Vector
+    """Derivative of ``exit`` by one joint, shape (3,)."""
+    arc_by: float
+    """Derivative of ``arc`` by one joint."""
+    share_by: float
+    """Derivative of ``share`` by one joint."""
+
+
+SPATIAL_FRAME_PLAN: Final = record_type(SpatialFramePlan)
+SPATIAL_FRAME: Final = record_type(SpatialFrameNumbers, origin=3, rotation=9, axis=3)
+SPATIAL_NODE_PLAN: Final = record_type(SpatialNodePlan)
+SPATIAL_NODE: Final = record_type(SpatialNodeNumbers, centre=3, basis=9, exit=3, side=3)
+SPATIAL_POSE: Final = record_type(SpatialPose, rotation=9, origin=3)
+SPATIAL_TWIST: Final = record_type(SpatialTwist, angular=3, linear=3)
+TOUCH: Final = record_type(
+    Touch,
+    centre=3,
+    basis=9,
+    entry=3,
+    exit=3,
+    before=3,
+    after=3,
+    normal=3,
+    entry_normal=3,
+    exit_normal=3,
+    entry_by=3,
+    exit_by=3,
+)

@@ -1,0 +1,67 @@
+"""The parsed geometry of a robot described in three dimensions: frozen values, SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+Vector3 = tuple[float, float, float]
+Matrix3 = tuple[float, ...]
+"""Rotation matrix by rows, nine numbers."""
+
+SpatialMotion = Literal["fixed", "revolute", "prismatic", "rolling"]
+"""Type of a frame's motion relative to its parent."""
+
+ContactKind = Literal["point", "pulley", "swivel", "cylinder", "sphere", "sheath"]
+"""Shape of what a cable touches; a point is an anchor or an eyelet."""
+
+CONTACT_KINDS: Final[tuple[ContactKind, ...]] = get_args(ContactKind)
+
+IDENTITY: Final[Matrix3] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class SpatialFrame:
+    """A frame in space that moves with a joint."""
+
+    name: str
+    parent: str | None
+    motion: SpatialMotion
+    joint: str | None
+    origin: Vector3 = (0.0, 0.0, 0.0)
+    """Origin in the parent [m]."""
+    rotation: Matrix3 = IDENTITY
+    """Orientation in the parent at joint angle 0."""
+    axis: Vector3 = (0.0, 0.0, 1.0)
+    """Unit vector of the motion, in the frame."""
+    rolling_radius: float = 0.0
+    """Radius of both circles of a rolling joint [m]."""
+    multiplier: float = 1.0
+    """Motion of the frame per motion of its joint [-]."""
+    offset: float = 0.0
+    """Motion of the frame at joint angle 0 [rad] or [m]."""
+
+
+@dataclass(frozen=True)
+class SpatialPlace:
+    """Position and shape of a node of a cable that runs in space."""
+
+    kind: ContactKind
+    frame: str
+    position: Vector3
+    """Centre, point, or entry, in the frame [m]."""
+    axis: Vector3 = (0.0, 0.0, 1.0)
+    """Unit vector of the axis, in the frame."""
+    turn: int = 0
+    """Sense of rotation about the axis: +1 counter-clockwise, -1 clockwise, 0 where it follows from
+    the cable's position."""
+    side: Vector3 | None = None
+    """Point on the side that the cable passes, from the centre, in the frame [m]."""
+    turns: int = 0
+    """Whole turns around a cylinder in addition to the wrap of less than a turn."""
+    exit_frame: str = "base"
+    """Frame of the far end of a sheath."""
+    exit: Vector3 = (0.0, 0.0, 0.0)
+    """Far end of a sheath [m]."""
+    length: float = 0.0
+    """Length of a sheath [m]."""

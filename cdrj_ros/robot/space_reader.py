@@ -1,0 +1,261 @@
+"""Frames and nodes of a robot file that is described in three dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import cos, sin, sqrt
+from types import MappingProxyType
+from typing import Any, Final
+
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.refusal import Refusal, listed
+from cdrj_ros.robot.space import (
+    IDENTITY,
+    ContactKind,
+    Matrix3,
+    SpatialFrame,
+    SpatialMotion,
+    SpatialPlace,
+    Vector3,
+)
+
+KINDS: Final[MappingProxyType[str, ContactKind]] = MappingProxyType(
+    {
+        "winch": "pulley",
+        "pulley": "pulley",
+        "swivel": "swivel",
+        "eyelet": "point",
+        "cylinder": "cylinder",
+        "sphere": "sphere",
+        "sheath": "sheath",
+    }
+)
+"""Shape by the type of a node; an anchor is a point or, with a radius, a pulley."""
+
+ONLY_IN_SPACE: Final = frozenset({"swivel", "eyelet", "cylinder", "sphere", "sheath"})
+"""Types of nodes that exist in space only."""
+
+_MOTIONS: Final[MappingProxyType[str, SpatialMotion]] = MappingProxyType(
+    {
+        "fixed": "fixed",
+        "revolute": "revolute",
+        "continuous": "revolute",
+        "prismatic": "prismatic",
+        "rolling": "rolling",
+    }
+)
+
+_FRAME_KEYS: Final = ("rpy", "quaternion", "axis", "multiplier", "offset")
+"""Keys of a frame in space."""
+
+UNIT_TOLERANCE: Final = 1e-3
+"""Largest deviation of a quaternion's norm from 1."""
+
+
+def is_spatial(document: Document) -> bool:
+    """Whether a robot is described in space: by a frame or by a node."""
+    frames, cables = document.get("frames", []), document["cables"]
+    return any(
+        len(frame.get("origin", ())) == 3 or any(key in frame for key in _FRAME_KEYS)
+        for frame in frames
+    ) or any(
+        node["type"] in ONLY_IN_SPACE or "axis" in node or len(node.get("position", ())) == 3
+        for cable in cables
+        for node in cable["nodes"]
+    )
+
+
+def read_spatial_frames(
+    document: Document, known_joint: Callable[[str, str | None], Any], refuse: Refusal
+) -> Iterator[SpatialFrame]:
+    """The base and the frames of the file, parents first.
+
+    Raises:
+        RobotFileError: names the key, what was given and what is allowed.
+    """
+    known = {"base"}
+    yield SpatialFrame("base", None, "fixed", None)
+    for k, entry in enumerate(document.get("frames", [])):
+        path = f"frames[{k}]"
+        if entry["name"] == "base":
+            raise refuse(f"{path}.name", "'base' is the frame that is always there")
+        parent = entry.get("parent", "base")
+        if parent not in known:
+            raise refuse(
+                f"{path}.parent", f"must name an earlier frame ({listed(known)}), got {parent!r}"
+            )
+        _check_keys(path, entry, refuse)
+        motion, joint = _MOTIONS[entry["motion"]], entry.get("joint")
+        if motion != "fixed":
+            known_joint(f"{path}.joint", joint)
+        known.add(entry["name"])
+        default = (1.0, 0.0, 0.0) if motion == "prismatic" else (0.0, 0.0, 1.0)
+        yield SpatialFrame(
+            entry["name"],
+            parent,
+            motion,
+            joint,
+            vector(entry.get("origin", (0.0, 0.0, 0.0))),
+            _rotation(path, entry, refuse),
+            unit_vector(f"{path}.axis", entry.get("axis", default), refuse),
+            float(entry.get("radius", 0.0)),
+            float(entry.get("multiplier", 1.0)),
+            float(entry.get("offset", 0.0)),
+        )
+
+
+def _check_keys(path: str, entry: Document, refuse: Refusal) -> None:
+    """Refuse keys that do not belong to a frame in space, or not to its motion."""
+    motion = entry["motion"]
+    if motion == "fixed":
+        for key in ("joint", "axis", "multiplier", "offset"):
+            if key in entry:
+                raise refuse(f"{path}.{key}", "has no meaning for a fixed frame")
+    if (motion == "rolling") != ("radius" in entry):
+        raise refuse(f"{path}.radius", "belongs to a rolling frame, and to no other")
+    if motion == "rolling" and "axis" in entry:
+        raise refuse(
+            f"{path}.axis",
+            "has no meaning for a rolling frame: it rolls about its z axis and begins on its "
+            "x axis; turn both by rpy",
+        )
+    for key, instead in (("angle", "rpy"), ("direction", "axis")):
+        if key in entry:
+            raise refuse(f"{path}.{key}", f"describes a frame in the plane; give {instead} here")
+    if len(entry.get("origin", (0, 0, 0))) != 3:
+        raise refuse(f"{path}.origin", f"must have three numbers, {IN_SPACE}")
+
+
+IN_SPACE: Final = "for this robot is described in space (some frame or node is)"
+"""Why planar positions are refused."""
+
+
+def vector(numbers: Sequence[float]) -> Vector3:
+    """Three numbers of the file."""
+    x, y, z = numbers
+    return float(x), float(y), float(z)
+
+
+def unit_vector(path: str, numbers: Sequence[float], refuse: Refusal) -> Vector3:
+    """The direction of three numbers of the file.
+
+    Raises:
+        RobotFileError: all are zero.
+    """
+    x, y, z = vector(numbers)
+    norm = sqrt(x * x + y * y + z * z)
+    if not 1e-12 < norm < 1e12:
+        raise refuse(path, f"must be a direction, not of the length {norm:g}")
+    return x / norm, y / norm, z / norm
+
+
+def _rotation(path: str, entry: Document, refuse: Refusal) -> Matrix3:
+    if "quaternion" in entry:
+        if "rpy" in entry:
+            raise refuse(f"{path}.quaternion", "and rpy are two orientations; give one of them")
+        x, y, z, w = map(float, entry["quaternion"])
+        norm = sqrt(x * x + y * y + z * z + w * w)
+        if abs(norm - 1.0) > UNIT_TOLERANCE:
+            raise refuse(f"{path}.quaternion", f"must have the length 1, got {norm:g}")
+        return quaternion_rotation(x / norm, y / norm, z / norm, w / norm)
+    return rpy_rotation(*entry["rpy"]) if "rpy" in entry else IDENTITY
+
+
+def rpy_rotation(roll: float, pitch: float, yaw: float) -> Matrix3:
+    """Rotation about the fixed x, then y, then z axis, as in URDF."""
+    ci, si, cj, sj, ck, sk = (
+        cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw),
+    )  # fmt: skip
+    return (
+        ck * cj, ck * sj * si - sk * ci, ck * sj * ci + sk * si,
+        sk * cj, sk * sj * si + ck * ci, sk * sj * ci - ck * si,
+        -sj, cj * si, cj * ci,
+    )  # fmt: skip
+
+
+def quaternion_rotation(x: float, y: float, z: float, w: float) -> Matrix3:
+    """Rotation matrix of a unit quaternion."""
+    return (
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
+        2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
+        2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PlaceReader:
+    """Reads the positions of one robot file's nodes in space."""
+
+    frames: Sequence[str]
+    """Names of the known frames."""
+    refuse: Refusal
+
+    def read(self, path: str, entry: Document) -> SpatialPlace:
+        """Shape and position of a node.
+
+        Raises:
+            RobotFileError: names the key, what was given and what is allowed.
+        """
+        for key in ("position", "exit"):
+            if key in entry and len(entry[key]) != 3:
+                raise self.refuse(f"{path}.{key}", f"must have three numbers, {IN_SPACE}")
+        kind: ContactKind = KINDS.get(entry["type"], "point")
+        if entry["type"] == "anchor" and entry.get("radius", 0.0) > 0.0:
+            kind = "pulley"
+        self._check_axis(path, entry, kind)
+        axis = unit_vector(f"{path}.axis", entry.get("axis", (0.0, 0.0, 1.0)), self.refuse)
+        return SpatialPlace(
+            kind,
+            self._frame(f"{path}.frame", entry.get("frame", "base")),
+            vector(entry["position"]),
+            axis,
+            {"ccw": 1, "cw": -1}.get(entry.get("turn", ""), 0),
+            self._side(path, entry, axis if kind == "cylinder" else (0.0, 0.0, 0.0)),
+            int(entry.get("turns", 0)),
+            self._frame(f"{path}.exit_frame", entry.get("exit_frame", "base")),
+            vector(entry.get("exit", (0.0, 0.0, 0.0))),
+            float(entry.get("length", 0.0)),
+        )
+
+    def _check_axis(self, path: str, entry: Document, kind: ContactKind) -> None:
+        """Check that what turns has an axis and a sense, and that nothing else has."""
+        if (kind == "pulley") != ("turn" in entry) and kind != "cylinder":
+            raise self.refuse(
+                f"{path}.turn",
+                "is missing: ccw or cw, the sense in which the cable goes round the axis"
+                if kind == "pulley"
+                else "has no meaning for a point",
+            )
+        if (kind in ("pulley", "cylinder", "swivel")) != ("axis" in entry):
+            raise self.refuse(
+                f"{path}.axis",
+                "has no meaning for a point"
+                if "axis" in entry
+                else "is missing: three numbers, the direction of the axis in its frame",
+            )
+        if "turn" in entry and "side" in entry:
+            raise self.refuse(f"{path}.side", "and turn both say which way round; give one of them")
+        if entry.get("turns", 0) and "turn" not in entry:
+            raise self.refuse(f"{path}.turns", "needs turn: ccw or cw")
+
+    def _frame(self, path: str, name: str) -> str:
+        if name not in self.frames:
+            raise self.refuse(path, f"must be one of {listed(self.frames)}, got {name!r}")
+        return name
+
+    def _side(self, path: str, entry: Document, axis: Vector3) -> Vector3 | None:
+        """The side point from the centre, without its part along the axis."""
+        if "side" not in entry:
+            return None
+        x, y, z = (a - b for a, b in zip(entry["side"], entry["position"], strict=True))
+        along = x * axis[0] + y * axis[1] + z * axis[2]
+        x, y, z = x - along * axis[0], y - along * axis[1], z - along * axis[2]
+        distance = sqrt(x * x + y * y + z * z)
+        if not distance > entry["radius"]:
+            raise self.refuse(
+                f"{path}.side",
+                f"must lie outside the radius {entry['radius']:g} m, got a point {distance:g} m "
+                "from it: cables inside a ring are not supported",
+            )
+        return x, y, z

@@ -1,0 +1,329 @@
+"""Geometry in space: closed forms, differences, virtual work, lift-off, and the plane."""
+
+from __future__ import annotations
+
+from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
+
+import numpy as np
+import pytest
+
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.robot.reader import parse_robot
+
+HEAD = """
+name: space
+motors: [{name: m}]
+joints: [{name: q, range: [-1, 1]}, {name: p, range: [-0.5, 0.5]}]
+frames:
+  - {name: arm, motion: revolute, joint: q, origin: [0.3, 0.02, 0.01], rpy: [0.1, 0.2, 0.3],
+     axis: [0, 1, 1]}
+  - {name: hand, parent: arm, motion: prismatic, joint: p, origin: [0.2, 0, 0], axis: [1, 0.2, 0]}
+  - {name: knee, parent: arm, motion: rolling, joint: p, origin: [0.1, 0, 0.02], radius: 0.02,
+     rpy: [0.3, -0.2, 0.1]}
+  - {name: finger, parent: hand, motion: continuous, joint: q, multiplier: -0.7, offset: 0.2,
+     axis: [0, 0, 1], quaternion: [0, 0, 0.6, 0.8]}
+friction: {mu_c: 0.1}
+"""
+
+
+def model_of(*nodes: str, head: str = HEAD, check: bool = False) -> Model:
+    """A robot with one cable through the nodes."""
+    cable = "cables:\n  - name: c\n    axial_stiffness: 1e4\n    preload: 10\n    nodes:\n"
+    lines = "".join(f"      - {{{node}}}\n" for node in nodes)
+    return prepare(parse_robot(head + cable + lines), check_range=check)
+
+
+def anchor(x: float, y: float, z: float, frame: str = "base") -> str:
+    return f"type: anchor, position: [{float(x)!r}, {float(y)!r}, {float(z)!r}], frame: {frame}"
+
+
+REST = np.zeros(2)
+
+CONTACTS = {
+    "points": ["type: eyelet, position: [0.1, 0.02, 0.01]"],
+    "pulleys": [
+        "type: pulley, radius: 0.012, position: [0.1, 0.05, 0.0], axis: [0.1, 0.1, 1], turn: cw",
+        "type: pulley, radius: 0.02, position: [0.2, -0.02, 0.03], axis: [0.3, 0.1, 1], turn: ccw",
+        (
+
+            "type: pulley, radius: 0.01, position: [0.1, 0.03, 0], frame: arm, "
+            "axis: [0, 0, 1], "
+            "turn: cw"
+        ),
+    ],
+    "swivel": [
+        "type: swivel, radius: 0.02, position: [0.1, 0.1, 0.2], axis: [0, 0, 1]",
+    ],
+    "cylinder": [
+        "type: cylinder, radius: 0.03, position: [0.15, 0, 0], axis: [0.2, 0, 1]",
+    ],
+    "sphere": ["type: sphere, radius: 0.03, position: [0.15, 0.01, 0.01]"],
+    "bodies in a row": [
+        "type: sphere, radius: 0.03, position: [0.1, -0.01, 0.005]",
+        "type: cylinder, radius: 0.03, position: [0.2, 0.04, 0], axis: [0.2, 0, 1]",
+        "type: sphere, radius: 0.03, position: [0.0, -0.002, 0.01], frame: arm",
+        (
+
+            "type: pulley, radius: 0.01, position: [0.1, 0.03, 0], frame: arm, "
+            "axis: [0, 0, 1], "
+            "turn: cw"
+        ),
+    ],
+    "three turns": [
+        (
+
+            "type: cylinder, radius: 0.03, position: [0.15, 0, 0], axis: [0.2, 0, 1], "
+            "turn: ccw, "
+            "turns: 3"
+        ),
+    ],
+    "sheath": [
+        (
+
+            "type: sheath, position: [0.1, 0, 0], exit: [0.02, 0.01, 0], "
+            "exit_frame: arm, length: 0.4, "
+            "bend: {joint: q, offset: 1.2, slope: 0.3}"
+        ),
+    ],
+}  # fmt: skip
+ENDS = {
+    "anchors": (anchor(0, 0, 0), anchor(0.15, 0.03, 0.02, "hand")),
+    "drums": (
+        (
+            "type: winch, motor: m, winding: 1, radius: 0.01, position: [0, 0, 0], "
+            "axis: [0, 0, 1], "
+            "turn: cw"
+        ),
+        (
+            "type: anchor, radius: 0.015, position: [0.1, 0.05, 0.0], "
+            "frame: finger, axis: [0, 0, 1], "
+            "turn: cw"
+        ),
+    ),
+    "rolling": (anchor(0, 0, 0.03), anchor(0.2, 0.02, 0.02, "knee")),
+}
+
+
+@pytest.mark.parametrize("ends", ENDS)
+@pytest.mark.parametrize("contacts", CONTACTS)
+def test_derivatives_are_those_of_the_lengths(contacts: str, ends: str) -> None:
+    first, last = ENDS[ends]
+    model = model_of(first, *CONTACTS[contacts], last)
+    generator = np.random.default_rng(0)
+    checked = 0
+    for angle in generator.uniform([-0.6, -0.1], [0.6, 0.1], (40, 2)):
+        step = 1e-6
+        shapes = [shape_at(model, angle + s * e) for e in np.eye(2) for s in (step, -step)]
+        found = shape_at(model, angle)
+        if not found.possible:  # the cable would leave a pulley
+            continue
+        # a step across a lift-off has no derivative
+        if len({tuple(shape.wrap > 0.0) for shape in shapes}) > 1:
+            continue
+        differences = [
+            (a.length - b.length) / (2.0 * step)
+            for a, b in zip(shapes[::2], shapes[1::2], strict=True)
+        ]
+        assert found.length_by_joint == pytest.approx(np.transpose(differences), abs=2e-9)
+        checked += 1
+    assert checked > 15
+
+
+def test_a_helix_of_three_turns_is_a_straight_line_on_the_unrolled_cylinder() -> None:
+    radius, out, rise = 0.03, 0.1, 0.05
+    model = model_of(
+        anchor(-out, -radius, 0.0),
+        f"type: cylinder, radius: {radius}, position: [0, 0, 0.3], axis: [0, 0, 2], turn: ccw, "
+        "turns: 3",
+        anchor(out, -radius, rise),
+    )
+    found = shape_at(model, REST)
+    level = 2.0 * out + 6.0 * pi * radius
+    assert found.length.sum() == pytest.approx(hypot(level, rise), abs=1e-15)
+    # the curvature of a helix is cos^2 / r: its angle falls with the cosine of the slope
+    assert found.wrap[0] == pytest.approx(6.0 * pi * level / hypot(level, rise), rel=1e-14)
+
+
+def test_a_great_circle_lies_in_the_plane_of_centre_and_points() -> None:
+    radius, centre = 0.03, np.array([0.02, 0.01, -0.02])
+    a, b = centre + np.array([-0.1, 0.02, 0.005]), centre + np.array([0.12, -0.015, 0.01])
+    model = model_of(
+        anchor(*a),
+        f"type: sphere, radius: {radius}, position: [{centre[0]}, {centre[1]}, {centre[2]}]",
+        anchor(*b),
+    )
+    found = shape_at(model, REST)
+    da, db = float(np.linalg.norm(a - centre)), float(np.linalg.norm(b - centre))
+    between = acos(float((a - centre) @ (b - centre)) / (da * db))
+    arc = between - acos(radius / da) - acos(radius / db)
+    expected = sqrt(da**2 - radius**2) + sqrt(db**2 - radius**2) + radius * arc
+    assert arc > 0.0
+    assert found.length.sum() == pytest.approx(expected, abs=1e-15)
+    assert found.wrap[0] == pytest.approx(arc, abs=1e-13)
+
+
+def test_a_swivelling_pulley_has_the_length_of_a_parallel_robot() -> None:
+    radius, out, down = 0.04, 0.9, 0.7
+    for azimuth in (0.0, 1.0, 2.5, -2.0):
+        model = model_of(
+            anchor(0, 0, -1.0),
+            f"type: swivel, radius: {radius}, position: [0, 0, 0], axis: [0, 0, 1]",
+            anchor(out * cos(azimuth), out * sin(azimuth), -down),
+        )
+        found = shape_at(model, REST)
+        # the pulley stands over the axis; the cable rises, goes over it and down to the point
+        x, free = out - radius, sqrt((out - radius) ** 2 + down**2 - radius**2)
+        wrap = pi - acos(radius / hypot(x, down)) - atan2(-down, x)
+        assert found.wrap[0] == pytest.approx(wrap, abs=1e-13)
+        assert found.length.sum() == pytest.approx(1.0 + radius * wrap + free, abs=1e-14)
+
+
+def test_an_eyelet_wraps_by_the_bend() -> None:
+    model = model_of(
+        anchor(0, 0, 0), "type: eyelet, position: [1, 0, 0]", anchor(1.0 + cos(0.3), 0, sin(0.3))
+    )
+    assert shape_at(model, REST).wrap[0] == pytest.approx(0.3, abs=1e-15)
+
+
+def test_a_grooved_pulley_is_left_along_a_tangent_of_its_circle_seen_along_the_axis() -> None:
+    """The line from a pulley to a point off its plane is at a right angle to the radius."""
+    radius, out, aside = 0.03, 0.2, 0.05
+    model = model_of(
+        anchor(-0.2, radius, 0.0),
+        f"type: pulley, radius: {radius}, position: [0, 0, 0], axis: [0, 0, 1], turn: cw",
+        anchor(out, -0.1, aside),
+    )
+    found = shape_at(model, REST)
+    distance = hypot(out, 0.1)
+    level = sqrt(distance**2 - radius**2)
+    wrap = pi / 2.0 - (acos(radius / distance) + atan2(-0.1, out))
+    assert found.wrap[0] == pytest.approx(wrap, abs=1e-14)
+    assert found.length.sum() == pytest.approx(0.2 + radius * wrap + hypot(level, aside), abs=1e-15)
+
+
+def test_a_cable_lifts_off_and_comes_back_without_a_jump() -> None:
+    head = HEAD.replace("[-0.5, 0.5]", "[-0.1, 0.1]")
+    for body in (
+        "type: cylinder, radius: 0.02, position: [0.1, 0, 0], axis: [0, 0, 1], turn: cw",
+        "type: cylinder, radius: 0.02, position: [0.1, 0, 0], axis: [0, 0, 1]",
+        "type: sphere, radius: 0.02, position: [0.1, 0, 0]",
+    ):
+        model = model_of(
+            anchor(0, 0, 0),
+            body,
+            "type: eyelet, position: [0, 0, 0], frame: lift",
+            anchor(0.3, 0.0, 0.0),
+            head=head.replace(
+                "friction:",
+                "  - {name: lift, motion: prismatic, joint: p, origin: [0.2, 0.04, 0], "
+                "axis: [0, 1, 0]}\nfriction:",
+            ),
+        )
+        heights = np.linspace(-0.02, 0.04, 2001)
+        shapes = [shape_at(model, np.array([0.0, height])) for height in heights]
+        wrap = np.array([shape.wrap[0] for shape in shapes])
+        length = np.array([shape.length[:3].sum() for shape in shapes])
+        arm = np.array([shape.length_by_joint[:3, 1].sum() for shape in shapes])
+        off = wrap == 0.0
+        assert 100 < off.sum() < 1900
+        assert all(shape.possible and np.all(shape.length > 0.0) for shape in shapes)
+        # sin of the angle of a line that just touches it
+        touches = heights + 0.04 < 0.2 * np.tan(asin(0.2))
+        assert np.array_equal(off, ~touches)
+        step = heights[1] - heights[0]
+        assert np.abs(np.diff(length) - step * (arm[1:] + arm[:-1]) / 2.0).max() < 1e-8
+        assert np.abs(np.diff(wrap)).max() < 5e-4
+
+
+def test_what_is_described_in_the_plane_is_the_same_in_space() -> None:
+    plane = """
+name: plane
+motors: [{name: m}]
+joints: [{name: q, range: [-0.8, 0.8]}]
+frames: [{name: arm, motion: revolute, joint: q, origin: [0.3, 0.0]}]
+cables:
+  - name: c
+    axial_stiffness: 1e4
+    preload: 10
+    nodes:
+      - {type: winch, motor: m, winding: 1, radius: 0.015, position: [0, 0], turn: cw}
+      - {type: pulley, radius: 0.01, position: [0.15, 0.06], turn: cw}
+      - {type: pulley, radius: 0.012, position: [0.20, 0.02], turn: ccw}
+      - {type: anchor, frame: arm, radius: 0.04, position: [0, 0], turn: cw}
+"""
+    space = plane
+    for x, y in (("0.3", "0.0"), ("0", "0"), ("0.15", "0.06"), ("0.20", "0.02")):
+        space = space.replace(f"[{x}, {y}]", f"[{x}, {y}, 0.0]")
+    space = space.replace("turn: c", "axis: [0, 0, 1], turn: c")
+    models = [prepare(parse_robot(text)) for text in (plane, space)]
+    for angle in np.linspace(-0.8, 0.8, 33):
+        flat, deep = (shape_at(model, np.array([angle])) for model in models)
+        assert deep.length == pytest.approx(flat.length, abs=1e-15)
+        assert deep.length_by_joint == pytest.approx(flat.length_by_joint, abs=1e-14)
+        assert deep.wrap == pytest.approx(flat.wrap, abs=1e-13)
+        assert deep.direction[:, :2] == pytest.approx(flat.direction[:, :2], abs=1e-14)
+
+
+def test_a_sector_may_turn_further_than_once_round() -> None:
+    head = HEAD.replace("[-1, 1]", "[-9, 9]")
+    model = model_of(
+        anchor(0, 0.04, 0),
+        "type: anchor, radius: 0.04, position: [0, 0, 0], frame: wheel, axis: [0, 0, 1], turn: cw",
+        head=head.replace(
+            "friction:",
+            "  - {name: wheel, motion: revolute, joint: q, origin: [0.3, 0, 0]}\nfriction:",
+        ),
+    )
+    for angle in np.linspace(-6.0, 9.0, 31):
+        assert shape_at(model, np.array([angle, 0.0])).length.sum() == pytest.approx(
+            0.3 - 0.04 * angle, abs=1e-14
+        )
+
+
+MISTAKES = {
+    "axis: [0, 0, 0]": ("axis: [0, 0, 1]", "axis must be a direction, not of the length 0"),
+    "turn: up": ("turn: cw", "cables[0].nodes[1].turn must be one of ccw, cw, got 'up'"),
+    "position: [0, 0]": ("position: [0, 0, 0]", "nodes[1].position must have three numbers"),
+    "": (", turn: cw", "cables[0].nodes[1].turn is missing"),
+    "rpy: [0, 0, 0], quaternion: [0, 0, 0, 1]": ("rpy: [0, 0, 0]", "are two orientations"),
+    "quaternion: [0, 0, 0, 2]": ("rpy: [0, 0, 0]", "frames[0].quaternion must have the length 1"),
+    "angle: 1": ("rpy: [0, 0, 0]", "frames[0].angle describes a frame in the plane; give rpy here"),
+    "position: [0.05, 0.01, 0]}": (
+        "position: [0.1, 0.1, 0]}", "cables[0].nodes[1] and nodes[2] (c) have no common tangent",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", MISTAKES)
+def test_every_mistake_is_one_clear_line(wrong: str) -> None:
+    text = """
+name: wrong
+motors: []
+joints: [{name: q, range: [-1, 1]}]
+frames: [{name: arm, motion: revolute, joint: q, rpy: [0, 0, 0]}]
+cables:
+  - name: c
+    axial_stiffness: 1e4
+    preload: 10
+    nodes:
+      - {type: anchor, position: [-1, 0, 0]}
+      - {type: pulley, radius: 0.1, position: [0, 0, 0], axis: [0, 0, 1], turn: cw}
+      - {type: anchor, position: [0.1, 0.1, 0]}
+"""
+    right, message = MISTAKES[wrong]
+    assert right in text
+    with pytest.raises(RobotFileError) as caught:
+        prepare(parse_robot(text.replace(right, wrong)))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_point_inside_a_sphere_is_named() -> None:
+    with pytest.raises(RobotFileError, match=r"cables\[0\].nodes\[1\] \(c/2\) has a point"):
+        model_of(
+            anchor(0, 0, 0),
+            "type: sphere, radius: 0.1, position: [0.15, 0, 0]",
+            "type: eyelet, position: [0.2, 0, 0]",
+            anchor(0.4, 0, 0),
+        )
