@@ -19,13 +19,20 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.commands.shared import run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.nodes.rig_declaring import declare_flag, declare_number, declare_text
-from cdrj_ros.nodes.spinning import OneLineParser, ros_context, spin_until_stopped, starting
+from cdrj_ros.nodes.spinning import (
+    OneLineParser,
+    add_supervised_option,
+    exit_code,
+    ros_context,
+    spin_until_stopped,
+    starting,
+)
 from cdrj_ros.report.scene import Scene, is_placed, scene_of, tension_colour
 from cdrj_ros.robot.description import Joint
 
@@ -227,20 +234,21 @@ def _rgba(colour: tuple[float, float, float], opacity: float) -> ColorRGBA:
 
 def _body(argv: Sequence[str]) -> int:
     arguments = ["markers", *argv]
+    parser = OneLineParser(
+        prog="markers",
+        usage="markers [--supervised] --ros-args -p robot:=FILE [-p NAME:=VALUE] ...",
+        description="The robot as markers for RViz. Topics in the namespace /cdrj: in tensions, "
+        "nodal_forces, joint_states; out markers (visualization_msgs/MarkerArray), while anybody "
+        "subscribes. Parameters: robot, frame_id, rate, labels, forces, force_scale.",
+    )
+    add_supervised_option(parser)
     with starting():
-        OneLineParser(
-            prog="markers",
-            usage="markers --ros-args -p robot:=FILE [-p NAME:=VALUE] ...",
-            description="The robot as markers for RViz. Topics in the namespace /cdrj: in "
-            "tensions, nodal_forces, joint_states; out markers (visualization_msgs/MarkerArray), "
-            "while anybody subscribes. Parameters: robot, frame_id, rate, labels, forces, "
-            "force_scale.",
-        ).parse_args(remove_ros_args(arguments)[1:])
+        own = parser.parse_args(remove_ros_args(arguments)[1:])
     with ros_context(arguments) as stop:
         with starting():
             node = MarkersNode()
         spin_until_stopped(node, stop)
-    return DONE
+    return exit_code("markers", stop, supervised=own.supervised)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 FILE = Path(__file__).parents[2] / "launch" / "estimator.launch.py"
+DEMO = FILE.with_name("demo.launch.py")
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PATIENCE_S = 120.0
 
@@ -39,7 +40,15 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
     }
     for module, names in (
         ("launch", ("LaunchContext", "LaunchDescription")),
-        ("launch.actions", ("DeclareLaunchArgument", "OpaqueFunction", "SetEnvironmentVariable")),
+        (
+            "launch.actions",
+            (
+                "DeclareLaunchArgument",
+                "ExecuteProcess",
+                "OpaqueFunction",
+                "SetEnvironmentVariable",
+            ),
+        ),
         ("launch_ros.actions", ("Node",)),
     ):
         for name in names:
@@ -48,8 +57,8 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "cdrj_ros", FILE.name])
 
-    def run(*argv: str) -> list[Any]:
-        space = runpy.run_path(str(FILE))
+    def run(*argv: str, file: Path = FILE) -> list[Any]:
+        space = runpy.run_path(str(file))
         (entities,) = space["generate_launch_description"]().given
         arguments = {one.name: one for one in entities if hasattr(one, "description")}
         given = dict(one.split(":=") for one in argv)
@@ -111,6 +120,33 @@ def test_an_unknown_argument_is_refused_with_the_nearest_known_one(
     # another launch file that includes this one has arguments of its own
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "my_robot", FILE.name])
     launched("robot:=r.yaml", "arm:=left")
+
+
+def test_the_demonstration_starts_rig_estimator_and_markers_of_one_robot(launched: Any) -> None:
+    estimator, rig, markers = launched("robot:=finger", file=DEMO)
+    assert [one.executable for one in (estimator, rig, markers)] == ["estimator", "rig", "markers"]
+    assert {one.parameters[0]["robot"] for one in (estimator, rig, markers)} == {"finger"}
+    assert rig.parameters[0]["motion"] == "sine"
+
+
+def test_the_demonstration_starts_a_controller_and_publishes_its_wish(launched: Any) -> None:
+    *nodes, controller, wish = launched("controller:=tension_limiter", "wish:=0.5", file=DEMO)
+    assert nodes[1].parameters[0]["motion"] == "none"
+    script = Path(controller.cmd[1])
+    assert script == DEMO.parents[1] / "examples" / "tension_limiter.py"
+    assert script.exists()
+    assert [Path(wish.cmd[1]).name, *wish.cmd[2:]] == ["wish.py", "velocity", "0.5"]
+    with pytest.raises(RuntimeError, match="wish needs a controller of tension_limiter"):
+        launched("wish:=0.5", file=DEMO)
+
+
+def test_the_demonstration_knows_every_controller_and_its_kind_of_wish(launched: Any) -> None:
+    examples = DEMO.parents[1] / "examples"
+    known = runpy.run_path(str(DEMO))["CONTROLLERS"]
+    between = [p for p in examples.glob("*.py") if "import Between" in p.read_text()]
+    assert sorted(name for name, kind in known.items() if kind) == sorted(p.stem for p in between)
+    for path in between:
+        assert f'"{path.stem}", "{known[path.stem]}",' in path.read_text()
 
 
 @pytest.mark.skipif(
