@@ -101,7 +101,7 @@ def test_a_file_that_is_cut_while_it_is_read_gives_what_comes_before(make, tmp_p
     assert "was cut while it was read" in notes
 
 
-def test_reading_a_long_recording_takes_little_more_than_what_it_holds(tmp_path):
+def test_reading_a_long_recording_takes_little_more_memory_than_its_data(tmp_path):
     count = 150_000
     stamps = np.arange(count, dtype=np.int64) * 1_000_000 + 1
     angles = np.random.default_rng(9).normal(size=(count, 1))
@@ -120,7 +120,9 @@ def test_reading_a_long_recording_takes_little_more_than_what_it_holds(tmp_path)
     assert peak < 2.25 * held
 
 
-def test_a_database_that_takes_more_steps_than_its_size_explains_is_left(tmp_path, monkeypatch):
+def test_a_database_that_takes_more_steps_than_its_size_justifies_is_abandoned(
+    tmp_path, monkeypatch
+):
     rows = ",".join(f"({i}, 1, {i}, {GOOD})" for i in range(1, 2000))
     path = database(tmp_path, f"{TOPICS}{MESSAGES} INSERT INTO messages VALUES {rows};")
     topics = Topics("/joint_states", "/joint_states", ())
@@ -133,7 +135,7 @@ def test_a_database_that_takes_more_steps_than_its_size_explains_is_left(tmp_pat
     assert any("is damaged (interrupted)" in note for note in read.notes)
 
 
-def test_rows_that_go_back_are_damage(tmp_path):
+def test_rows_whose_identifiers_do_not_increase_are_damage(tmp_path):
     path = database(
         tmp_path,
         f"{TOPICS} CREATE TABLE messages (id, topic_id, timestamp, data);"

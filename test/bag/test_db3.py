@@ -62,7 +62,7 @@ def test_a_sqlite3_file_that_is_cut_is_refused_by_name_and_size(folder):
             read_recording(file, ONE_TOPIC)
 
 
-def test_a_damaged_page_gives_what_comes_before_it_and_a_note(folder):
+def test_a_damaged_page_gives_the_messages_before_it_and_a_note(folder):
     (file,) = folder.glob("*.db3")
     content = bytearray(file.read_bytes())
     at = content.index(b"motor", len(content) // 2) // 4096 * 4096

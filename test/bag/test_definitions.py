@@ -7,7 +7,7 @@ from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.cdr import JOINT_STATE, TEXT, Field
 
 
-def test_nested_messages_are_written_out_flat():
+def test_nested_messages_are_flattened():
     text = (
         '# a comment\nHeader header  # another\nuint8 OK=0\nstring WORD = "a = b"\n'
         "Pair pair\nfloat32[3] fixed\nint16[<=4] bounded\nstring<=8[] words\nfloat64 half 0.5\n"
@@ -27,7 +27,7 @@ def test_nested_messages_are_written_out_flat():
     )
 
 
-def test_a_type_without_a_text_of_its_own_is_taken_as_ours():
+def test_for_a_type_without_an_embedded_definition_ours_is_used():
     assert message_type(JOINT_STATE.name, "ros2idl", "module sensor_msgs {}") == JOINT_STATE
     assert message_type(JOINT_STATE.name, "", "") == JOINT_STATE
 
@@ -42,7 +42,7 @@ def test_a_type_without_a_text_of_its_own_is_taken_as_ours():
         ("??? what", r"\?\?\?"),
     ],
 )
-def test_a_definition_that_cannot_be_placed_is_refused_by_its_line(text, word):
+def test_a_definition_that_cannot_be_parsed_is_refused_with_its_line(text, word):
     with pytest.raises(BagError, match=word):
         parse_definition("p/msg/Thing", text)
 
@@ -52,7 +52,7 @@ def test_an_unknown_type_without_a_text_is_refused():
         message_type("p/msg/Thing", "ros2idl", "")
 
 
-def test_short_names_of_types_are_understood():
+def test_short_names_of_types_are_accepted():
     assert long_name("sensor_msgs/JointState") == JOINT_STATE.name
     assert long_name(JOINT_STATE.name) == JOINT_STATE.name
     assert long_name("odd") == "odd"

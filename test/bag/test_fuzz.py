@@ -119,7 +119,7 @@ def test_no_damage_gives_more_than_one_clear_line(originals, tmp_path, damage, d
 
 @settings(max_examples=60, suppress_health_check=NOT_MEANT)
 @given(garbage=st.binary(max_size=300), head=st.sampled_from([b"", b"\x89MCAP0\r\n"]))
-def test_garbage_is_no_bag(tmp_path, garbage, head):
+def test_random_bytes_are_refused(tmp_path, garbage, head):
     path = tmp_path / "a.mcap"
     path.write_bytes(head + garbage)
     read_every_way(path)

@@ -43,7 +43,7 @@ def test_a_span_of_time_is_half_open(three_topics):
     assert found == sorted(t for topic, t, _ in everything if topic == "/t0" and 300 <= t < 550)
 
 
-def test_what_is_asked_for_is_checked_before_the_first_message(make, tmp_path, three_topics):
+def test_arguments_are_checked_before_the_first_message(make, tmp_path, three_topics):
     folder, _ = three_topics
     with pytest.raises(BagError, match=r"none of the topics /x, but /t0, /t1, /t2"):
         read_messages(folder, ["/x"])

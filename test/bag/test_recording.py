@@ -65,7 +65,7 @@ def test_motors_joints_and_efforts_may_share_one_topic(make, tmp_path, little_en
     )
 
 
-def test_names_may_change_their_order_and_number_midway(make, tmp_path):
+def test_names_may_change_their_order_and_number_within_a_recording(make, tmp_path):
     forms = [["motor", "joint"], ["joint", "motor"], ["motor"], ["idler", "motor", "joint"]]
     angle = {"motor": 1.0, "joint": -1.0, "idler": 7.0}
     messages = []
@@ -94,7 +94,7 @@ def test_messages_that_all_differ_in_layout_are_still_read(make, tmp_path):
     np.testing.assert_array_equal(read.motors["motor"].log_ns, np.arange(600))
 
 
-def test_a_frame_of_any_length_and_text_is_no_matter(make, tmp_path):
+def test_a_frame_id_of_any_length_and_text_is_accepted(make, tmp_path):
     messages = [
         (make.topic, i, make.joint_state(i + 1, ["motor"], [i], frame_id="x" * (i % 5) + str(i)))
         for i in range(200)
@@ -103,7 +103,7 @@ def test_a_frame_of_any_length_and_text_is_no_matter(make, tmp_path):
     np.testing.assert_array_equal(read.motors["motor"].value, np.arange(200))
 
 
-def test_values_that_are_no_numbers_are_kept(make, tmp_path):
+def test_values_that_are_not_finite_are_kept(make, tmp_path):
     odd = [np.nan, np.inf, -np.inf, -0.0, 5e-324]
     messages = [(make.topic, i, make.joint_state(9, ["m"], [v])) for i, v in enumerate(odd)]
     read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
@@ -154,7 +154,7 @@ def test_messages_come_in_order_of_log_time_and_keep_their_stamps(make, tmp_path
         assert place[a] < place[b]
 
 
-def test_log_time_stands_in_where_every_header_stamp_is_zero(make, tmp_path):
+def test_log_time_replaces_header_stamps_that_are_all_zero(make, tmp_path):
     for stamps, expected in (([0, 0, 0], [5, 6, 7]), ([0, 0, 3], [0, 0, 3])):
         messages = [
             (make.topic, 5 + i, make.joint_state(stamp, ["m"], [i]))
@@ -230,7 +230,7 @@ def test_messages_not_in_cdr_are_refused_by_their_encoding(make, tmp_path):
         read_recording(path, ONE_TOPIC)
 
 
-def test_a_definition_with_other_fields_is_followed(make, tmp_path):
+def test_a_definition_with_other_fields_is_used(make, tmp_path):
     from cdrj_ros.messages.cdr import Field, MessageType, Template
 
     header = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
@@ -283,7 +283,7 @@ def test_messages_of_the_second_version_of_cdr_are_named_with_what_to_do(make, t
     assert any("XCDR2" in note and "record again" in note for note in read.notes)
 
 
-def test_a_reference_that_is_no_measurement_is_left_out_with_a_note(tmp_path):
+def test_a_reference_that_is_not_a_measurement_is_left_out_with_a_note(tmp_path):
     t = np.arange(4) + 1
     tension = np.array([[1.0], [1e200], [-1e16], [2.0]])
     with BagWriter(tmp_path / "bag") as bag:
@@ -294,7 +294,7 @@ def test_a_reference_that_is_no_measurement_is_left_out_with_a_note(tmp_path):
     assert read.notes == ("tension/u/1: 2 values beyond 1e+15 were left out",)
 
 
-def test_names_that_a_terminal_would_obey_are_escaped(make, tmp_path):
+def test_control_characters_in_names_are_escaped(make, tmp_path):
     messages = [(make.topic, 1, make.joint_state(1, ["a\x1b[31m\nb"], [1]))]
     read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
     assert list(read.motors) == [r"a\x1b[31m\nb"]

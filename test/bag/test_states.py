@@ -94,7 +94,7 @@ def test_parts_are_joined_in_order_of_their_number(make, tmp_path, metadata):
 
 
 @pytest.mark.parametrize("text", ["", "{", "a: [1", "rosbag2_bagfile_information: 3", "- \0"])
-def test_metadata_that_is_none_is_noted_and_not_needed(make, tmp_path, text):
+def test_invalid_metadata_is_noted_and_not_needed(make, tmp_path, text):
     folder = split_bag(make, tmp_path / "bag", 3)
     (folder / "metadata.yaml").write_text(text)
     assert check_whole(folder) == ("metadata.yaml lists no files",)
@@ -117,7 +117,7 @@ def test_a_part_that_is_empty_is_noted_and_the_others_are_read(make, tmp_path):
     assert read.motors["motor"].value.size == COUNT * 2 // 3
 
 
-def test_of_several_recordings_in_a_folder_its_own_is_read(make, tmp_path):
+def test_of_several_recordings_in_a_folder_the_one_named_after_it_is_read(make, tmp_path):
     folder = split_bag(make, tmp_path / "bag", 2, metadata=False)
     make.mcap(folder / "other.mcap", make.swing(5))
     assert check_whole(folder) == (
@@ -140,7 +140,7 @@ def test_of_several_recordings_in_a_folder_its_own_is_read(make, tmp_path):
         (b"\x89MCAP0\r\n" + bytes(500), "has no topic /joint_states, but none"),
     ],
 )
-def test_files_that_are_no_bag_are_refused_by_name(tmp_path, content, word):
+def test_files_that_are_not_bags_are_refused_by_name(tmp_path, content, word):
     path = tmp_path / "a.mcap"
     path.write_bytes(content)
     with pytest.raises(BagError, match=word) as caught:
@@ -149,7 +149,7 @@ def test_files_that_are_no_bag_are_refused_by_name(tmp_path, content, word):
     assert "\n" not in str(caught.value)
 
 
-def test_folders_that_are_no_bag_are_refused_by_name(tmp_path):
+def test_folders_that_are_not_bags_are_refused_by_name(tmp_path):
     with pytest.raises(BagError, match=r"holds no \.mcap file"):
         read_recording(tmp_path)
     (tmp_path / "bag_0.db3").touch()
@@ -254,7 +254,7 @@ def test_a_chunk_that_fails_its_checksum_is_left_out_and_noted(make, tmp_path, c
     assert np.isin(values, np.arange(COUNT)).all()
 
 
-def test_any_byte_may_be_wrong_and_nothing_but_a_clear_error_comes(make, tmp_path):
+def test_any_wrong_byte_gives_messages_or_a_clear_error(make, tmp_path):
     content = make.mcap(tmp_path / "a.mcap", make.swing(12), chunk_size=500).read_bytes()
     path = tmp_path / "b.mcap"
     rng = np.random.default_rng(7)
@@ -270,7 +270,7 @@ def test_any_byte_may_be_wrong_and_nothing_but_a_clear_error_comes(make, tmp_pat
             assert "\n" not in attempt(read)[1]
 
 
-def test_message_records_too_short_to_be_one_are_passed_over(make, tmp_path):
+def test_message_records_that_are_too_short_are_skipped(make, tmp_path):
     messages = make.swing(1)
     path = make.mcap(tmp_path / "a.mcap", messages, chunked=False)
     content = bytearray(path.read_bytes())

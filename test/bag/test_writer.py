@@ -118,7 +118,7 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
         bag.close()
 
 
-def test_the_folder_appears_whole_or_not_at_all(tmp_path, monkeypatch):
+def test_the_folder_appears_complete_or_not_at_all(tmp_path, monkeypatch):
     path = tmp_path / "bag"
     seen = []
 
@@ -182,7 +182,7 @@ def test_nothing_is_left_behind_where_writing_fails(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_empty_bag_is_a_bag(tmp_path):
+def test_an_empty_bag_can_be_read(tmp_path):
     with BagWriter(tmp_path / "bag"):
         pass
     assert list_topics(tmp_path / "bag") == ()

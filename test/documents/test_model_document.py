@@ -81,11 +81,11 @@ def test_every_equation_has_a_function_and_every_function_an_equation() -> None:
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
-def test_every_equation_cited_in_the_code_stands_in_the_document(path: Path) -> None:
+def test_every_equation_cited_in_the_code_is_in_the_document(path: Path) -> None:
     assert equations(docstrings(path)) <= equations(DOCUMENT)
 
 
-def test_every_name_in_the_document_stands_in_the_code() -> None:
+def test_every_name_in_the_document_is_in_the_code() -> None:
     code = "\n".join(
         path.read_text(encoding="utf-8")
         for path in (ROOT / "cdrj_ros").rglob("*")

@@ -175,7 +175,7 @@ def sections() -> dict[str, str]:
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_the_effects_printed_are_those_computed(name: str) -> None:
+def test_the_printed_effects_are_the_computed_ones(name: str) -> None:
     printed = re.findall(r"\*\*(−?[0-9.]+)\*\*", sections()[name])
     computed = EFFECTS[name]()
     assert len(printed) == len(computed), (printed, computed)
@@ -193,7 +193,7 @@ def test_every_slip_of_the_table_has_its_section() -> None:
     assert set(EFFECTS) <= set(named)
 
 
-def test_the_source_gives_what_its_tables_say() -> None:
+def test_the_robot_file_has_the_values_of_tables_one_and_two() -> None:
     # the prototype file holds Tables I and II; its middle pose has pulley 6 half-way
     expected = table_wraps()
     expected[4] = radians(0.5 * (0.6 + 78.5))

@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 
 
-def test_the_robot_file_of_the_readme_is_a_possible_robot() -> None:
+def test_the_robot_file_of_the_readme_is_valid() -> None:
     (text,) = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
     model = prepare(parse_robot(text, "README.md"))
     assert model.layout.elements == ("flexor/1", "flexor/2")
@@ -79,7 +79,7 @@ def test_what_the_command_line_of_ros_runs_is_installed() -> None:
         assert (ROOT / folder / "package.xml").exists()
 
 
-def test_what_takes_minutes_is_at_least_understood() -> None:
+def test_long_commands_have_valid_options() -> None:
     (line,) = SLOW
     assert reproduce_parser().parse_args(line.split()[1:]).out == "figures"
 

@@ -72,7 +72,7 @@ def test_a_new_key_reaches_the_reference_with_unit_default_and_range(
     assert generator.updated(TEXT) != TEXT
 
 
-def test_the_first_robot_is_one_and_nothing_about_it_is_suspicious() -> None:
+def test_the_first_example_is_a_robot_without_suspicious_values() -> None:
     model = prepare(parse_robot(FIRST, "one_joint.yaml"))
     assert model.layout.elements == ("flexor/1", "flexor/2", "extensor/1", "extensor/2")
     inspection = inspect_robot(model)
@@ -83,14 +83,14 @@ def test_the_first_robot_is_one_and_nothing_about_it_is_suspicious() -> None:
     assert extensor.moment_arm[0].high == pytest.approx(-0.040)
 
 
-def test_a_wrong_sense_of_turning_is_suspicious() -> None:
+def test_a_wrong_sense_around_a_pulley_is_suspicious() -> None:
     wrong = FIRST.replace("[150, 60], turn: cw", "[150, 60], turn: ccw")
     assert wrong != FIRST
     found = find_suspicions(inspect_robot(prepare(parse_robot(wrong))))
     assert any(one.where == "flexor/2" and "other way round" in one.text for one in found)
 
 
-def test_the_spans_shown_are_spans() -> None:
+def test_the_spans_of_the_second_example_can_be_read() -> None:
     text = f"""
 name: shown
 motors: [{{name: m}}]
@@ -123,12 +123,14 @@ MISTAKES = re.findall(
 )
 
 
-def test_there_are_mistakes_to_learn_from() -> None:
+def test_the_document_has_enough_mistakes() -> None:
     assert len(MISTAKES) >= 8
 
 
 @pytest.mark.parametrize(("given", "changed", "answer"), MISTAKES, ids=lambda text: text[:30])
-def test_a_mistake_is_answered_as_the_document_says(given: str, changed: str, answer: str) -> None:
+def test_the_error_for_a_mistake_is_the_one_in_the_document(
+    given: str, changed: str, answer: str
+) -> None:
     assert given in FIRST
     with pytest.raises(RobotFileError) as error:
         prepare(parse_robot(FIRST.replace(given, changed, 1), "one_joint.yaml"))

@@ -28,7 +28,7 @@ def test_a_new_file_has_the_permissions_of_any_new_file(tmp_path: Path) -> None:
     assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
 
 
-def test_a_link_goes_on_pointing_to_what_is_written(tmp_path: Path) -> None:
+def test_a_link_is_kept_and_its_target_is_written(tmp_path: Path) -> None:
     (tmp_path / "real").write_text("old")
     (tmp_path / "link").symlink_to("real")
     write_text(tmp_path / "link", "new")
@@ -63,7 +63,7 @@ def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path: Path) -
         ({"--out": "missing/a"}, "--out missing/a: there is no folder missing"),
     ],
 )
-def test_outputs_that_cannot_be_are_refused_before_any_work(
+def test_impossible_outputs_are_refused_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, outputs: dict[str, str], words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -75,7 +75,7 @@ def test_outputs_that_cannot_be_are_refused_before_any_work(
         check_outputs(outputs, ["robot.yaml", "bag"])
 
 
-def test_outputs_beside_the_inputs_are_fine(
+def test_outputs_beside_the_inputs_are_accepted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -83,7 +83,7 @@ def test_outputs_beside_the_inputs_are_fine(
     check_outputs({"--json": "a.json", "--html": None}, ["robot.yaml"])
 
 
-def test_what_is_no_file_is_written_to_and_not_replaced(tmp_path: Path) -> None:
+def test_a_pipe_is_written_to_and_not_replaced(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)

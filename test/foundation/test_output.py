@@ -32,7 +32,7 @@ def closed() -> TextIO:
 
 
 @pytest.mark.parametrize("make", [full, without_reader, closed, lambda: None])
-def test_a_command_ends_as_it_would_with_a_reader(
+def test_a_failure_of_standard_output_does_not_change_the_exit_code(
     make: object, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     done = []
@@ -73,7 +73,7 @@ def test_streams_are_restored(capsys: pytest.CaptureFixture[str]) -> None:
     assert (sys.stdout, sys.stderr) == before
 
 
-def test_an_escape_in_a_name_is_shown_and_not_obeyed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_control_characters_in_output_are_escaped(capsys: pytest.CaptureFixture[str]) -> None:
     say("bag \x1b[2J\r\x9b31m of\nyesterday")
     assert capsys.readouterr().out == "bag \\x1b[2J\\r\\x9b31m of\nyesterday\n"
 
@@ -82,7 +82,7 @@ NASTY = "\x1b[31mbag\nof two lines"
 
 
 @pytest.mark.parametrize("error", [BagError(NASTY), OSError(2, "gone", NASTY)])
-def test_an_error_is_one_line_whatever_the_names_in_it(
+def test_an_error_is_one_line_for_any_names_in_it(
     error: Exception, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def body(_: object) -> int:

@@ -28,7 +28,7 @@ BOMBS = {
     "brackets": "[" * 20_000,
     "closed brackets": "[" * 20_000 + "]" * 20_000,
     "block sequence": "- " * 20_000,
-    "a list that holds itself": "&a [*a]",
+    "a list that contains itself": "&a [*a]",
     "a merge of itself": "&a {<<: *a}",
     "depth by aliases": "\n".join(
         ["a0: &a0 [x]"] + [f"a{k}: &a{k} [*a{k - 1}]" for k in range(1, 500)]
@@ -40,7 +40,7 @@ BOMBS = {
 
 
 @pytest.mark.parametrize("name", BOMBS)
-def test_a_text_that_stands_for_too_much_is_refused_in_one_line(name):
+def test_a_text_that_expands_too_far_is_refused_in_one_line(name):
     tracemalloc.start()
     try:
         with pytest.raises(YamlError, match=r"^robot\.yaml ") as caught:

@@ -34,13 +34,13 @@ def test_coinciding_stamps_leave_every_bit_of_the_estimate() -> None:
     assert channel.estimate[at].tobytes() == values[chosen].tobytes()
 
 
-def test_between_estimates_lies_the_straight_line_at_any_epoch() -> None:
+def test_between_estimates_interpolation_is_linear_at_any_epoch() -> None:
     stamps = EPOCH_NS + np.array([0, 10, 20], dtype=np.int64)
     channel = one(stamps, [0.0, 1.0, -1.0], (EPOCH_NS + np.array([1, 7, 15]), np.zeros(3)))
     np.testing.assert_allclose(channel.estimate, [0.1, 0.7, 0.0], atol=1e-15)
 
 
-def test_a_line_is_followed_exactly_enough_through_uneven_stamps() -> None:
+def test_a_line_with_uneven_stamps_is_interpolated_without_error() -> None:
     random = np.random.default_rng(2)
     stamps = EPOCH_NS + np.cumsum(random.integers(1, 1000, 500))
     wanted = np.unique(random.integers(int(stamps[0]), int(stamps[-1]), 2000))
@@ -136,7 +136,7 @@ def test_a_bag_counts_what_was_refused_and_what_was_left_out() -> None:
     assert any("effort/spindle" in note for note in bag.notes)
 
 
-def test_the_angle_comes_along_where_it_is_known() -> None:
+def test_the_angle_is_added_where_it_is_known() -> None:
     stamps = np.array([0, 10, 20, 30, 100])
     rolling = Angle("rolling", np.array([10, 20, 90]), np.array([1.0, 2.0, 9.0]))
     reference = {NAME: (stamps, np.zeros(5)), "effort/spindle": (stamps, np.zeros(5))}

@@ -36,7 +36,7 @@ def judged(text: str, *bags: BagComparison) -> list[tuple[str, str, str, float |
     return [(o.where, o.channel, o.figure, o.value, o.bound) for o in judgement.outside]
 
 
-def test_what_is_within_its_limits_is_counted_and_nothing_else_is_said() -> None:
+def test_figures_within_their_limits_are_only_counted() -> None:
     judgement = judge(
         parse_limits("channels: {tension/*: {rmse: {max: 0.5}, r2: {min: 0.5, max: 1}}}", "f"),
         errors_of([bag()]),
@@ -45,7 +45,7 @@ def test_what_is_within_its_limits_is_counted_and_nothing_else_is_said() -> None
     assert judgement.outside == ()
 
 
-def test_what_is_outside_is_named_with_its_bound_and_by_how_much() -> None:
+def test_a_figure_outside_is_named_with_its_bound_and_excess() -> None:
     limits = parse_limits("channels: {tension/upper/?: {rmse: {max: 0.15}}}", "f")
     (outside,) = judge(limits, errors_of([bag()])).outside
     assert (outside.channel, outside.figure, outside.least) == ("tension/upper/2", "rmse", False)
@@ -106,7 +106,7 @@ def test_recordings_are_judged_together_and_on_request_each_by_itself() -> None:
         ("", ["the file must be a mapping"]),
     ],
 )
-def test_what_makes_no_sense_is_refused_by_the_path_of_its_key(
+def test_invalid_limits_are_refused_with_the_path_of_the_key(
     text: str, words: list[str], tmp_path: Path
 ) -> None:
     path = tmp_path / "limits.yaml"

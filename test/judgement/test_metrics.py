@@ -73,17 +73,17 @@ def test_figures_are_ordered_as_means_must_be() -> None:
     assert error.mean_abs_error <= error.rmse <= error.max_abs_error
 
 
-def test_relative_error_leaves_out_what_is_close_to_zero() -> None:
+def test_relative_error_leaves_out_references_close_to_zero() -> None:
     reference = np.array([100.0, 100.0 * MINIMUM_SHARE, 0.9 * 100.0 * MINIMUM_SHARE, 0.0])
     error = channel_error(reference + np.array([1.0, 0.5, 50.0, 50.0]), reference)
     assert error.mean_relative_error == pytest.approx((0.01 + 0.5) / 2)
 
 
-def test_what_cannot_be_said_is_none() -> None:
+def test_undefined_figures_are_none() -> None:
     assert channel_error([], []) == NO_SAMPLES
     assert channel_error([1.0], [2.0]).r2 is None
     assert channel_error([1.0, 2.0], [0.0, 0.0]).mean_relative_error is None
-    # The mean of these equal numbers is not one of them in floating point.
+    # In floating point the mean of these equal numbers differs from them.
     assert channel_error(np.zeros(10), np.full(10, 0.1)).r2 is None
 
 
@@ -123,7 +123,7 @@ def test_pooling_keeps_channels_that_only_one_recording_has() -> None:
     assert list(pooled_errors(bags)) == ["tension/upper/1", "effort/spindle"]
 
 
-def test_channels_count_alike_in_their_mean_and_the_worst_stays_the_worst() -> None:
+def test_channels_have_equal_weight_in_the_mean_and_the_maximum_is_kept() -> None:
     overall = mean_over_channels(
         [
             ChannelError(1000, 1.0, 0.1, 2.0, 5.0, 0.9),
@@ -137,7 +137,7 @@ def test_channels_count_alike_in_their_mean_and_the_worst_stays_the_worst() -> N
     assert mean_over_channels([]) == NO_SAMPLES
 
 
-def test_errors_at_reversals_are_told_apart_from_the_rest() -> None:
+def test_errors_at_reversals_are_separate_from_the_others() -> None:
     reversal = np.array([True, False, False, True])
     error = channel_error([2.0, 3.0, 3.0, 5.0], [1.0, 3.0, 4.0, 2.0], reversal=reversal)
     assert error.reversal_error == pytest.approx(2.0)
@@ -148,15 +148,15 @@ def test_errors_at_reversals_are_told_apart_from_the_rest() -> None:
     assert channel_error([2.0], [1.0]).smooth_error is None
 
 
-def test_coverage_of_an_honest_normal_estimate_is_that_of_two_sigmas() -> None:
+def test_coverage_of_a_normal_estimate_with_correct_deviations_is_that_of_two_sigmas() -> None:
     random = np.random.default_rng(8)
     stddev = random.uniform(0.1, 3.0, 200_000)
     reference = random.normal(20.0, 5.0, 200_000)
     estimate = reference + stddev * random.normal(size=200_000)
     coverage = channel_error(estimate, reference, stddev=stddev).coverage
     assert coverage == pytest.approx(0.9545, abs=0.002)
-    boastful = channel_error(estimate, reference, stddev=0.5 * stddev).coverage
-    assert boastful == pytest.approx(0.6827, abs=0.004)
+    too_small = channel_error(estimate, reference, stddev=0.5 * stddev).coverage
+    assert too_small == pytest.approx(0.6827, abs=0.004)
 
 
 def test_coverage_counts_only_samples_whose_deviation_is_known() -> None:
@@ -166,7 +166,7 @@ def test_coverage_counts_only_samples_whose_deviation_is_known() -> None:
     assert channel_error([1.0], [1.0], stddev=[0.0]).coverage == 1.0
 
 
-def test_what_one_recording_cannot_tell_the_pool_does_not_tell() -> None:
+def test_a_figure_unknown_for_one_recording_is_unknown_for_the_pool() -> None:
     plain = channel("tension/a/1", np.ones(3), np.ones(3))
     told = replace(plain, stddev=np.ones(3), reversal=np.ones(3, np.bool_))
     bags = [BagComparison("a", 1.0, (one,)) for one in (plain, told)]

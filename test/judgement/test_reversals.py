@@ -22,7 +22,7 @@ def swing(periods: float, frequency: float = 0.5) -> tuple[np.ndarray, np.ndarra
     return stamps, np.sin(2 * np.pi * frequency * time)
 
 
-def test_a_zone_lasts_until_the_motion_has_taken_up_its_share() -> None:
+def test_a_zone_lasts_for_a_fixed_share_of_the_stroke() -> None:
     stamps, angle = swing(3.0)
     zones = reversal_zones(stamps, [angle])
     assert zones.shape == (6, 2)
@@ -34,7 +34,7 @@ def test_a_zone_lasts_until_the_motion_has_taken_up_its_share() -> None:
         assert end == pytest.approx(turn + taken_up, abs=2 * STEP_NS)
 
 
-def test_motors_and_joints_each_have_their_zones_and_those_that_touch_are_one() -> None:
+def test_overlapping_zones_of_motors_and_joints_are_merged() -> None:
     stamps, angle = swing(3.0)
     late = np.roll(angle, 150)
     both = reversal_zones(stamps, [angle, late])
@@ -47,20 +47,20 @@ def test_motors_and_joints_each_have_their_zones_and_those_that_touch_are_one() 
 
 
 @pytest.mark.parametrize("angle", [np.zeros(500), np.linspace(0.0, 1.0, 500), np.zeros(1)])
-def test_what_does_not_turn_has_no_zone(angle: np.ndarray) -> None:
+def test_a_motion_without_reversal_has_no_zone(angle: np.ndarray) -> None:
     stamps = np.arange(len(angle), dtype=np.int64) * STEP_NS
     zones = reversal_zones(stamps, [angle])
     assert zones.shape == (0, 2)
     assert not within(zones, stamps).any()
 
 
-def test_noise_is_no_reversal() -> None:
+def test_noise_is_not_a_reversal() -> None:
     stamps, angle = swing(3.0)
     noisy = angle + 1e-3 * np.random.default_rng(2).normal(size=len(angle))
     assert len(reversal_zones(stamps, [noisy])) == 6
 
 
-def test_a_clock_that_goes_back_for_good_is_a_reset_and_a_wild_stamp_is_none() -> None:
+def test_a_clock_that_stays_back_is_a_reset_and_a_single_wrong_stamp_is_not() -> None:
     passing = np.arange(100, dtype=np.int64) * 100_000_000
     assert clock_resets(passing).tolist() == []
     assert clock_resets(np.concatenate([passing] * 3)).tolist() == [100, 200]

@@ -89,7 +89,7 @@ def test_many_messages_at_once_are_the_same_as_one_by_one(data, stamps, names):
 
 
 @given(st.binary(max_size=200))
-def test_bytes_that_are_no_message_are_refused_with_a_reason(payload):
+def test_bytes_that_are_not_a_message_are_refused_with_a_reason(payload):
     for start in (b"", b"\0\1\0\0", b"\0\0\0\0"):
         with pytest.raises(MessageError, match=r"\w"):
             JointStateDecoder()(start + payload[:15])
@@ -110,7 +110,7 @@ def test_a_damaged_payload_is_decoded_or_refused_but_never_crashes(make, data, l
     assert len(found_names) == len(position)
 
 
-def test_a_payload_cut_anywhere_is_refused(make):
+def test_a_payload_truncated_anywhere_is_refused(make):
     payload = make.joint_state(5, ["a", "bc"], [1, 2], [3, 4], [5, 6], frame_id="base")
     decode = JointStateDecoder()
     decode(payload)
@@ -146,12 +146,12 @@ def test_an_encapsulation_that_is_not_plain_cdr_is_refused_by_its_bytes(make):
         JointStateDecoder()(b"\0\7\0\0" + payload[4:])
 
 
-def test_bytes_behind_the_last_field_are_allowed(make):
+def test_bytes_after_the_last_field_are_allowed(make):
     payload = make.joint_state(7, ["a"], [1.5])
     assert JointStateDecoder()(payload + b"\0\0")[2] == [1.5]
 
 
-def test_padding_may_hold_anything(make):
+def test_padding_may_have_any_content(make):
     payload = bytearray(make.joint_state(7, ["a"], [1.5]))
     layout = read_layout(bytes(payload), JOINT_STATE.fields)
     ranges = list(layout.fixed) + [
@@ -191,7 +191,7 @@ def test_the_fields_written_here_are_those_of_the_definition(message):
     assert parse_definition(message.name, own_definition(message.name).text) == message
 
 
-def test_a_template_says_what_it_takes():
+def test_a_template_refuses_other_arrays_and_names_its_own():
     template = Template(CABLE_TENSIONS, ["upper/1", "upper/2"])
     good = {"tension": [1, 2], "stddev": [0, 0], "status": [0, 0]}
     template.encode(0, **good)

@@ -85,7 +85,7 @@ def test_plotjuggler_finds_every_curve() -> None:
     assert set(topics.attrib["value"].split(";")) == set(MESSAGES)
 
 
-def test_foxglove_finds_every_path_and_labels_it_rightly() -> None:
+def test_foxglove_finds_every_path_and_its_labels_are_correct() -> None:
     document = json.loads((FOLDER / "foxglove_prototype.json").read_text())
     panels = document["configById"]
     assert sorted(panels_of(document["layout"])) == sorted(panels)
@@ -113,7 +113,7 @@ def test_every_layout_is_what_the_tool_writes_except_that_of_rviz() -> None:
 @pytest.mark.parametrize(
     "name", ["/cdrj/tension/tension[0]", "/cdrj/tensions/force[0]", "/cdrj/tensions/tension[16]"]
 )
-def test_what_does_not_exist_would_be_found_out(name: str) -> None:
+def test_a_path_that_does_not_exist_is_detected(name: str) -> None:
     with pytest.raises((AssertionError, KeyError, IndexError)):
         curve_of_plotjuggler(name)
 

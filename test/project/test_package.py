@@ -29,7 +29,7 @@ def test_every_requirement_is_pinned(name: str) -> None:
     assert requirement_names(ROOT / "requirements" / f"{name}.txt") <= pinned
 
 
-def test_both_messages_have_the_same_status_flags_each_a_bit_of_its_own() -> None:
+def test_both_messages_have_the_same_status_flags_of_one_bit_each() -> None:
     flags = [
         dict(
             re.findall(r"^uint8 (\w+)=(\d+)$", (MESSAGES / "msg" / name).read_text(), re.MULTILINE)

@@ -1,4 +1,4 @@
-"""The map of rooms in CONTRIBUTING.md is the tree: doors, imports, tests; only nodes need ROS."""
+"""The list of rooms in CONTRIBUTING.md agrees with the packages; only nodes need ROS."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-def test_every_room_is_on_the_map_and_nothing_stands_in_the_corridor() -> None:
+def test_every_room_is_listed_and_no_module_is_outside_a_room() -> None:
     found = {
         path.name.removesuffix(".py")
         for path in PACKAGE.iterdir()
@@ -69,17 +69,17 @@ def test_every_room_is_on_the_map_and_nothing_stands_in_the_corridor() -> None:
 
 
 @pytest.mark.parametrize("room", sorted(ROOMS))
-def test_the_door_of_a_room_says_what_the_map_says(room: str) -> None:
+def test_the_docstring_of_a_room_is_its_description_in_the_list(room: str) -> None:
     door = ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text()))
     assert door is not None
     assert " ".join(door.split("\n\n")[0].split()) == ROOMS[room][0]
 
 
-def test_the_map_has_no_circle() -> None:
+def test_the_allowed_imports_have_no_cycle() -> None:
     above = {room: may_import(room) - {room} for room in ROOMS}
     while above:
         ground = {room for room, below in above.items() if not below & set(above)}
-        assert ground, f"a circle among {sorted(above)}"
+        assert ground, f"a cycle among {sorted(above)}"
         above = {room: below for room, below in above.items() if room not in ground}
 
 

@@ -105,7 +105,7 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Installation:
     return Installation(wheel, folder, work / "elsewhere")
 
 
-def test_the_wheel_brings_the_commands_and_asks_for_what_they_import(
+def test_the_wheel_contains_the_commands_and_requires_what_they_import(
     installation: Installation,
 ) -> None:
     with zipfile.ZipFile(installation.wheel) as archive:
@@ -126,7 +126,7 @@ def test_the_wheel_brings_the_commands_and_asks_for_what_they_import(
     assert not {"estimator", "markers", "replay", "watch"} & scripts
 
 
-def test_every_command_is_loaded_and_explains_itself_without_ros(
+def test_every_command_loads_and_prints_its_help_without_ros(
     installation: Installation,
 ) -> None:
     """All commands run in one process, because they share most imports."""
@@ -145,7 +145,7 @@ def test_every_command_is_loaded_and_explains_itself_without_ros(
     ]
 
 
-def test_ros_is_really_out_of_reach(installation: Installation) -> None:
+def test_ros_cannot_be_imported(installation: Installation) -> None:
     process = installation.start("python", "-c", "import cdrj_ros.nodes.estimator")
     output, _ = process.communicate()
     assert process.returncode != 0
@@ -177,7 +177,7 @@ def test_the_installed_library_reads_the_sample_bag_and_knows_its_messages(
     assert "float64[] slip_speed" in output
 
 
-def test_the_citation_names_this_version_and_the_source_of_the_model() -> None:
+def test_the_citation_has_this_version_and_the_source_of_the_model() -> None:
     """Check only the parts that change; the file was validated with JSON schema version 1.2.0."""
     citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text())
     assert {"cff-version", "message", "title", "authors"} <= set(citation)  # the required ones

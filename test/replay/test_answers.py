@@ -113,7 +113,7 @@ def test_one_topic_missing_makes_the_estimate_lost(bench: Bench) -> None:
     assert bench.run.finish().tally == Tally(sent=4, expected=2, received=1, lost=1)
 
 
-def test_what_is_silent_too_long_is_given_up_and_may_still_come_late(bench: Bench) -> None:
+def test_an_answer_missing_for_too_long_is_lost_but_may_still_come_late(bench: Bench) -> None:
     bench.send(0, 1)
     now = bench.run.heard_s + 1e9
     assert bench.run.give_up_stalled(0.0) == 0
@@ -123,14 +123,14 @@ def test_what_is_silent_too_long_is_given_up_and_may_still_come_late(bench: Benc
     assert bench.run.tally() == Tally(sent=4, expected=2, received=1, lost=1, late=1)
 
 
-def test_an_answer_that_nothing_asked_for_is_strange(bench: Bench) -> None:
+def test_an_answer_without_an_input_is_counted_as_strange(bench: Bench) -> None:
     bench.send(0, 1)
     bench.answer(77)
     assert bench.run.tally().strange == 3
     assert bench.run.tally().received == 0
 
 
-def test_the_last_answer_said_again_while_paused_is_nothing_new(bench: Bench) -> None:
+def test_the_last_answer_repeated_while_paused_is_not_counted(bench: Bench) -> None:
     bench.send(0, 1)
     bench.answer(0, 0, 0)
     assert bench.run.tally() == Tally(sent=4, expected=2, received=1)
@@ -193,7 +193,7 @@ def test_equal_passes_do_not_differ_and_are_counted(model: Model) -> None:
     assert outcome.notes() == ()
 
 
-def test_a_pass_that_differs_is_said(model: Model) -> None:
+def test_a_pass_that_differs_is_noted(model: Model) -> None:
     outcome = _heard(model, range(5))
     again = Bench(model)
     again._estimate = again._estimate._replace(values=again._estimate.values + 0.25)
@@ -204,7 +204,7 @@ def test_a_pass_that_differs_is_said(model: Model) -> None:
     assert any("should be identical" in note for note in outcome.notes())
 
 
-def test_where_runs_overlap_the_later_counts(model: Model) -> None:
+def test_where_runs_overlap_the_later_one_counts(model: Model) -> None:
     outcome = _heard(model, range(5))
     again = Bench(model)
     again._estimate = again._estimate._replace(values=again._estimate.values + 1.0)

@@ -29,7 +29,7 @@ def controls() -> Controls:
     return controls
 
 
-def test_without_a_playback_every_key_but_quit_says_so() -> None:
+def test_without_a_playback_every_key_but_quit_reports_that_nothing_is_played() -> None:
     for key in (" ", "n", "right", "+", "up", "-", "down", "f", "left", "[", "]"):
         assert Controls().press(key) == IDLE
 
@@ -60,26 +60,26 @@ def test_a_step_is_refused_while_playing(controls: Controls) -> None:
     assert "pause first" in words
 
 
-def test_a_seek_beyond_the_end_says_so(controls: Controls) -> None:
+def test_a_seek_beyond_the_end_is_limited_and_reported(controls: Controls) -> None:
     done, words = controls.seek(99.0)
     assert done
     assert words.startswith("moved to 30.000 s of 30.000 s (there is no more on that side)")
 
 
-def test_a_seek_back_is_from_where_it_is(controls: Controls) -> None:
+def test_a_seek_back_is_relative_to_the_current_position(controls: Controls) -> None:
     controls.seek(25.0)
     assert "moved to 15.000 s" in controls.seek(-10.0, relative=True).words
 
 
 @pytest.mark.parametrize("offset", [float("nan"), float("inf"), 1e12])
-def test_a_seek_to_nowhere_is_refused(controls: Controls, offset: float) -> None:
+def test_a_seek_to_an_invalid_offset_is_refused(controls: Controls, offset: float) -> None:
     assert not controls.seek(offset).done
     assert controls.playback is not None
     assert not controls.playback.sought
 
 
 @pytest.mark.parametrize("rate", [-1.0, float("nan"), 1e9])
-def test_a_rate_that_makes_no_sense_is_refused_in_words(controls: Controls, rate: float) -> None:
+def test_an_invalid_rate_is_refused_with_a_reason(controls: Controls, rate: float) -> None:
     done, words = controls.set_rate(rate)
     assert not done
     assert "rate must be in" in words
@@ -136,7 +136,7 @@ def test_an_arrow_key_that_comes_in_two_parts_is_one_key(terminal: tuple[int, in
         assert keyboard.read() == ["right"]
 
 
-def test_the_terminal_is_given_back_as_it_was_even_after_an_error(
+def test_the_terminal_is_restored_even_after_an_error(
     terminal: tuple[int, int],
 ) -> None:
     _, screen = terminal
@@ -154,7 +154,7 @@ def test_the_terminal_is_given_back_as_it_was_even_after_an_error(
     assert termios.tcgetattr(screen) == before
 
 
-def test_what_is_no_terminal_is_left_alone() -> None:
+def test_a_pipe_is_not_read_as_a_keyboard() -> None:
     reader, writer = os.pipe()
     keyboard = Keyboard(reader)
     os.write(writer, b"q")

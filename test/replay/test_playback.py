@@ -58,7 +58,7 @@ def test_as_fast_as_possible_does_not_look_at_the_time() -> None:
     assert playback.ended
 
 
-def test_the_time_stands_still_while_paused() -> None:
+def test_the_position_does_not_advance_while_paused() -> None:
     playback = _playing([0, 1 * S, 2 * S])
     playback.take(0.0, 10)
     playback.pause(0.4)
@@ -70,7 +70,7 @@ def test_the_time_stands_still_while_paused() -> None:
     assert _numbers(playback.take(100.601, 10)) == [1]
 
 
-def test_a_change_of_rate_does_not_move_the_time() -> None:
+def test_a_change_of_rate_does_not_change_the_position() -> None:
     playback = _playing([0, 10 * S])
     playback.take(0.0, 10)
     playback.set_rate(10.0, 2.0)
@@ -153,7 +153,7 @@ def test_every_pass_is_the_same() -> None:
     assert _numbers(playback.take(7.0, 10)) == first
 
 
-def test_it_says_how_late_messages_were_taken() -> None:
+def test_the_delay_of_taken_messages_is_reported() -> None:
     playback = _playing([0, 1 * S], rate=2.0)
     playback.take(0.0, 10)
     playback.take(0.75, 10)
@@ -161,7 +161,7 @@ def test_it_says_how_late_messages_were_taken() -> None:
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), inf, MIN_RATE / 2, MAX_RATE * 2])
-def test_a_rate_that_makes_no_sense_is_refused_and_the_old_one_stays(rate: float) -> None:
+def test_an_invalid_rate_is_refused_and_the_old_one_stays(rate: float) -> None:
     playback = _playing([0, 1 * S])
     with pytest.raises(UsageError, match="rate must be in"):
         playback.set_rate(rate, 0.0)
@@ -208,7 +208,7 @@ def _play_out(playback: Playback, now: float, at_most: int) -> list[int]:
 
 @settings(max_examples=150)
 @given(TIMES, st.lists(ACTIONS, max_size=30), st.integers(1, 20))
-def test_whatever_is_asked_for_no_message_is_lost_repeated_or_out_of_order(
+def test_after_any_requests_no_message_is_lost_repeated_or_out_of_order(
     times: list[int], actions: list[tuple[str, float | None]], at_most: int
 ) -> None:
     playback, now = _playing(times), 0.0

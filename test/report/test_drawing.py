@@ -120,9 +120,7 @@ def test_every_robot_is_drawn_with_its_names_and_numbers(
 
 
 @pytest.mark.parametrize("name", PLACED)
-def test_element_numbers_do_not_lie_on_each_other(
-    name: str, inspections: dict[str, Inspection]
-) -> None:
+def test_element_numbers_do_not_overlap(name: str, inspections: dict[str, Inspection]) -> None:
     figure = draw_robot(inspections[name])
     figure.draw_without_rendering()
     (axes,) = figure.axes
@@ -137,7 +135,7 @@ def test_element_numbers_do_not_lie_on_each_other(
     assert apart[~np.eye(len(places), dtype=bool)].min() > 9.0
 
 
-def test_a_picture_has_the_size_that_was_asked_for(inspections: dict[str, Inspection]) -> None:
+def test_a_picture_has_the_requested_size(inspections: dict[str, Inspection]) -> None:
     figure = draw_robot(inspections["finger"], (390.0, 300.0))
     np.testing.assert_allclose(72.0 * figure.get_size_inches(), [390.0, 300.0])
 
@@ -159,7 +157,7 @@ def test_a_robot_of_both_kinds_shows_both() -> None:
     assert "85.9°" in found
 
 
-def test_cables_have_colours_that_can_be_told_apart(inspections: dict[str, Inspection]) -> None:
+def test_cables_have_distinguishable_colours(inspections: dict[str, Inspection]) -> None:
     (axes,) = draw_robot(inspections["parallel"]).axes
     legend = axes.get_legend()
     assert legend is not None

@@ -91,11 +91,11 @@ def test_every_channel_has_its_three_pictures(page: str, comparison: BagComparis
     assert page.count("<svg") == 3 * len(comparison.channels)
 
 
-def test_the_page_asks_nothing_of_the_network(page: str) -> None:
+def test_the_page_makes_no_network_requests(page: str) -> None:
     assert not re.search(r"https?:|src=|@import|<script|<link|url\((?!#)", page)
 
 
-def test_the_page_is_well_formed_and_its_links_lead_somewhere(page: str) -> None:
+def test_the_page_is_well_formed_and_the_targets_of_its_links_exist(page: str) -> None:
     parser = Strict()
     parser.feed(page)
     parser.close()
@@ -103,7 +103,7 @@ def test_the_page_is_well_formed_and_its_links_lead_somewhere(page: str) -> None
     assert {link.lstrip("#") for link in parser.links} <= parser.ids
 
 
-def test_the_telling_channels_stand_open_and_the_rest_is_folded(page: str) -> None:
+def test_the_key_channels_are_shown_and_the_others_are_collapsed(page: str) -> None:
     folded = page.index("<details>")
     for name in ("tension/upper/8", "nodal_force/lower/3", "effort/spindle"):
         assert page.index(f">{name} <") < folded
@@ -112,7 +112,7 @@ def test_the_telling_channels_stand_open_and_the_rest_is_folded(page: str) -> No
     assert page.index("tension/upper/8 <") < page.index("nodal_force/upper/3 <")
 
 
-def test_what_is_folded_is_printed_without_a_script(page: str) -> None:
+def test_collapsed_sections_are_printed_without_a_script(page: str) -> None:
     assert "<script" not in page
     style = page[page.index("<style>") : page.index("</style>")]
     paper = style[style.index("@media print") : style.index("@supports")]
@@ -122,15 +122,17 @@ def test_what_is_folded_is_printed_without_a_script(page: str) -> None:
     assert "::details-content" not in style[: style.index("@media print")]
 
 
-def test_a_browser_that_cannot_print_what_is_folded_says_so_on_paper(page: str) -> None:
+def test_where_the_browser_cannot_print_collapsed_sections_the_paper_has_a_notice(
+    page: str,
+) -> None:
     style = page[page.index("<style>") : page.index("</style>")]
     lacking = style[style.index("@supports not selector(::details-content)") :]
     assert re.search(r"@media print \{\s*details:not\(\[open\]\) > summary::after", lacking)
-    # every fold has a summary that shows the notice
+    # every collapsed section has a summary that shows the notice
     assert page.count("<details>") == page.count("<details><summary>") > 0
 
 
-def test_names_from_outside_are_text_and_nothing_else(tmp_path: Path) -> None:
+def test_names_from_the_inputs_are_escaped(tmp_path: Path) -> None:
     nasty = '<script>alert("x")</script>&$title$'
     stamps = np.arange(500, dtype=np.int64) * 1_000_000
     values = np.sin(stamps * 1e-8)
@@ -169,11 +171,11 @@ def test_channels_that_do_not_fit_are_named_but_not_drawn(
     assert text.count("Not drawn, to keep the page small.") > 40
     for channel in comparison.channels:
         assert f">{channel.name} <" in text
-    # pictures of both recordings are drawn before those of folded channels
+    # pictures of both recordings are drawn before those of collapsed channels
     assert text.count("<svg") >= 6
 
 
-def test_the_last_sample_of_a_spike_is_in_the_picture(tmp_path: Path) -> None:
+def test_a_spike_of_one_sample_is_in_the_picture(tmp_path: Path) -> None:
     n = 100_000
     stamps = np.arange(n, dtype=np.int64) * 1_000_000
     flat = np.full(n, 10.0)
@@ -185,7 +187,7 @@ def test_the_last_sample_of_a_spike_is_in_the_picture(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3])
-def test_hardly_any_samples_make_a_page_all_the_same(tmp_path: Path, n: int) -> None:
+def test_a_page_is_made_from_hardly_any_samples(tmp_path: Path, n: int) -> None:
     values = np.arange(n, dtype=np.float64)
     stamps = np.arange(n, dtype=np.int64) * 1_000_000
     channel = Channel("tension/a/1", "N", stamps, values, values, values, "rolling")
@@ -213,7 +215,7 @@ def test_a_report_does_not_touch_the_callers_matplotlib(
     assert written(tmp_path, few) == first
 
 
-def test_the_band_the_friction_the_parameters_and_the_limits_are_there(
+def test_the_page_has_bands_friction_parameters_and_limits(
     tmp_path: Path, comparison: BagComparison
 ) -> None:
     banded = [replace(c, stddev=np.full(len(c.stamp_ns), 0.5)) for c in comparison.channels[:3]]
@@ -261,7 +263,7 @@ def test_ten_minutes_with_bands_and_friction_stay_below_three_megabytes(
     assert (tmp_path / "report.html").stat().st_size < 3_000_000
 
 
-def test_of_many_pulleys_those_that_hold_most_have_a_bar(tmp_path: Path) -> None:
+def test_of_many_pulleys_those_with_the_most_friction_have_a_bar(tmp_path: Path) -> None:
     many = tuple(PulleyFriction(f"a/{k}", 1.0, 2.0, 1e-3 * k, 2e-3 * k) for k in range(2, 200))
     text = written(tmp_path, BagComparison("a", 0.0, (), friction=many))
     assert "the 24 that hold most" in text

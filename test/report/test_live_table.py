@@ -84,7 +84,7 @@ def test_an_invalid_entry_shows_no_number_and_no_bar() -> None:
 
 
 @pytest.mark.parametrize("value", [NAN, float("inf"), -float("inf")])
-def test_what_is_not_a_number_is_not_drawn(value: float) -> None:
+def test_values_that_are_not_finite_are_not_drawn(value: float) -> None:
     lines = (Line("a/1", value, 1.0, OK), Line("a/2", 1.0, value, OK))
     table = drawn(View("t", (Section("element", lines),)))
     assert re.search(r"a/1 +- ", row(table, "a/1"))
@@ -92,7 +92,7 @@ def test_what_is_not_a_number_is_not_drawn(value: float) -> None:
     assert "largest a/2 1.00 N" in plain_line(View("t", (Section("element", lines),)))
 
 
-def test_statuses_have_their_colours_the_gravest_first() -> None:
+def test_statuses_have_their_colours_and_the_most_severe_is_first() -> None:
     lines = (Line("a/1", 1.0, None, UNSURE | OVERLOAD), Line("a/2", 1.0, None, OK))
     table = "\n".join(drawn(View("t", (Section("element", lines),)), colour=True))
     assert re.search(r"\x1b\[1;31mOVERLOAD\x1b\[0m +\x1b\[33mUNSURE", table)
@@ -122,7 +122,7 @@ def test_escapes_in_names_and_notes_reach_no_terminal() -> None:
     assert not re.search(r"[\x00-\x1f]", plain_line(view))
 
 
-def test_markup_in_names_is_not_obeyed() -> None:
+def test_markup_in_names_is_shown_as_text() -> None:
     lines = (Line("[red]a[/red]/1", 1.0, None, OK),)
     assert "[red]a[/red]/1" in "\n".join(drawn(View("t", (Section("element", lines),))))
 
@@ -133,7 +133,7 @@ def test_the_plain_table_is_ascii() -> None:
     assert "####" in table
 
 
-def test_the_line_for_pipes_tells_rate_age_largest_and_statuses() -> None:
+def test_the_line_for_pipes_has_rate_age_largest_value_and_statuses() -> None:
     assert plain_line(VIEW) == (
         "/cdrj/tensions, prototype, 998 Hz, age 0.004 s, largest upper/1 40.00 +-3.00 N, "
         "1 INVALID 1 STALE 1 SLACK 1 UNSURE 1 OK"
@@ -145,5 +145,5 @@ def test_the_line_for_pipes_tells_rate_age_largest_and_statuses() -> None:
 @pytest.mark.parametrize(
     ("largest", "scale"), [(0.0, 1.0), (0.99, 1.0), (1.01, 1.5), (43.0, 50.0), (1000.0, 1000.0)]
 )
-def test_scales_are_round_and_hold_what_is_drawn(largest: float, scale: float) -> None:
+def test_scales_are_round_and_cover_the_values(largest: float, scale: float) -> None:
     assert round_scale(largest) == pytest.approx(scale)

@@ -57,7 +57,7 @@ def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagCom
 
 
 @pytest.mark.parametrize("n", [0, 1, 5])
-def test_what_cannot_be_said_is_null(tmp_path: Path, n: int) -> None:
+def test_undefined_figures_are_null(tmp_path: Path, n: int) -> None:
     path = tmp_path / "figures.json"
     write_results(path, errors_of([BagComparison("a", float("nan"), (constant_channel(n),))]))
     read = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
@@ -84,6 +84,6 @@ def test_a_write_that_fails_leaves_the_older_file(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_missing_folder_is_an_error_and_not_a_traceback_of_another_kind(tmp_path: Path) -> None:
+def test_a_missing_folder_raises_file_not_found(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         write_results(tmp_path / "missing" / "figures.json", errors_of([]))

@@ -73,7 +73,7 @@ def test_turning_points_are_found_where_part_of_the_angle_is_missing() -> None:
     np.testing.assert_allclose(turning_points(angle), [250, 750, 1250, 1750, 2250, 2750], atol=2)
 
 
-def test_the_closer_look_shows_the_largest_error_and_its_reversal() -> None:
+def test_the_detail_shows_the_largest_error_and_its_reversal() -> None:
     angle = np.sin(np.arange(60_000) * 2 * np.pi / 10_000)
     for worst in (0, 2600, 21_000, 33_333, 59_999):
         error = np.zeros(60_000)
@@ -105,7 +105,7 @@ def test_the_loop_shows_two_cycles_or_all_there_is() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 10])
-def test_the_shortest_recordings_have_windows_too(n: int) -> None:
+def test_very_short_recordings_have_windows(n: int) -> None:
     channel = made(np.sin(np.arange(n)), np.ones(n))
     turns = turning_points(channel.angle)
     for window in (closer_look(channel, turns), loop_window(channel, turns)):

@@ -77,7 +77,7 @@ def test_a_terminal_gets_a_drawn_table_and_a_file_plain_text(
     assert "upper/8" in terminal.getvalue()
 
 
-def test_a_narrow_terminal_gets_whole_numbers_anyway(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_narrow_terminal_gets_complete_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setenv("TERM", "xterm")
     terminal = Terminal()

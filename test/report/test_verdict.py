@@ -55,7 +55,7 @@ def test_the_largest_error_is_named_with_its_moment() -> None:
     assert "20 s in 2 recordings" in both
 
 
-def test_nothing_compared_is_said_plainly() -> None:
+def test_the_verdict_states_that_nothing_was_compared() -> None:
     assert verdict(errors_of([])).sentence.startswith("Nothing could be compared")
     assert verdict(errors_of([])).numbers == ()
 
@@ -70,7 +70,7 @@ def test_key_numbers_cover_last_elements_and_every_quantity(comparison: BagCompa
     ]
 
 
-def test_the_telling_channels_are_the_papers(comparison: BagComparison) -> None:
+def test_the_key_channels_are_those_of_the_source(comparison: BagComparison) -> None:
     names = [channel.name for channel in comparison.channels]
     assert last_elements(names) == ("tension/upper/8", "tension/lower/8")
     assert telling_channels(names) == (

@@ -71,15 +71,13 @@ def test_a_path_leads_to_a_number_in_si(path: str, value: float) -> None:
         ("cables.upper.nodes.4.bearing_torque", 0.0),
     ],
 )
-def test_what_the_file_leaves_out_has_the_value_that_leaving_it_out_means(
-    path: str, value: float
-) -> None:
+def test_a_number_missing_in_the_file_has_its_default(path: str, value: float) -> None:
     number = find_number(DOCUMENT, path)
     assert not number.given
     assert number.value == value
 
 
-def test_static_friction_that_is_left_out_is_that_of_sliding() -> None:
+def test_the_default_of_static_friction_is_kinetic_friction() -> None:
     document = {**DOCUMENT, "friction": {"mu_c": 0.1}}
     assert number_at(document, "cables.upper.friction.mu_s") == 0.1
 
@@ -125,7 +123,7 @@ def test_every_number_that_is_set_is_read_again() -> None:
     assert number_at(DOCUMENT, "friction.mu_c") == 0.15, "the document itself must not change"
 
 
-def test_a_star_ties_and_braces_keep_apart() -> None:
+def test_a_star_forms_one_group_and_braces_form_one_group_each() -> None:
     tied = matching_paths(DOCUMENT, "cables.*.preload")
     assert tied == (("cables.upper.preload", "cables.lower.preload"),)
     apart = matching_paths(DOCUMENT, "cables.{*}.preload")
@@ -135,7 +133,7 @@ def test_a_star_ties_and_braces_keep_apart() -> None:
     assert len(group) == 4
 
 
-def test_a_star_passes_over_what_has_no_such_number() -> None:
+def test_a_star_skips_entries_without_the_number() -> None:
     (group,) = matching_paths(DOCUMENT, "cables.upper.nodes.*.bearing_torque")
     assert group == tuple(f"cables.upper.nodes.{k}.bearing_torque" for k in range(2, 9))
 
@@ -158,7 +156,7 @@ def test_a_star_passes_over_what_has_no_such_number() -> None:
         ("cables.*.nonsense", "has no 'nonsense'"),
     ],
 )
-def test_a_wrong_path_says_what_there_is_instead(path: str, taught: str) -> None:
+def test_a_wrong_path_is_refused_with_the_existing_names(path: str, taught: str) -> None:
     with pytest.raises(UsageError) as caught:
         [find_number(DOCUMENT, one) for group in matching_paths(DOCUMENT, path) for one in group]
     assert taught in str(caught.value)
@@ -184,7 +182,7 @@ def test_new_numbers_leave_every_other_line_of_the_text_as_it_was() -> None:
         assert number_at(document, path) == pytest.approx(value, rel=1e-6)
 
 
-def test_what_was_left_out_is_written_where_it_belongs() -> None:
+def test_missing_numbers_are_written_at_their_place() -> None:
     values = {
         "cables.upper.friction.rho": 0.1,
         "cables.upper.friction.mu_c": 0.14,
@@ -221,7 +219,7 @@ def test_flow_and_block_mappings_take_new_numbers(end: str) -> None:
     assert {path: number_at(document, path) for path in values} == pytest.approx(values)
 
 
-def test_a_number_that_stands_for_several_by_an_alias_is_refused() -> None:
+def test_a_change_of_a_number_with_an_alias_is_refused() -> None:
     text = TEXT.replace("preload: 36.85 ", "preload: &p 36.85 ").replace("26.26", "*p")
     with pytest.raises(RobotFileError, match="alias"):
         with_numbers_in_text(text, {"cables.lower.preload": 20.0}, "x")
@@ -237,7 +235,9 @@ def test_a_number_that_stands_for_several_by_an_alias_is_refused() -> None:
         (1e9, "1.0e+09"),
     ],
 )
-def test_numbers_are_written_so_that_every_yaml_reader_takes_them(value: float, text: str) -> None:
+def test_numbers_are_written_in_a_form_that_every_yaml_reader_accepts(
+    value: float, text: str
+) -> None:
     assert yaml_number(value) == text
     assert YAML(typ="safe", pure=True).load(text) == pytest.approx(value, rel=1e-6)
 
@@ -267,7 +267,7 @@ def test_all_robot_files_can_be_written_with_their_own_numbers() -> None:
 
 
 @pytest.mark.parametrize("kind", ["friction", "joint", "motor", "pulley", "anchor", "cable"])
-def test_the_defaults_that_the_schema_tells_are_those_of_the_values(kind: str) -> None:
+def test_the_defaults_of_the_schema_are_those_of_the_classes(kind: str) -> None:
     checked = 0
     values = {"friction": Friction, "joint": Sensor, "motor": Sensor, "pulley": Pulley,
               "anchor": Anchor, "cable": Cable}[kind]  # fmt: skip

@@ -1,4 +1,4 @@
-# ruff: noqa: E501 (one mistake a line)
+# ruff: noqa: E501 (one mistake per line)
 """A robot file is read, or refused with one line naming the key, the value and what is allowed."""
 
 from __future__ import annotations
@@ -236,7 +236,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("mistake", REFUSED)
-def test_a_mistake_is_refused_in_one_line_that_says_where_what_and_what_may_be(
+def test_a_mistake_is_refused_in_one_line_with_key_value_and_allowed_values(
     mistake: str,
 ) -> None:
     old, new, *parts = REFUSED[mistake]
@@ -279,7 +279,7 @@ def test_numbers_that_overflow_are_refused(case: str) -> None:
     refusal(text)
 
 
-def test_a_name_ends_where_it_seems_to() -> None:
+def test_a_name_with_a_line_break_is_refused() -> None:
     refusal(changed("name: small", 'name: "small\\n"'))
 
 
@@ -316,7 +316,7 @@ def test_a_key_of_several_lines_is_reported_in_one() -> None:
         "bad-merge",
     ],
 )
-def test_text_that_no_robot_file_can_be_is_refused(text: str) -> None:
+def test_text_of_invalid_structure_is_refused(text: str) -> None:
     refusal(text)
 
 
@@ -476,7 +476,7 @@ def test_a_mutated_file_is_read_or_refused_in_one_line_and_nothing_else(text: st
         ("range: [-1, 1]", "range_deg: [-1, 1e200]", "joints[0].range[1] must be a finite number"),
     ],
 )
-def test_a_number_out_of_range_is_told_the_range_that_holds_for_its_key(
+def test_a_number_out_of_range_is_refused_with_the_allowed_range(
     old: str, new: str, words: str
 ) -> None:
     assert words in refusal(changed(old, new))
@@ -501,7 +501,7 @@ def test_only_a_regular_file_is_read(tmp_path: Path, kind: str) -> None:
         load_robot(path)
 
 
-def test_a_path_that_no_terminal_can_show_is_named_in_one_line(tmp_path: Path) -> None:
+def test_a_path_that_is_not_printable_is_escaped_in_the_error(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError) as error:
         load_robot(tmp_path / "\udc80\x1b[2J.yaml")
     assert str(error.value).isprintable()
@@ -509,6 +509,6 @@ def test_a_path_that_no_terminal_can_show_is_named_in_one_line(tmp_path: Path) -
         load_robot("a\0b.yaml")
 
 
-def test_the_schema_cannot_be_changed_by_who_reads_it() -> None:
+def test_the_schema_is_read_only() -> None:
     with pytest.raises(TypeError):
         schema()["$defs"]["cable"]["properties"]["mass"] = {}  # type: ignore[index]

@@ -193,7 +193,7 @@ def test_a_damaged_text_is_a_robot_or_one_line(path: Path) -> None:
     ],
     ids=range(27),
 )  # fmt: skip
-def test_a_text_made_to_hurt_is_one_line(text: str) -> None:
+def test_a_malicious_text_is_refused_in_one_line(text: str) -> None:
     assert not judge(text)
 
 

@@ -34,7 +34,7 @@ def named(name: str) -> Robot:
 
 @pytest.fixture(scope="session")
 def variant() -> Variant:
-    """A robot of config/robots, with another friction law or other friction everywhere."""
+    """A robot of config/robots with another friction law, or other friction at all pulleys."""
 
     def make(name: str, law: str = "elastoplastic", **friction: Any) -> Robot:
         robot = named(name)
@@ -75,8 +75,8 @@ def drive() -> Drive:
 def balance() -> Balance:
     """Motor angle of a robot with one motor and one joint that gives the wanted joint effort.
 
-    Sample by sample, by the secant method through the estimator's own ``step``: the motion of a
-    machine that carries a load.  Returns motor angles and estimates.
+    The angle is found for each sample by bisection with the estimator's own ``step``, which gives
+    the motion of a machine that carries a load.  Returns motor angles and estimates.
     """
 
     def make(model: Model, joint: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,7 +92,7 @@ def balance() -> Balance:
                 sample = Sample(stamp, np.array([motor]), np.array([q]))
                 return float(step(model, state, sample)[1].joint_effort[0]) - w  # noqa: B023
 
-            # predict with the chain's stiffness, then bracket and bisect: friction bends the curve
+            # bracket the angle, then bisect: because of friction the curve is not smooth
             width = 1e-4
             low = high = angle
             while missing(low) > 0.0 and width < 10.0:
@@ -125,7 +125,7 @@ def models() -> dict[str, Model]:
 
 
 def smooth(duration: float, *points: float) -> np.ndarray:
-    """Rest, then from point to point with rest in between, no jump of speed."""
+    """A motion from point to point; each leg starts and ends at rest, and the speed never jumps."""
     leg = np.arange(round(duration * RATE)) / (duration * RATE)
     ease = leg * leg * (3.0 - 2.0 * leg)
     parts = [a + (b - a) * ease for a, b in pairwise(points)]

@@ -29,7 +29,7 @@ POSE = np.array([0.5])
 
 recordings = pytest.mark.skipif(
     not RECORDINGS.is_dir(),
-    reason=f"the recordings are not there: {RECORDINGS.relative_to(ROOT.parent)} beside the "
+    reason=f"the recordings are missing: {RECORDINGS.relative_to(ROOT.parent)} beside the "
     "repository (see config/robots/davinci_jaw.yaml for their origin)",
 )
 
@@ -69,7 +69,7 @@ def test_torques_are_the_tension_times_the_radii(model: Model) -> None:
     assert jaw == pytest.approx(-tension * radius)
 
 
-def test_its_numbers_say_how_well_they_are_known(model: Model) -> None:
+def test_identified_numbers_have_standard_deviations(model: Model) -> None:
     known = model.robot.uncertainty
     assert known is not None
     document = dict(model.robot.document)
@@ -93,7 +93,7 @@ def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
 
 
 @recordings
-def test_runs_that_were_not_fitted_are_explained(model: Model) -> None:
+def test_held_out_runs_are_explained(model: Model) -> None:
     spindle, jaw = r2_of(compared(model, "validate"))
     assert spindle >= 0.980
     assert jaw >= 0.970
@@ -101,7 +101,7 @@ def test_runs_that_were_not_fitted_are_explained(model: Model) -> None:
 
 @recordings
 @pytest.mark.parametrize("folder", ["train", "validate", "other_wrist_pose"])
-def test_its_sensors_are_those_of_the_recordings(model: Model, folder: str) -> None:
+def test_the_sensors_of_the_file_agree_with_the_recordings(model: Model, folder: str) -> None:
     """Every reading lies on the grid of the file's counts, and none is refused."""
     for bag in sorted(entry for entry in (RECORDINGS / folder).iterdir() if entry.is_dir()):
         recording = read_inputs(str(bag), Topics(), model)
@@ -114,7 +114,7 @@ def test_its_sensors_are_those_of_the_recordings(model: Model, folder: str) -> N
 
 
 @recordings
-def test_the_file_is_what_its_own_provenance_says(model: Model) -> None:
+def test_the_file_agrees_with_its_provenance(model: Model) -> None:
     story = model.robot.document["identified"]
     bags = sorted(entry.name for entry in (RECORDINGS / "train").iterdir() if entry.is_dir())
     assert story["bags"] == bags, "nothing of `validate` has been fitted"
@@ -124,7 +124,7 @@ def test_the_file_is_what_its_own_provenance_says(model: Model) -> None:
 
 
 @recordings
-def test_identify_stays_where_the_file_is(tmp_path: Path) -> None:
+def test_identify_returns_to_the_values_of_the_file(tmp_path: Path) -> None:
     """A fit to two runs from values 10 % off recovers the best-determined numbers."""
     bags = [str(RECORDINGS / "train" / f"Tool_4_Maryland_L_4_{run}") for run in ("02", "28")]
     out = tmp_path / "again.yaml"

@@ -78,7 +78,7 @@ def test_without_friction_joint_torques_are_moment_arms_times_tensions(
     np.testing.assert_allclose(motor, -DRUM * first, rtol=1e-9)  # the cables unwind the drums
 
 
-def test_bending_one_joint_alone_is_felt_at_both(
+def test_bending_one_joint_alone_changes_the_torques_of_both(
     variant: Callable, drive: Callable, path: Callable
 ) -> None:
     # coupled: holding the motors and bending pip tightens the extensor, which stretches mcp
@@ -118,8 +118,8 @@ def test_bending_and_stretching_differ_by_the_capstan_factor(
     measured = np.log(tension[:, -1] / tension[:, 0])
     bending = np.arange(150, turn - 50)
     stretching = np.arange(turn + 150, 2 * turn - 50)
-    # a flexor is hauled in as the finger bends: its far end is behind by exp(-mu beta); an extensor
-    # is hauled out by the finger: its far end is ahead
+    # As the finger bends, the motor winds a flexor in: the tension at the anchor is smaller by the
+    # factor exp(-mu beta).  The finger pulls an extensor out: the tension there is larger.
     np.testing.assert_allclose(measured[bending], when_bending * MU * wrap[bending], rtol=2e-3)
     np.testing.assert_allclose(
         measured[stretching], -when_bending * MU * wrap[stretching], rtol=2e-3
@@ -132,7 +132,7 @@ def test_bending_and_stretching_differ_by_the_capstan_factor(
     )
 
 
-def test_the_file_as_it_is_runs_through_a_grasp(
+def test_the_unchanged_file_estimates_a_grasp(
     models: dict[str, Model], drive: Callable, path: Callable
 ) -> None:
     model = models["finger"]

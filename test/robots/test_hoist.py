@@ -1,7 +1,8 @@
 """The hoist compared with the textbook block and tackle.
 
-With a rope that runs over every sheave, the fall on the pulling side carries 1/eta of the next one.
-Raising a load W on n falls behind a lead sheave takes W / (eta + eta^2 + ... ) at the winch.
+While the rope is hauled in, the tension of each fall is 1/eta times that of the next one.  Raising
+a load W on n falls behind a lead sheave takes a pull of W / (eta + eta^2 + ... + eta^n) at the
+winch.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ DRUM = 0.080
 
 
 def sheave_efficiency(radius: float, bearing_diameter: float, f_d: float) -> float:
-    """eta of a sheave that a rope wraps by half a turn: the bearing carries both pulls.
+    """eta of a sheave that a rope wraps by half a turn: the bearing carries both tensions.
 
-    (T1 - T2) r = f_d d (T1 + T2).
+    From the balance of moments (T1 - T2) r = f_d d (T1 + T2).
     """
     return (radius - f_d * bearing_diameter) / (radius + f_d * bearing_diameter)
 
@@ -38,7 +39,7 @@ def lift(
     height = path(0.4, 0.0, 0.0, 0.05, 0.0)
     force = np.full(height.size, WEIGHT)
     ramp = 100
-    force[:ramp] = WEIGHT * np.arange(ramp) / ramp  # the rope tightens, the load rests
+    force[:ramp] = WEIGHT * np.arange(ramp) / ramp  # the rope tightens while the load rests
     motor, values = balance(model, height, force)
     assert np.all(values[ramp:, model.layout.status] == 0)
     third = (height.size - 1) // 3
@@ -64,7 +65,7 @@ def test_the_falls_carry_the_load(lift: dict[str, np.ndarray]) -> None:
 
 
 @pytest.mark.parametrize(("phase", "exponent"), [("raising", 1.0), ("lowering", -1.0)])
-def test_each_sheave_takes_its_share_where_all_slip(
+def test_where_all_sheaves_slip_neighbouring_tensions_differ_by_the_efficiency(
     phase: str, exponent: float, lift: dict[str, np.ndarray]
 ) -> None:
     tension = lift["tension"][lift[phase]]
@@ -83,16 +84,18 @@ def test_the_pull_at_the_winch_is_that_of_the_textbook(
     assert (closed_form > WEIGHT / FALLS) == (phase == "raising")
 
 
-def test_work_in_is_work_out_and_what_the_sheaves_take(lift: dict[str, np.ndarray]) -> None:
+def test_the_work_of_the_motor_is_the_work_on_the_load_plus_the_losses(
+    lift: dict[str, np.ndarray],
+) -> None:
     part = lift["raising"]
     motor = np.diff(lift["motor"][part])
     done = np.sum(0.5 * (lift["torque"][part][1:] + lift["torque"][part][:-1]) * motor)
     lifted = WEIGHT * np.ptp(lift["height"][part])
     efficiency = sum(ETA**k for k in range(1, FALLS + 1)) / FALLS
-    assert lifted / done == pytest.approx(efficiency, rel=1e-3)  # the rope stretches a little
+    assert lifted / done == pytest.approx(efficiency, rel=1e-3)  # elastic work is neglected
 
 
-def test_between_raising_and_lowering_the_sheaves_hold(lift: dict[str, np.ndarray]) -> None:
+def test_between_raising_and_lowering_the_sheaves_stick(lift: dict[str, np.ndarray]) -> None:
     turn = slice(int(lift["raising"][-1]), int(lift["lowering"][0]))
     ratio = lift["tension"][turn, 1:] / lift["tension"][turn, :-1]
     assert np.all(ratio > ETA * (1.0 - 1e-9))
@@ -109,7 +112,7 @@ def test_without_friction_every_fall_carries_a_quarter(
     np.testing.assert_allclose(values[:, model.layout.tension], WEIGHT / FALLS, rtol=1e-6)
 
 
-def test_a_rope_without_load_is_slack_and_pulls_nothing(models: dict[str, Model]) -> None:
+def test_a_rope_without_load_is_slack_and_has_no_tension(models: dict[str, Model]) -> None:
     from cdrj_ros.conditioning.samples import Sample
     from cdrj_ros.estimation.estimator import initial_state, step
     from cdrj_ros.model.status import SLACK

@@ -13,7 +13,7 @@ from cdrj_ros.model.prepared import Model, prepare, shape_at
 PULLEYS = np.array([[0.60, 0.40], [-0.60, 0.40], [-0.60, -0.40], [0.60, -0.40]])
 ANCHORS = np.array([[0.06, -0.04], [-0.06, -0.04], [-0.06, 0.04], [0.06, 0.04]])
 TURNS = np.array([1, -1, 1, -1])
-"""Centres and anchors [m] as the robot file gives them, and the sense round each pulley."""
+"""Centres and anchors [m] as in the robot file, and the sense of each cable around its pulley."""
 RADIUS = 0.020
 DRUM = 0.025
 
@@ -21,8 +21,8 @@ DRUM = 0.025
 def leaving_point(centre: np.ndarray, turn: int, anchor: np.ndarray) -> np.ndarray:
     """Point at which a cable leaves a pulley tangentially towards an anchor.
 
-    Of the two points whose radius is normal to the line to the anchor, the one at which going
-    round in the cable's sense points towards the anchor.
+    Of the two points of tangency, the one at which motion around the pulley in the cable's sense
+    is directed towards the anchor.
     """
     away = anchor - centre
     distance = float(np.hypot(*away))
@@ -57,7 +57,7 @@ def wrench(pose: np.ndarray, tension: np.ndarray) -> np.ndarray:
 
 
 def tour(path: Callable[..., np.ndarray]) -> np.ndarray:
-    """Across the table and back, turning: the sample motion, shape (n, 3)."""
+    """Translation and rotation of the platform, as in the sample motion; shape (n, 3)."""
     x = path(1.0, 0.0, 0.20, -0.20, -0.10, 0.0)
     y = path(1.0, 0.0, 0.10, 0.12, -0.12, 0.0)
     phi = path(1.0, 0.0, 0.10, -0.15, 0.05, 0.0)
@@ -87,8 +87,8 @@ def test_efforts_are_the_static_wrench_of_the_cables(
         expected = wrench(joint[k], tension[k, :, 1])  # of the elements that end at the platform
         if law == "none":
             np.testing.assert_allclose(effort[k], expected, atol=1e-9)
-        # With friction the model puts the loss in the middle of the arc: half of the arc that the
-        # platform's motion adds carries the tension before the pulley.
+        # The model applies the friction of a pulley at the middle of its arc: of the arc that the
+        # platform's motion adds, one half carries the tension before the pulley.
         wrap_by = wraps_by_pose(model, joint[k])
         lump = 0.5 * RADIUS * wrap_by.T @ (tension[k, :, 1] - tension[k, :, 0])
         np.testing.assert_allclose(effort[k], expected + lump, atol=2e-7)
@@ -96,7 +96,7 @@ def test_efforts_are_the_static_wrench_of_the_cables(
     if law == "none":
         assert size < 1e-9
     else:
-        assert 0.01 < size < 0.2  # [N], of some 10 N
+        assert 0.01 < size < 0.2  # [N]; the efforts are of the order of 10 N
     assert np.abs(effort[:, :2]).max() > 5.0
     assert np.abs(effort[:, 2]).max() > 0.3
 
@@ -128,7 +128,7 @@ def test_equal_preloads_hold_the_platform_in_the_middle() -> None:
     np.testing.assert_allclose(wrench(np.zeros(3), np.full(4, 30.0)), 0.0, atol=1e-12)
 
 
-def test_everywhere_all_cables_can_be_tight_without_a_load(models: dict[str, Model]) -> None:
+def test_in_all_poses_all_cables_can_be_tight_without_a_load(models: dict[str, Model]) -> None:
     for pose in np.array(np.meshgrid([-0.25, 0, 0.25], [-0.15, 0, 0.15], [-0.2, 0, 0.2])).T.reshape(
         -1, 3
     ):
@@ -138,7 +138,7 @@ def test_everywhere_all_cables_can_be_tight_without_a_load(models: dict[str, Mod
         assert null.min() > 0.1, pose
 
 
-def test_friction_parts_the_tension_at_the_winch_from_that_at_the_platform(
+def test_with_friction_the_tensions_at_winch_and_platform_differ(
     models: dict[str, Model], variant: Callable, drive: Callable, path: Callable
 ) -> None:
     joint = tour(path)
@@ -153,4 +153,4 @@ def test_friction_parts_the_tension_at_the_winch_from_that_at_the_platform(
     outward = np.diff(follow(model, joint), axis=0) < -1e-4  # the platform pulls cable out
     with_friction = tension["elastoplastic"][1:]
     ahead = with_friction[:, :, 1] > with_friction[:, :, 0]
-    assert np.mean(ahead[outward]) > 0.95  # all but the moments after a reversal
+    assert np.mean(ahead[outward]) > 0.95  # all samples but those shortly after a reversal

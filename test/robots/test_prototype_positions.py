@@ -1,4 +1,4 @@
-"""The prototype by positions against Table I and against the same robot by tables."""
+"""The prototype described by positions, compared with Table I and with its file of tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROBOTS = ROOT / "config" / "robots"
 BAG = ROOT / "bags" / "prototype_preload_36_26"
 
 TABLE_ONE = [40.9, 105.4, 32.1, 57.7, None, 180.0, 90.0]
-"""Wraps of pulleys 2 to 8 [deg]; that of 6 goes from 0.6 to 78.5."""
+"""Wrap angles of pulleys 2 to 8 [deg]; that of pulley 6 varies from 0.6 to 78.5."""
 
 LIMIT = np.radians(38.95)
 W, N = 0.060, 2
@@ -34,7 +34,7 @@ def model() -> Model:
     return prepare(load_robot(ROBOTS / "prototype_positions.yaml"))
 
 
-def test_every_wrap_is_that_of_table_one_over_the_whole_range(model: Model) -> None:
+def test_all_wrap_angles_agree_with_table_one_over_the_whole_range(model: Model) -> None:
     for angle in np.linspace(-LIMIT, LIMIT, 201):
         wraps = np.degrees(shape_at(model, np.array([angle])).wrap).reshape(2, 7)
         share = (angle + LIMIT) / (2.0 * LIMIT)
@@ -55,7 +55,7 @@ def test_the_strands_across_the_joint_are_those_of_equation_two(model: Model) ->
             assert length[cable, 6] - arcs - 0.5 * arcs == pytest.approx(strand, abs=1e-9)
 
 
-def test_a_cable_shortens_by_n_w_cos_q_less_what_pulley_six_takes_up(model: Model) -> None:
+def test_a_cable_shortens_by_n_w_cos_q_less_the_arc_on_pulley_six(model: Model) -> None:
     for angle in np.linspace(-LIMIT, LIMIT, 41):
         upper, lower = shape_at(model, np.array([angle])).length_by_joint.reshape(2, 8).sum(axis=1)
         strands = N * W * np.cos(angle)
@@ -80,7 +80,7 @@ def tensions(robot: Robot) -> np.ndarray:
 
 
 def with_the_layouts_course(text: str) -> str:
-    """prototype.yaml with the spans and the range over which pulley 6's wrap runs as drawn here."""
+    """prototype.yaml with the spans and the range of the joint of prototype_positions.yaml."""
     text = text.replace("[-40, 40]", "[-38.95, 38.95]")
     spans = iter(["0.2270", "0.1041", "0.1316", "0.0912", "0.0761"] * 2)
     return re.sub(
@@ -93,21 +93,22 @@ def test_tensions_on_a_recording_agree_with_the_file_in_tables() -> None:
     here = tensions(load_robot(ROBOTS / "prototype_positions.yaml"))
     same = tensions(parse_robot(with_the_layouts_course(text)))
     as_it_is = tensions(parse_robot(text))
-    # the same course of the wrap and the same spans: both forms describe one robot
+    # with the same wrap angles and spans, both forms describe one robot
     assert np.abs(here - same).max() < 0.002
-    # prototype.yaml spreads 77.9 degrees of wrap over 80 degrees of joint, here one degree is one
-    # degree: 0.08 mm of arc at the ends, 0.5 N, more where friction amplifies it
+    # In prototype.yaml the wrap of pulley 6 changes by 77.9 degrees over 80 degrees of the joint,
+    # here by one degree per degree.  The arcs differ by 0.08 mm at the ends of the range, which
+    # gives 0.5 N, and more where friction amplifies it.
     difference = np.abs(here - as_it_is)
     assert difference.max() < 1.5
     assert difference.mean() < 0.4
     assert (difference / as_it_is).mean() < 0.013
 
 
-def test_a_recording_made_with_tables_is_followed(model: Model) -> None:
+def test_a_recording_simulated_with_tables_is_reproduced(model: Model) -> None:
     errors = pooled_errors([validate_bag(model, str(BAG), Topics())])
     relative = [
         error.mean_relative_error for name, error in errors.items() if name.startswith("tension/")
     ]
     assert len(relative) == 16
     mean = float(np.mean(np.array(relative, dtype=float)))
-    assert mean < 0.015  # of it 0.011 is the course of pulley 6's wrap
+    assert mean < 0.015  # of which 0.011 is due to the wrap of pulley 6
