@@ -1,4 +1,4 @@
-"""A node that stands between wished and executed motor commands; the controllers here extend it."""
+"""Base class of the controllers: a node that modifies motor commands before their execution."""
 
 from contextlib import suppress
 
@@ -11,13 +11,13 @@ from std_msgs.msg import Float64MultiArray
 from cdrj_ros.model.loading import load_model
 
 SILENCE_S = 0.1
-"""Time without an estimate, or without a wish, after which neither is used any more [s]."""
+"""Time without a new estimate, or without a new command, after which the last is not used [s]."""
 
 
 class Between(Node):
-    """Hears /cdrj/wished/MODE and an estimate; sends /cdrj/commands/MODE for every estimate.
+    """Receives /cdrj/wished/MODE and estimates; publishes /cdrj/commands/MODE for every estimate.
 
-    Both carry one number a motor, in the robot file's order: speeds [rad/s] with the mode
+    Both have one number per motor, in the robot file's order: speeds [rad/s] with the mode
     ``velocity``, angles [rad] with ``position``.  A subclass overrides ``changed``.
     """
 
@@ -35,14 +35,15 @@ class Between(Node):
         """Commands for all motors, and a warning or "".
 
         Args:
-            wished: one number a motor.
-            dt: time since the estimate before [s]; 0 for the first, and after a jump of the clock.
-            message: the estimate; None if none has come for ``SILENCE_S``.
+            wished: the desired commands, one number per motor.
+            dt: time since the previous estimate [s]; 0 for the first, and after a jump of the
+                clock.
+            message: the estimate; None if none has arrived for ``SILENCE_S``.
         """
         raise NotImplementedError
 
     def on_wish(self, message):
-        """Keep a wish, if it has one finite number a motor."""
+        """Store the desired commands if they are one finite number per motor."""
         if len(message.data) != self.motors or not np.isfinite(message.data).all():
             self.wished = None
             self.get_logger().error(f"wished/{self.mode} needs {self.motors} finite numbers")
@@ -51,7 +52,7 @@ class Between(Node):
         self.wished_ns = self.get_clock().now().nanoseconds
 
     def on_estimate(self, message):
-        """Command what the wish becomes with this estimate."""
+        """Publish the commands that follow from this estimate."""
         self.watchdog.reset()
         stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
         dt = (stamp_ns - self.last_ns) * 1e-9 if self.last_ns else 0.0
@@ -59,13 +60,13 @@ class Between(Node):
         self.send(dt if 0.0 < dt < SILENCE_S else 0.0, message)
 
     def on_silence(self):
-        """Command what is possible without an estimate."""
+        """Publish the commands that are permitted without an estimate."""
         self.last_ns = 0
         self.send(0.0, None)
         self.get_logger().warning(f"no estimate for {SILENCE_S} s", throttle_duration_sec=1.0)
 
     def send(self, dt, message):
-        """Publish the commands; a speed that nobody wishes any more becomes zero."""
+        """Publish the commands; desired speeds older than ``SILENCE_S`` are replaced by zero."""
         if self.wished is None:
             return
         wished = self.wished

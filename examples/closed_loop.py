@@ -1,4 +1,4 @@
-"""Rig, estimator and a controller in one process, without ROS: every run gives the same digits.
+"""Rig, estimator and a controller in one process, without ROS: every run gives the same numbers.
 
     loop = ClosedLoop("prototype", payload=0.3)
     loop.command("velocity", [0.5])
@@ -38,7 +38,7 @@ class ClosedLoop:
             damping: of the free joint [N m s/rad].
             joint: index of the joint that moves freely.
             seed: of the encoders' jitter.
-            cells: contact cells a pulley.
+            cells: number of contact cells per pulley.
             limits: of the motors (``drive_limits``) and ``lower`` and ``upper`` end stop [rad].
         """
         self.model = load_model(robot)
@@ -84,7 +84,7 @@ class ClosedLoop:
                     self.estimate, self.stddev = estimate, stddev
 
     def tensions(self):
-        """The newest estimate as ``/cdrj/tensions`` has it: names, tensions, 2 arrays more.
+        """The newest estimate with the arrays of ``/cdrj/tensions``.
 
         Returns:
             Names, tensions [N], standard deviations [N] and status flags of all elements.

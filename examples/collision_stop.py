@@ -1,4 +1,4 @@
-"""Stop the motors when something pushes on a joint.
+"""Stop the motors when an external force acts on a joint.
 
     python3 collision_stop.py --ros-args -p robot:=prototype -p payload:=0.3 -p threshold:=0.5
 
@@ -26,7 +26,7 @@ class PushObserver:
 
         r = K (p - integral of (cables' torque - weight - c q' + D'(q) q'^2 / 2 + r) dt)
 
-    follows the external torque as a filter of first order, without any acceleration (De Luca,
+    is the external torque after a first-order low-pass filter; no acceleration is needed (De Luca,
     Mattone: Sensorless robot collision detection and hybrid force/motion control, ICRA 2005).
     """
 
@@ -64,7 +64,7 @@ class PushObserver:
 
 
 class CollisionNode(Between):
-    """Passes wished speeds on until something pushes."""
+    """Forwards the desired speeds until a push is detected."""
 
     def __init__(self, **options):
         super().__init__("collision_stop", "velocity", JointState, "efforts", **options)
@@ -98,12 +98,12 @@ class CollisionNode(Between):
         if dt > 0.0:
             torque = self.observer.update(dt, self.angle, effort)
             if abs(torque) > self.threshold + 2.0 * self.stddev and not self.reason:
-                self.reason = f"stopped by a push of {torque:.2f} N m; call ~/release to go on"
+                self.reason = f"stopped by a push of {torque:.2f} N m; call ~/release to continue"
         return (stop, self.reason) if self.reason else (wished, "")
 
     def on_release(self, _request, response):
-        """Let the motors go on."""
-        response.success, response.message = True, self.reason or "nothing had stopped them"
+        """Release the motors."""
+        response.success, response.message = True, self.reason or "the motors were not stopped"
         self.reason = ""
         return response
 

@@ -30,10 +30,10 @@ ACCURACY = 1e-7  # of the angle [rad]
 
 
 class FrictionFeedforward:
-    """Inverse model: the motor angle at which the cables hold or move the joint as wished.
+    """Inverse model: the motor angle at which the cables hold or move the joint as desired.
 
-    The estimator's own `step` runs along the wished motion, so that every pulley's friction knows
-    its history.  In each step the motor angle is the root of
+    The estimator's own `step` runs along the desired motion and thus includes the history of
+    friction at every pulley.  In each step the motor angle is the root of
 
         effort of the cables on the joint (motor angle, wished joint angle) = torque of the load
 
@@ -59,7 +59,7 @@ class FrictionFeedforward:
         return float(follow_joints(self.model, np.array([[target]])).motor_angle[0, 0])
 
     def angle(self, stamp_ns, target, speed=0.0, acceleration=0.0):
-        """Motor angle for the wished motion [rad].
+        """Motor angle for the desired motion [rad].
 
         Args:
             stamp_ns: time of the target, later than in the last call [ns].
@@ -118,7 +118,7 @@ class FeedforwardNode(Node):
             self.get_logger().error(text, throttle_duration_sec=1.0)
             return
         stamp_ns = self.get_clock().now().nanoseconds
-        if stamp_ns <= self.last_ns:  # the clock was set back: friction starts anew
+        if stamp_ns <= self.last_ns:  # the clock was set back: discard the friction history
             self.law = self.make()
         self.last_ns = stamp_ns
         angle = self.law.angle(stamp_ns, target, speed, acceleration)

@@ -4,9 +4,9 @@
 
 Publish the motor angles that position the joints [rad], one per motor in the robot file's order, on
 /cdrj/wished/position instead of /cdrj/commands/position.  The node adds a co-contraction: it winds
-all cables in, or pays all out, in proportions that leave the joints where they are.  Co-contraction
-rises quickly when an element's tension - 2 sigma falls below the floor, and falls slowly otherwise.
-If tensions must not be used, the robot file's preloads are restored.
+all cables in, or pays all out, in proportions that do not move the joints.  Co-contraction
+increases quickly when an element's tension - 2 sigma is below the floor, and decreases slowly
+otherwise.  If tensions must not be used, the robot file's preloads are restored.
 """
 
 import numpy as np
@@ -27,12 +27,12 @@ class KeepTaut:
     def __init__(self, model, floor=2.0):
         """Derive the direction of co-contraction.
 
-        Cables whose preloads balance in the reference pose balance at every multiple of these:
-        the motors turn by what stretches every cable in proportion to its preload.
+        If the preloads balance in the reference pose, so does every multiple of them.  The motors
+        therefore turn such that every cable is stretched in proportion to its preload.
 
         Args:
             model: the prepared robot; every motor winds one cable, which has a preload.
-            floor: wished smallest tension minus 2 sigma [N].
+            floor: desired lower bound of every tension minus 2 sigma [N].
         """
         robot = model.robot
         pose = np.array([joint.reference_angle for joint in robot.joints])

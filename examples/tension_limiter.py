@@ -25,8 +25,8 @@ APPROACH_S = 0.05  # a tension approaches its limit as exp(-t / APPROACH_S), nev
 class TensionLimiter:
     """A barrier: d(tension)/dt <= (limit - tension - 2 sigma) / APPROACH_S for every element.
 
-    Turning a drum by 1 rad raises a tension of its cable by at most EA / L times the drum's radius,
-    that is, when the joints do not yield.  This turns the bound into one of the motor's speed.
+    Turning a drum by 1 rad increases a tension of its cable by at most EA / L times the drum's
+    radius, which occurs when the joints are blocked.  This gives a bound of the motor's speed.
     """
 
     def __init__(self, model, limit=None, creep_speed=0.0):
@@ -50,10 +50,10 @@ class TensionLimiter:
             self.rise[cable, motor] += radius * stiffness
 
     def allowed(self, wished, tension, stddev, status):
-        """Speeds that may be commanded [rad/s], shape (motors,), and why they are not the wished.
+        """Permitted speeds [rad/s], shape (motors,), and the reason if they are reduced.
 
         Args:
-            wished: speeds [rad/s], shape (motors,).
+            wished: desired speeds [rad/s], shape (motors,).
             tension, stddev, status: of every element, shape (elements,); empty: unknown.
         """
         stop = np.zeros_like(wished)
@@ -79,7 +79,7 @@ class TensionLimiter:
 
 
 class LimiterNode(Between):
-    """Passes wished speeds on, limited by the last tensions."""
+    """Forwards the desired speeds, limited according to the last tensions."""
 
     def __init__(self, **options):
         super().__init__("tension_limiter", "velocity", CableTensions, "tensions", **options)

@@ -1,4 +1,4 @@
-"""Reading and writing of recordings; nothing else opens one."""
+"""Reading and writing of recordings; no other room opens one."""
 
 from cdrj_ros.bag.messages import RawMessage, TopicInfo, list_topics, read_messages
 from cdrj_ros.bag.recording import Recording, Topics, read_recording

@@ -1,1 +1,1 @@
-"""Readings become samples."""
+"""Conversion of readings to samples."""

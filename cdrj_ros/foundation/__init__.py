@@ -1,1 +1,1 @@
-"""What every room uses: errors, files, YAML, time series, printing, progress, interruption."""
+"""Code that all rooms use: errors, files, YAML, time series, printing, progress, interruption."""

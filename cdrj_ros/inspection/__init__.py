@@ -1,1 +1,1 @@
-"""What a robot file implies before anything moves."""
+"""Lengths, losses and tensions that follow from a robot file, and values that look wrong."""

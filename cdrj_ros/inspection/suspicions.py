@@ -104,7 +104,7 @@ def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspici
             yield Suspicion(
                 pulley.name,
                 f"the wrap grows to {degrees(wrap.high):.0f}°{_at(robot, wrap.high_at)}: more than "
-                "a whole turn, the cable has to pass beside itself",
+                "a whole turn, so that the cable crosses itself",
             )
     for element in check.elements:
         span = element.span
@@ -139,14 +139,14 @@ def _slip(cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
         bound = (1.0 - pulley.transmission_at_rest.low) * check.followed.high
         yield Suspicion(
             pulley.name,
-            f"the joints carry {1e6 * pulley.passing:.1f} µm of cable over it"
+            f"the joints move {1e6 * pulley.passing:.1f} µm of cable over it"
             + (
                 f", {1e6 * pulley.needed:.1f} µm are needed to know its friction"
                 if pulley.needed > 0.0
                 else ""
             )
-            + f": it slips only as the tension changes by some {_swing(cable, check, k, pulley)}, "
-            f"and until then the tensions behind it are known to ±{bound:.2g} N only",
+            + f": it slips only if the tension changes by about {_swing(cable, check, k, pulley)}; "
+            f"until then the tensions behind it are only known to ±{bound:.2g} N",
             grave=False,
         )
 
@@ -220,7 +220,7 @@ def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Ite
     if lost > LARGEST_LOSS:
         yield Suspicion(
             cable.name,
-            f"its pulleys may take {100.0 * lost:.0f} % of the tension"
+            f"friction may reduce its tension by {100.0 * lost:.0f} %"
             f"{_at(robot, check.transmission_at_rest.low_at)}: errors of the friction parameters "
             "will dominate the estimate of the far elements",
         )
@@ -243,7 +243,7 @@ def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Ite
     elif not loaded and check.followed.low < LOST_PRELOAD * cable.preload:
         passive = not any(isinstance(node, Winch) for node in cable.nodes)
         why = (
-            "no winch is there to follow the joints"
+            "it has no winch"
             if passive
             else "a motor cannot follow all of its cables at once; compare their moment arms, "
             "drum radii and windings"
@@ -251,13 +251,13 @@ def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Ite
         yield Suspicion(
             cable.name,
             f"the tension falls from the preload {cable.preload:g} N to {check.followed.low:.3g} N"
-            f"{_at(robot, check.followed.low_at)} even as the motors follow: {why}",
+            f"{_at(robot, check.followed.low_at)} although the motors follow the joints: {why}",
         )
     elif loaded and check.followed.low < LOST_PRELOAD * cable.preload:
         yield Suspicion(
             cable.name,
             f"the load leaves {check.followed.low:.3g} N of tension"
-            f"{_at(robot, check.followed.low_at)}: about to go slack",
+            f"{_at(robot, check.followed.low_at)}: the cable is about to go slack",
         )
 
 
@@ -323,8 +323,8 @@ def _motors(inspection: Inspection) -> Iterator[Suspicion]:
                 motor.name,
                 "winding and turn contradict each other between "
                 + " and ".join(senses)
-                + ": drums on one shaft around which cables run in the same sense wind alike, "
-                "and in opposite senses wind oppositely",
+                + ": on drums of one shaft, winding must be equal where cables leave with the same "
+                "sense of rotation, and opposite otherwise",
             )
     signs = {motor.name: motor.effort_sign for motor in robot.motors}
     signs |= {joint.name: joint.effort_sign for joint in robot.joints}

@@ -1,1 +1,1 @@
-"""Estimates beside recorded references."""
+"""Comparison of estimates with recorded references."""

@@ -1,1 +1,1 @@
-"""One sample of physics: angles and friction history in, tensions out."""
+"""The physical model for one sample: from angles and friction history to tensions."""

@@ -1,1 +1,1 @@
-"""Playing a bag, without ROS."""
+"""Playback of a bag, without ROS."""

@@ -1,1 +1,1 @@
-"""Results for people and for programs: a table, a JSON file, pictures and one HTML page."""
+"""Output of results: a table, a JSON file, pictures and one HTML page."""

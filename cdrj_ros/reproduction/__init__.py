@@ -1,1 +1,1 @@
-"""The figures and tables of the source, redrawn."""
+"""The figures and tables of the source, computed and drawn again."""

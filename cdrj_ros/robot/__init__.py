@@ -1,1 +1,1 @@
-"""What a robot is: its file read, checked and written."""
+"""The description of a robot: reading, checking and writing robot files."""

@@ -96,7 +96,7 @@ def tensions(upper: float, lower: float, status: int = 0) -> Any:
     )
 
 
-def test_the_limiter_passes_slows_and_turns_back(controller: Any) -> None:
+def test_the_limiter_forwards_reduces_and_reverses_speeds(controller: Any) -> None:
     from cdrj_msgs.msg import CableTensions
 
     bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
@@ -113,7 +113,7 @@ def test_the_limiter_passes_slows_and_turns_back(controller: Any) -> None:
         assert bench.until(lambda c: c == [0.0], *send(tensions(40.0, 30.0, flag)))
 
 
-def test_a_speed_is_neither_kept_without_a_wish_nor_without_tensions(controller: Any) -> None:
+def test_the_motors_stop_without_commands_and_without_tensions(controller: Any) -> None:
     bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
     feed = (lambda: bench.wish(2.0), lambda: bench.publish("tensions", tensions(40.0, 30.0)))
     assert bench.until(lambda c: c == [2.0], *feed)
@@ -122,7 +122,7 @@ def test_a_speed_is_neither_kept_without_a_wish_nor_without_tensions(controller:
     assert bench.until(lambda c: c == [0.0], feed[0]), "no tensions any more"
 
 
-def test_a_wish_of_the_wrong_length_is_not_used(controller: Any) -> None:
+def test_a_command_of_the_wrong_length_is_not_used(controller: Any) -> None:
     bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
     good = lambda: bench.publish("tensions", tensions(40.0, 30.0))  # noqa: E731
     assert bench.until(lambda c: c == [2.0], lambda: bench.wish(2.0), good)
@@ -175,7 +175,7 @@ def test_loose_cables_are_tightened_and_tight_ones_loosened(controller: Any) -> 
     assert bench.until(lambda c: max(map(abs, c)) < 1e-6, *feed(1.0, CableTensions.STALE))
 
 
-def test_a_target_becomes_a_motor_angle_and_an_impossible_one_none(controller: Any) -> None:
+def test_a_target_gives_a_motor_angle_unless_it_is_impossible(controller: Any) -> None:
     from sensor_msgs.msg import JointState
 
     bench = controller("friction_feedforward", "FeedforwardNode", "position")

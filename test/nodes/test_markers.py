@@ -52,7 +52,7 @@ def colour(marker: Any) -> tuple[float, float, float]:
     return marker.color.r, marker.color.g, marker.color.b
 
 
-def test_colour_width_and_line_show_tension_slack_doubt_and_unusable_values(drawing: Any) -> None:
+def test_colour_width_and_line_show_tension_and_status(drawing: Any) -> None:
     from cdrj_msgs.msg import CableTensions as T
     from visualization_msgs.msg import Marker
 
@@ -81,7 +81,7 @@ def test_without_tensions_every_cable_is_dashed(drawing: Any) -> None:
     assert len(cables(node)) == len(node.model.layout.elements)
 
 
-def test_the_picture_follows_the_joints_and_ignores_nonsense(drawing: Any) -> None:
+def test_the_picture_follows_the_joints_and_ignores_invalid_angles(drawing: Any) -> None:
     from sensor_msgs.msg import JointState
 
     node = drawing()
@@ -128,7 +128,7 @@ def test_slipping_pulleys_change_colour_and_forces_become_arrows(drawing: Any) -
     assert any(marker.text for marker in moving.values())
 
 
-def test_nothing_is_drawn_while_nobody_subscribes(drawing: Any) -> None:
+def test_nothing_is_drawn_without_a_subscriber(drawing: Any) -> None:
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
     from visualization_msgs.msg import MarkerArray

@@ -30,13 +30,13 @@ def test_the_limiter_holds_every_true_tension_below_its_limit(measure: Any) -> N
     assert 55.0 < effect.having < 60.0, "below the limit, and not because the motor stands still"
 
 
-def test_the_feedforward_divides_the_tracking_error_by_more_than_five(measure: Any) -> None:
+def test_the_feedforward_reduces_the_tracking_error_by_a_factor_of_50(measure: Any) -> None:
     effect = measure.feedforward(seconds=2.5)
     assert effect.without > 0.2
     assert effect.having < effect.without / 50.0
 
 
-def test_the_feedforward_helps_with_friction_that_is_20_percent_off(measure: Any) -> None:
+def test_the_feedforward_reduces_the_error_with_friction_20_percent_too_small(measure: Any) -> None:
     effect = measure.feedforward(seconds=2.5, wrong={"friction.mu_c": 0.12})
     assert effect.having < effect.without / 5.0
 
@@ -54,7 +54,7 @@ def test_a_push_is_detected_within_50_ms_and_motion_alone_is_not(measure: Any) -
     assert 0.0 < effect.having < 0.05
 
 
-def test_the_closed_loop_gives_the_same_digits_again(measure: Any) -> None:
+def test_the_closed_loop_is_reproducible(measure: Any) -> None:
     def tensions() -> Any:
         loop = measure.ClosedLoop("prototype", seed=3, cells=2)
         loop.command("velocity", [0.5])
