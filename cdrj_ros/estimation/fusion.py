@@ -10,7 +10,7 @@ together.  See docs/uncertainty.md.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
+from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.prepared import Model, shape_at
 from cdrj_ros.model.state import state_views
@@ -37,31 +38,6 @@ SLOW_DRIFT: Final = 0.002
 FREE_DRIFT: Final = 0.02
 """The same where the preload is tracked by a motor's effort."""
 
-JUDGED: Final = 50
-"""Number of latest readings over which a sensor is checked."""
-
-TOO_FAR: Final = 9.0
-"""A sensor is dropped if its squared residuals divided by their variance exceed this on average."""
-
-OUTLIER: Final = 100.0
-"""A reading is rejected if its squared residual divided by its variance exceeds this."""
-
-STIFF: Final = 4.0
-"""A sensor is frozen if its reading is constant while the estimate moves by more standard
-deviations than this."""
-
-RESPONSE: Final = (0.3, 3.0)
-"""A sensor is used once the slope of its readings over the estimate lies in this range (U4)."""
-
-TRIAL_STEP: Final = 0.25
-"""Between readings on trial the estimate must move by this fraction of their standard deviation."""
-
-PROOF: Final = 0.05
-"""A sensor passes its trial only if the estimate changes by this fraction of its largest value."""
-
-TRIED: Final = 400
-"""Number of latest readings on trial, each taken after some motion, that determine the slope."""
-
 HISTORY_NS: Final = 200_000_000
 """Maximum age of a measurement [ns]."""
 
@@ -70,96 +46,6 @@ KEPT: Final = 5_000
 
 LARGEST: Final = 1e9
 """Measured values of larger magnitude are refused [N or N m]."""
-
-
-@dataclass
-class SensorHealth:
-    """State of one sensor: on trial first, then trusted; dropped permanently if it fails."""
-
-    name: str
-    dropped: str = ""
-    """Why the sensor was dropped; empty while it is not."""
-    trusted: bool = False
-    """Whether the readings have followed a motion in proportion; until then none is used."""
-    used: int = 0
-    """Readings used so far."""
-    refused: int = 0
-    """Readings refused: not finite, too old, outliers, or from a dropped sensor."""
-    tried: int = 0
-    """Readings on trial, which do not correct the estimate."""
-    _squares: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
-    _values: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
-    _unaided: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
-    _in_motion: int = 0
-    """Readings on trial while the estimate moved."""
-    _trial: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRIED))
-
-    def judge(
-        self, value: float, expected: float, unaided: float, variance: float, own: float
-    ) -> bool:
-        """Check a reading; True if it may be used.
-
-        Args:
-            value: measured value [N] or [N m].
-            expected: estimate for the same time.
-            unaided: the same estimate without the corrections made so far.
-            variance: expected variance of value minus expected.
-            own: the part of the variance due to sensor noise and model error.
-        """
-        if self.dropped:
-            self.refused += 1
-            return False
-        self._squares.append((value - expected) ** 2 / variance)
-        self._values.append(value)
-        self._unaided.append(unaided)
-        if len(self._squares) == JUDGED:
-            self.dropped = self._fault(value, expected, variance)
-        if not self.dropped and not self.trusted:
-            return self._try(value, unaided, own)
-        if self.dropped or self._squares[-1] > OUTLIER:
-            self.refused += 1
-            return False
-        self.used += 1
-        return True
-
-    def _fault(self, value: float, expected: float, variance: float) -> str:
-        """The fault that the last ``JUDGED`` readings show; empty if none."""
-        mean = sum(self._squares) / JUDGED
-        if max(self._values) == min(self._values) and (
-            max(self._unaided) - min(self._unaided) > STIFF * variance**0.5
-        ):
-            return f"frozen at {value:.4g} while the estimate moves"
-        if mean > TOO_FAR:
-            return (
-                f"{mean**0.5:.1f} standard deviations from the estimate over {JUDGED} readings "
-                f"(measured {value:.4g}, expected {expected:.4g})"
-            )
-        return ""
-
-    def _try(self, value: float, unaided: float, own: float) -> bool:
-        """Add a reading on trial; True once the readings follow the motion, (U4)."""
-        self.tried += 1
-        if self._trial and abs(unaided - self._trial[-1][1]) < TRIAL_STEP * own**0.5:
-            return False
-        self._trial.append((value, unaided))
-        pairs = np.array(self._trial)
-        moved = pairs[:, 1] - pairs[:, 1].mean()
-        large = max(STIFF * own**0.5, PROOF * float(np.abs(pairs[:, 1]).max()))
-        if np.ptp(moved) <= large:
-            return False
-        response = float(moved @ pairs[:, 0] / (moved @ moved))
-        self.trusted = RESPONSE[0] <= response <= RESPONSE[1]
-        self._in_motion += 1
-        if not self.trusted and self._in_motion == TRIED:
-            self.dropped = (
-                f"moves {response:.2g} times as far as the estimate over {TRIED} readings, "
-                f"where {RESPONSE[0]:g} to {RESPONSE[1]:g} is accepted"
-            )
-        if self.trusted:
-            self.tried -= 1
-            self.used += 1
-            self._trial.clear()
-        return self.trusted
 
 
 class Fusion:
@@ -202,6 +88,21 @@ class Fusion:
         """Discard all measurements; every sensor is on trial again."""
         self.health.clear()
         self.forget()
+
+    def restart(self) -> None:
+        """Discard all measurements; all sensors but those dropped are on trial again."""
+        dropped = self.faults()
+        self.reset()
+        self.drop(dropped)
+
+    def faults(self) -> dict[str, str]:
+        """Why sensors have been dropped, by name."""
+        return {name: one.dropped for name, one in self.health.items() if one.dropped}
+
+    def drop(self, faults: Mapping[str, str]) -> None:
+        """Drop sensors, for the reasons given by name."""
+        for name, why in faults.items():
+            self.health[name] = SensorHealth(name, dropped=why)
 
     def forget(self) -> None:
         """Discard all measurements, but keep which sensors are trusted or dropped."""

@@ -149,6 +149,8 @@ class LiveEstimator:
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""
         self.conditioner.reset()
+        if self.fusion is not None:
+            self.fusion.reset()
         self._restart()
 
     def _restart(self) -> None:
@@ -167,7 +169,7 @@ class LiveEstimator:
         if self.spread is not None:
             self.spread.reset()
         if self.fusion is not None:
-            self.fusion.reset()
+            self.fusion.restart()
 
     def resume(
         self,

@@ -101,6 +101,8 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
             "joint_angle": live.sample.joint_angle,
         }
         arrays |= live.conditioner.memory()
+        if live.fusion is not None:
+            arrays["dropped"] = _packed(live.fusion.faults())
         if live.spread is not None:
             arrays |= live.spread.memory()
     buffer = BytesIO()
@@ -159,12 +161,16 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
         raise StateFileError(f"{path} holds no stamp")
     try:
         taught = [str(name) for name in json.loads(arrays["taught"].tobytes())]
-    except (KeyError, TypeError, ValueError) as error:
+        said = json.loads(arrays["dropped"].tobytes()) if "dropped" in arrays else {}
+        dropped = {str(name): str(why) for name, why in said.items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StateFileError(f"{path} holds no usable list of sensors: {error}") from error
     if live.spread is not None and not live.spread.recall(arrays):
         live.spread.reset()
     state = State(int(stamp[0]), values.astype(np.float64))
     live.conditioner.recall(arrays)
+    if live.fusion is not None:
+        live.fusion.drop(dropped)
     live.resume(state, arrays, unaided.astype(np.float64), taught)
 
 

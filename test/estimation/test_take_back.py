@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.model.loading import load_model
@@ -19,7 +20,7 @@ from cdrj_ros.model.status import UNSURE
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 CELL: Final = "upper/8"
 MEASURED = Options(tension_sensors=True)
-CALM: Final = 1500
+CALM: Final = 2000
 """Number of samples after which the cell reads wrong."""
 SCALE: Final = 1.2
 """Before that, the readings are too high by this factor and follow the motion: it is trusted."""
@@ -155,3 +156,91 @@ def test_corrections_before_a_restart_are_undone_after_it(
     assert offs[0] > 3.0, "its corrections are restored"
     assert _dropped(live)
     assert offs[-1] < 1e-9, "as without the cell"
+
+
+@pytest.mark.parametrize("off", [1.0, 10.0, 1000.0])
+def test_a_single_outlier_is_refused_and_drops_no_sensor(
+    off: float, model: Model, beside: Beside
+) -> None:
+    """Before it and after it the cell is good: 1000 N off are thousands of deviations."""
+    live = LiveEstimator(model, MEASURED)
+    for k in range(CALM + 600):
+        sudden = off if k == CALM else 0.0
+        _feed_cell(live, beside, k, lambda _b, k, add=sudden: SCALE * beside.cell[k] + add)
+        live.take(_sample(beside.samples, k))
+    assert live.fusion is not None
+    health = live.fusion.health[CELL]
+    assert health.dropped == ""
+    assert health.refused == (1 if off > 1.0 else 0)
+    assert health.used > 300
+
+
+def test_persistent_outliers_drop_a_sensor(model: Model, beside: Beside) -> None:
+    """A third of the readings is wild."""
+    live = LiveEstimator(model, MEASURED)
+    for k in range(CALM + 200):
+        _feed_cell(live, beside, k, lambda b, k: SCALE * b.cell[k] + 100.0 * (k % 6 == 0))
+        live.take(_sample(beside.samples, k))
+    assert "readings more than 10 standard deviations" in _dropped(live)
+
+
+@pytest.mark.parametrize("how", ["restart", "clock"])
+def test_a_dropped_sensor_stays_dropped(
+    how: str, model: Model, beside: Beside, tmp_path: Path
+) -> None:
+    """It could pass another trial, and lie again."""
+    live = LiveEstimator(model, MEASURED)
+    for k in range(CALM + 200):
+        _feed_cell(live, beside, k, LIES["says zero"])
+        live.take(_sample(beside.samples, k))
+    why = _dropped(live)
+    assert why
+    if how == "restart":
+        write_state(live, tmp_path / "state")
+        live = LiveEstimator(model, MEASURED)
+        read_state(live, tmp_path / "state")
+    else:
+        for k in range(40):
+            sample = _sample(beside.samples, CALM + 200 + k)
+            stamp = sample.stamp_ns - (3600 * 10**9 if k >= 20 else 0)
+            live.feed("joints", stamp, ("elbow",), sample.joint_angle)
+            live.feed("motors", stamp, ("winch",), sample.motor_angle)
+        assert live.conditioner.clock_jumps == 1
+    assert _dropped(live) == why
+    live.reset()
+    assert _dropped(live) == ""
+
+
+@pytest.mark.parametrize("kind", ["noise", "drift", "stuck", "opposite"])
+def test_what_does_not_follow_the_motion_is_never_trusted(kind: str) -> None:
+    """Fifty sensors of each kind beside an estimate that moves to and fro, or one way."""
+    generator = np.random.default_rng(0)
+    own = 0.1
+    for _ in range(50):
+        health = SensorHealth("cell")
+        estimate = 30.0 + 10.0 * np.sin(np.linspace(0.0, 12.0, 600) + generator.uniform(0.0, 6.0))
+        if kind == "drift":
+            estimate = np.linspace(20.0, 40.0, 600)
+        noise = generator.normal(0.0, own**0.5, 600)
+        said = {
+            "noise": 30.0 + 5.0 * noise / own**0.5, "stuck": 30.0 + noise,
+            "drift": estimate + noise, "opposite": 60.0 - estimate + noise,
+        }[kind]  # fmt: skip
+        for value, now in zip(said.tolist(), estimate.tolist(), strict=True):
+            assert not health.judge(value, now, now, 100.0, own)
+        assert health.tried + health.refused == 600
+        assert health.tried >= 50
+
+
+def test_a_good_sensor_is_trusted_within_a_motion_to_and_fro() -> None:
+    generator = np.random.default_rng(1)
+    for gain in (0.8, 1.0, 1.3):
+        health = SensorHealth("cell")
+        estimate = 30.0 + 10.0 * np.sin(np.linspace(0.0, 6.3, 600))
+        used = [
+            health.judge(gain * now + float(generator.normal(0.0, 0.3)), now, now, 100.0, 0.1)
+            for now in estimate.tolist()
+        ]
+        assert not used[0]
+        assert used[-1]
+        assert health.tried < 500

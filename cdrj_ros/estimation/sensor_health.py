@@ -1,0 +1,172 @@
+"""Which sensors correct the estimate: on trial first, then trusted, dropped if they fail.
+
+The thresholds follow from what a good sensor gives by chance; docs/uncertainty.md has the rates.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+JUDGED: Final = 50
+"""Number of latest readings over which a sensor is checked."""
+
+TOO_FAR: Final = 9.0
+"""A sensor is dropped if its squared residuals divided by their variance exceed this on average.
+
+Outliers are left out.  Even if one error lasts over all readings, a good sensor exceeds three
+standard deviations in 0.3 % of such errors; if they are independent, never (1e-65)."""
+
+OUTLIER: Final = 100.0
+"""A reading is refused if its squared residual divided by its variance exceeds this."""
+
+MANY: Final = 13
+"""A sensor is dropped for this many outliers among the readings over which it is checked.
+
+One that is good but for a reading in 50 or in 20 has as many with a chance of 1e-11 or 8e-7."""
+
+STIFF: Final = 4.0
+"""A sensor is frozen if its reading is constant while the estimate moves by more standard
+deviations than this."""
+
+RESPONSE: Final = (0.3, 3.0)
+"""A sensor is used once the slope of its readings over the estimate lies in this range (U4)."""
+
+CERTAIN: Final = 5.0
+"""Standard errors of the slope by which it must lie within ``RESPONSE``.
+
+Readings that do not follow the estimate at all come that far with a chance of 3e-7 a reading."""
+
+TRIAL_STEP: Final = 0.25
+"""Between readings on trial the estimate must move by this fraction of their standard deviation."""
+
+PROOF: Final = 0.05
+"""A sensor passes its trial only if the estimate changes by this fraction of its largest value."""
+
+TRIED: Final = 400
+"""Number of latest readings on trial, each taken after some motion, that determine the slope."""
+
+
+@dataclass
+class SensorHealth:
+    """State of one sensor: on trial first, then trusted; dropped permanently if it fails."""
+
+    name: str
+    dropped: str = ""
+    """Why the sensor was dropped; empty while it is not."""
+    trusted: bool = False
+    """Whether the readings have followed a motion in proportion; until then none is used."""
+    used: int = 0
+    """Readings used so far."""
+    refused: int = 0
+    """Readings refused: not finite, too old, outliers, or from a dropped sensor."""
+    tried: int = 0
+    """Readings on trial, which do not correct the estimate."""
+    _squares: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    _values: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    _unaided: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    _in_motion: int = 0
+    """Readings on trial while the estimate moved."""
+    _trial: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRIED))
+
+    def judge(
+        self, value: float, expected: float, unaided: float, variance: float, own: float
+    ) -> bool:
+        """Check a reading; True if it may be used.
+
+        Args:
+            value: measured value [N] or [N m].
+            expected: estimate for the same time.
+            unaided: the same estimate without the corrections made so far.
+            variance: expected variance of value minus expected.
+            own: the part of the variance due to sensor noise and model error.
+        """
+        if self.dropped:
+            self.refused += 1
+            return False
+        self._squares.append((value - expected) ** 2 / variance)
+        self._values.append(value)
+        self._unaided.append(unaided)
+        if len(self._squares) == JUDGED:
+            self.dropped = self._fault(value, expected, variance)
+        if not self.dropped and not self.trusted:
+            return self._try(value, unaided, own)
+        if self.dropped or self._squares[-1] > OUTLIER:
+            self.refused += 1
+            return False
+        self.used += 1
+        return True
+
+    def _fault(self, value: float, expected: float, variance: float) -> str:
+        """The fault that the last ``JUDGED`` readings show; empty if none."""
+        if max(self._values) == min(self._values) and (
+            max(self._unaided) - min(self._unaided) > STIFF * variance**0.5
+        ):
+            return f"frozen at {value:.4g} while the estimate moves"
+        near = [square for square in self._squares if square <= OUTLIER]
+        outliers = JUDGED - len(near)
+        said = f"(measured {value:.4g}, expected {expected:.4g})"
+        if outliers >= MANY:
+            return (
+                f"{outliers} of {JUDGED} readings more than {OUTLIER**0.5:.0f} standard deviations "
+                f"from the estimate {said}"
+            )
+        mean = sum(near) / len(near)
+        if mean > TOO_FAR:
+            return (
+                f"{mean**0.5:.1f} standard deviations from the estimate over {JUDGED} readings "
+                f"{said}"
+            )
+        return ""
+
+    def _try(self, value: float, unaided: float, own: float) -> bool:
+        """Add a reading on trial; True once the readings follow the motion, (U4)."""
+        self.tried += 1
+        if self._trial and abs(unaided - self._trial[-1][1]) < TRIAL_STEP * own**0.5:
+            return False
+        self._trial.append((value, unaided))
+        readings, estimates = np.array(self._trial).T
+        if _to_and_fro(estimates) <= max(STIFF * own**0.5, PROOF * float(np.abs(estimates).max())):
+            return False
+        response, error = _slope(estimates, readings, own)
+        low, high = RESPONSE
+        self.trusted = low <= response - CERTAIN * error and response + CERTAIN * error <= high
+        self._in_motion += 1
+        if not self.trusted and self._in_motion == TRIED:
+            self.dropped = (
+                f"moves {response:.2g} times as far as the estimate over {TRIED} readings, "
+                f"where {low:g} to {high:g} is accepted"
+            )
+        if self.trusted:
+            self.tried -= 1
+            self.used += 1
+            self._trial.clear()
+        return self.trusted
+
+
+def _to_and_fro(estimates: Vector) -> float:
+    """The lesser of the greatest rise and the greatest fall: a drift only goes one way."""
+    rise = float(np.max(estimates - np.minimum.accumulate(estimates)))
+    fall = float(np.max(np.maximum.accumulate(estimates) - estimates))
+    return min(rise, fall)
+
+
+def _slope(estimates: Vector, readings: Vector, own: float) -> tuple[float, float]:
+    """Slope of readings over estimates, and its standard error (U4).
+
+    Args:
+        estimates, readings: in pairs, shape (n,), n > 2.
+        own: variance of a reading that is expected; that about the line counts where it is more.
+    """
+    moved, said = estimates - estimates.mean(), readings - readings.mean()
+    spread = float(moved @ moved)
+    slope = float(moved @ said) / spread
+    left = said - slope * moved
+    variance = max(own, float(left @ left) / (len(left) - 2))
+    return slope, (variance / spread) ** 0.5
