@@ -10,6 +10,7 @@ from math import degrees, isfinite, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from cdrj_ros.commands.check_robot_shares import print_shares, shares_document
 from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.shared import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
@@ -23,6 +24,7 @@ from cdrj_ros.inspection.ranges import (
     inspect_robot,
     pose_text,
 )
+from cdrj_ros.inspection.shares import Shares, uncertainty_shares
 from cdrj_ros.inspection.suspicions import Suspicion, find_suspicions
 from cdrj_ros.model.loading import load_model, robot_path
 from cdrj_ros.robot.description import Cable, Robot
@@ -88,8 +90,9 @@ def _body(argv: Sequence[str]) -> int:
         told.append(f"geometry of {counted(len(poses), 'pose')}: {arguments.geometry_csv}")
     inspection = inspect_robot(model, _loads(arguments.load))
     suspicions = find_suspicions(inspection)
+    shares = uncertainty_shares(model)
     if arguments.json and not to_terminal:
-        write_text(arguments.json, _json_text(inspection, suspicions))
+        write_text(arguments.json, _json_text(inspection, suspicions, shares))
         told.append(f"figures: {arguments.json}")
     if arguments.png:
         from cdrj_ros.report.drawing import draw_robot, write_png
@@ -97,9 +100,9 @@ def _body(argv: Sequence[str]) -> int:
         write_png(draw_robot(inspection), arguments.png)
         told.append(f"drawing: {arguments.png}")
     if to_terminal:
-        print(_json_text(inspection, suspicions), end="")
+        print(_json_text(inspection, suspicions, shares), end="")
     else:
-        _print(inspection, suspicions)
+        _print(inspection, suspicions, shares)
     for line in told:
         print(printable(line), file=sys.stderr if to_terminal else None)
     return DONE
@@ -133,7 +136,7 @@ def _loads(entries: Sequence[str]) -> dict[str, float]:
 # --- text -----------------------------------------------------------------------------------------
 
 
-def _print(inspection: Inspection, suspicions: Sequence[Suspicion]) -> None:
+def _print(inspection: Inspection, suspicions: Sequence[Suspicion], shares: Shares | None) -> None:
     from rich.console import Console
     from rich.text import Text
 
@@ -149,6 +152,8 @@ def _print(inspection: Inspection, suspicions: Sequence[Suspicion]) -> None:
         wide.print(_table(inspection, cable))
         for fact in _facts(inspection, cable):
             console.print(Text(f"  {fact}"))
+    if shares is not None:
+        print_shares(inspection.model, shares, wide)
     console.print()
     grave = [suspicion for suspicion in suspicions if suspicion.grave]
     remarks = [suspicion for suspicion in suspicions if not suspicion.grave]
@@ -278,8 +283,11 @@ def _facts(inspection: Inspection, check: CableCheck) -> Iterator[str]:
 # --- JSON -----------------------------------------------------------------------------------------
 
 
-def _json_text(inspection: Inspection, suspicions: Sequence[Suspicion]) -> str:
+def _json_text(
+    inspection: Inspection, suspicions: Sequence[Suspicion], shares: Shares | None
+) -> str:
     document = _document(inspection, suspicions)
+    document["uncertainty"] = shares_document(inspection.model, shares)
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -216,7 +216,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--uncertainty", choices=("auto", "on", "off"), default="auto",
         help="compute standard deviations of the estimates and their coverage; auto: if the robot "
-        "file has an uncertainty section, or a bag is written (default %(default)s)",
+        "file has numbers that are not exact, or a bag is written (default %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--quiet", action="store_true", help="print errors and violated limits only"

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State
 from cdrj_ros.estimation.member_kernels import (
     ANY,
@@ -37,6 +38,7 @@ from cdrj_ros.estimation.members import (
     wind_differently,
 )
 from cdrj_ros.model.prepared import Layout, Model, read_only
+from cdrj_ros.robot.description import Uncertainty
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -68,7 +70,12 @@ class Spread:
     """The ensemble of one robot; call ``update`` after every ``step``, with sample and estimate."""
 
     def __init__(
-        self, model: Model, members: int = MEMBERS, seed: int = 0, preload_share: float = 0.0
+        self,
+        model: Model,
+        members: int = MEMBERS,
+        seed: int = 0,
+        preload_share: float = 0.0,
+        known: Uncertainty | None = None,
     ) -> None:
         """Draw the members.
 
@@ -78,6 +85,7 @@ class Spread:
             seed: seed of the draws; the same seed gives the same spread.
             preload_share: standard deviation of every preload in addition to the robot file's, as
                 a fraction of the preload.
+            known: standard deviations of the parameters; None: those of the robot.
         """
         if members < 8 or members % 2:
             raise ValueError(f"members must be even and at least 8, got {members}")
@@ -85,7 +93,7 @@ class Spread:
         robot = model.robot
         self.model = model
         self.columns = spread_columns(model.layout)
-        numbers = draw_numbers(model, members, generator)
+        numbers = draw_numbers(model, members, generator, known)
         wind_differently(model, numbers, generator)
         if preload_share > 0.0:
             preload_differently(model, numbers, preload_share, generator)
@@ -95,10 +103,13 @@ class Spread:
             axis=1,
         )
         self._errors = reading_errors(robot, generator)
+        unsure = robot.uncertainty is not None and not robot.uncertainty.drums_hold
+        self._forgetful = (np.arange(members) // 2 % 2 == 1) & unsure
         self.states = np.zeros((members, model.state_size))
         self.stamps = np.zeros(members, dtype=np.int64)
         self._progress = np.zeros(PROGRESS, dtype=np.int64)
         self._element_of = _elements_of(model.layout)
+        self._unmodelled = unmodelled(model)
         self._elements = len(model.layout.elements)
         self._out = np.empty(model.out_size)
         self._readings = np.empty(len(robot.motors) + len(robot.joints))
@@ -173,10 +184,11 @@ class Spread:
     def _advance(self, sample: Sample, estimate: Estimate, count: int, stddev: Vector) -> None:
         update_members(
             self.model.plan, read_only(self.numbers), self.states, self.stamps, self._shares,
-            self._errors, self._progress, count, self.columns, self._element_of,
+            self._forgetful, self._errors, self._progress, count, self.columns, self._element_of,
             self._elements, sample.stamp_ns, sample.motor_angle, sample.joint_angle,
-            sample.unseen, estimate.values, self.deviation, self.variance, self._last_angle,
-            self._intervals, self._ways, self._span, self._readings, self._out, stddev,
+            sample.unseen, estimate.values, self.deviation, self.variance, self._unmodelled,
+            self._last_angle, self._intervals, self._ways, self._span, self._readings, self._out,
+            stddev,
         )  # fmt: skip
 
     def run(
@@ -201,9 +213,9 @@ class Spread:
         values = state.values.copy()
         run_members(
             model.plan, model.numbers, values, read_only(self.numbers), self.states, self.stamps,
-            self._shares, self._errors, self._progress, self.columns,
+            self._shares, self._forgetful, self._errors, self._progress, self.columns,
             self._element_of, self._elements, stamps, samples.motor_angle, samples.joint_angle,
-            samples.unseen, dt, self.deviation, self.variance, self._last_angle, self._intervals,
-            self._ways, self._span, self._readings, self._out, estimates, stddev,
+            samples.unseen, dt, self.deviation, self.variance, self._unmodelled, self._last_angle,
+            self._intervals, self._ways, self._span, self._readings, self._out, estimates, stddev,
         )  # fmt: skip
         return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout, stddev)

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import compiled, lean
+from cdrj_ros.model.drum import start_drum
 from cdrj_ros.model.friction_history import impose_friction
 from cdrj_ros.model.mechanism import advance
-from cdrj_ros.model.packing import plan_views
+from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.model.views import copy_part, part
@@ -69,6 +70,23 @@ def _advance_member(
     solved = advance(plan, numbers, state, motor_angle, joint_angle, dt, out)
     copy_part(out, 0, state)
     return solved
+
+
+@compiled
+def forget_drums(plan: NDArray[np.int64], numbers: Vector, state: Vector) -> None:
+    """Give all cable on the drums the present strain, as of a cable that slips on its drum."""
+    layout = plan_views(plan)
+    values, now = number_views(layout.sizes, numbers), state_views(layout.sizes, state)
+    for c in range(len(layout.cables)):
+        cable = layout.cables[c]
+        for end in range(2):
+            if layout.ends[2 * c + end].motor < 0:
+                continue
+            e = cable.first_element + (0 if end == 0 else cable.elements - 1)
+            drum = now.drums[2 * c + end]
+            top = int(drum.points) - 1
+            rate = values.ends[2 * c + end].radius / max(now.length[e] / now.material[e], 1.0)
+            start_drum(drum, drum.angle[top], drum.material[top], rate)
 
 
 @lean
@@ -203,6 +221,23 @@ def _take_deviation(
             variance[c] = total / members
 
 
+@lean
+def _write_stddev(
+    columns: NDArray[np.int64],
+    estimate: Vector,
+    variance: Vector,
+    unmodelled: Table,
+    stddev: Vector,
+) -> None:
+    """Add what no member shows to the spread (U5), and widen it where cables are slack (U6)."""
+    for c in range(columns.size):
+        total = max(variance[c], 0.0) + unmodelled[0, c]
+        slack = unmodelled[1, c]
+        if abs(estimate[columns[c]]) <= slack:
+            total = max(total, slack * slack)
+        stddev[c] = sqrt(total)
+
+
 @compiled
 def update_members(
     plan: NDArray[np.int64],
@@ -210,6 +245,7 @@ def update_members(
     states: Table,
     stamps: NDArray[np.int64],
     shares: Table,
+    forgetful: NDArray[np.bool_],
     reading_errors: Table,
     progress: NDArray[np.int64],
     count: int,
@@ -223,6 +259,7 @@ def update_members(
     estimate: Vector,
     deviation: Table,
     variance: Vector,
+    unmodelled: Table,
     last_angle: Vector,
     intervals: NDArray[np.int64],
     ways: NDArray[np.float64],
@@ -237,7 +274,7 @@ def update_members(
     histories then start anew), after samples that were not fully solved, and when an axis may have
     moved unseen since the previous sample: each member then takes a path of its own (U3).
 
-    Takes 25 arguments because kernels take arrays and numbers, not objects, and members share
+    Takes 27 arguments because kernels take arrays and numbers, not objects, and members share
     all of the memory of ``Spread``.  Longer than a screen because its arguments take half of one.
     """
     members, size = states.shape
@@ -286,14 +323,15 @@ def update_members(
             plan, numbers[k], states[k], shares[k], readings[:motors], readings[motors:],
             dt, estimate.size, out,
         )  # fmt: skip
+        if forgetful[k] and solved:
+            forget_drums(plan, numbers[k], states[k])
         stamps[k] = stamp
         own = out[size : size + estimate.size]
         _take_deviation(
             columns, element_of, elements, solved and not unsolved, estimate, own, deviation,
             variance, k,
         )  # fmt: skip
-    for c in range(columns.size):
-        stddev[c] = sqrt(max(variance[c], 0.0))
+    _write_stddev(columns, estimate, variance, unmodelled, stddev)
 
 
 @compiled
@@ -305,6 +343,7 @@ def run_members(
     states: Table,
     stamps: NDArray[np.int64],
     shares: Table,
+    forgetful: NDArray[np.bool_],
     reading_errors: Table,
     progress: NDArray[np.int64],
     columns: NDArray[np.int64],
@@ -317,6 +356,7 @@ def run_members(
     dt: Vector,
     deviation: Table,
     variance: Vector,
+    unmodelled: Table,
     last_angle: Vector,
     intervals: NDArray[np.int64],
     ways: NDArray[np.float64],
@@ -328,7 +368,7 @@ def run_members(
 ) -> None:
     """Call ``advance`` and ``update_members`` for many samples.
 
-    Takes 27 arguments because it passes on those of ``update_members``.
+    Takes 29 arguments because it passes on those of ``update_members``.
     """
     size = state.size
     seen = np.empty((0, 0))
@@ -337,8 +377,9 @@ def run_members(
         copy_part(out, 0, state)
         copy_part(out, size, estimates[k])
         update_members(
-            plan, numbers, states, stamps, shares, reading_errors, progress, ONE, columns,
-            element_of, elements, sample_stamps[k], motor_angles[k], joint_angles[k],
+            plan, numbers, states, stamps, shares, forgetful, reading_errors, progress, ONE,
+            columns, element_of, elements, sample_stamps[k], motor_angles[k], joint_angles[k],
             unseen[k] if unseen.shape[0] else seen, estimates[k],
-            deviation, variance, last_angle, intervals, ways, span, readings, out, stddevs[k],
+            deviation, variance, unmodelled, last_angle, intervals, ways, span, readings, out,
+            stddevs[k],
         )  # fmt: skip

@@ -6,7 +6,6 @@ initial friction histories, reading errors, and paths between readings.  See doc
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -16,9 +15,10 @@ from cdrj_ros.estimation.drawn_numbers import drawn_numbers
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.parameters import find_number, with_numbers
+from cdrj_ros.robot.description import Robot, Uncertainty
+from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.robot.tolerances import within_range
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -36,51 +36,86 @@ FRONTS: Final = (0.6, 0.25, 0.15)
 WAYS: Final = 61
 """Rows of deviations, used in turn from one interval without readings to the next."""
 
+LEAST_FACTOR: Final = 1e-9
+"""Eigenvalue of a correlation matrix below which a direction is not drawn."""
+
 WOUND_SPREAD: Final = 0.3
 """Standard deviation of the logarithm of the tension at which the cable on a drum was wound."""
 
 
-def draw_members(robot: Robot, members: int, generator: np.random.Generator) -> list[Robot]:
+def draw_members(
+    robot: Robot,
+    members: int,
+    generator: np.random.Generator,
+    known: Uncertainty | None = None,
+) -> list[Robot]:
     """Robots with parameters drawn from their covariance; empty if all parameters are exact.
 
-    The draws are antithetic pairs.  If there are no more parameters than pairs, the sample
+    The draws are antithetic pairs.  If there are no more causes of error than pairs, the sample
     covariance equals the given one, so quantities linear in the parameters have the exact spread.
+    With more causes, each of them alone has exactly its spread.
     """
-    draws = _draws(robot, members, generator)
-    return [] if draws is None else _members(robot, draws)
+    known = known or robot.uncertainty
+    draws = _draws(robot, known, members, generator)
+    return [] if draws is None or known is None else _members(robot, known, draws)
 
 
-def draw_numbers(model: Model, members: int, generator: np.random.Generator) -> Table:
+def draw_numbers(
+    model: Model,
+    members: int,
+    generator: np.random.Generator,
+    known: Uncertainty | None = None,
+) -> Table:
     """Numbers of the robots that ``draw_members`` gives, shape (members, numbers)."""
-    draws = _draws(model.robot, members, generator)
-    if draws is None:
+    known = known or model.robot.uncertainty
+    draws = _draws(model.robot, known, members, generator)
+    if draws is None or known is None:
         return np.repeat(model.numbers[None, :], members, axis=0)
-    numbers = drawn_numbers(model, _values(model.robot, draws))
+    numbers = drawn_numbers(model, _values(model.robot, known, draws))
     if numbers is None:
-        rows = _members(model.robot, draws)
+        rows = _members(model.robot, known, draws)
         numbers = np.stack([prepare(one, check_range=False).numbers for one in rows])
     return numbers
 
 
-def _draws(robot: Robot, members: int, generator: np.random.Generator) -> Table | None:
+def _draws(
+    robot: Robot, known: Uncertainty | None, members: int, generator: np.random.Generator
+) -> Table | None:
     """Changes of all parameters, shape (members, parameters); None if all are exact."""
-    known = robot.uncertainty
-    if known is None or not robot.document:
+    if known is None or not known.parameters or not robot.document:
         return None
-    values, vectors = np.linalg.eigh(known.covariance)
-    factor = vectors * np.sqrt(np.maximum(values, 0.0))
-    pairs, p = members // 2, len(known.parameters)
+    factor = _independent_factors(known)
+    pairs, p = members // 2, factor.shape[1]
     normal = generator.standard_normal((pairs, p))
     if pairs >= p:
         normal = np.linalg.qr(normal)[0] * np.sqrt(pairs)
+    else:  # at least every factor alone has exactly its spread
+        normal /= np.sqrt((normal**2).mean(axis=0))
     draws: Table = np.concatenate([normal, -normal]) @ factor.T
     return draws
 
 
-def _members(robot: Robot, draws: Table) -> list[Robot]:
+def _independent_factors(known: Uncertainty) -> Table:
+    """F with F Fᵀ = covariance, one column per independent cause, shape (p, causes)."""
+    stated, size = known.stated, len(known.parameters)
+    values, vectors = np.linalg.eigh(known.covariance[:stated, :stated])
+    left = vectors * np.sqrt(np.maximum(values, 0.0))
+    rest = known.covariance[stated:, stated:]
+    scale = np.sqrt(np.diag(rest))
+    safe = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(rest / np.outer(safe, safe))  # free of units
+    kept = values > LEAST_FACTOR
+    right = scale[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    factors = np.zeros((size, left.shape[1] + right.shape[1]))
+    factors[:stated, :stated] = left
+    factors[stated:, stated:] = right
+    return factors
+
+
+def _members(robot: Robot, known: Uncertainty, draws: Table) -> list[Robot]:
     """Robots with their parameters changed by ``draws``, or by less if that robot is invalid."""
     document: Any = robot.document
-    values = [_values(robot, share * draws) for share in (1.0, 0.5, 0.25)]
+    values = [_values(robot, known, share * draws) for share in (1.0, 0.5, 0.25)]
     found = []
     for k in range(len(draws)):
         for one in values:
@@ -95,31 +130,13 @@ def _members(robot: Robot, draws: Table) -> list[Robot]:
     return found
 
 
-def _values(robot: Robot, draws: Table) -> dict[str, Vector]:
+def _values(robot: Robot, known: Uncertainty, draws: Table) -> dict[str, Vector]:
     """Parameters of all members within the schema's ranges, by path [SI], shape (members,) each."""
-    assert robot.uncertainty is not None
     document: Any = robot.document
-    values = {}
-    for path, changes in zip(robot.uncertainty.parameters, draws.T, strict=True):
-        number = find_number(document, path)
-        values[path] = np.array(
-            [
-                _within(number.value + change, number.rules, number.value)
-                for change in changes.tolist()
-            ]
-        )
-    return values
-
-
-def _within(value: float, rules: Mapping[str, Any], given: float) -> float:
-    """The value limited to the schema's range; ``given`` if it violates an exclusive bound."""
-    value = max(value, rules.get("minimum", value))
-    value = min(value, rules.get("maximum", value))
-    if value <= rules.get("exclusiveMinimum", -np.inf) or value >= rules.get(
-        "exclusiveMaximum", np.inf
-    ):
-        return given
-    return value
+    return {
+        path: within_range(document, path, changes)
+        for path, changes in zip(known.parameters, draws.T, strict=True)
+    }
 
 
 def wind_differently(model: Model, numbers: Table, generator: np.random.Generator) -> None:

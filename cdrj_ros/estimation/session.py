@@ -32,6 +32,7 @@ from cdrj_ros.model.shape import shape
 from cdrj_ros.robot.document import LARGEST, document_complaints
 from cdrj_ros.robot.parameters import allowed_range, find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.robot.tolerances import narrowed
 
 Vector = NDArray[np.float64]
 
@@ -135,7 +136,8 @@ class LiveEstimator:
         spread: Spread | None = None
         fusion: Fusion | None = None
         if options.uncertainty:
-            spread = Spread(model, preload_share=DOUBT if measured else 0.0)
+            known = narrowed(model.robot, self.changes)
+            spread = Spread(model, preload_share=DOUBT if measured else 0.0, known=known)
         if spread is not None and measured:
             fusion = Fusion(spread, FREE_DRIFT if options.track_preload else SLOW_DRIFT)
             if self.fusion is not None:  # a sensor that was dropped stays dropped
@@ -415,8 +417,9 @@ class LiveEstimator:
         Raises:
             UsageError, RobotFileError: a value is invalid; nothing has changed then.
         """
-        self.use(with_other_numbers(self.model, values))
+        model = with_other_numbers(self.model, values)
         self.changes.update(values)
+        self.use(model)
         self.conditioner.reset(keep_turns=True)
         self._restart()
 

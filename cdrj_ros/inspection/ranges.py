@@ -261,6 +261,18 @@ def _follow(robot: Robot, whole: Matrix, stiffness: Vector, drums: Matrix) -> tu
     return angles, np.maximum(tension, 0.0)
 
 
+def following_motors(model: Model, poses: Matrix) -> Matrix:
+    """Motor angles that keep the preloads in given poses [rad], shape (poses, motors)."""
+    robot = model.robot
+    reference = np.array([joint.reference_angle for joint in robot.joints])
+    lengths = [shape_at(model, pose).length for pose in (reference, *poses)]
+    whole = np.array([[one[part].sum() for part in _parts(robot)] for one in lengths])
+    stiffness = np.array([c.axial_stiffness for c in robot.cables]) / whole[0]
+    angles, _ = _follow(robot, whole, stiffness, _drums(robot))
+    zero = np.array([motor.reference_angle for motor in robot.motors])
+    return zero + angles[1:]
+
+
 def _loaded(
     model: Model,
     loads: Mapping[str, float],

@@ -151,7 +151,7 @@ def _uncertainty(robot: Robot) -> ParameterTable:
     if known is not None:
         rows = tuple(
             (name, f"{float(known.covariance[k, k]) ** 0.5:.3g}")
-            for k, name in enumerate(known.parameters)
+            for k, name in enumerate(known.parameters[: known.stated])
         )
     return ParameterTable("Parameter, in SI", ("standard deviation",), rows)
 

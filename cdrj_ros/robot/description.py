@@ -74,6 +74,13 @@ class Uncertainty:
     """Paths, see ``cdrj_ros.robot.parameters``, length p."""
     covariance: NDArray[np.float64]
     """Covariance of the parameters in SI, symmetric and positive semidefinite, shape (p, p)."""
+    stated: int = 0
+    """Number of leading parameters that the file states; the others have default values."""
+    drums_hold: bool = True
+    """Whether the cable certainly does not slip on its drums, see docs/uncertainty.md."""
+    model_error: tuple[tuple[str, float], ...] = ()
+    """Standard deviation of what the model lacks, by channel: ``effort/NAME`` [N m] or
+    ``tension/CABLE/ELEMENT`` [N]."""
 
 
 @dataclass(frozen=True)

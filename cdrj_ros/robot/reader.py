@@ -7,6 +7,7 @@ allowed.  All other code relies on a ``Robot`` being valid.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -15,11 +16,12 @@ import numpy as np
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.axes import read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
-from cdrj_ros.robot.description import Frame, FrameMotion, Robot, Uncertainty
+from cdrj_ros.robot.description import Cable, Frame, FrameMotion, Robot, Uncertainty
 from cdrj_ros.robot.document import Document, parse_document
 from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.refusal import Refusal, listed
 from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_spatial_frames
+from cdrj_ros.robot.tolerances import complete_uncertainty
 
 MAXIMUM_BYTES: Final = 1_000_000
 """Largest accepted size of a robot file [bytes]."""
@@ -101,7 +103,7 @@ def build_robot(document: Document, source: str) -> Robot:
         cables,
         frames if routed else (),
         source,
-        _uncertainty(document, refuse),
+        _uncertainty(document, cables, refuse),
         document,
         spatial_frames if any(cable.spatial for cable in cables) else (),
     )
@@ -157,11 +159,31 @@ def _frames(document: Document, profiles: ProfileReader, refuse: Refusal) -> Ite
         )
 
 
-def _uncertainty(document: Document, refuse: Refusal) -> Uncertainty | None:
-    entry = document.get("uncertainty")
-    if entry is None:
-        return None
-    names, stddev = entry["parameters"], np.array(entry["stddev"], dtype=float)
+def _uncertainty(
+    document: Document, cables: tuple[Cable, ...], refuse: Refusal
+) -> Uncertainty | None:
+    """The stated standard deviations, the default ones, and the model's error."""
+    entry: Document = document.get("uncertainty", {})
+    errors = entry.get("model_error", {})
+    axes = [axis["name"] for kind in ("motors", "joints") for axis in document.get(kind, ())]
+    channels = {f"effort/{name}" for name in axes}
+    channels |= {f"tension/{name}" for cable in cables for name in cable.element_names}
+    for name in errors:
+        if name not in channels:
+            raise refuse(
+                "uncertainty.model_error", f"has no channel {name!r}; there are {listed(channels)}"
+            )
+    exact = entry.get("others") == "exact"
+    known = complete_uncertainty(document, _stated(entry, refuse), exact=exact)
+    holds = entry.get("drums", "hold" if exact else "may_slip") == "hold"
+    if holds and not errors:
+        return known
+    known = known or Uncertainty((), np.zeros((0, 0)))
+    return replace(known, drums_hold=holds, model_error=tuple(sorted(errors.items())))
+
+
+def _stated(entry: Document, refuse: Refusal) -> Uncertainty | None:
+    names, stddev = entry.get("parameters", []), np.array(entry.get("stddev", []), dtype=float)
     if stddev.size != len(names):
         raise refuse(
             "uncertainty.stddev",
@@ -169,6 +191,8 @@ def _uncertainty(document: Document, refuse: Refusal) -> Uncertainty | None:
         )
     if len(set(names)) != len(names):
         raise refuse("uncertainty.parameters", "must name every parameter once")
+    if not names:
+        return None
     rows = entry.get("correlation", np.eye(len(names)).tolist())
     if [len(row) for row in rows] != [len(names)] * len(names):
         raise refuse(
@@ -184,4 +208,4 @@ def _uncertainty(document: Document, refuse: Refusal) -> Uncertainty | None:
             "uncertainty.correlation",
             "must be symmetric, with 1 on the diagonal and no negative eigenvalue",
         )
-    return Uncertainty(tuple(names), correlation * np.outer(stddev, stddev))
+    return Uncertainty(tuple(names), correlation * np.outer(stddev, stddev), len(names))

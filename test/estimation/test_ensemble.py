@@ -174,7 +174,8 @@ cables:
     preload: 50
     nodes: [{{type: winch, motor: m, radius: 0.01, winding: 1}}, {{type: anchor}}]
     spans: [2.0]
-uncertainty: {{parameters: [cables.c.preload, cables.c.axial_stiffness], stddev: [{preload}, {ea}],
+uncertainty: {{others: exact, parameters: [cables.c.preload, cables.c.axial_stiffness],
+  stddev: [{preload}, {ea}],
   correlation: [[1, {rho}], [{rho}, 1]]}}
 """
 

@@ -1,0 +1,121 @@
+"""Standard deviations that no member of the ensemble shows.
+
+These are the error of the model itself, which ``identify`` finds from residuals of recordings that
+were not fitted, and the tension that a cable may have although the estimate calls it slack.
+See docs/uncertainty.md.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.prepared import Model, Shape, shape_at
+from cdrj_ros.robot.description import Cable, Robot, Winch
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+LEAST_ARM: Final = 0.05
+"""Moment arms below this fraction of the largest one do not turn a joint effort into a tension."""
+
+
+def unmodelled(model: Model) -> Table:
+    """What is added to the spread of the members, by column of ``spread_columns``.
+
+    Returns:
+        Shape (2, columns): variance of the model's error (U5), and the standard deviation of a
+        quantity whose magnitude is at most as large, because its cables count as slack (U6).
+    """
+    robot = model.robot
+    shape = shape_at(model, np.array([joint.reference_angle for joint in robot.joints]))
+    slack = np.concatenate(
+        [np.full(len(cable.element_names), cable.slack_tension) for cable in robot.cables]
+    )
+    given = dict(robot.uncertainty.model_error) if robot.uncertainty is not None else {}
+    error = _tension_errors(robot, shape, given) if given else np.zeros(slack.size)
+    known = _through(robot, shape, error)
+    names = [f"tension/{name}" for name in model.layout.elements]
+    names += [""] * len(model.layout.pulleys)
+    names += [f"effort/{name}" for name in (*model.layout.motors, *model.layout.joints)]
+    for k, name in enumerate(names):
+        known[k] = given.get(name, known[k])
+    return np.stack([known**2, _through(robot, shape, slack)])
+
+
+def _parts(robot: Robot) -> list[tuple[Cable, slice]]:
+    """Every cable with the slice of its elements."""
+    ends = np.cumsum([len(cable.element_names) for cable in robot.cables]).tolist()
+    begins = [0, *ends[:-1]]
+    return [(c, slice(a, b)) for c, a, b in zip(robot.cables, begins, ends, strict=True)]
+
+
+def _motor_arms(robot: Robot, name: str) -> Vector:
+    """Effort on a motor per newton in every element [m], shape (elements,)."""
+    arms = []
+    for cable in robot.cables:
+        own = np.zeros(len(cable.element_names))
+        for node, element in ((cable.nodes[0], 0), (cable.nodes[-1], -1)):
+            if isinstance(node, Winch) and node.motor == name:
+                own[element] = node.radius
+        arms.append(own)
+    return np.concatenate(arms)
+
+
+def _joint_arms(shape: Shape, joint: int) -> Vector:
+    """Effort on a joint per newton in every element [m], shape (elements,)."""
+    arms: Vector = np.abs(shape.length_by_joint[:, joint])
+    return np.where(arms > LEAST_ARM * max(float(arms.max(initial=0.0)), 1e-300), arms, 0.0)
+
+
+def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vector:
+    """Model error of every tension [N]: (U5), shape (elements,).
+
+    An error of an effort is shared by the cables that act on it; between the places where errors
+    are given it is interpolated along the cable, and constant beyond.
+    """
+    parts = _parts(robot)
+    sources: list[dict[int, float]] = [{} for _ in parts]
+    efforts = [(f"effort/{motor.name}", _motor_arms(robot, motor.name)) for motor in robot.motors]
+    efforts += [
+        (f"effort/{joint.name}", _joint_arms(shape, j)) for j, joint in enumerate(robot.joints)
+    ]
+    for name, arms in efforts:
+        acting = [c for c, (_, part) in enumerate(parts) if arms[part].any()]
+        for c in acting if name in given else ():
+            own = arms[parts[c][1]]
+            error = given[name] / (float(own.sum()) * np.sqrt(len(acting)))
+            for element in np.flatnonzero(own).tolist():
+                sources[c][element] = max(sources[c].get(element, 0.0), error)
+    for c, (cable, _) in enumerate(parts):
+        for element, name in enumerate(cable.element_names):
+            if f"tension/{name}" in given:
+                sources[c][element] = given[f"tension/{name}"]
+    errors = [
+        np.interp(np.arange(len(cable.element_names)), sorted(own), [own[k] for k in sorted(own)])
+        if own
+        else np.zeros(len(cable.element_names))
+        for (cable, _), own in zip(parts, sources, strict=True)
+    ]
+    return np.concatenate(errors)
+
+
+def _through(robot: Robot, shape: Shape, tension: Vector) -> Vector:
+    """Standard deviations of all columns from those of the tensions, cable by cable."""
+    parts = _parts(robot)
+    forces = []
+    at = 0
+    for cable, part in parts:
+        count = len(cable.pulleys)
+        lever = 2.0 * np.abs(np.sin(0.5 * shape.wrap[at : at + count]))
+        own = tension[part]
+        forces.append(lever * 0.5 * (own[:-1] + own[1:]))
+        at += count
+    arms = [_motor_arms(robot, motor.name) for motor in robot.motors]
+    arms += [_joint_arms(shape, j) for j in range(len(robot.joints))]
+    efforts = [
+        np.sqrt(sum(float(arm[part] @ tension[part]) ** 2 for _, part in parts)) for arm in arms
+    ]
+    return np.concatenate([tension, *forces, np.array(efforts)])

@@ -1,0 +1,134 @@
+"""Shares of the unknown numbers in the spread of every tension, and what would reduce them.
+
+Every cause of error deviates by one standard deviation while all joints move through their ranges
+and the motors follow.  The change of a tension is the cause's contribution (U7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.inspection.ranges import following_motors
+from cdrj_ros.model.mechanism import advance_all
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+SAMPLES: Final = 400
+"""Samples of the motion, two cycles of the first joint."""
+
+REACH: Final = 0.45
+"""Amplitude of the motion as a fraction of each joint's range."""
+
+DURATION_S: Final = 40.0
+"""Duration of the motion [s]."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One cause of uncertainty and its effect on every tension."""
+
+    what: str
+    """The number's path if the file states its accuracy; otherwise words."""
+    measure: str
+    """Cheapest measurement that would at least halve it."""
+    share: Vector
+    """Share in the variance of every tension [-], shape (elements,); adds up to 1 over causes."""
+
+
+@dataclass(frozen=True)
+class Shares:
+    """All causes, the largest first."""
+
+    stddev: Vector
+    """Standard deviation of every tension, root mean square over the motion [N], (elements,)."""
+    causes: tuple[Cause, ...]
+
+
+def uncertainty_shares(model: Model) -> Shares | None:
+    """Share of every cause in the spread of every tension; None if no number is uncertain."""
+    robot = model.robot
+    known = robot.uncertainty
+    if known is None or not known.parameters or not robot.document:
+        return None
+    stated = known.parameters[: known.stated]
+    stddev = np.sqrt(np.diag(known.covariance))
+    causes = [
+        Tolerance(path, f"identify --fit {path}, or measure it", {path: float(stddev[k])})
+        for k, path in enumerate(stated)
+    ]
+    others = set(known.parameters[known.stated :])
+    for one in default_tolerances(dict(robot.document)):
+        factor = {path: value for path, value in one.factor.items() if path in others}
+        if factor:
+            causes.append(Tolerance(one.what, one.measure, factor))
+    effect = _effects(model, causes)
+    correlation = np.eye(len(causes))
+    scale = np.where(stddev > 0.0, stddev, 1.0)[: known.stated]
+    correlation[: known.stated, : known.stated] = known.covariance[
+        : known.stated, : known.stated
+    ] / np.outer(scale, scale)
+    joint = np.einsum("kj,jte->kte", correlation, effect)
+    contribution = (effect * joint).mean(axis=1)
+    variance = np.maximum(contribution.sum(axis=0), 0.0)
+    share = contribution / np.where(variance > 0.0, variance, 1.0)
+    order = np.argsort(-(contribution.sum(axis=1)))
+    return Shares(
+        np.sqrt(variance),
+        tuple(Cause(causes[k].what, causes[k].measure, share[k]) for k in order.tolist()),
+    )
+
+
+def _effects(model: Model, causes: Sequence[Tolerance]) -> NDArray[np.float64]:
+    """Changes of the tensions by each cause [N], shape (causes, samples, elements)."""
+    robot = model.robot
+    phase = np.linspace(0.0, 2.0, SAMPLES)[:, None] * 2.0 * np.pi
+    lower = np.array([joint.lower for joint in robot.joints])
+    upper = np.array([joint.upper for joint in robot.joints])
+    ratio = 1.0 + 0.5 * np.arange(len(robot.joints))  # so that the joints do not move in step
+    joints = 0.5 * (lower + upper) + REACH * (upper - lower) * np.sin(ratio * phase)
+    motors = following_motors(model, joints)
+    before = _tensions(model, motors, joints)
+    effects = np.zeros((len(causes), *before.shape))
+    for k, cause in enumerate(causes):
+        deviating = _deviating(model, cause)
+        if deviating is not None:
+            effects[k] = _tensions(deviating, motors, joints) - before
+    return effects
+
+
+def _deviating(model: Model, cause: Tolerance) -> Model | None:
+    """The robot with one cause deviating by a standard deviation, in a possible direction."""
+    document: Any = model.robot.document
+    for sign in (1.0, -1.0):
+        values = {}
+        for path, stddev in cause.factor.items():
+            values[path] = float(within_range(document, path, np.array([sign * stddev]))[0])
+        try:
+            return prepare(
+                build_robot(with_numbers(document, values), model.robot.source), check_range=False
+            )
+        except CdrjError:
+            continue
+    return None
+
+
+def _tensions(model: Model, motors: Table, joints: Table) -> Table:
+    """Tensions along the motion [N], shape (samples, elements)."""
+    estimates = np.empty((len(joints), model.layout.size))
+    dt = np.full(len(joints), DURATION_S / len(joints))
+    advance_all(
+        model.plan, model.numbers, np.zeros(model.state_size), np.ascontiguousarray(motors),
+        np.ascontiguousarray(joints), dt, estimates,
+    )  # fmt: skip
+    return estimates[:, model.layout.tension]

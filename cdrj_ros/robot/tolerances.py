@@ -1,0 +1,374 @@
+"""Standard deviations of numbers whose accuracy a robot file does not state.
+
+A number in a file comes from a drawing, a catalogue, a spring scale or the eye.  Unless the block
+``uncertainty`` states its standard deviation, or says ``others: exact``, the number has the one
+below.  docs/uncertainty.md has the same table with reasons.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import pi
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.robot.description import Robot, Uncertainty
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.parameters import find_number
+
+ZERO_BY_EYE: Final = pi / 180.0
+"""Zero of a joint that was set by eye or against a mark [rad]."""
+
+POSITION_BY_EYE: Final = 1e-3
+"""Zero of a prismatic joint that was set by eye [m]."""
+
+SPRING_SCALE: Final = 0.1
+"""Preload: read on a spring scale, and changed by creep since then, as a fraction of it."""
+
+SPRING_SCALE_NOW: Final = 0.03
+"""The same for a preload that was measured just now, as a fraction of it."""
+
+CATALOGUE_STIFFNESS: Final = 0.1
+"""EA from a catalogue's modulus or from that of steel, as a fraction; contains the lengths."""
+
+DRAWN_RADIUS: Final = 2.5e-4
+"""Radius from a drawing to the cable's centre line, and all other drawn dimensions [m]."""
+
+LARGEST_RADIUS_SHARE: Final = 0.03
+"""Largest standard deviation of a drawn dimension as a fraction of it."""
+
+TABLE_SHARE: Final = 0.01
+"""Changes of a tabulated length over the joint's range, as a fraction."""
+
+FRAME_ANGLE: Final = 0.2 * pi / 180.0
+"""Orientation of a frame from a drawing [rad]."""
+
+HANDBOOK_FRICTION: Final = 0.2
+"""Coefficients of friction from a handbook, as a fraction; contains the wrap angles."""
+
+UNSTATED_FRICTION: Final = 0.05
+"""Coefficient of friction of a cable for which the file has none."""
+
+BLEND: Final = 0.1
+"""Share rho of sliding friction that was not identified."""
+
+HANDBOOK_REST: Final = 0.3
+"""Bearing friction, bristle stiffness, Stribeck speed, springs and bearings of axes, fraction."""
+
+SPRING_REST: Final = 0.1
+"""Angle at which an axis's spring is relaxed [rad]."""
+
+DRAG: Final = 0.03
+"""Load-independent friction of a pulley whose bearing and seal were not measured, as a fraction of
+the cable's preload."""
+
+Vector = NDArray[np.float64]
+
+Factor = dict[str, float]
+"""Standard deviations by path [SI] of numbers that deviate together; a sign for the direction."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Numbers with one cause of error."""
+
+    what: str
+    """The cause in the file's terms: ``zero of joint elbow``."""
+    measure: str
+    """Cheapest measurement that reduces it at least by half."""
+    factor: Factor
+
+
+def default_tolerances(document: Document) -> tuple[Tolerance, ...]:
+    """Default standard deviations of all numbers of a robot file."""
+    found = [*_joints(document), *_axes(document), *_friction(document, "", document)]
+    for cable in document["cables"]:
+        found += _cable(document, cable)
+    found += [*_drums(document), *_terms(document), *_frames(document)]
+    return tuple(one for one in found if any(one.factor.values()))
+
+
+def complete_uncertainty(
+    document: Document, stated: Uncertainty | None, *, exact: bool
+) -> Uncertainty | None:
+    """The stated standard deviations, followed by the default ones of all other numbers.
+
+    Args:
+        document: content of the robot file.
+        stated: from the block ``uncertainty``.
+        exact: whether the file says that all other numbers are exact.
+
+    Returns:
+        None if no number is uncertain.
+    """
+    if exact:
+        return stated
+    known = stated.parameters if stated is not None else ()
+    factors = [_unstated(one.factor, known) for one in default_tolerances(document)]
+    factors = [factor for factor in factors if factor]
+    paths = list(dict.fromkeys(path for factor in factors for path in factor))
+    if not paths:
+        return stated
+    index = {path: k for k, path in enumerate(paths)}
+    roots = np.zeros((len(paths), len(factors)))
+    for k, factor in enumerate(factors):
+        for path, stddev in factor.items():
+            roots[index[path], k] = stddev
+    size = len(known)
+    covariance = np.zeros((size + len(paths), size + len(paths)))
+    if stated is not None:
+        covariance[:size, :size] = stated.covariance
+    covariance[size:, size:] = roots @ roots.T
+    return Uncertainty((*known, *paths), covariance, size)
+
+
+def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
+    """The robot's uncertainty after reference angles and preloads were set at run time.
+
+    A tare reads the reference angles from the sensors, whose errors are drawn separately.  A
+    preload that is set was measured just now.  Neither makes a number less certain.
+
+    Args:
+        robot: the robot with the changed numbers.
+        changed: their values by path [SI].
+    """
+    known = robot.uncertainty
+    if known is None:
+        return None
+    scale = np.ones(len(known.parameters))
+    for k, path in enumerate(known.parameters):
+        if path not in changed:
+            continue
+        stddev = float(np.sqrt(known.covariance[k, k]))
+        wanted = SPRING_SCALE_NOW * changed[path] if path.endswith(".preload") else 0.0
+        scale[k] = min(1.0, wanted / stddev) if stddev > 0.0 else 1.0
+    return replace(known, covariance=known.covariance * np.outer(scale, scale))
+
+
+def within_range(document: Document, path: str, changes: Vector) -> Vector:
+    """A number after each of several changes, limited to what the schema allows.
+
+    A reference angle stays within its joint's range, if need be by the opposite change.  A change
+    beyond an exclusive bound is not made.
+
+    Args:
+        document: content of the robot file.
+        path: of the number.
+        changes: added to it [SI], shape (n,).
+    """
+    number = find_number(document, path)
+    rules = number.rules
+    values = number.value + changes
+    values = np.clip(values, rules.get("minimum", -np.inf), rules.get("maximum", np.inf))
+    if path.startswith("joints.") and path.endswith(".reference_angle"):
+        base = path.rsplit(".", 1)[0]
+        lower, upper = (find_number(document, f"{base}.range.{end}").value for end in (1, 2))
+        outside = (values < lower) | (values > upper)
+        values = np.clip(np.where(outside, 2.0 * number.value - values, values), lower, upper)
+    beyond = (values <= rules.get("exclusiveMinimum", -np.inf)) | (
+        values >= rules.get("exclusiveMaximum", np.inf)
+    )
+    return np.where(beyond, number.value, values)
+
+
+def _unstated(factor: Factor, known: tuple[str, ...]) -> Factor:
+    """A factor without the numbers whose accuracy the file states.
+
+    The static coefficient stays where it is if the Coulomb coefficient is stated, because it must
+    not fall below it.
+    """
+    rest = {path: stddev for path, stddev in factor.items() if path not in known}
+    if len(rest) < len(factor):
+        rest = {path: stddev for path, stddev in rest.items() if not path.endswith(".mu_s")}
+    return rest
+
+
+def _joints(document: Document) -> Iterator[Tolerance]:
+    prismatic = {
+        frame.get("joint") for frame in document.get("frames", ()) if frame["motion"] == "prismatic"
+    }
+    for joint in document.get("joints", ()):
+        name = joint["name"]
+        stddev = POSITION_BY_EYE if name in prismatic else ZERO_BY_EYE
+        yield Tolerance(
+            f"zero of joint {name}", "call ~/tare in the reference pose",
+            {f"joints.{name}.reference_angle": stddev},
+        )  # fmt: skip
+
+
+def _axes(document: Document) -> Iterator[Tolerance]:
+    for kind in ("motors", "joints"):
+        for axis in document.get(kind, ()):
+            at = f"{kind}.{axis['name']}"
+            for key, stddev in (
+                ("bearing_torque", HANDBOOK_REST * axis.get("bearing_torque", 0.0)),
+                ("spring_stiffness", HANDBOOK_REST * axis.get("spring_stiffness", 0.0)),
+                ("spring_rest", SPRING_REST if axis.get("spring_stiffness", 0.0) else 0.0),
+            ):
+                yield Tolerance(
+                    f"{key.replace('_', ' ')} of {axis['name']}",
+                    f"fit {at}.{key} to its measured effort without cables",
+                    {f"{at}.{key}": stddev},
+                )  # fmt: skip
+
+
+def _friction(
+    document: Document, at: str, holder: Mapping[str, Any], name: str = "all pulleys"
+) -> Iterator[Tolerance]:
+    """Friction numbers that one level of the file gives; the robot's also those left out."""
+    given: Mapping[str, Any] = holder.get("friction", {})
+    path = f"{at}friction."
+    yield Tolerance(
+        f"friction of {name}", "identify --fit mu_c with a load cell at the far end of a cable",
+        {path + key: HANDBOOK_FRICTION * given[key] for key in ("mu_c", "mu_s") if key in given},
+    )  # fmt: skip
+    if not at and not _has_friction(document):
+        yield Tolerance(
+            "friction that the file leaves out", "state mu_c, or law: none",
+            {path + "mu_c": UNSTATED_FRICTION},
+        )  # fmt: skip
+    if "rho" in given or (not at and _has_friction(document)):
+        yield Tolerance(
+            f"share rho of {name}", "identify --fit rho with a load cell at the far end of a cable",
+            {path + "rho": BLEND},
+        )  # fmt: skip
+    for key in ("bearing_friction", "bristle_stiffness", "stribeck_speed"):
+        yield Tolerance(
+            f"{key.replace('_', ' ')} of {name}", f"identify --fit {key}",
+            {path + key: HANDBOOK_REST * given.get(key, 0.0)},
+        )  # fmt: skip
+
+
+def _has_friction(document: Document) -> bool:
+    """Whether the file gives a coefficient of friction at any level, or rules friction out."""
+    levels = [document, *document["cables"]]
+    levels += [node for cable in document["cables"] for node in cable["nodes"]]
+    return any(not {"mu_c", "law"}.isdisjoint(level.get("friction", {})) for level in levels) and (
+        any("mu_c" in level.get("friction", {}) for level in levels)
+        or all(_law(document, cable) == "none" for cable in document["cables"])
+    )
+
+
+def _law(document: Document, cable: Mapping[str, Any]) -> str:
+    laws: Mapping[str, str] = {**document.get("friction", {}), **cable.get("friction", {})}
+    return laws.get("law", "elastoplastic")
+
+
+def _cable(document: Document, cable: Mapping[str, Any]) -> Iterator[Tolerance]:
+    name, at = cable["name"], f"cables.{cable['name']}"
+    preload = float(cable["preload"])
+    yield Tolerance(
+        f"preload of {name}", "measure it with a spring scale now and call ~/set_preload",
+        {f"{at}.preload": max(SPRING_SCALE * preload, float(cable.get("slack_tension", 0.1)))},
+    )  # fmt: skip
+    stiffness = find_number(document, f"{at}.axial_stiffness").value
+    yield Tolerance(
+        f"EA of {name}", "hang two known weights on it, or identify --fit EA with a load cell",
+        {f"{at}.axial_stiffness": CATALOGUE_STIFFNESS * stiffness},
+    )  # fmt: skip
+    yield from _friction(document, f"{at}.", cable, f"cable {name}")
+    law = _law(document, cable)
+    radii: Factor = {}
+    drag: Factor = {}
+    for k, node in enumerate(cable["nodes"]):
+        here = f"{at}.nodes.{k + 1}"
+        if node["type"] == "pulley":
+            radii[f"{here}.radius"] = _drawn(node["radius"])
+            torque = float(node.get("bearing_torque", 0.0))
+            if law not in ("none", "euler"):
+                drag[f"{here}.bearing_torque"] = (
+                    DRAG * preload * node["radius"] + HANDBOOK_REST * torque
+                )
+            yield from _friction(document, f"{here}.", node, f"pulley {name}/{k + 1}")
+        elif node["type"] == "anchor" and node.get("radius"):
+            yield Tolerance(
+                f"sector of {name}", "measure its diameter over the cable with a calliper",
+                {f"{here}.radius": _drawn(node["radius"])},
+            )  # fmt: skip
+        yield from _position(f"{here}.position", node, f"node {name}/{k + 1}")
+    yield Tolerance(
+        f"pulley radii of {name}", "measure their diameters over the cable with a calliper", radii
+    )
+    yield Tolerance(
+        f"drag of the pulleys of {name}",
+        "pull the slack cable through with a spring scale, or identify --fit pulley_bearing_torque",
+        drag,
+    )
+
+
+def _drawn(dimension: float) -> float:
+    """Standard deviation of a dimension from a drawing [m]."""
+    return min(DRAWN_RADIUS, LARGEST_RADIUS_SHARE * abs(dimension))
+
+
+def _position(path: str, entry: Mapping[str, Any], name: str) -> Iterator[Tolerance]:
+    if path.rsplit(".", 1)[-1] in entry:
+        for k, axis in enumerate("xy"):
+            yield Tolerance(
+                f"position {axis} of {name}", "measure it with a calliper",
+                {f"{path}.{k + 1}": DRAWN_RADIUS},
+            )  # fmt: skip
+
+
+def _drums(document: Document) -> Iterator[Tolerance]:
+    """Drums of one motor, which are turned on one lathe."""
+    by_motor: dict[str, Factor] = {}
+    for cable in document["cables"]:
+        for k, node in enumerate(cable["nodes"]):
+            if node["type"] == "winch":
+                path = f"cables.{cable['name']}.nodes.{k + 1}.radius"
+                by_motor.setdefault(node["motor"], {})[path] = _drawn(node["radius"])
+    for motor, factor in by_motor.items():
+        yield Tolerance(
+            f"drum radius of motor {motor}", "wind in ten turns and measure the cable's length",
+            factor,
+        )  # fmt: skip
+
+
+def _terms(document: Document) -> Iterator[Tolerance]:
+    """Moment arms and tables of the spans; the strands over one joint share their dimensions."""
+    arms: dict[str, Factor] = {}
+    for cable in document["cables"]:
+        for k, span in enumerate(cable.get("spans", ())):
+            path = f"cables.{cable['name']}.spans.{k + 1}"
+            several = isinstance(span, list)
+            for t, term in enumerate(span if several else [span]):
+                if isinstance(term, dict):
+                    at = f"{path}.{t + 1}" if several else path
+                    arms.setdefault(term["joint"], {}).update(_term(at, term))
+    for joint, factor in arms.items():
+        yield Tolerance(
+            f"moment arms of joint {joint}", "measure the strands' distances with a calliper",
+            factor,
+        )  # fmt: skip
+
+
+def _term(path: str, term: Mapping[str, Any]) -> Factor:
+    factor: Factor = {}
+    for key in ("slope", "sine"):
+        if value := term.get(key, 0.0):
+            factor[f"{path}.{key}"] = _drawn(value) * (1.0 if value > 0.0 else -1.0)
+    values = term.get("value", ())
+    for k, value in enumerate(values):
+        change = TABLE_SHARE * (value - values[len(values) // 2])
+        if change:
+            factor[f"{path}.value.{k + 1}"] = change
+    return factor
+
+
+def _frames(document: Document) -> Iterator[Tolerance]:
+    for frame in document.get("frames", ()):
+        name = frame["name"]
+        yield from _position(f"frames.{name}.origin", frame, f"frame {name}")
+        yield Tolerance(
+            f"orientation of frame {name}", "measure it with a protractor",
+            {f"frames.{name}.angle": FRAME_ANGLE},
+        )  # fmt: skip
+        if frame.get("radius"):
+            yield Tolerance(
+                f"rolling radius of frame {name}", "measure it with a calliper",
+                {f"frames.{name}.radius": _drawn(frame["radius"])},
+            )  # fmt: skip

@@ -1,0 +1,141 @@
+"""What a robot file does not state is in the standard deviation, or the status is not OK."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.discrepancy import unmodelled
+from cdrj_ros.estimation.ensemble import MEMBERS, Spread
+from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.estimation.members import draw_members
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.packing import number_views
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.reader import load_robot, parse_robot
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def tool() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("wrong_files", ROOT / "tools" / "wrong_files.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def motion(tool: ModuleType) -> Samples:
+    samples: Samples = tool.true_motion(load_model(tool.ROBOT), 12.0)
+    return samples
+
+
+@pytest.mark.parametrize("k", [1, 3, 4, 5, 8])
+def test_a_wrong_number_is_covered_or_the_status_is_not_ok(
+    tool: ModuleType, motion: Samples, k: int
+) -> None:
+    found = tool.row(tool.ROWS[k], motion)
+    assert found[0].all > 0.03, "the row would be no test of anything"
+    for one in found[:3]:
+        assert one.covered >= 0.9
+        assert one.misleading <= 0.1
+    assert found[3].covered < 0.6, "an exact file does not know better"
+
+
+def test_a_drum_that_forgets_is_among_the_members(tool: ModuleType) -> None:
+    motion = tool.true_motion(load_model(tool.ROBOT), 30.0)
+    wrong = next(one for one in tool.ROWS if one.forgets)
+    _, _, narrow, exact = tool.row(wrong, motion)
+    assert narrow.covered >= 0.9
+    assert exact.covered < 0.75
+
+
+SLACK = """
+name: slack
+motors: [{name: m}]
+joints: []
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 0
+    slack_tension: 0.2
+    nodes:
+      - {type: winch, motor: m, radius: 0.01, winding: 1}
+      - {type: pulley, radius: 0.01, wrap_angle_deg: 90}
+      - {type: anchor}
+    spans: [1.0, 1.0]
+uncertainty: {others: exact}
+"""
+
+
+def test_a_slack_cable_has_a_spread() -> None:
+    model = prepare(parse_robot(SLACK))
+    spread = Spread(model)
+    sample = Sample(1, np.array([-1.0]), np.zeros(0))  # paid out by 10 mm
+    _, estimate = step(model, initial_state(model), sample)
+    stddev = spread.update(sample, estimate)
+    assert estimate.tension.tolist() == [0.0, 0.0]
+    assert stddev[:2].tolist() == [0.2, 0.2]
+    assert stddev[2] == pytest.approx(0.2 * np.sqrt(2.0))  # the force on a pulley wrapped by 90°
+    assert stddev[3] == pytest.approx(0.2 * 0.01)
+
+
+def test_an_error_of_efforts_reaches_tensions_through_the_radii() -> None:
+    text = SLACK.replace("others: exact", "others: exact, model_error: {effort/m: 0.003}")
+    table = unmodelled(prepare(parse_robot(text)))
+    expected = [0.3, 0.3, 0.3 * np.sqrt(2.0), 0.003]
+    assert np.sqrt(table[0]).tolist() == pytest.approx(expected)
+
+
+def test_the_models_error_is_in_the_standard_deviation() -> None:
+    taut = SLACK.replace("preload: 0", "preload: 20")
+    text = taut.replace("others: exact", "others: exact, model_error: {tension/c/2: 0.7}")
+    sample = Sample(1, np.zeros(1), np.zeros(0))
+    found = []
+    for one in (taut, text):
+        model = prepare(parse_robot(one))
+        _, estimate = step(model, initial_state(model), sample)
+        found.append(Spread(model).update(sample, estimate))
+    assert np.sqrt(found[1][:2] ** 2 - found[0][:2] ** 2) == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize("name", ["prototype_positions", "finger", "hoist", "parallel"])
+def test_no_draw_is_impossible(name: str) -> None:
+    robot = load_robot(ROOT / "config" / "robots" / f"{name}.yaml")
+    drawn = draw_members(robot, MEMBERS, np.random.default_rng(0))
+    assert len(drawn) == MEMBERS
+    assert not any(one is robot for one in drawn)
+
+
+def fresh(tool: ModuleType) -> Model:
+    model: Model = tool.fresh_model(load_model(tool.ROBOT))
+    return model
+
+
+def test_a_tare_narrows_a_fresh_file(tool: ModuleType) -> None:
+    live = LiveEstimator(fresh(tool))
+    widths, preloads = [], []
+    for then in (live.tare, lambda: live.set_preload({"upper": 36.85}), lambda: ""):
+        for k in range(400):
+            out = live.take(Sample(10**9 + k * 1_000_000, np.zeros(1), np.zeros(1)))
+        assert out.stddev is not None
+        assert live.spread is not None
+        widths.append(float(out.stddev[7]))
+        cables: Any = number_views(live.model.sizes, live.spread.numbers).cables
+        preloads.append(float(cables["preload"][:, 0].std()) / 36.85)
+        then()
+    assert widths[0] > 10.0
+    assert widths[1] < 0.5 * widths[0]
+    assert preloads == pytest.approx([0.1, 0.1, 0.03], rel=1e-3)

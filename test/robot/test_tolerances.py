@@ -1,0 +1,158 @@
+"""Numbers whose accuracy a robot file does not state have default standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.parameters import find_number
+from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.robot.tolerances import (
+    DRAG,
+    SPRING_SCALE,
+    SPRING_SCALE_NOW,
+    ZERO_BY_EYE,
+    default_tolerances,
+    narrowed,
+)
+from cdrj_ros.robot.writer import with_section
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+TEXT = (ROBOTS / "prototype.yaml").read_text(encoding="utf-8")
+FRESH = with_section(TEXT, "uncertainty", None)
+
+WITHOUT_BLOCK = ("prototype_positions", "finger", "hoist", "parallel")
+
+EXACT = {
+    "winding", "effort_sign", "direction", "cells", "range", "max_speed", "max_tension", "period",
+    "slack_tension", "sensor_noise", "resolution", "noise", "tracking_bandwidth", "scale",
+    "stribeck_lag", "breakaway",
+}  # fmt: skip
+"""Keys that are conventions, limits, or properties of the sensors and of the numerical method."""
+
+ELSEWHERE = {
+    "offset", "clock_offset", "correction", "wrap_angle", "spans", "bearing_diameter", "diameter",
+    "youngs_modulus", "bearing_stiffness", "viscous", "bristle_damping", "angle",
+}  # fmt: skip
+"""Keys whose error is contained in that of another: docs/uncertainty.md says in which."""
+
+
+def stddevs(robot: Robot) -> dict[str, float]:
+    known = robot.uncertainty
+    assert known is not None
+    return dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)).tolist(), strict=True))
+
+
+def numbers(value: Any, path: str = "") -> Iterator[str]:
+    """Paths of all numbers of a document except results and zeros."""
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            if key not in ("uncertainty", "identified", "published"):
+                yield from numbers(entry, f"{path}.{key}" if path else key)
+    elif isinstance(value, list):
+        for k, entry in enumerate(value):
+            name = entry["name"] if isinstance(entry, dict) and "name" in entry else k + 1
+            yield from numbers(entry, f"{path}.{name}")
+    elif isinstance(value, (int, float)) and value:
+        yield path
+
+
+@pytest.mark.parametrize(
+    "name", ["prototype", "prototype_positions", "finger", "hoist", "parallel"]
+)
+def test_every_number_has_a_standard_deviation_or_a_reason_for_none(name: str) -> None:
+    text = with_section((ROBOTS / f"{name}.yaml").read_text("utf-8"), "uncertainty", None)
+    robot = parse_robot(text)
+    uncertain = stddevs(robot)
+    every = list(numbers(robot.document))
+    assert len(every) > 20
+    for path in every:
+        assert path in uncertain or not (EXACT | ELSEWHERE).isdisjoint(path.split(".")), path
+    assert all(stddev > 0.0 for stddev in uncertain.values())
+    assert all(find_number(dict(robot.document), path) for path in uncertain)
+
+
+def test_a_fresh_file_has_the_documented_tolerances() -> None:
+    known = stddevs(parse_robot(FRESH))
+    assert known["joints.elbow.reference_angle"] == ZERO_BY_EYE
+    assert known["cables.upper.preload"] == pytest.approx(SPRING_SCALE * 36.85)
+    assert known["cables.upper.nodes.2.bearing_torque"] == pytest.approx(DRAG * 36.85 * 0.011)
+    assert known["friction.mu_s"] / known["friction.mu_c"] == pytest.approx(0.20 / 0.15)
+
+
+def test_numbers_with_one_cause_deviate_together() -> None:
+    known = parse_robot(FRESH).uncertainty
+    assert known is not None
+    i, j = (known.parameters.index(f"cables.{c}.nodes.1.radius") for c in ("upper", "lower"))
+    assert known.covariance[i, j] == pytest.approx(known.covariance[i, i])
+    i, j = (known.parameters.index(f"cables.{c}.spans.6.sine") for c in ("upper", "lower"))
+    assert known.covariance[i, j] == pytest.approx(-known.covariance[i, i])
+
+
+def test_a_stated_standard_deviation_replaces_the_default() -> None:
+    stated = "uncertainty:\n  parameters: [cables.upper.preload]\n  stddev: [0.25]\n"
+    known = parse_robot(with_section(FRESH, "uncertainty", stated)).uncertainty
+    assert known is not None
+    assert known.stated == 1
+    assert known.parameters.count("cables.upper.preload") == 1
+    assert known.covariance[0, 0] == pytest.approx(0.25**2)
+    assert np.all(known.covariance[0, 1:] == 0.0)
+    assert "cables.lower.preload" in known.parameters
+    assert not known.drums_hold
+
+
+def test_a_static_coefficient_stays_above_a_stated_coulomb_coefficient() -> None:
+    stated = "uncertainty:\n  parameters: [friction.mu_c]\n  stddev: [0.01]\n"
+    assert "friction.mu_s" not in stddevs(parse_robot(with_section(FRESH, "uncertainty", stated)))
+
+
+@pytest.mark.parametrize("stated", ["", "\n  parameters: [friction.rho]\n  stddev: [0.01]"])
+def test_others_may_be_exact(stated: str) -> None:
+    text = with_section(FRESH, "uncertainty", f"uncertainty:\n  others: exact{stated}")
+    known = parse_robot(text).uncertainty
+    assert (known is None) == (not stated)
+    if known is not None:
+        assert known.parameters == ("friction.rho",)
+        assert known.drums_hold
+
+
+def test_the_models_error_names_channels_of_the_robot() -> None:
+    text = with_section(FRESH, "uncertainty", "uncertainty:\n  model_error: {effort/winch: 0.01}")
+    known = parse_robot(text).uncertainty
+    assert known is not None
+    assert known.model_error == (("effort/winch", 0.01),)
+    with pytest.raises(RobotFileError, match=r"effort/wench.*effort/winch"):
+        parse_robot(text.replace("effort/winch", "effort/wench"))
+
+
+def test_a_tare_makes_zeros_certain_and_a_measured_preload_narrows_it() -> None:
+    robot = parse_robot(FRESH)
+    changed = {"joints.elbow.reference_angle": 0.1, "cables.lower.preload": 30.0}
+    before, known = stddevs(robot), narrowed(robot, changed)
+    after = stddevs(replace(robot, uncertainty=known))
+    assert after["joints.elbow.reference_angle"] == 0.0
+    assert after["cables.lower.preload"] == pytest.approx(min(SPRING_SCALE_NOW * 30.0, 2.626))
+    assert {p: s for p, s in after.items() if p not in changed} == pytest.approx(
+        {p: s for p, s in before.items() if p not in changed}
+    )
+
+
+def test_a_measurement_never_widens_what_the_file_states() -> None:
+    robot = load_robot(ROBOTS / "prototype.yaml")
+    known = narrowed(robot, {"cables.upper.preload": 36.0})
+    assert stddevs(replace(robot, uncertainty=known))["cables.upper.preload"] == pytest.approx(0.4)
+
+
+def test_every_tolerance_says_what_it_is_and_how_to_reduce_it() -> None:
+    for name in ("prototype", "finger", "hoist", "parallel"):
+        for one in default_tolerances(dict(load_robot(ROBOTS / f"{name}.yaml").document)):
+            assert one.what
+            assert one.measure
+            assert one.factor

@@ -1,0 +1,238 @@
+#!/usr/bin/env python3
+"""Estimate with a robot file that is wrong, and compare the errors with the standard deviations.
+
+python tools/wrong_files.py            print the table of docs/uncertainty.md
+python tools/wrong_files.py --quick    the same over a shorter motion
+
+The truth has eight contact cells per pulley and other numbers than the file.  The motion is that of
+bags/prototype_preload_36_26; the readings have the resolution of the file's sensors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from cdrj_ros.bag import Topics  # noqa: E402
+from cdrj_ros.conditioning.samples import Sample, Samples  # noqa: E402
+from cdrj_ros.estimation.ensemble import Spread  # noqa: E402
+from cdrj_ros.estimation.estimator import initial_state, run, step  # noqa: E402
+from cdrj_ros.estimation.member_kernels import forget_drums  # noqa: E402
+from cdrj_ros.estimation.unsure import mark_unsure  # noqa: E402
+from cdrj_ros.judgement.validation import condition_recording, read_inputs  # noqa: E402
+from cdrj_ros.model.loading import load_model  # noqa: E402
+from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
+from cdrj_ros.model.status import OK  # noqa: E402
+from cdrj_ros.rig.cells import divide  # noqa: E402
+from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers  # noqa: E402
+from cdrj_ros.robot.reader import build_robot  # noqa: E402
+from cdrj_ros.robot.tolerances import narrowed  # noqa: E402
+
+Table = NDArray[np.float64]
+
+ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
+BAG = str(ROOT / "bags" / "prototype_preload_36_26")
+RATE = 200.0
+CELLS = 8
+LAST = slice(7, None, 8)
+"""Element 8 of both cables."""
+TARED = ("motors.winch.reference_angle", "joints.elbow.reference_angle")
+PRELOADS = ("cables.upper.preload", "cables.lower.preload")
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """One way in which the machine differs from its file."""
+
+    what: str
+    factors: Mapping[str, float]
+    """Ratio of true to stated numbers, by pattern."""
+    shifts: Mapping[str, float]
+    """True less stated numbers, by pattern [SI]."""
+    zero: float = 0.0
+    """Error of the joint's reading [rad]."""
+    drag: float = 0.0
+    """Load-independent friction of every pulley as a fraction of the preload."""
+    forgets: bool = False
+    """Whether the cable slips on its drum."""
+
+
+NODES = "cables.*.nodes"
+ROWS = (
+    Wrong("nothing", {}, {}),
+    Wrong("joint zero off by 1°", {}, {}, zero=np.radians(1.0)),
+    Wrong("drum that holds no memory of its layers", {}, {}, forgets=True),
+    Wrong("preload crept by −10 %", {"cables.*.preload": 0.9}, {}),
+    Wrong("drum radius +0.5 mm (3 %)", {}, {f"{NODES}.1.radius": 5e-4}),
+    Wrong("drag of 3 % of preload on every pulley", {}, {}, drag=0.03),
+    Wrong("strand offset +0.5 mm", {"cables.*.spans.[6,7].sine": 60.5 / 60.0}, {}),
+    Wrong("pulley radii +0.5 mm", {}, {f"{NODES}.[2,3,4,5,6,7,8].radius": 5e-4}),
+    Wrong(
+        "ten small ones together",
+        {
+            "cables.*.youngs_modulus": 0.97, "cables.*.preload": 0.98, "friction.mu_c": 1.1,
+            "friction.mu_s": 1.1, "friction.bristle_stiffness": 0.8,
+            "cables.*.spans.[6,7].sine": 60.1 / 60.0,
+        },
+        {"friction.rho": 0.03, f"{NODES}.1.radius": 5e-5,
+         f"{NODES}.[2,3,4,5,6,7,8].radius": 1e-4},
+        zero=np.radians(0.1), drag=0.005,
+    ),
+)  # fmt: skip
+
+
+class Outcome(NamedTuple):
+    """Figures of one estimate."""
+
+    last: float
+    """Mean error of element 8 over its mean tension [-]."""
+    all: float
+    """The same for all elements."""
+    covered: float
+    """Share of true tensions within two standard deviations."""
+    ok: float
+    """Share of tensions with status OK."""
+    misleading: float
+    """Share of tensions with status OK that lie outside two standard deviations."""
+
+
+def true_motion(model: Model, seconds: float) -> Samples:
+    """Motion of the sample bag without the noise of its sensors."""
+    samples = condition_recording(model, read_inputs(BAG, Topics(), model)).segments[0]
+    recorded = (samples.stamp_ns - samples.stamp_ns[0]) * 1e-9
+    time = np.arange(0.0, min(recorded[-1], seconds), 1.0 / RATE)
+    angles = [
+        gaussian_filter1d(np.interp(time, recorded, values[:, 0]), 4.0)[:, None]
+        for values in (samples.motor_angle, samples.joint_angle)
+    ]
+    return Samples(1_000_000_000 + np.round(time * 1e9).astype(np.int64), *angles)
+
+
+def reality(model: Model, wrong: Wrong) -> Any:
+    """The robot with its true numbers."""
+    document: Any = model.robot.document
+    values = {}
+    for pattern, change in {**wrong.factors, **wrong.shifts}.items():
+        for path in (path for group in matching_paths(document, pattern) for path in group):
+            given = number_at(document, path)
+            values[path] = given * change if pattern in wrong.factors else given + change
+    if wrong.drag:
+        for cable in document["cables"]:
+            for k, node in enumerate(cable["nodes"]):
+                if node["type"] == "pulley":
+                    path = f"cables.{cable['name']}.nodes.{k + 1}.bearing_torque"
+                    values[path] = wrong.drag * cable["preload"] * node["radius"]
+    return build_robot(with_numbers(document, values), "reality")
+
+
+def true_tensions(model: Model, wrong: Wrong, motion: Samples) -> Table:
+    """Tensions of the real machine with contact cells [N], shape (n, elements)."""
+    divided = divide(reality(model, wrong), CELLS)
+    fine = prepare(divided.robot)
+    state = initial_state(fine)
+    if not wrong.forgets:
+        _, estimates = run(fine, state, motion)
+        return estimates.values[:, fine.layout.tension][:, divided.spans]
+    rows = np.empty((motion.stamp_ns.size, len(model.layout.elements)))
+    for k, (stamp, motor, joint) in enumerate(
+        zip(motion.stamp_ns.tolist(), motion.motor_angle, motion.joint_angle, strict=True)
+    ):
+        state, estimate = step(fine, state, Sample(stamp, motor, joint))
+        forget_drums(fine.plan, fine.numbers, state.values)
+        rows[k] = estimate.tension[divided.spans]
+    return rows
+
+
+def readings(model: Model, motion: Samples, zero: float) -> Samples:
+    """What the encoders read."""
+    columns = []
+    for axis, angle, error in zip(
+        model.robot.axes, (motion.motor_angle, motion.joint_angle), (0.0, zero), strict=True
+    ):
+        count = axis.sensor.resolution
+        columns.append(np.round((angle + error) / count) * count)
+    return Samples(motion.stamp_ns, columns[0], columns[1])
+
+
+def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
+    """Estimate from the readings and compare with the truth."""
+    spread = Spread(model, known=known)
+    _, estimates = spread.run(initial_state(model), read)
+    stddev = estimates.stddev
+    assert stddev is not None
+    elements = len(model.layout.elements)
+    preload = np.repeat(
+        [cable.preload for cable in model.robot.cables],
+        [len(cable.element_names) for cable in model.robot.cables],
+    )
+    for values, sigma in zip(estimates.values, stddev, strict=True):
+        mark_unsure(values, preload, sigma, 0.1)
+    error = np.abs(estimates.values[:, model.layout.tension] - true)
+    inside = error <= 2.0 * stddev[:, :elements]
+    ok = estimates.values[:, model.layout.status] == OK
+    return Outcome(
+        float(error[:, LAST].mean() / true[:, LAST].mean()),
+        float(error.mean() / true.mean()),
+        float(inside.mean()),
+        float(ok.mean()),
+        float((ok & ~inside).sum() / max(ok.sum(), 1)),
+    )
+
+
+def fresh_model(model: Model) -> Model:
+    """The robot whose file states no uncertainty."""
+    document: Any = {k: v for k, v in model.robot.document.items() if k != "uncertainty"}
+    return prepare(build_robot(document, model.robot.source))
+
+
+def row(wrong: Wrong, motion: Samples) -> list[Outcome]:
+    """Figures of a fresh file, after a tare, with its preloads set too, and of an exact file."""
+    exact = load_model(ROBOT)
+    model = fresh_model(exact)
+    true = true_tensions(model, wrong, motion)
+    read = readings(model, motion, wrong.zero)
+    document: Any = model.robot.document
+    tared = dict.fromkeys(TARED, 0.0)
+    at_rest = Samples(read.stamp_ns, read.motor_angle, read.joint_angle - wrong.zero)
+    preloads = {path: number_at(document, path) for path in PRELOADS}
+    for pattern, factor in wrong.factors.items():
+        if pattern == "cables.*.preload":
+            preloads = {path: factor * value for path, value in preloads.items()}
+    fitted = prepare(build_robot(with_numbers(document, preloads), "set"))
+    return [
+        outcome(model, None, read, true),
+        outcome(model, narrowed(model.robot, tared), at_rest, true),
+        outcome(fitted, narrowed(fitted.robot, {**tared, **preloads}), at_rest, true),
+        outcome(exact, None, read, true),
+    ]
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="only the first 15 s")
+    motion = true_motion(load_model(ROBOT), 15.0 if parser.parse_args().quick else 60.0)
+    print("| wrong | error of element 8 / all | fresh | tared | preload set too | others: exact |")
+    print("|---|---|---|---|---|---|")
+    for wrong in ROWS:
+        found = row(wrong, motion)
+        cells = [f"{one.covered:.0%}, {one.ok:.0%}" for one in found]
+        print(f"| {wrong.what} | {found[0].last:.1%} / {found[0].all:.1%} | "
+              f"{' | '.join(cells)} |", flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
