@@ -13,6 +13,7 @@ from time import perf_counter
 
 from cdrj_ros.bag import Recording, Topics
 from cdrj_ros.commands.compilation import announce_compilation
+from cdrj_ros.commands.identify_model_error import model_errors
 from cdrj_ros.commands.identify_results import (
     COVARIANCE_LIMIT,
     Compared,
@@ -40,6 +41,7 @@ from cdrj_ros.identification.unknowns import (
     with_bounds,
     with_priors,
 )
+from cdrj_ros.identification.wide import fitted_along
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.metrics import pooled_errors
 from cdrj_ros.judgement.validation import read_inputs
@@ -67,6 +69,11 @@ def _parser() -> argparse.ArgumentParser:
         "--fit", required=True, metavar="NAME,...",
         help="parameters to identify; 'cables.*.preload': one value for all cables, "
         "'cables.{*}.preload': one for each, 'a=b' and 'a=-b': two tied parameters",
+    )  # fmt: skip
+    parser.add_argument(
+        "--only", action="store_true",
+        help="fit these alone; otherwise stiffness, preload, drum radius, zeros and drag are "
+        "fitted along where the file states no accuracy, with the default tolerance as prior",
     )  # fmt: skip
     parser.add_argument("--out", metavar="FILE", help="robot file to write; comments are kept")
     parser.add_argument(
@@ -168,21 +175,28 @@ def _body(argv: Sequence[str]) -> int:
             task.document, task.source, task.unknowns, recordings, task.settings, progress
         )
     values = {**task.start, **_rounded(found)}
-    text = with_numbers_in_text(task.path.read_text(encoding="utf-8"), values, task.source)
+    seen = {path for k in found.seen.tolist() for path in found.unknowns[k].paths}
+    written = {path: values[path] for path in values if path in seen or path in task.start}
+    text = with_numbers_in_text(task.path.read_text(encoding="utf-8"), written, task.source)
     fitted = prepare(parse_robot(text, task.source))
     fitting_s = perf_counter() - read
     sections: dict[Section, Compared] = {"fit": _compared(task.bags, task.topics, fitted, model)}
+    unseen: list[BagComparison] = []
     if task.held_out:
-        sections["hold_out"] = _compared(task.held_out, task.topics, fitted, model)
+        unseen += _validated(task.held_out, task.topics, fitted)
+        before = _validated(task.held_out, task.topics, model)
+        sections["hold_out"] = Compared(pooled_errors(unseen), pooled_errors(before))
     fold_lines: tuple[str, ...] = ()
     if task.folds:
-        sections["cross_validation"], fold_lines = _cross_validated(task, found, recordings)
+        judged, fold_lines = _cross_validated(task, found, recordings)
+        sections["cross_validation"] = Compared(pooled_errors(judged))
+        unseen += judged
     outcome = Outcome(
         found, values, tuple(Path(bag).name for bag in task.bags),
         tuple(Path(bag).name for bag in task.held_out), task.settings.loss, sections, fold_lines,
         read - begin, fitting_s,
     )  # fmt: skip
-    _write(arguments, outcome, text)
+    _write(arguments, outcome, _with_uncertainty(text, task, found, unseen))
     print_outcome(outcome)
     if arguments.out and len(outcome.found.by_path) > COVARIANCE_LIMIT:
         print(f"note: more than {COVARIANCE_LIMIT} numbers; their covariance is not written")
@@ -208,6 +222,9 @@ def _task(arguments: argparse.Namespace) -> _Task:
     for complaint in document_complaints(document):
         raise UsageError(f"--start: {complaint}")
     unknowns = parse_unknowns(document, arguments.fit)
+    if not arguments.only:
+        known = build_robot(document, source).uncertainty
+        unknowns += fitted_along(document, known, unknowns)
     unknowns = with_priors(with_bounds(unknowns, arguments.bounds), arguments.prior)
     both = {Path(bag).resolve() for bag in arguments.bags} & {Path(b).resolve() for b in held_out}
     if both:
@@ -250,12 +267,27 @@ def _folds(arguments: argparse.Namespace) -> dict[str, tuple[int, ...]]:
 def _write(arguments: argparse.Namespace, outcome: Outcome, text: str) -> None:
     """Write the files before anything is printed: standard output may be closed."""
     if arguments.out:
-        text = with_section(text, "uncertainty", uncertainty_section(outcome.found))
         text = with_section(text, "identified", provenance_section(outcome))
         parse_document(text, arguments.out)
         write_text(arguments.out, text)
     if arguments.json:
         write_text(arguments.json, json.dumps(as_json(outcome), indent=2) + "\n")
+
+
+def _with_uncertainty(
+    text: str, task: _Task, found: Identification, unseen: Sequence[BagComparison]
+) -> str:
+    """The robot file's text with the block ``uncertainty``."""
+    before = dict(task.document.get("uncertainty", {}))
+    stated = dict(before)
+    if unseen:
+        stated.pop("model_error", None)
+    narrow = with_section(text, "uncertainty", uncertainty_section(found, stated, {}))
+    if not unseen:
+        return narrow
+    model = prepare(parse_robot(narrow, task.source))
+    errors = model_errors(model, unseen, task.topics, found.channels)
+    return with_section(text, "uncertainty", uncertainty_section(found, stated, errors))
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
@@ -327,11 +359,11 @@ def _begins_a_round(text: str) -> bool:
 
 def _cross_validated(
     task: _Task, found: Identification, recordings: Sequence[Recorded]
-) -> tuple[Compared, tuple[str, ...]]:
+) -> tuple[list[BagComparison], tuple[str, ...]]:
     """Compare every bag with the estimates of a fit without this bag.
 
     Returns:
-        Errors over all bags, and a line for each fit.
+        The comparisons, and a line for each fit.
     """
     unseen: list[BagComparison] = []
     lines = []
@@ -350,7 +382,7 @@ def _cross_validated(
         judged = _validated([task.bags[k] for k in out], task.topics, prepare(robot))
         unseen += judged
         lines.append(fold_line(pattern, judged, found.channels))
-    return Compared(pooled_errors(unseen)), tuple(lines)
+    return unseen, tuple(lines)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -142,29 +142,49 @@ def _beside(error: ChannelError, old: ChannelError | None, figure: str, form: st
 
 
 def _expanded(found: Identification) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
-    """Paths, standard deviations and correlation of all places, tied ones included."""
-    paths = [path for unknown in found.unknowns for path in unknown.paths]
-    signs = np.array([sign for unknown in found.unknowns for sign in unknown.signs], dtype=float)
-    which = np.repeat(
-        np.arange(len(found.unknowns)), [len(unknown.paths) for unknown in found.unknowns]
-    )
+    """Paths, standard deviations and correlation of all places of the numbers that were seen."""
+    seen = found.seen.tolist()
+    paths = [path for k in seen for path in found.unknowns[k].paths]
+    signs = np.array([sign for k in seen for sign in found.unknowns[k].signs], dtype=float)
+    which = np.array([k for k in seen for _ in found.unknowns[k].paths], dtype=np.int64)
     correlation = found.correlation[np.ix_(which, which)] * np.outer(signs, signs)
     return paths, found.stddev[which], correlation
 
 
-def uncertainty_section(found: Identification) -> str | None:
-    """The entry ``uncertainty`` of the robot file; None where there are too many numbers."""
+def uncertainty_section(
+    found: Identification, before: Mapping[str, Any], model_error: Mapping[str, float]
+) -> str:
+    """The entry ``uncertainty`` of the robot file.
+
+    Args:
+        found: the fit.
+        before: the same entry before the fit; what it states about other numbers is kept.
+        model_error: errors of the model by channel; if empty, those of ``before`` are kept.
+    """
     paths, stddev, correlation = _expanded(found)
-    if len(paths) > COVARIANCE_LIMIT:
-        return None
+    old = list(before.get("parameters", ()))
+    kept = [k for k, path in enumerate(old) if path not in paths]
     lines = ["uncertainty:                    # standard deviations and correlations of the fit"]
+    lines += [f"  {key}: {before[key]}" for key in ("others", "drums") if key in before]
+    errors = dict(model_error) or dict(before.get("model_error", {}))
+    if errors:
+        lines.append("  model_error:                  # from runs that were not fitted")
+        lines += [f"    {name}: {yaml_number(value, 3)}" for name, value in errors.items()]
+    if not 0 < len(paths) + len(kept) <= COVARIANCE_LIMIT:
+        return "\n".join(lines) if len(lines) > 1 else "uncertainty: {}"
+    size = len(paths)
+    together = np.eye(size + len(kept))
+    together[:size, :size] = correlation
+    if "correlation" in before:
+        together[size:, size:] = np.array(before["correlation"])[np.ix_(kept, kept)]
+    deviations = [*stddev.tolist(), *(before["stddev"][k] for k in kept)]
     lines.append("  parameters:")
-    lines += [f"    - {path}" for path in paths]
-    lines.append(f"  stddev: [{', '.join(yaml_number(float(s), 3) for s in stddev)}]")
+    lines += [f"    - {path}" for path in [*paths, *(old[k] for k in kept)]]
+    lines.append(f"  stddev: [{', '.join(yaml_number(float(s), 3) for s in deviations)}]")
     lines.append("  correlation:")
     lines += [
         "    - [" + ", ".join(f"{value:.4f}".rstrip("0").rstrip(".") for value in row) + "]"
-        for row in correlation
+        for row in together
     ]
     return "\n".join(lines)
 

@@ -82,14 +82,19 @@ _prepared = cache(load_model)
 
 
 def validate_bag(
-    model: Model, path: str, topics: Topics, progress: Progress | None = None
+    model: Model,
+    path: str,
+    topics: Topics,
+    progress: Progress | None = None,
+    *,
+    spread: bool = False,
 ) -> BagComparison:
     """Run the estimator on one bag and compare it with the bag's references.
 
     Raises:
         BagError: the bag cannot be read or has nothing to compare.
     """
-    return _validate(model, Task(path, topics), progress)
+    return _validate(model, Task(path, topics, spread=spread), progress)
 
 
 def _validate(model: Model, task: Task, progress: Progress | None = None) -> BagComparison:

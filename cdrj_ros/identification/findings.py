@@ -19,6 +19,9 @@ CLOSE: Final = 0.05
 """Eigenvalue of the correlation matrix below which the numbers of a combination count as hard to
 distinguish; for two numbers, this is a correlation beyond 0.95."""
 
+SILENT: Final = 1e-6
+"""Sensitivity relative to the largest one below which a number has no influence."""
+
 MATTERS: Final = 0.02
 """Relative uncertainty below which a combination is not reported."""
 
@@ -27,6 +30,17 @@ UNKNOWN: Final = 0.5
 
 MEMBER: Final = 0.3
 """Component in a direction, relative to the largest one, from which a number belongs to it."""
+
+
+def without_influence(information: Table) -> NDArray[np.bool_]:
+    """Which numbers the fitted references do not depend on, shape (p,).
+
+    Args:
+        information: information of the data alone, in coordinates, shape (p, p).
+    """
+    strength = np.sqrt(np.maximum(np.diag(information), 0.0))
+    silent: NDArray[np.bool_] = strength <= SILENT * max(float(strength.max()), 1e-300)
+    return silent
 
 
 def findings(
@@ -44,8 +58,7 @@ def findings(
     values = np.array([u.value(float(x)) for u, x in zip(unknowns, coordinates, strict=True)])
     slopes = np.array([u.slope(float(x)) for u, x in zip(unknowns, coordinates, strict=True)])
     size = np.maximum(np.abs(values), np.abs(slopes))  # the step's size where a number is near zero
-    strength = np.sqrt(np.maximum(np.diag(information), 0.0))
-    silent = strength <= 1e-6 * max(float(strength.max()), 1e-300)
+    silent = without_influence(information)
     stddev = np.sqrt(np.diag(covariance))
     together = stddev * np.abs(slopes) / size
     alone = np.abs(slopes) / size / np.sqrt(np.diag(np.linalg.inv(covariance)))
@@ -53,7 +66,8 @@ def findings(
     correlation = covariance / np.outer(stddev, stddev) * np.outer(sign, sign)
 
     sentences = [
-        f"{unknowns[k].name} has no influence on the references that were fitted."
+        f"{unknowns[k].name} has no influence on the references that were fitted; it "
+        "stays as it was."
         for k in np.flatnonzero(silent)
     ]
     sentences += _at_bounds(problem, coordinates, silent)

@@ -130,11 +130,20 @@ class Identification:
     """Root mean square residual of the last round, in units of each channel's sigma."""
     evaluations: int
     """Number of runs over all recordings, including runs over thinned ones."""
+    silent: tuple[bool, ...] = ()
+    """Whether each number has no influence on the data; it then keeps its starting value and the
+    standard deviation that it had before."""
 
     @property
     def by_path(self) -> dict[str, float]:
         """The numbers by path [SI], one for each place of a tied number."""
         return values_by_path(self.unknowns, self.values)
+
+    @property
+    def seen(self) -> NDArray[np.int64]:
+        """Indices of the unknowns on which the data depend."""
+        silent = self.silent or (False,) * len(self.unknowns)
+        return np.flatnonzero(~np.array(silent, dtype=bool))
 
 
 def identify(
@@ -232,11 +241,12 @@ def _fitted(rounds: _Rounds, channels: tuple[str, ...]) -> Identification:
     here = rough.residuals(coordinates)
     weights = robust_weights(loss, here, thresholds(rough, here))
     known = certainty(rough, coordinates, here, slopes, weights)
+    coordinates = np.where(known.silent, 0.0, coordinates)
     residuals = last.residuals(coordinates)
     return Identification(
         rounds.unknowns,
         last.values(coordinates),
-        known.stddev,
+        np.where(known.silent, _stddev_before(rounds, known.stddev), known.stddev),
         known.correlation,
         known.findings + unsettled + starts,
         channels,
@@ -244,7 +254,18 @@ def _fitted(rounds: _Rounds, channels: tuple[str, ...]) -> Identification:
         residuals.size,
         float(np.sqrt(np.mean(residuals**2))),
         evaluations + rough.evaluations,
+        tuple(known.silent.tolist()),
     )
+
+
+def _stddev_before(rounds: _Rounds, found: Vector) -> Vector:
+    """Standard deviations before the fit [SI]; ``found`` where the robot file has none."""
+    known = rounds.model.robot.uncertainty
+    if known is None:
+        return found
+    before = dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)).tolist(), strict=True))
+    names = [unknown.paths[0] for unknown in rounds.unknowns]
+    return np.array([before.get(name, stddev) for name, stddev in zip(names, found, strict=True)])
 
 
 def _roughly(

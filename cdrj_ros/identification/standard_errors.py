@@ -31,7 +31,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.identification.findings import findings
+from cdrj_ros.identification.findings import findings, without_influence
 from cdrj_ros.identification.residuals import Problem, samples_of, thinned
 from cdrj_ros.identification.solution import limits
 
@@ -60,6 +60,8 @@ class Certainty(NamedTuple):
     """Correlation matrix, shape (p, p)."""
     findings: tuple[str, ...]
     """Messages about what the data cannot determine."""
+    silent: NDArray[np.bool_]
+    """Which numbers have no influence on the data, shape (p,)."""
 
 
 def certainty(
@@ -90,6 +92,7 @@ def certainty(
         np.minimum(in_coordinates * np.abs(slope), most),
         np.clip(correlation, -1.0, 1.0),
         findings(problem, coordinates, information, covariance),
+        without_influence(information),
     )
 
 
@@ -144,7 +147,7 @@ def effective_variance(problem: Problem, residuals: Vector) -> float:
         for channel in observed.channels:
             part = residuals[at : at + channel.reference.size]
             at += part.size
-            noise += _white_power(part)
+            noise += white_power(part)
             parts.append(part)
         powers.append(_powers(parts))
     power = np.concatenate(powers)
@@ -156,7 +159,7 @@ def effective_variance(problem: Problem, residuals: Vector) -> float:
     return max(white + (mean - white) * size / pieces, 1e-300)
 
 
-def _white_power(residuals: Vector) -> float:
+def white_power(residuals: Vector) -> float:
     """Sum of squares of white noise on a smooth series, from its second differences."""
     if residuals.size < 3:
         return 0.0

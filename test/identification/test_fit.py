@@ -242,6 +242,21 @@ def test_two_numbers_of_which_only_the_difference_matters_stay_unknown(document:
     assert found.values[0] == pytest.approx(found.values[1], abs=1e-4)
 
 
+def test_a_number_that_the_data_do_not_depend_on_stays_as_it_was(document: Document) -> None:
+    """The lower cable's preload, where only the upper cable is referenced."""
+    fit = "cables.{*}.preload"
+    start = {"cables.upper.preload": 33.0}
+    found = found_from(
+        document, fit, start, [recording(document, 8.0)],
+        Settings(channels=("tension/upper/*",), coarse=True, starts=3),
+    )  # fmt: skip
+    assert found.values[0] == pytest.approx(36.85, rel=0.01)
+    assert found.values[1] == 26.26, "not moved by a rounding error"
+    assert found.stddev[1] == pytest.approx(0.4), "the spread that the file states"
+    assert found.silent == (False, True)
+    assert found.seen.tolist() == [0]
+
+
 def test_a_number_without_influence_is_named_and_stays_unknown(document: Document) -> None:
     found = found_from(
         document, "friction.rho,joints.elbow.spring_stiffness", {}, [recording(document, 5.0)],
