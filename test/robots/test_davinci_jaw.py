@@ -100,6 +100,22 @@ def test_held_out_runs_are_explained(model: Model) -> None:
 
 
 @recordings
+def test_the_standard_deviation_covers_runs_that_were_not_fitted(model: Model) -> None:
+    bags = sorted(entry for entry in (RECORDINGS / "validate").iterdir() if entry.is_dir())
+    compared = [validate_bag(model, str(bag), Topics(), spread=True) for bag in bags]
+    assert len(compared) >= 6
+    for name in ("effort/spindle", "effort/jaw"):
+        inside = []
+        for one in compared:
+            channel = next(channel for channel in one.channels if channel.name == name)
+            assert channel.stddev is not None
+            error = np.abs(channel.estimate - channel.reference)
+            inside.append(float(np.mean(error <= 2.0 * channel.stddev)))
+        assert 0.90 <= np.mean(inside) <= 0.98, (name, inside)
+        assert min(inside) >= 0.80, (name, inside)
+
+
+@recordings
 @pytest.mark.parametrize("folder", ["train", "validate", "other_wrist_pose"])
 def test_the_sensors_of_the_file_agree_with_the_recordings(model: Model, folder: str) -> None:
     """Every reading lies on the grid of the file's counts, and none is refused."""
