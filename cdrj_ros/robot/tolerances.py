@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import find_number
+from cdrj_ros.robot.space_reader import is_spatial
 
 ZERO_BY_EYE: Final = pi / 180.0
 """Zero of a joint that was set by eye or against a mark [rad]."""
@@ -64,6 +65,9 @@ SPRING_REST: Final = 0.1
 DRAG: Final = 0.03
 """Load-independent friction of a pulley whose bearing and seal were not measured, as a fraction of
 the cable's preload."""
+
+TURNING: Final = ("pulley", "swivel")
+"""Nodes that turn in a bearing."""
 
 Vector = NDArray[np.float64]
 
@@ -275,14 +279,15 @@ def _cable(document: Document, cable: Mapping[str, Any]) -> Iterator[Tolerance]:
     drag: Factor = {}
     for k, node in enumerate(cable["nodes"]):
         here = f"{at}.nodes.{k + 1}"
-        if node["type"] == "pulley":
-            radii[f"{here}.radius"] = _drawn(node["radius"])
-            torque = float(node.get("bearing_torque", 0.0))
-            if law not in ("none", "euler"):
+        if node["type"] not in ("winch", "anchor"):
+            if "radius" in node:
+                radii[f"{here}.radius"] = _drawn(node["radius"])
+            if node["type"] in TURNING and law not in ("none", "euler"):
+                torque = float(node.get("bearing_torque", 0.0))
                 drag[f"{here}.bearing_torque"] = (
                     DRAG * preload * node["radius"] + HANDBOOK_REST * torque
                 )
-            yield from _friction(document, f"{here}.", node, f"pulley {name}/{k + 1}")
+            yield from _friction(document, f"{here}.", node, f"node {name}/{k + 1}")
         elif node["type"] == "anchor" and node.get("radius"):
             yield Tolerance(
                 f"sector of {name}", "measure its diameter over the cable with a calliper",
@@ -306,7 +311,7 @@ def _drawn(dimension: float) -> float:
 
 def _position(path: str, entry: Mapping[str, Any], name: str) -> Iterator[Tolerance]:
     if path.rsplit(".", 1)[-1] in entry:
-        for k, axis in enumerate("xy"):
+        for k, axis in zip(range(len(entry[path.rsplit(".", 1)[-1]])), "xyz", strict=False):
             yield Tolerance(
                 f"position {axis} of {name}", "measure it with a calliper",
                 {f"{path}.{k + 1}": DRAWN_RADIUS},
@@ -360,13 +365,15 @@ def _term(path: str, term: Mapping[str, Any]) -> Factor:
 
 
 def _frames(document: Document) -> Iterator[Tolerance]:
+    spatial = is_spatial(document)
     for frame in document.get("frames", ()):
         name = frame["name"]
         yield from _position(f"frames.{name}.origin", frame, f"frame {name}")
-        yield Tolerance(
-            f"orientation of frame {name}", "measure it with a protractor",
-            {f"frames.{name}.angle": FRAME_ANGLE},
-        )  # fmt: skip
+        if not spatial:
+            yield Tolerance(
+                f"orientation of frame {name}", "measure it with a protractor",
+                {f"frames.{name}.angle": FRAME_ANGLE},
+            )  # fmt: skip
         if frame.get("radius"):
             yield Tolerance(
                 f"rolling radius of frame {name}", "measure it with a calliper",
