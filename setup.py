@@ -90,6 +90,7 @@ setup(
     license=about.findtext("license"),
     python_requires=">=3.10",
     install_requires=requirements(),
+    extras_require={"mujoco": ["mujoco<4"]},  # for import_robot
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     # bag/msg is a link to the message definitions; a build copies the files themselves.
     package_data={PACKAGE: ["**/*.json", "**/*.html", "**/*.css", "bag/msg/*.msg", "py.typed"]},
@@ -103,7 +104,15 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            *scripts("commands", "check_robot", "identify", "reproduce", "simulate", "validate"),
+            *scripts(
+                "commands",
+                "check_robot",
+                "identify",
+                "import_robot",
+                "reproduce",
+                "simulate",
+                "validate",
+            ),
             *([] if AS_WHEEL else scripts("nodes", *NODES)),
         ],
     },

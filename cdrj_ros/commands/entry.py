@@ -30,6 +30,17 @@ def identify() -> NoReturn:
     run_interruptibly("identify", load)
 
 
+def import_robot() -> NoReturn:
+    """Run ``import_robot``."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.commands.import_robot import main
+
+        return main
+
+    run_interruptibly("import_robot", load)
+
+
 def reproduce() -> NoReturn:
     """Run ``reproduce``."""
 

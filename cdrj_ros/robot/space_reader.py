@@ -203,6 +203,8 @@ class PlaceReader:
         kind: ContactKind = KINDS.get(entry["type"], "point")
         if entry["type"] == "anchor" and entry.get("radius", 0.0) > 0.0:
             kind = "pulley"
+        if entry["type"] == "winch" and "axis" not in entry:
+            kind = "point"
         self._check_axis(path, entry, kind)
         axis = unit_vector(f"{path}.axis", entry.get("axis", (0.0, 0.0, 1.0)), self.refuse)
         return SpatialPlace(
@@ -251,8 +253,9 @@ class PlaceReader:
         x, y, z = (a - b for a, b in zip(entry["side"], entry["position"], strict=True))
         along = x * axis[0] + y * axis[1] + z * axis[2]
         x, y, z = x - along * axis[0], y - along * axis[1], z - along * axis[2]
-        distance = sqrt(x * x + y * y + z * z)
-        if not distance > entry["radius"]:
+        across = sqrt(x * x + y * y + z * z)
+        distance = sqrt(across * across + along * along)
+        if not (distance > entry["radius"] and across > 0.0):
             raise self.refuse(
                 f"{path}.side",
                 f"must lie outside the radius {entry['radius']:g} m, got a point {distance:g} m "

@@ -1,0 +1,1 @@
+"""Conversion of models of other programs to robot files."""

@@ -1,0 +1,348 @@
+"""Spatial tendons of a MuJoCo model, as the cables of a robot file.
+
+Importing this module does not import MuJoCo, which only ``read_mjcf`` needs.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from math import pi
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+import numpy as np
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.text import printable
+
+STIFFNESS: Final = 10_000.0
+"""Assumed EA of a tendon without stiffness [N]."""
+
+PRELOAD: Final = 10.0
+"""Assumed preload [N]."""
+
+DRUM: Final = 0.01
+"""Assumed radius of the drums [m]."""
+
+Document = dict[str, Any]
+
+
+@dataclass
+class Imported:
+    """A robot file's document and what has to be said about it."""
+
+    document: Document
+    remarks: list[str] = field(default_factory=list)
+    """What the model has and the robot file has not, one line each."""
+
+
+def load_mujoco() -> ModuleType:
+    """The ``mujoco`` package.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    try:
+        import mujoco  # type: ignore[import-untyped,unused-ignore]
+    except ImportError as error:
+        raise UsageError(
+            "reading MJCF needs the package mujoco, which is not installed: pip install mujoco"
+        ) from error
+    module: ModuleType = mujoco
+    return module
+
+
+def read_mjcf(path: str | Path, tendons: list[str] | None = None) -> Imported:
+    """Read a MuJoCo model's spatial tendons.
+
+    Args:
+        path: MJCF file.
+        tendons: names of those that become cables; None for all.
+
+    Raises:
+        UsageError: the model cannot be read, or none of its tendons can be represented.
+    """
+    mujoco = load_mujoco()
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, OSError) as error:
+        reason = " ".join(str(error).split())[:300]
+        raise UsageError(f"cannot read {printable(str(path))}: {printable(reason)}") from error
+    return _Import(mujoco, model, Path(path)).run(tendons)
+
+
+def _numbers(values: Any) -> list[float]:
+    return [float(value) for value in values]
+
+
+class _Import:
+    """One model being imported."""
+
+    def __init__(self, mujoco: ModuleType, model: Any, path: Path) -> None:
+        self._mujoco, self._model, self._path = mujoco, model, path
+        self._remarks: list[str] = []
+        self._frames: list[Document] = []
+        self._bodies: dict[int, tuple[str, Any]] = {0: ("base", np.zeros(3))}
+        """Frame of every body, and the body's origin in it [m]."""
+        self._joints: list[int] = []
+        self._taken: dict[str, int] = {"base": 1}
+
+    def run(self, wanted: list[str] | None) -> Imported:
+        """All wanted tendons; those that cannot be represented are named."""
+        cables: list[Document] = []
+        motors: list[Document] = []
+        for tendon in self._tendons(wanted):
+            for name, path, divisor in self._branches(tendon):
+                nodes = self._nodes(name, path)
+                if nodes is None:
+                    continue
+                motor = self._name(f"{name}_motor")
+                motors.append({"name": motor})
+                nodes[0] = {
+                    "type": "winch", "motor": motor, "winding": 1, "radius": DRUM, **nodes[0],
+                }  # fmt: skip
+                nodes[-1] = {"type": "anchor", **nodes[-1]}
+                cables.append(self._cable(tendon, name, nodes))
+                if divisor != 1.0:
+                    self._remarks.append(
+                        f"{name}: MuJoCo divides the length of this branch by {divisor:g}; here "
+                        "every branch is a cable of its own, at its full length"
+                    )
+        if not cables:
+            raise UsageError(
+                f"{printable(str(self._path))} has no spatial tendon that can become a cable"
+                + "".join(f"; {remark}" for remark in self._remarks)
+            )
+        document = {
+            "name": self._name(self._path.stem),
+            "motors": motors,
+            "joints": [self._joint(j) for j in self._joints],
+            "frames": self._frames,
+            "friction": {"mu_c": 0.1},
+            "cables": cables,
+        }
+        self._remark_on_the_rest()
+        return Imported(document, self._remarks)
+
+    def _label(self, kind: str, index: int) -> str:
+        objects = self._mujoco.mjtObj
+        found = self._mujoco.mj_id2name(self._model, getattr(objects, f"mjOBJ_{kind}"), index)
+        return found or f"{kind.lower()}_{index}"
+
+    def _name(self, wanted: str) -> str:
+        """A name that a robot file allows and that is not taken."""
+        name = re.sub(r"[^A-Za-z0-9_]", "_", wanted)
+        name = name if name[:1].isalpha() else f"m_{name}"
+        count = self._taken.get(name, 0)
+        self._taken[name] = count + 1
+        if count:
+            return self._name(f"{name}_{count + 1}")
+        if name != wanted:
+            self._remarks.append(f"{printable(wanted)} is called {name} here")
+        return name
+
+    def _tendons(self, wanted: list[str] | None) -> list[int]:
+        names = [self._label("TENDON", k) for k in range(self._model.ntendon)]
+        for name in wanted or ():
+            if name not in names:
+                raise UsageError(
+                    f"there is no tendon {printable(name)}; the model has "
+                    f"{', '.join(map(printable, names)) or 'none'}"
+                )
+        return [k for k, name in enumerate(names) if not wanted or name in wanted]
+
+    def _branches(self, tendon: int) -> list[tuple[str, list[tuple[int, int, float]], float]]:
+        """Name, path and divisor of every branch of a spatial tendon; none of a fixed one."""
+        model, kinds = self._model, self._mujoco.mjtWrap
+        first = int(model.tendon_adr[tendon])
+        steps = range(first, first + int(model.tendon_num[tendon]))
+        label = self._label("TENDON", tendon)
+        paths: list[tuple[list[tuple[int, int, float]], float]] = [([], 1.0)]
+        for k in steps:
+            kind, target = int(model.wrap_type[k]), int(model.wrap_objid[k])
+            if kind == kinds.mjWRAP_JOINT:
+                self._remarks.append(f"{label} is a fixed tendon: a sum of joints without a path")
+                return []
+            if kind == kinds.mjWRAP_PULLEY:
+                paths.append(([], float(model.wrap_prm[k])))
+            else:
+                paths[-1][0].append((kind, target, float(model.wrap_prm[k])))
+        paths = [(path, divisor) for path, divisor in paths if len(path) > 1]
+        if len(paths) == 1:
+            return [(self._name(label), *paths[0])]
+        return [(self._name(f"{label}_{k + 1}"), *path) for k, path in enumerate(paths)]
+
+    def _nodes(self, name: str, path: list[tuple[int, int, float]]) -> list[Document] | None:
+        """Nodes of a branch, the ends without their types; None where one is impossible."""
+        kinds = self._mujoco.mjtWrap
+        nodes: list[Document] = []
+        for kind, target, parameter in path:
+            if kind == kinds.mjWRAP_SITE:
+                body = int(self._model.site_bodyid[target])
+                point = self._point(name, body, self._model.site_pos[target])
+                node = None if point is None else {"type": "eyelet", **point}
+            else:
+                node = self._body(name, kind == kinds.mjWRAP_CYLINDER, target, round(parameter))
+            if node is None:
+                return None
+            nodes.append(node)
+        for end in (nodes[0], nodes[-1]):
+            del end["type"]
+        return nodes
+
+    def _body(self, name: str, round_bar: bool, geom: int, side: int) -> Document | None:
+        """A wrapping cylinder or sphere."""
+        model, label = self._model, self._label("GEOM", geom)
+        body = int(model.geom_bodyid[geom])
+        point = self._point(name, body, model.geom_pos[geom])
+        if point is None:
+            return None
+        radius = float(model.geom_size[geom][0])
+        node = {"type": "cylinder" if round_bar else "sphere", "radius": radius, **point}
+        if round_bar:
+            turned = np.empty(3)
+            self._mujoco.mju_rotVecQuat(turned, np.array([0.0, 0.0, 1.0]), model.geom_quat[geom])
+            node["axis"] = _numbers(turned)
+        if side < 0:
+            return node
+        if int(model.site_bodyid[side]) != body:
+            self._remarks.append(
+                f"{name} is left out: the side site {self._label('SITE', side)} of {label} belongs "
+                "to another body"
+            )
+            return None
+        if np.linalg.norm(model.site_pos[side] - model.geom_pos[geom]) < radius:
+            self._remarks.append(
+                f"{name} is left out: it runs inside {label}, since the side site "
+                f"{self._label('SITE', side)} lies there"
+            )
+            return None
+        node["side"] = _numbers(model.site_pos[side] + self._bodies[body][1])
+        return node
+
+    def _point(self, name: str, body: int, position: Any) -> Document | None:
+        """Frame and position of a point of a body; None where no frame can carry it."""
+        if not self._carry(name, body):
+            return None
+        frame, origin = self._bodies[body]
+        return {"frame": frame, "position": _numbers(position + origin)}
+
+    def _carry(self, name: str, body: int) -> bool:
+        """Add the frames of a body and of all that carry it."""
+        if body in self._bodies:
+            return True
+        model = self._model
+        parent = int(model.body_parentid[body])
+        if not self._carry(name, parent):
+            return False
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        joints = list(range(first, first + count)) if count else []
+        types = self._mujoco.mjtJoint
+        for joint in joints:
+            if model.jnt_type[joint] == types.mjJNT_BALL:
+                self._remarks.append(
+                    f"{name} is left out: it depends on the ball joint "
+                    f"{self._label('JOINT', joint)}, which has no single angle"
+                )
+                return False
+        free = [joint for joint in joints if model.jnt_type[joint] == types.mjJNT_FREE]
+        for joint in free:
+            self._remarks.append(
+                f"the free joint {self._label('JOINT', joint)} is held at its place in the model"
+            )
+        self._add_frames(body, parent, [joint for joint in joints if joint not in free])
+        return True
+
+    def _add_frames(self, body: int, parent: int, joints: list[int]) -> None:
+        """One frame for every joint of a body, or a fixed one."""
+        model = self._model
+        carrier, origin = self._bodies[parent]
+        label = self._label("BODY", body)
+        w, x, y, z = _numbers(model.body_quat[body])
+        turned, at = np.empty(3), np.zeros(3)
+        for k, joint in enumerate(joints):
+            position = np.array(model.jnt_pos[joint])
+            self._mujoco.mju_rotVecQuat(turned, position, model.body_quat[body])
+            start = model.body_pos[body] + origin + turned if k == 0 else position - at
+            frame: Document = {
+                "name": self._name(label if k == len(joints) - 1 else f"{label}_{k + 1}"),
+                "parent": carrier,
+            }
+            slides = model.jnt_type[joint] == self._mujoco.mjtJoint.mjJNT_SLIDE
+            frame["motion"] = "prismatic" if slides else "revolute"
+            frame["joint"] = self._label("JOINT", joint)
+            frame["origin"] = _numbers(start)
+            if k == 0:
+                frame["quaternion"] = [x, y, z, w]
+            frame["axis"] = _numbers(model.jnt_axis[joint])
+            frame["offset"] = -float(model.qpos0[model.jnt_qposadr[joint]])
+            self._frames.append(frame)
+            self._joints.append(joint)
+            carrier, at = frame["name"], position
+        if not joints:
+            name = self._name(label)
+            self._frames.append(
+                {
+                    "name": name, "parent": carrier, "motion": "fixed",
+                    "origin": _numbers(model.body_pos[body] + origin), "quaternion": [x, y, z, w],
+                }
+            )  # fmt: skip
+            carrier = name
+        self._bodies[body] = (carrier, -at)
+
+    def _joint(self, joint: int) -> Document:
+        model, label = self._model, self._label("JOINT", joint)
+        slides = model.jnt_type[joint] == self._mujoco.mjtJoint.mjJNT_SLIDE
+        span = _numbers(model.jnt_range[joint])
+        if not model.jnt_limited[joint]:
+            span = [-1.0, 1.0] if slides else [-pi, pi]
+            self._remarks.append(
+                f"the range of {label} is assumed: {span[0]:g} to {span[1]:g}, for it has no limits"
+            )
+        name = re.sub(r"[^A-Za-z0-9_]", "_", label)
+        name = name if name[:1].isalpha() else f"m_{name}"
+        if name != label:
+            self._remarks.append(f"the joint {printable(label)} is called {name} here")
+        for frame in self._frames:
+            if frame.get("joint") == label:
+                frame["joint"] = name
+        reference = float(model.qpos0[model.jnt_qposadr[joint]])
+        return {
+            "name": name,
+            "range": span,
+            "reference_angle": min(max(reference, span[0]), span[1]),
+        }
+
+    def _cable(self, tendon: int, name: str, nodes: list[Document]) -> Document:
+        stiffness = float(np.ravel(self._model.tendon_stiffness[tendon])[0])
+        cable: Document = {"name": name}
+        if stiffness > 0.0:
+            cable["axial_stiffness"] = stiffness * float(self._model.tendon_length0[tendon])
+            self._remarks.append(
+                f"EA of {name} is its stiffness {stiffness:g} N/m times its length at qpos0"
+            )
+        else:
+            cable["axial_stiffness"] = STIFFNESS
+        cable["preload"] = PRELOAD
+        cable["nodes"] = nodes
+        return cable
+
+    def _remark_on_the_rest(self) -> None:
+        model = self._model
+        if model.neq:
+            self._remarks.append(
+                f"{model.neq} equality constraints are not carried over: a coupled joint needs the "
+                "multiplier of its frame"
+            )
+        loss = [
+            self._label("TENDON", k)
+            for k in range(model.ntendon)
+            if float(np.ravel(model.tendon_frictionloss[k])[0]) > 0.0
+        ]
+        if loss:
+            self._remarks.append(
+                f"frictionloss of {', '.join(loss)} is not carried over: friction follows from "
+                "mu_c and the wraps"
+            )

@@ -1,0 +1,65 @@
+"""The text of a robot file from a document, with its assumptions marked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from cdrj_ros.foundation.text import printable
+
+Document = dict[str, Any]
+
+ASSUMED: Final = {
+    "axial_stiffness": "assumed: EA [N], measure it by hanging a weight on the cable",
+    "preload": "assumed: tension [N] at rest in the reference pose",
+    "mu_c": "assumed: Coulomb coefficient of the cable on what it touches",
+}
+"""Comments of keys that models of other programs do not have."""
+
+
+def robot_text(document: Document, remarks: Sequence[str], source: str) -> str:
+    """YAML text of a robot file, every number with all of its digits.
+
+    Args:
+        document: as the reader takes it, in SI.
+        remarks: lines to begin with.
+        source: name of the model.
+    """
+    lines = [f"# Imported from {printable(source)} by import_robot.  What is marked as assumed is"]
+    lines += [
+        "# not in the model.  The drums are assumed: their radii and the sign of winding, and"
+    ]
+    lines += ["# the names of the motors; a cable leaves its drum at the tendon's first site."]
+    lines += [f"# - {printable(remark)}" for remark in remarks]
+    lines += [f"name: {document['name']}", "", "motors:"]
+    lines += [f"  - {_flow(motor)}" for motor in document["motors"]]
+    lines += ["", "joints:" if document["joints"] else "joints: []"]
+    lines += [f"  - {_flow(joint)}" for joint in document["joints"]]
+    lines += ["", "frames:" if document["frames"] else "frames: []"]
+    lines += [f"  - {_flow(frame)}" for frame in document["frames"]]
+    lines += ["", "friction:"]
+    lines += [_assumed(key, value, "  ") for key, value in document["friction"].items()]
+    lines += ["", "cables:"]
+    for cable in document["cables"]:
+        lines += [f"  - name: {cable['name']}"]
+        lines += [_assumed(key, cable[key], "    ") for key in ("axial_stiffness", "preload")]
+        lines += ["    nodes:"]
+        lines += [f"      - {_flow(node)}" for node in cable["nodes"]]
+    return "\n".join(lines) + "\n"
+
+
+def _assumed(key: str, value: float, indent: str) -> str:
+    return f"{indent}{key}: {_flow(value)}  # {ASSUMED[key]}"
+
+
+def _flow(value: Any) -> str:
+    """A value in YAML's flow style; floats always with a point, as YAML 1.1 needs them."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_flow(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    if isinstance(value, float):
+        text = repr(value)
+        mantissa, exponent, power = text.partition("e")
+        return mantissa + (".0" if exponent and "." not in mantissa else "") + exponent + power
+    return str(value)
