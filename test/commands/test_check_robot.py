@@ -208,7 +208,7 @@ ODD = [
     ("offset: 0.4, slope: -0.02", "angle: [-0.5, 0, 0.5], value: [0.4, 0.39, 0.4]",
      "a", "changes sign"),
     (JOINT, "{name: q, range: [-18, 18]}", "m", "turns over the joint range"),
-    ("mu_c: 0.1, rho: 0.2", "mu_c: 0.9, rho: 0.9", "a", "of the tension"),
+    ("mu_c: 0.1, rho: 0.2", "mu_c: 0.9, rho: 0.9", "a", "friction may reduce its tension"),
     ("winding: -1", "winding: 1", "b", "although the motors follow"),
     (WINCH_B, "- {type: anchor}", "b", "has no winch"),
     ("max_tension: 300", "max_tension: 20", "a", "above max_tension"),
