@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from cdrj_ros.commands.check_robot_shares import print_shares, shares_document
 from cdrj_ros.commands.compilation import announce_compilation
-from cdrj_ros.commands.shared import DONE, CommandParser, run_command
+from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.text import counted, fixed, printable

@@ -25,7 +25,8 @@ from cdrj_ros.commands.identify_results import (
     provenance_section,
     uncertainty_section,
 )
-from cdrj_ros.commands.shared import DONE, CommandParser, add_topic_options, run_command, topics_of
+from cdrj_ros.commands.running import DONE, CommandParser, run_command
+from cdrj_ros.commands.shared import add_topic_options, topics_of
 from cdrj_ros.commands.validate import validate_bag
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text

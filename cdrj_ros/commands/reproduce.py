@@ -11,7 +11,7 @@ from time import monotonic
 from typing import Final
 
 from cdrj_ros.commands.compilation import announce_compilation
-from cdrj_ros.commands.shared import DONE, CommandParser, run_command
+from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say

@@ -1,20 +1,15 @@
-"""Shared by the commands: options, topics, error lines, exit codes, results."""
+"""Shared by the commands: options, topics, results."""
 
 from __future__ import annotations
 
 import argparse
 import platform
-import sys
-from collections.abc import Callable, Sequence
 from importlib import metadata
-from typing import TYPE_CHECKING, Final, NoReturn
+from typing import TYPE_CHECKING
 
 from cdrj_ros import __version__
 from cdrj_ros.bag import Topics
-from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
-from cdrj_ros.foundation.output import lasting_output, say
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import say
 from cdrj_ros.judgement.limits import Judgement
 from cdrj_ros.judgement.metrics import Errors
 from cdrj_ros.judgement.placement import DROP_CAUSES
@@ -22,39 +17,6 @@ from cdrj_ros.model.prepared import Model
 
 if TYPE_CHECKING:
     from cdrj_ros.report.table import Beside
-
-DONE: Final = 0
-OUTSIDE_LIMITS: Final = 1
-BAD_INPUT: Final = 2
-
-
-class CommandParser(argparse.ArgumentParser):
-    """A parser whose errors escape control characters: a path may contain any."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print usage and the message, then exit with code 2."""
-        super().error(printable(message))
-
-
-def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:
-    """Run a command's body; errors of this package become one line and exit code 2.
-
-    The exit code and the files that the body writes do not depend on standard output, which may be
-    closed or full.
-    """
-    with lasting_output(name):
-        try:
-            return body(sys.argv[1:] if argv is None else argv)
-        except CdrjError as error:
-            print(printable(f"{name}: {error}"), file=sys.stderr)
-            return BAD_INPUT
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            print(printable(f"{name}: {where}{error.strerror or error}"), file=sys.stderr)
-            return BAD_INPUT
-        except KeyboardInterrupt:
-            announce_interruption(name)
-            return INTERRUPTED
 
 
 def add_robot_option(parser: argparse.ArgumentParser, *, several: bool = False) -> None:

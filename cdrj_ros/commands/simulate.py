@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.bag import BagWriter, Topics
 from cdrj_ros.commands.compilation import announce_compilation
-from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.commands.simulate_motion import (
     TRUTH_RATE,
     Plan,

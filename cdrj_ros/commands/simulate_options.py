@@ -10,7 +10,8 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from cdrj_ros.bag import Topics
-from cdrj_ros.commands.shared import CommandParser, add_robot_option
+from cdrj_ros.commands.running import CommandParser
+from cdrj_ros.commands.shared import add_robot_option
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.rig.faults import KINDS as FAULTS
 from cdrj_ros.rig.faults import Fault, FaultKind

@@ -18,15 +18,12 @@ import numpy as np
 
 from cdrj_ros.bag import Topics, size_of
 from cdrj_ros.commands.compilation import announce_compilation
+from cdrj_ros.commands.running import DONE, OUTSIDE_LIMITS, CommandParser, run_command
 from cdrj_ros.commands.shared import (
-    DONE,
-    OUTSIDE_LIMITS,
-    CommandParser,
     add_result_options,
     add_robot_option,
     add_topic_options,
     print_results,
-    run_command,
     topic_prefix,
     topics_of,
     write_files,

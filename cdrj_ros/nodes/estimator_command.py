@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rclpy.utilities import remove_ros_args
 
-from cdrj_ros.commands.shared import DONE, run_command
+from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.nodes.estimator import EstimatorNode
 from cdrj_ros.nodes.parameters import parameter_file
 from cdrj_ros.nodes.spinning import (

@@ -18,13 +18,8 @@ from rclpy.experimental import EventsExecutor
 
 from cdrj_ros.bag import RawMessage, Recording, Topics, read_recording
 from cdrj_ros.commands.compilation import announce_compilation
-from cdrj_ros.commands.shared import (
-    DONE,
-    print_results,
-    run_command,
-    topics_of,
-    write_files,
-)
+from cdrj_ros.commands.running import DONE, run_command
+from cdrj_ros.commands.shared import print_results, topics_of, write_files
 from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say

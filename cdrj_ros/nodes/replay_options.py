@@ -5,12 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Final
 
-from cdrj_ros.commands.shared import (
-    CommandParser,
-    add_result_options,
-    add_robot_option,
-    add_topic_options,
-)
+from cdrj_ros.commands.running import CommandParser
+from cdrj_ros.commands.shared import add_result_options, add_robot_option, add_topic_options
 from cdrj_ros.replay.controls import KEYS
 from cdrj_ros.replay.playback import MAX_RATE, MIN_RATE, ORDERS
 

@@ -12,6 +12,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import TABLE_INTERVALS, Joint, Profile
 from cdrj_ros.robot.document import Document, term_complaints
 from cdrj_ros.robot.refusal import Refusal, listed
+from cdrj_ros.robot.tables import Pieces, monotone_cubic
 
 MOST_KNOWN: Final = 256
 """Terms that are kept; some 6 kB each."""
@@ -92,7 +93,7 @@ class ProfileReader:
             slopes = slopes + _monotone(table(grid), table.derivative()(grid), grid[1] - grid[0])
         return Profile(joint.name, grid, values, slopes)
 
-    def _table(self, path: str, entry: Document, joint: Joint) -> Any:
+    def _table(self, path: str, entry: Document, joint: Joint) -> Pieces:
         angle = np.array(entry["angle"], dtype=float)
         value = np.array(entry["value"], dtype=float)
         if angle.size != value.size:
@@ -108,9 +109,7 @@ class ProfileReader:
                 f"must cover the range [{joint.lower:g}, {joint.upper:g}] rad of {joint.name}, "
                 f"got [{angle[0]:g}, {angle[-1]:g}]",
             )
-        from scipy.interpolate import PchipInterpolator  # slow to import, so only where used
-
-        return PchipInterpolator(angle, value, extrapolate=True)
+        return monotone_cubic(angle, value)
 
 
 def _monotone(

@@ -10,7 +10,7 @@ from typing import TextIO
 
 import pytest
 
-from cdrj_ros.commands.shared import run_command
+from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import say
 

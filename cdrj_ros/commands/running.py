@@ -1,0 +1,46 @@
+"""Running of a command: exit codes, error lines, and little else to import."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from typing import Final, NoReturn
+
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
+from cdrj_ros.foundation.output import lasting_output
+from cdrj_ros.foundation.text import printable
+
+DONE: Final = 0
+OUTSIDE_LIMITS: Final = 1
+BAD_INPUT: Final = 2
+
+
+class CommandParser(argparse.ArgumentParser):
+    """A parser whose errors escape control characters: a path may contain any."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print usage and the message, then exit with code 2."""
+        super().error(printable(message))
+
+
+def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:
+    """Run a command's body; errors of this package become one line and exit code 2.
+
+    The exit code and the files that the body writes do not depend on standard output, which may be
+    closed or full.
+    """
+    with lasting_output(name):
+        try:
+            return body(sys.argv[1:] if argv is None else argv)
+        except CdrjError as error:
+            print(printable(f"{name}: {error}"), file=sys.stderr)
+            return BAD_INPUT
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            print(printable(f"{name}: {where}{error.strerror or error}"), file=sys.stderr)
+            return BAD_INPUT
+        except KeyboardInterrupt:
+            announce_interruption(name)
+            return INTERRUPTED
