@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,6 +29,12 @@ def source_digest(*more: Path) -> str:
     for path in sorted({*_FOLDER.glob("*.py"), *more}):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
+
+
+@lru_cache
+def _stamp(file: str) -> str:
+    """Stamp of the kernels in a file; without its cache, a start would read every source often."""
+    return source_digest(Path(file))
 
 
 def compiled(function: F) -> F:
@@ -68,7 +75,7 @@ def _compile(function: F, **options: bool) -> F:
         return function
     njit: Any = numba.njit
     dispatcher = njit(error_model="numpy", nogil=True, **options)(function)
-    cache = kernel_cache(function, source_digest(Path(function.__code__.co_filename)))
+    cache = kernel_cache(function, _stamp(function.__code__.co_filename))
     if cache is not None:
         dispatcher._cache = cache
     return dispatcher

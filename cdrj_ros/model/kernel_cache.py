@@ -1,21 +1,31 @@
 """The cache of compiled kernels on disk; a failing disk does not stop a kernel.
 
-Numba assumes that a folder can be written and that the files in it are intact.  Here a kernel that
-cannot be written to disk is compiled in memory, a damaged one is compiled anew, and the log says so
-once.
+A kernel is looked up beside its source, where the build leaves it, and then in the folder that this
+user can write.  Both hold the machine code of one processor and one version of numba; code of
+another is never loaded.  Numba assumes that a folder can be written and that the files in it are
+intact.  Here a kernel that cannot be written to disk is compiled in memory, a damaged one is
+compiled anew, and the log says so once.
 """
 
 from __future__ import annotations
 
+import inspect
 import logging
 import os
+import pickle
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Final
 
-from numba.core import caching
+import numba
+from numba.core import caching, registry
+
+from cdrj_ros.foundation.text import printable
 
 _LOG: Final = logging.getLogger(__name__)
 _caching: Final[Any] = caching  # numba has no types of its own
+_registry: Final[Any] = registry
+_config: Final[Any] = numba.config
 _told: Final[set[str]] = set()
 
 
@@ -55,23 +65,78 @@ class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
 
     _impl_class = _Implementation
 
+    def __init__(self, function: Callable[..., Any], stamp: str) -> None:
+        """Find the folders.
+
+        Args:
+            function: the function to be compiled.
+            stamp: of the sources that it is compiled from.
+
+        Raises:
+            RuntimeError, OSError: there is no folder that can be used.
+        """
+        super().__init__(function)
+        self._cache_file._source_stamp = stamp
+        self._built: Any = None
+        """The files beside the source, if another folder is written; None otherwise."""
+        beside = str(Path(inspect.getfile(function)).parent / "__pycache__")
+        # NUMBA_CACHE_DIR is meant to be the only folder
+        if beside != self.cache_path and not _config.CACHE_DIR:
+            self._built = _caching.IndexDataCacheFile(beside, self._impl.filename_base, stamp)
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load the kernel from disk; None, so that it is compiled, if missing or damaged."""
+        target_context.refresh()
+        if self._built is not None:
+            found = self._load_from(self._built, sig, target_context)[0]
+            if found is not None:
+                return found
+        if not self._enabled:
+            return None
+        found, damaged = self._load_from(self._cache_file, sig, target_context)
+        if damaged:
+            try:
+                self.flush()
+            except OSError:
+                self.disable()
+        elif found is None:
+            self._say_why_not(sig, target_context.codegen().magic_tuple())
+        return found
+
+    def _load_from(self, files: Any, sig: Any, target_context: Any) -> tuple[Any, bool]:
+        """The kernel in one folder or None, and whether it is damaged."""
         try:
-            return super().load_overload(sig, target_context)
+            data = files.load(self._index_key(sig, target_context.codegen()))
+            return (None if data is None else self._impl.rebuild(target_context, data)), False
         except Exception as error:  # noqa: BLE001 - unpickling damaged bytes raises anything
             _say_once(
                 "damaged",
                 "a compiled kernel in %s is damaged (%s: %s); it is discarded and compiled anew",
-                self.cache_path,
+                files._cache_path,
                 type(error).__name__,
                 error,
             )
-        try:
-            self.flush()
-        except OSError:
-            self.disable()
-        return None
+            return None, True
+
+    def _say_why_not(self, sig: Any, processor: Any) -> None:
+        """Log why kernels left by the build are not used."""
+        files = self._built or self._cache_file
+        version = _version_of(files)
+        processors = {key[1] for key in _index(files) if key[0] == sig}
+        if version not in (None, numba.__version__):
+            _say_once(
+                "other version",
+                "the compiled kernels in %s are of numba %s, this is %s: they are compiled anew",
+                files._cache_path,
+                printable(str(version)),
+                numba.__version__,
+            )
+        elif processors and processor not in processors:
+            _say_once(
+                "other processor",
+                "the compiled kernels in %s are for another processor: they are compiled anew",
+                files._cache_path,
+            )
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write the kernel to disk where possible; log a warning otherwise."""
@@ -88,17 +153,34 @@ class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
             )
 
     def is_filled(self) -> bool:
-        """Whether a kernel compiled from the present sources is on disk; it is not loaded."""
-        try:
-            return bool(self._cache_file._load_index())
-        except Exception:  # noqa: BLE001 - as in load_overload
-            return False
+        """Whether a kernel of the present sources and this processor is on disk; none is loaded."""
+        processor = _registry.cpu_target.target_context.codegen().magic_tuple()
+        places = (self._cache_file,) if self._built is None else (self._built, self._cache_file)
+        return any(key[1] == processor for files in places for key in _index(files))
+
+
+def _index(files: Any) -> dict[Any, Any]:
+    """Signatures and processors of the kernels in a folder; empty if it cannot be read."""
+    try:
+        found: dict[Any, Any] = files._load_index()
+    except Exception:  # noqa: BLE001 - as in load_overload
+        return {}
+    return found
+
+
+def _version_of(files: Any) -> object:
+    """Version of numba that wrote a folder's index; None if there is none."""
+    try:
+        with open(files._index_path, "rb") as file:  # noqa: PTH123 - numba's paths are texts
+            return pickle.load(file)  # noqa: S301 - as numba does
+    except Exception:  # noqa: BLE001 - as in load_overload
+        return None
 
 
 def kernel_cache(function: Callable[..., Any], stamp: str) -> KernelCache | None:
     """The cache of one kernel, valid for sources with this stamp; None without a usable folder."""
     try:
-        cache = KernelCache(function)
+        return KernelCache(function, stamp)
     except (RuntimeError, OSError) as error:
         _say_once(
             "no place",
@@ -107,5 +189,3 @@ def kernel_cache(function: Callable[..., Any], stamp: str) -> KernelCache | None
             error,
         )
         return None
-    cache._cache_file._source_stamp = stamp
-    return cache

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import pytest
 
 import cdrj_ros.model
@@ -167,6 +169,99 @@ tempfile.TemporaryFile = refuse
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[1] == "1", "loaded, not compiled"
     assert not done.stderr
+
+
+# another user: nothing can be written beside the sources
+NOT_HERE = """
+import tempfile
+really = tempfile.TemporaryFile
+def refuse(*arguments, dir=None, **options):
+    if "cdrj_ros" in str(dir):
+        raise PermissionError("read-only")
+    return really(*arguments, dir=dir, **options)
+tempfile.TemporaryFile = refuse
+"""
+
+
+def another_user(folder: Path) -> dict[str, str]:
+    """Variables of a user with a home and a cache folder of their own."""
+    home = folder / "another home"
+    home.mkdir()
+    return {"HOME": str(home), "XDG_CACHE_HOME": str(home / "cache")}
+
+
+def kept_by(user: dict[str, str]) -> list[str]:
+    """Kernels in a user's own folder."""
+    return sorted(path.name for path in Path(user["HOME"]).rglob("*.nbc"))
+
+
+def test_kernels_that_the_build_left_serve_every_user(copied: Path) -> None:
+    assert run_least(copied).returncode == 0
+    user = another_user(copied)
+    done = run_least(copied, NOT_HERE, **user)
+    assert done.returncode == 0, done.stderr
+    first, hits = done.stdout.splitlines()
+    assert first.split()[1:] == ["True", "True"], "nothing to be announced"
+    assert hits == "1", "loaded, not compiled"
+    assert not done.stderr
+    assert not kept_by(user)
+
+
+def test_what_the_build_did_not_leave_is_kept_in_the_users_folder(copied: Path) -> None:
+    user = another_user(copied)
+    assert run_least(copied, NOT_HERE, **user).stdout.splitlines()[1] == "0"
+    assert any(name.startswith("friction.sliding_transmission-") for name in kept_by(user))
+    again = run_least(copied, NOT_HERE, **user)
+    assert again.stdout.splitlines()[1] == "1"
+    assert not again.stderr
+
+
+def test_kernels_of_another_version_of_numba_are_ignored_and_it_is_said(copied: Path) -> None:
+    assert run_least(copied).returncode == 0
+    folder = copied / "cdrj_ros" / "model" / "__pycache__"
+    (index,) = folder.glob("friction.sliding_transmission-*.nbi")
+    with index.open("rb") as file:
+        pickle.load(file)  # noqa: S301 - the version of numba
+        rest = file.read()
+    index.write_bytes(pickle.dumps("0.1.2", protocol=-1) + rest)
+    user = another_user(copied)
+    done = run_least(copied, NOT_HERE, **user)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0].split() == ["0.9048374180359595", "False", "True"]
+    (line,) = done.stderr.splitlines()
+    assert f"in {folder} are of numba 0.1.2, this is {numba.__version__}" in line
+    assert not run_least(copied, NOT_HERE, **user).stderr, "now there are newer ones"
+
+
+def test_kernels_for_another_processor_are_ignored_and_it_is_said(copied: Path) -> None:
+    assert run_least(copied).returncode == 0
+    user = another_user(copied)
+    other = {**user, "NUMBA_CPU_NAME": "core2", "NUMBA_CPU_FEATURES": "+sse2"}
+    done = run_least(copied, NOT_HERE, **other)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0].split() == ["0.9048374180359595", "False", "True"]
+    (line,) = done.stderr.splitlines()
+    assert f"in {copied / 'cdrj_ros' / 'model' / '__pycache__'} are for another processor" in line
+    assert any(name.startswith("friction.sliding_transmission-") for name in kept_by(user))
+    assert not run_least(copied, NOT_HERE, **other).stderr
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_damaged_kernels_of_the_build_are_compiled_into_the_users_folder(
+    copied: Path, ending: str
+) -> None:
+    assert run_least(copied).returncode == 0
+    folder = copied / "cdrj_ros" / "model" / "__pycache__"
+    (damaged,) = folder.glob(f"friction.sliding_transmission-*.{ending}")
+    damaged.write_bytes(damaged.read_bytes()[:40])
+    user = another_user(copied)
+    done = run_least(copied, NOT_HERE, **user)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("0.9048374180359595")
+    assert done.stderr.count("is discarded and compiled anew") == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert len(damaged.read_bytes()) == 40, "it is not this user's"
+    assert run_least(copied, NOT_HERE, **user).stdout.splitlines()[1] == "1"
 
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])

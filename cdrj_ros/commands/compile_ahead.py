@@ -1,0 +1,105 @@
+"""Compilation of all numerical kernels ahead of use.
+
+A build ends with ``python -m cdrj_ros.commands.compile_ahead``, so that no start has to compile.
+The machine code is for the processor of the machine that builds, which usually is the robot's: it
+is faster than code for any processor.  On another processor the first start compiles, as it does
+after the installation of a wheel.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from time import monotonic
+from typing import Final
+
+import numpy as np
+
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.tracking import new_track, track, track_all
+from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+
+ROBOT: Final = "prototype"
+"""Kernels are the same for every robot; this one is installed with the package."""
+
+
+def _samples(model: Model) -> Samples:
+    """Two samples in the reference pose."""
+    robot = model.robot
+    motor = np.array([[motor.reference_angle for motor in robot.motors]] * 2)
+    joint = np.array([[joint.reference_angle for joint in robot.joints]] * 2)
+    return Samples(np.array([1_000_000_000, 1_001_000_000]), motor, joint)
+
+
+def _compile_step() -> None:
+    """What every start needs, and what the other parts are built on."""
+    model = load_model(ROBOT)
+    samples = _samples(model)
+    step(model, initial_state(model), samples.at(0))
+    track(new_track(), 1_000_000, 0.0, 1.0, 1.0)
+
+
+def _compile_deviations() -> None:
+    """Standard deviations, live and of recordings."""
+    model = load_model(ROBOT)
+    samples = _samples(model)
+    live = LiveEstimator(model)
+    live.take(samples.at(0))
+    Spread(model).run(initial_state(model), samples)
+
+
+def _compile_recordings() -> None:
+    """Estimates of whole recordings, and the simulated rig."""
+    from cdrj_ros.rig.follow import follow_joints
+    from cdrj_ros.rig.truth import follow
+
+    model = load_model(ROBOT)
+    samples = _samples(model)
+    run(model, initial_state(model), samples)
+    track_all(samples.stamp_ns, np.zeros(2), 1.0, 1.0, np.zeros(2))
+    follow_joints(model, samples.joint_angle)
+    follow(model.robot, np.array([0.0, 1e-3]), samples.joint_angle, cells=2)
+
+
+PARTS: Final[dict[str, Callable[[], None]]] = {
+    "step": _compile_step,
+    "deviations": _compile_deviations,
+    "recordings": _compile_recordings,
+}
+"""What is compiled in one process each; the first alone, the others side by side."""
+
+
+def compile_kernels() -> bool:
+    """Compile every kernel that estimating and simulating need and keep it; False if one failed."""
+    first, *others = PARTS
+    if _run(first).wait() != 0:
+        return False
+    together = [_run(name) for name in others]
+    codes = [process.wait() for process in together]
+    return not any(codes)
+
+
+def _run(part: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, "-m", "cdrj_ros.commands.compile_ahead", part])
+
+
+def main(arguments: list[str]) -> int:
+    """Compile the named parts in this process, or all of them in several."""
+    if arguments:
+        for name in arguments:
+            PARTS[name]()
+        return 0
+    begin = monotonic()
+    if not compile_kernels():
+        return 1
+    print(f"kernels compiled in {monotonic() - begin:.0f} s", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

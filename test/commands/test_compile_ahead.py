@@ -1,0 +1,150 @@
+"""Kernels compiled ahead of use: estimating and simulating compile nothing afterwards."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+# names what is compiled, kernels and what numba compiles for them alike
+COUNTING = """
+from numba.core import event
+
+class Names(event.Listener):
+    def on_start(self, event):
+        print("compiled:", event.data["dispatcher"].py_func.__qualname__)
+
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Names())
+"""
+
+USING = """
+import numpy as np
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.tracking import new_track, track, track_all
+from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.rig.truth import follow
+
+for robot in ("prototype", "parallel"):
+    model = load_model(robot)
+    joints, motors = len(model.layout.joints), len(model.layout.motors)
+    stamps = 1_000_000_000 + 1_000_000 * np.arange(5)
+    samples = Samples(stamps, np.zeros((5, motors)), np.zeros((5, joints)))
+    live = LiveEstimator(model)
+    for k in range(5):
+        live.take(samples.at(k))
+    run(model, initial_state(model), samples)
+    Spread(model).run(initial_state(model), samples)
+track(new_track(), 1_000_000, 0.0, 1.0, 1.0)
+track_all(stamps, np.zeros(5), 1.0, 1.0, np.zeros(5))
+model = load_model("prototype")
+follow(model.robot, np.arange(5) * 1e-3, np.zeros((5, 1)), cells=2)
+print("used")
+"""
+
+
+def test_after_a_build_nothing_is_compiled() -> None:
+    # where this tree has been built, this finds everything on disk
+    subprocess.run([sys.executable, "-m", "cdrj_ros.commands.compile_ahead"], cwd=ROOT, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", COUNTING + USING],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["used"]
+
+
+def test_the_hook_that_counts_sees_a_compilation(tmp_path: Path) -> None:
+    program = "from cdrj_ros.model.friction import stribeck_share\n" + "stribeck_share(0.1, 1.0)\n"
+    done = subprocess.run(
+        [sys.executable, "-c", COUNTING + program],
+        cwd=ROOT, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.splitlines() == ["compiled: stribeck_share"]
+
+
+STANDING_IN = """
+import sys
+from pathlib import Path
+Path(__file__).with_name("compiled here").write_text(sys.executable)
+sys.exit({code})
+"""
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> Path:
+    """What setup.py needs of the sources; compiling leaves a note only."""
+    folder = tmp_path / "sources"
+    for name in ("setup.py", "setup.cfg", "package.xml", "requirements", "resource"):
+        made = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        folder.mkdir(exist_ok=True)
+        made(ROOT / name, folder / name)
+    commands = folder / "cdrj_ros" / "commands"
+    commands.mkdir(parents=True)
+    for file in (commands.parent / "__init__.py", commands / "__init__.py"):
+        file.touch()
+    (commands / "compile_ahead.py").write_text(STANDING_IN.format(code=0), encoding="utf-8")
+    return folder
+
+
+def set_up(sources: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run setup.py, with paths like those that colcon sets."""
+    prefix = sources.parent / "prefix"
+    packages = prefix / "lib" / f"python3.{sys.version_info[1]}" / "site-packages"
+    packages.mkdir(parents=True)
+    return subprocess.run(
+        [sys.executable, "-W", "ignore", "setup.py", *arguments],
+        cwd=sources,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(packages), os.environ["PYTHONPATH"]])
+             if "PYTHONPATH" in os.environ else str(packages)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+# the commands that colcon runs without and with --symlink-install
+INSTALL = (
+    "install", "--prefix", "../prefix", "--single-version-externally-managed", "--record", "list",
+)  # fmt: skip
+DEVELOP = (
+    "develop", "--prefix", "../prefix", "--editable", "--build-directory", "../build", "--no-deps",
+)  # fmt: skip
+
+
+def test_a_build_compiles_in_the_installed_package(sources: Path) -> None:
+    done = set_up(sources, *INSTALL)
+    assert done.returncode == 0, done.stderr
+    (note,) = (sources.parent / "prefix").rglob("compiled here")
+    assert note.parent.name == "commands"
+    assert note.read_text(encoding="utf-8") == sys.executable
+
+
+def test_a_build_with_links_compiles_beside_the_sources(sources: Path) -> None:
+    done = set_up(sources, *DEVELOP)
+    assert done.returncode == 0, done.stderr
+    assert (sources / "cdrj_ros" / "commands" / "compiled here").exists()
+
+
+def test_a_build_for_other_machines_compiles_nothing(sources: Path) -> None:
+    done = set_up(sources, "install", "--root", "../root", "--record", "list")
+    assert done.returncode == 0, done.stderr
+    assert not list(sources.parent.rglob("compiled here"))
+
+
+def test_a_build_without_numba_succeeds_and_says_so(sources: Path) -> None:
+    stand_in = sources / "cdrj_ros" / "commands" / "compile_ahead.py"
+    stand_in.write_text(STANDING_IN.format(code=1), encoding="utf-8")
+    done = set_up(sources, *INSTALL)
+    assert done.returncode == 0, done.stderr
+    assert "the kernels could not be compiled: the first start will do it" in done.stderr
