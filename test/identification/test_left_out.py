@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 
 import numpy as np
@@ -83,3 +84,15 @@ def test_two_runs_are_covered_by_what_eight_others_say() -> None:
     error = model_error(residuals[:8], [np.full(2000, 0.02)] * 8)
     inside = [np.mean(np.abs(one) <= 2.0 * np.hypot(error, 0.02)) for one in residuals[8:]]
     assert np.mean(inside) >= 0.9
+
+
+def test_a_wrong_stiffness_does_not_spoil_the_fit_of_friction_and_preload() -> None:
+    path = Path(__file__).parents[2] / "tools" / "narrow_fits.py"
+    spec = importlib.util.spec_from_file_location("narrow_fits", path)
+    assert spec is not None
+    assert spec.loader is not None
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    wrong = tool.WRONG["EA by 5 %"]
+    assert tool.errors(wrong, 8.0, wide=False).mean() > 0.01
+    assert tool.errors(wrong, 8.0, wide=True).max() < 0.003
