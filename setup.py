@@ -26,10 +26,10 @@ def installed(folder: str, pattern: str = "**/*") -> list[tuple[str, list[str]]]
     return list(places.items())
 
 
-def requirements() -> list[str]:
-    """Read the requirements without ROS: those of package.xml, but with versions."""
+def requirements(name: str) -> list[str]:
+    """Read a list of requirements without ROS: those of package.xml, but with versions."""
     # With --symlink-install, colcon runs this file through a link in another folder.
-    path = Path(__file__).resolve().parent / "requirements" / "runtime.txt"
+    path = Path(__file__).resolve().parent / "requirements" / f"{name}.txt"
     lines = path.read_text(encoding="utf-8").splitlines()
     return [line for line in lines if line and not line.startswith("#")]
 
@@ -124,8 +124,11 @@ setup(
     maintainer_email=maintainer.get("email"),
     license=about.findtext("license"),
     python_requires=">=3.10",
-    install_requires=requirements(),
-    extras_require={"mujoco": ["mujoco<4"]},  # for import_robot
+    install_requires=requirements("runtime"),
+    extras_require={
+        "cluster": requirements("cluster"),  # for --scheduler
+        "mujoco": ["mujoco<4"],  # for import_robot
+    },
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     # bag/msg is a link to the message definitions; a build copies the files themselves.
     package_data={PACKAGE: ["**/*.json", "**/*.html", "**/*.css", "bag/msg/*.msg", "py.typed"]},

@@ -27,7 +27,6 @@ from cdrj_ros.commands.identify_results import (
 )
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_topic_options, topics_of
-from cdrj_ros.commands.validate import validate_bag
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say
@@ -43,6 +42,7 @@ from cdrj_ros.identification.unknowns import (
     with_priors,
 )
 from cdrj_ros.identification.wide import fitted_along
+from cdrj_ros.judgement.bag_task import validate_bag
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.metrics import pooled_errors
 from cdrj_ros.judgement.validation import read_inputs

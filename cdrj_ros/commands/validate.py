@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import argparse
-import os
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from functools import cache, partial
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from math import isfinite
-from multiprocessing import get_context
 from pathlib import Path
-from time import perf_counter
 
-import numpy as np
-
-from cdrj_ros.bag import Topics, size_of
+from cdrj_ros.bag import open_source, size_of
+from cdrj_ros.campaign.tasks import (
+    Failed,
+    Progress,
+    Work,
+    default_jobs,
+    in_this_process,
+    processors,
+    reason_of,
+)
 from cdrj_ros.commands.compilation import announce_compilation
-from cdrj_ros.commands.running import DONE, OUTSIDE_LIMITS, CommandParser, run_command
+from cdrj_ros.commands.running import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
     add_robot_option,
@@ -32,155 +34,46 @@ from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.judgement.bag_task import BagTask, compare_bag, prepared_model
 from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.estimates_bag import OUTPUTS, write_estimates
+from cdrj_ros.judgement.estimates_bag import OUTPUTS
 from cdrj_ros.judgement.limits import judge, load_limits
 from cdrj_ros.judgement.metrics import errors_of
-from cdrj_ros.judgement.validation import (
-    WHOLE,
-    Validation,
-    Window,
-    condition_recording,
-    read_inputs,
-    require_reference_topics,
-)
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.judgement.validation import Window, require_reference_topics
+from cdrj_ros.model.loading import robot_path
 from cdrj_ros.robot.description import Robot
-
-READING_SHARE = 0.3
-"""Share of the processing time of a bag that reading takes, for the progress display."""
 
 MOST_JOBS = 64
 
-Progress = Callable[[float], None]
+
+def _compared(
+    arguments: argparse.Namespace, tasks: Sequence[BagTask], report: Progress
+) -> list[BagComparison | Failed]:
+    """The comparison of every bag, wherever it is computed; a single one here, with its errors."""
+    work = Work(compare_bag, tasks, [task.path for task in tasks], _sizes(tasks))
+    if arguments.scheduler:
+        from cdrj_ros.campaign.cluster import on_cluster
+
+        return on_cluster(work, arguments.scheduler, report)
+    if len(tasks) == 1:
+        return [compare_bag(tasks[0], lambda share: report(share * work.sizes[0]))]
+    jobs = default_jobs(work.sizes) if arguments.jobs is None else arguments.jobs or processors()
+    if jobs == 1:
+        return in_this_process(work, report)
+    from cdrj_ros.campaign.processes import in_processes
+
+    return in_processes(work, jobs, report)
 
 
-@dataclass(frozen=True)
-class Task:
-    """The work on one bag."""
-
-    path: str
-    topics: Topics
-    robot: str = ""
-    """The robot file."""
-    preload: str | None = None
-    """Preloads that replace those of the robot file."""
-    window: Window = WHOLE
-    outputs: tuple[str, str, str] = OUTPUTS
-    """Topics of the estimates in the bag that is written."""
-    spread: bool = False
-    """Whether standard deviations are computed."""
-    written: str = ""
-    """Bag to write with the original messages and the estimates; empty for none."""
-
-
-_prepared = cache(load_model)
-
-
-def validate_bag(
-    model: Model,
-    path: str,
-    topics: Topics,
-    progress: Progress | None = None,
-    *,
-    spread: bool = False,
-) -> BagComparison:
-    """Run the estimator on one bag and compare it with the bag's references.
-
-    Raises:
-        BagError: the bag cannot be read or has nothing to compare.
-    """
-    return _validate(model, Task(path, topics, spread=spread), progress)
-
-
-def _validate(model: Model, task: Task, progress: Progress | None = None) -> BagComparison:
-    begin = perf_counter()
-    recording = read_inputs(task.path, task.topics, model)
-    conditioned = condition_recording(model, recording)
-    if len(conditioned.segments) == 1 and not task.written:
-        recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
-    reading_s = perf_counter() - begin
-    if progress:
-        progress(READING_SHARE)
-
-    def on(share: float) -> None:
-        if progress:
-            progress(READING_SHARE + (1.0 - READING_SHARE) * share)
-
-    begin = perf_counter()
-    validation = Validation(
-        model,
-        task.path,
-        recording,
-        conditioned,
-        spread=task.spread,
-        window=task.window,
-        progress=on,
-    )
-    if task.written:
-        stamps = np.concatenate([segment.stamp_ns for segment in conditioned.segments])
-        write_estimates(
-            task.written, task.path, recording, stamps, validation.pieces(), task.outputs
-        )
-    else:
-        for _ in validation.pieces():
-            pass
-    comparison = validation.result()
-    facts = {
-        "samples": f"{sum(segment.stamp_ns.size for segment in conditioned.segments)}",
-        "time": f"{reading_s:.2f} s reading, {perf_counter() - begin:.2f} s estimating",
-        "path": "offline, in lock-step",
-    }
-    if task.preload is not None:
-        facts["preload"] = f"{task.preload} N"
-    return replace(comparison, facts=facts)
-
-
-def _start_worker() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process decides when to stop
-
-
-def _work(task: Task) -> BagComparison:
-    return _validate(_prepared(task.robot, task.preload), task)
-
-
-def _one_by_one(tasks: Sequence[Task], report: Progress) -> Iterator[BagComparison]:
-    sizes = [size_of(task.path) for task in tasks]
-    done = 0.0
-    for task, size in zip(tasks, sizes, strict=True):
-
-        def within_bag(share: float, before: float = done, size: int = size) -> None:
-            report(before + share * size)
-
-        yield _validate(_prepared(task.robot, task.preload), task, within_bag)
-        done += size
-        report(done)
-
-
-def _in_processes(tasks: Sequence[Task], jobs: int, report: Progress) -> Iterator[BagComparison]:
-    """Results in the order of the tasks; progress in the order in which they are done."""
-    from threading import Lock
-
-    lock, done = Lock(), 0.0
-    context = get_context("forkserver")
-    context.set_forkserver_preload([__name__])  # one import for all workers
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_start_worker)
-
-    def count(task: Task, _: object) -> None:
-        nonlocal done
-        with lock:
-            done += size_of(task.path)
-            report(done)
-
-    try:
-        futures = [pool.submit(_work, task) for task in tasks]
-        for task, future in zip(tasks, futures, strict=True):
-            future.add_done_callback(partial(count, task))
-        for future in futures:
-            yield future.result()
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+def _sizes(tasks: Sequence[BagTask]) -> list[int]:
+    """Size of every bag [B]; 1 where there is none on this machine."""
+    sizes = []
+    for task in tasks:
+        try:
+            sizes.append(size_of(task.path))
+        except (BagError, OSError):
+            sizes.append(1)
+    return sizes
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -202,9 +95,14 @@ def _parser() -> argparse.ArgumentParser:
         "--duration", type=float, metavar="S", help="compare for S seconds (default: all)"
     )
     parser.add_argument(
-        "--jobs", type=int, default=1, metavar="N",
+        "--jobs", type=int, metavar="N",
         help="number of bags processed at a time, each in its own process; 0: one per processor "
-        "(default %(default)s)",
+        "(default: one per processor, but a single one for less than 16 MB of bags)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS",
+        help="process the bags on the Dask cluster with this scheduler, such as "
+        "tcp://10.0.0.5:8786, whose workers see the same files (docs/many_recordings.md)",
     )  # fmt: skip
     parser.add_argument(
         "--limits", metavar="FILE",
@@ -227,7 +125,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[Task]:
+def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
     """One for each bag; refuses outputs that cannot be written before any bag is read."""
     bags, topics = arguments.bags, topics_of(arguments)
     window = _window(arguments.start, arguments.duration)
@@ -237,7 +135,7 @@ def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[Task]:
     prefix = topic_prefix(arguments)
     outputs = (prefix + OUTPUTS[0], prefix + OUTPUTS[1], prefix + OUTPUTS[2])
     return [
-        Task(path, topics, arguments.robot, preload, window, outputs, spread, written)
+        BagTask(path, topics, arguments.robot, preload, window, outputs, spread, written)
         for path, preload, written in zip(
             bags, _preloads(arguments), _written(arguments.write_bag, bags), strict=True
         )
@@ -293,20 +191,26 @@ def _check_files(arguments: argparse.Namespace) -> None:
 
 def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
-    if not 0 <= arguments.jobs <= MOST_JOBS:
-        raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
+    _check_workers(arguments)
     _check_files(arguments)
     limits = load_limits(arguments.limits) if arguments.limits else None
     preloads = _preloads(arguments)
     announce_compilation()
-    model = _prepared(arguments.robot, preloads[0])
+    model = prepared_model(arguments.robot, preloads[0])
     tasks = _tasks(arguments, model.robot)
     for task in tasks:
-        _prepared(task.robot, task.preload)
-        require_reference_topics(task.path, task.topics)
-    jobs = min(arguments.jobs or os.cpu_count() or 1, len(tasks))
-    with progress_bar("validating", sum(size_of(task.path) for task in tasks)) as report:
-        bags = list(_in_processes(tasks, jobs, report) if jobs > 1 else _one_by_one(tasks, report))
+        prepared_model(task.robot, task.preload)
+    unreadable = _unreadable(tasks) if not arguments.scheduler else {}
+    readable = [task for task in tasks if task.path not in unreadable]
+    if arguments.scheduler:
+        readable = [_from_elsewhere(task) for task in readable]
+    with progress_bar("validating", sum(_sizes(readable))) as report:
+        results = _compared(arguments, readable, report) if readable else []
+    bags = [result for result in results if not isinstance(result, Failed)]
+    failed = [*unreadable.values(), *(one for one in results if isinstance(one, Failed))]
+    _say_failed(failed, len(tasks))
+    if not bags:
+        return BAD_INPUT
     errors = errors_of(bags)
     judgement = judge(limits, errors) if limits else None
     title = f"{model.robot.name}: estimate against reference"
@@ -315,14 +219,61 @@ def _body(argv: Sequence[str]) -> int:
     if not arguments.quiet:
         print_results(arguments, model, errors, title, judgement)
         for task in tasks:
-            if task.written:
+            if task.written and task.path not in {one.name for one in failed}:
                 say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
     outside = judgement is not None and bool(judgement.outside)
     if judgement is not None and outside and arguments.quiet:
         from cdrj_ros.report.table import print_judgement
 
         print_judgement(judgement)
+    if failed:
+        return BAD_INPUT
     return OUTSIDE_LIMITS if outside else DONE
+
+
+def _check_workers(arguments: argparse.Namespace) -> None:
+    if arguments.jobs is not None and not 0 <= arguments.jobs <= MOST_JOBS:
+        raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
+    if arguments.scheduler is None:
+        return
+    from cdrj_ros.campaign.cluster import check_address
+
+    check_address(arguments.scheduler)
+    if arguments.jobs is not None:
+        raise UsageError("--jobs and --scheduler exclude each other: the cluster has its workers")
+
+
+def _unreadable(tasks: Sequence[BagTask]) -> dict[str, Failed]:
+    """Bags that cannot be opened; one of several does not stop the others.
+
+    Raises:
+        BagError: the only bag cannot be opened, or one has no reference topics.
+    """
+    failed = {}
+    for task in tasks:
+        try:
+            open_source(task.path)
+        except (BagError, OSError) as error:
+            if len(tasks) == 1:
+                raise
+            failed[task.path] = Failed(task.path, reason_of(error))
+            continue
+        require_reference_topics(task.path, task.topics)
+    return failed
+
+
+def _from_elsewhere(task: BagTask) -> BagTask:
+    """The task for a worker that was started in another folder."""
+    return replace(task, robot=str(robot_path(task.robot).absolute()), folder=str(Path.cwd()))
+
+
+def _say_failed(failed: Sequence[Failed], total: int) -> None:
+    for one in failed:
+        say(f"validate: {one.reason}", file=sys.stderr)
+    if failed and total > 1:
+        rest = total - len(failed)
+        text = f"the results are of the other {rest}" if rest else "there are no results"
+        say(f"validate: {len(failed)} of {total} bags failed; {text}", file=sys.stderr)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -18,6 +18,7 @@ from rosbags.highlevel import AnyReader
 
 from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
 from cdrj_ros.commands import validate
+from cdrj_ros.judgement import bag_task
 from cdrj_ros.judgement.channels import estimate_channels
 from cdrj_ros.judgement.estimates_bag import OUTPUTS
 from cdrj_ros.judgement.estimating import estimate
@@ -129,8 +130,9 @@ def test_an_error_in_another_process_is_one_line(
     (tmp_path / "a.mcap").write_bytes(b"nothing")
     assert run(tmp_path, short, tmp_path / "a.mcap", "--jobs", 2)[0] == 2
     lines = [line for line in capfd.readouterr().err.splitlines() if "%" not in line]
-    assert len(lines) == 1
+    assert len(lines) == 2
     assert "a.mcap is not an MCAP file" in lines[0]
+    assert lines[1].endswith("1 of 2 bags failed; the results are of the other 1")
 
 
 def test_limits_decide_the_exit_code_and_violations_are_listed(
@@ -220,7 +222,7 @@ def test_a_bag_without_references_is_refused_before_any_bag_is_read(
     def never(*_: object) -> Recording:
         raise AssertionError("read")
 
-    monkeypatch.setattr(validate, "read_inputs", never)
+    monkeypatch.setattr(bag_task, "read_inputs", never)
     assert run(tmp_path, second, bare)[0] == 2
     one_line(capsys, [f"{bare} holds no references", "--reference"])
 

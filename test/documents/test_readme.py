@@ -154,7 +154,7 @@ def test_the_errors_of_the_readme_are_those_of_the_last_demonstration(figures: M
 
 def test_the_demonstration_measures_what_the_offline_path_computes() -> None:
     """docs/demo.json must match the current code; node and offline results agree."""
-    from cdrj_ros.commands.validate import validate_bag
+    from cdrj_ros.judgement.bag_task import validate_bag
     from cdrj_ros.judgement.metrics import pooled_errors
     from cdrj_ros.model.loading import load_model
 

@@ -113,12 +113,13 @@ def test_the_wheel_contains_the_commands_and_requires_what_they_import(
         (about,) = (name for name in names if name.endswith(".dist-info/METADATA"))
         metadata = archive.read(about).decode().splitlines()
     wanted = [
-        line
-        for line in (ROOT / "requirements" / "runtime.txt").read_text().splitlines()
+        f"{line}{condition}"
+        for name, condition in (("runtime", ""), ("cluster", '; extra == "cluster"'))
+        for line in (ROOT / "requirements" / f"{name}.txt").read_text().splitlines()
         if line and not line.startswith("#")
     ]
     required = [line.partition(": ")[2] for line in metadata if line.startswith("Requires-Dist")]
-    assert sorted(required) == sorted(wanted)
+    assert sorted(required) == sorted([*wanted, 'mujoco<4; extra == "mujoco"'])
     assert len(wanted) >= 10
     assert "cdrj_ros/py.typed" in names
     scripts = {path.name for path in (installation.folder / "bin").iterdir()}

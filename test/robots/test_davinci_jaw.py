@@ -9,9 +9,9 @@ import pytest
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.commands import identify
-from cdrj_ros.commands.validate import validate_bag
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.judgement.bag_task import validate_bag
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.metrics import pooled_errors
 from cdrj_ros.judgement.validation import condition_recording, read_inputs

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.bag import Topics
-from cdrj_ros.commands.validate import validate_bag
+from cdrj_ros.judgement.bag_task import validate_bag
 from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.judgement.metrics import pooled_errors
 from cdrj_ros.judgement.validation import condition_recording, read_inputs

@@ -1,0 +1,1 @@
+"""Processing of many recordings: one task each, on this machine's cores or on a Dask cluster."""

@@ -1,0 +1,129 @@
+"""The work on one bag: read, condition, estimate, compare."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+
+from cdrj_ros.bag import Topics
+from cdrj_ros.judgement.channels import BagComparison
+from cdrj_ros.judgement.estimates_bag import OUTPUTS, write_estimates
+from cdrj_ros.judgement.validation import (
+    WHOLE,
+    Validation,
+    Window,
+    condition_recording,
+    read_inputs,
+)
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+
+READING_SHARE: Final = 0.3
+"""Share of the processing time of a bag that reading takes, for the progress display."""
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class BagTask:
+    """The work on one bag; everything that another process needs to know of it."""
+
+    path: str
+    """The bag, as the user named it."""
+    topics: Topics
+    robot: str = ""
+    """The robot file."""
+    preload: str | None = None
+    """Preloads that replace those of the robot file."""
+    window: Window = WHOLE
+    outputs: tuple[str, str, str] = OUTPUTS
+    """Topics of the estimates in the bag that is written."""
+    spread: bool = False
+    """Whether standard deviations are computed."""
+    written: str = ""
+    """Bag to write with the original messages and the estimates; empty for none."""
+    folder: str = ""
+    """Where the paths begin, for a process that was started elsewhere."""
+
+
+prepared_model = cache(load_model)
+"""The model of a robot file with preloads, loaded once per process."""
+
+
+def compare_bag(task: BagTask, progress: Progress | None = None) -> BagComparison:
+    """Run the estimator on one bag and compare it with the bag's references.
+
+    Args:
+        task: the work.
+        progress: called with the completed fraction, from 0 to 1.
+
+    Raises:
+        BagError: the bag cannot be read or has nothing to compare.
+        RobotFileError: the robot file describes no possible robot.
+    """
+    model = prepared_model(str(Path(task.folder, task.robot)), task.preload)
+    return compare_bag_with(model, task, progress)
+
+
+def validate_bag(
+    model: Model,
+    path: str,
+    topics: Topics,
+    progress: Progress | None = None,
+    *,
+    spread: bool = False,
+) -> BagComparison:
+    """``compare_bag`` with a model at hand; ``spread``: with standard deviations."""
+    return compare_bag_with(model, BagTask(path, topics, spread=spread), progress)
+
+
+def compare_bag_with(
+    model: Model, task: BagTask, progress: Progress | None = None
+) -> BagComparison:
+    """``compare_bag`` with a model at hand."""
+    begin = perf_counter()
+    path = str(Path(task.folder, task.path)) if task.folder else task.path
+    recording = read_inputs(path, task.topics, model)
+    conditioned = condition_recording(model, recording)
+    if len(conditioned.segments) == 1 and not task.written:
+        recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
+    reading_s = perf_counter() - begin
+    if progress:
+        progress(READING_SHARE)
+
+    def on(share: float) -> None:
+        if progress:
+            progress(READING_SHARE + (1.0 - READING_SHARE) * share)
+
+    begin = perf_counter()
+    validation = Validation(
+        model,
+        task.path,
+        recording,
+        conditioned,
+        spread=task.spread,
+        window=task.window,
+        progress=on,
+    )
+    if task.written:
+        written = str(Path(task.folder, task.written))
+        stamps = np.concatenate([segment.stamp_ns for segment in conditioned.segments])
+        write_estimates(written, path, recording, stamps, validation.pieces(), task.outputs)
+    else:
+        for _ in validation.pieces():
+            pass
+    comparison = validation.result()
+    facts = {
+        "samples": f"{sum(segment.stamp_ns.size for segment in conditioned.segments)}",
+        "time": f"{reading_s:.2f} s reading, {perf_counter() - begin:.2f} s estimating",
+        "path": "offline, in lock-step",
+    }
+    if task.preload is not None:
+        facts["preload"] = f"{task.preload} N"
+    return replace(comparison, facts=facts)

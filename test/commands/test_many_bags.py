@@ -1,0 +1,126 @@
+"""Many bags: on both cores or on a cluster the same figures, and no bag lost to another."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import psutil
+import pytest
+from support.clusters import running_cluster
+
+from cdrj_ros.bag import BagWriter
+from cdrj_ros.commands import validate
+
+ROOT = Path(__file__).parents[2]
+ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
+BAG = ROOT / "bags" / "prototype_preload_36_26"
+PROGRAM = "from cdrj_ros.commands.entry import validate; validate()"
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-c", PROGRAM, *map(str, arguments), "--robot", str(ROBOT)]
+
+
+def figures(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text())
+    for bag in found["bags"]:
+        del bag["facts"]["time"]
+    return found
+
+
+def test_a_bag_that_breaks_off_or_is_none_is_named_and_the_others_are_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(BAG, tmp_path / "good")
+    (tmp_path / "none.mcap").write_bytes(b"nothing")
+    (tmp_path / "other").mkdir()
+    with BagWriter(tmp_path / "other" / "bag") as bag:  # another robot's
+        bag.write_joint_states("/cdrj/motor_states", [1, 2], ("m",), position=[[0.0], [0.0]])
+        bag.write_joint_states("/cdrj/joint_states", [1, 2], ("j",), position=[[0.0], [0.0]])
+        bag.write_tensions("/reference/tensions", [1, 2], ("upper/1",), [[1.0], [1.0]])
+    bags = [tmp_path / "none.mcap", tmp_path / "good", tmp_path / "other" / "bag"]
+    out = tmp_path / "figures.json"
+    code = validate.main([*map(str, bags), "--robot", str(ROBOT), "--json", str(out)])
+    assert code == 2
+    captured = capsys.readouterr()
+    errors = [line for line in captured.err.splitlines() if "%" not in line]
+    assert "none.mcap is not an MCAP file" in errors[0]
+    assert "no motor named winch" in errors[1]
+    assert errors[2] == "validate: 2 of 3 bags failed; the results are of the other 1"
+    assert len(errors) == 3
+    assert [bag["path"] for bag in figures(out)["bags"]] == [str(bags[1])]
+    assert "all elements" in captured.out
+
+
+def test_a_cluster_gives_the_figures_of_this_process(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="Dask's distributed is not installed")
+    bags = [BAG, ROOT / "bags" / "prototype_preload_23_6", BAG]
+    outputs = [tmp_path / "here.json", tmp_path / "there.json"]
+    common = [*map(str, bags), "--robot", str(ROBOT), "--quiet", "--json"]
+    assert validate.main([*common, str(outputs[0]), "--jobs", "1"]) == 0
+    with running_cluster(tmp_path) as address:
+        there = [*bags, "--quiet", "--json", outputs[1], "--scheduler", address]
+        result = subprocess.run(command(*there), capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert figures(outputs[0]) == figures(outputs[1])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--scheduler", "nowhere"], "--scheduler must be the address of a Dask scheduler"),
+        (["--scheduler", "tcp://127.0.0.1:1", "--jobs", "2"], "exclude each other"),
+    ],
+)
+def test_wrong_workers_are_refused_in_one_line(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert validate.main([str(BAG), "--robot", str(ROBOT), *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
+def test_neither_ctrl_c_nor_a_kill_leaves_a_process_behind(number: int, code: int) -> None:
+    with subprocess.Popen(
+        command(*[BAG] * 60, "--jobs", 2),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        assert process.stderr is not None
+        family = psutil.Process(process.pid)
+        pause = Event()
+        # the fork server, Python's resource tracker and both workers, one of which has worked
+        while sum(child.cpu_times().user > 1.0 for child in children(family)) < 2:
+            assert process.poll() is None
+            pause.wait(0.05)
+        everyone = children(family)
+        os.kill(process.pid, number)
+        error = process.stderr.read()
+        assert process.wait(60.0) == code
+    _, alive = psutil.wait_procs(everyone, timeout=30.0)
+    assert not alive
+    assert "Traceback" not in error
+    if number == signal.SIGINT:
+        assert error.splitlines()[-1] == "validate: interrupted"
+
+
+def children(family: psutil.Process) -> list[psutil.Process]:
+    found = []
+    for child in family.children(recursive=True):
+        try:
+            child.cpu_times()
+        except psutil.NoSuchProcess:
+            continue
+        found.append(child)
+    return found

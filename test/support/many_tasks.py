@@ -1,0 +1,35 @@
+"""Tasks that other processes can import: they work, fail, die, or wait to be killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event
+
+from cdrj_ros.foundation.errors import BagError
+
+
+def square(task: float, progress: Callable[[float], None]) -> float:
+    """Works; a negative number fails as a bag would, 13 with a bug, 99 kills its process."""
+    progress(0.5)
+    if task < 0:
+        raise BagError(f"{task} is no bag")
+    if task == 13:
+        raise ValueError("a bug\nof two lines")
+    if task == 99:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 0.1 * task * task
+
+
+def killed_once(task: str, progress: Callable[[float], None]) -> str:
+    """Note the process in the file ``task``; wait to be killed at the first attempt."""
+    progress(0.25)
+    path = Path(task)
+    first = not path.exists()
+    with path.open("a", encoding="utf-8") as file:
+        file.write(f"{os.getpid()}\n")
+    if first:
+        Event().wait()
+    return path.name
