@@ -25,7 +25,7 @@ ENOUGH_OF_A_RUN: Final = 0.8
 
 
 def model_error(residuals: Sequence[Vector], stddevs: Sequence[Vector]) -> float:
-    """Standard deviation of what the model lacks: (I5).
+    """Standard deviation of the error of the model itself: (I5).
 
     Args:
         residuals: estimate less reference for every recording that was left out.

@@ -1,8 +1,8 @@
 """Lengths, moment arms and wraps of all cables in given poses, as a table.
 
-A length is that of the whole cable with the drums standing still: in the reference pose all that
-lies between its drums or anchors, in other poses less what they have wound up as frames turned.  It
-is the length whose derivative is the moment arm: without friction, the effort on a joint is the
+A length is that of the whole cable with the drums at rest: in the reference pose, the length
+between its drums or anchors; in other poses, this length minus the cable that they have wound up
+as frames turned.  Its derivative is the moment arm: without friction, the effort on a joint is the
 tension times the arm, with the opposite sign.
 """
 
@@ -60,7 +60,7 @@ def read_poses(text: str, robot: Robot, source: str) -> Matrix:
         source: name of the table, for messages.
 
     Raises:
-        UsageError: names the line, what was given and what is allowed.
+        UsageError: names the pose, the value given and the values allowed.
     """
     source = printable(source)
     try:
@@ -121,7 +121,7 @@ def geometry_table(model: Model, poses: Matrix) -> GeometryTable:
     """Evaluate a robot's geometry in poses, shape (poses, joints).
 
     Raises:
-        UsageError: a cable cannot run so in one of them.
+        UsageError: a pose in which no path of a cable exists.
     """
     robot, layout = model.robot, model.layout
     columns = [f"length/{name}" for name in layout.cables]

@@ -79,7 +79,7 @@ class Uncertainty:
     drums_hold: bool = True
     """Whether the cable certainly does not slip on its drums, see docs/uncertainty.md."""
     model_error: tuple[tuple[str, float], ...] = ()
-    """Standard deviation of what the model lacks, by channel: ``effort/NAME`` [N m] or
+    """Standard deviation of the error of the model itself, by channel: ``effort/NAME`` [N m] or
     ``tension/CABLE/ELEMENT`` [N]."""
 
 
