@@ -31,6 +31,9 @@ MOST_TURNS: Final = 10.0
 LARGEST_LOSS: Final = 0.5
 """Relative loss of tension beyond which friction errors dominate the estimate [-]."""
 
+LONGEST_CABLE: Final = 50.0
+"""Length of a cable beyond which millimetres were probably given as metres [m]."""
+
 LARGEST_STRAIN: Final = 0.03
 """Strain at which cables usually break or yield [-]."""
 
@@ -86,15 +89,17 @@ def _at(robot: Robot, pose: tuple[float, ...]) -> str:
 
 
 def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
-    for pulley in check.pulleys:
+    for pulley, node in zip(check.pulleys, cable.pulleys, strict=True):
         wrap = pulley.wrap
+        if node.kind not in ("pulley", "swivel"):  # the cable may leave it, or go round often
+            continue
         if wrap.low < NARROW_WRAP:
             yield Suspicion(
                 pulley.name,
                 f"the wrap falls to {degrees(wrap.low):.1f}°{_at(robot, wrap.low_at)}: the cable "
                 "is about to leave the pulley",
             )
-        if cable.routed and WRONG_SENSE < wrap.high <= 2.0 * pi:
+        if (cable.routed or cable.spatial) and WRONG_SENSE < wrap.high <= 2.0 * pi:
             yield Suspicion(
                 pulley.name,
                 f"the wrap grows to {degrees(wrap.high):.0f}°{_at(robot, wrap.high_at)}: is turn "
@@ -106,6 +111,16 @@ def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspici
                 f"the wrap grows to {degrees(wrap.high):.0f}°{_at(robot, wrap.high_at)}: more than "
                 "a whole turn, so that the cable crosses itself",
             )
+    if cable.spatial and check.length.high > LONGEST_CABLE:
+        yield Suspicion(
+            cable.name,
+            f"it is {check.length.high:.4g} m long{_at(robot, check.length.high_at)}: are the "
+            "positions in millimetres? Then append _mm to their keys",
+        )
+    yield from _arms_and_spans(robot, cable, check)
+
+
+def _arms_and_spans(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
     for element in check.elements:
         span = element.span
         if span.high > 0.0 and span.low < SHORTEST_SHARE * span.high:

@@ -21,6 +21,7 @@ from cdrj_ros.model.packing import (
     plan_views,
 )
 from cdrj_ros.model.shape import shape
+from cdrj_ros.model.spatial_paths import arc_in_space
 from cdrj_ros.model.spatial_reasons import spatial_reason
 from cdrj_ros.model.state import (
     ScratchViews,
@@ -33,6 +34,9 @@ from cdrj_ros.model.state import (
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
+
+ARC_POINTS: Final = 24
+"""Points per half turn of an arc that is drawn."""
 
 RANGE_CHECKS: Final = 41
 """Poses over the joint ranges in which the geometry is checked."""
@@ -323,3 +327,28 @@ def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
         element += len(cable.nodes) - 1
         pulley += len(cable.nodes) - 2
     return f"the geometry is impossible{where} ({robot.source})"
+
+
+def paths_in_space(model: Model, joint_angle: Vector) -> list[list[NDArray[np.float64]]]:
+    """Paths of the cables in space: of every cable one piece for every node.
+
+    Args:
+        model: the robot.
+        joint_angle: [rad] or [m], shape (joints,).
+
+    Returns:
+        For every cable, for every node, the points at which the cable touches it in the base [m],
+        shape (points, 3): one for a point, an arc for a round body, none where it has lifted off.
+        A cable that is not described in space has no pieces.
+    """
+    touches: Any = _shape(model, joint_angle)[1].touches
+    paths, node_at = [], 0
+    for cable in model.robot.cables:
+        pieces = [
+            arc_in_space(node, touches[node_at + k], ARC_POINTS)
+            for k, node in enumerate(cable.nodes)
+            if cable.spatial
+        ]
+        node_at += len(cable.nodes)
+        paths.append(pieces)
+    return paths

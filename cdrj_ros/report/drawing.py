@@ -1,7 +1,7 @@
 """Drawing of a robot's cables: their paths and the changes over the joint ranges.
 
-Cables given by positions are drawn to scale.  Cables given by spans have no known shape and are
-drawn unrolled.
+Cables given by positions are drawn to scale, those in space in four views.  Cables given by spans
+have no known shape and are drawn unrolled.
 
 Importing this module imports matplotlib, which is slow; import it where pictures are made.
 """
@@ -20,6 +20,7 @@ from cdrj_ros.inspection.ranges import Inspection
 from cdrj_ros.report.drawing_style import FONT_SIZE, INK, MUTED
 from cdrj_ros.report.pose import cable_line, pose_of
 from cdrj_ros.report.scale_drawing import draw_placed, ghost_poses, legend_handles, poses_text
+from cdrj_ros.report.spatial_drawing import draw_in_space
 from cdrj_ros.report.unrolled_drawing import draw_unrolled
 
 LARGEST: Final = (900.0, 720.0)
@@ -43,6 +44,8 @@ def draw_robot(inspection: Inspection, size: tuple[float, float] | None = None) 
             600 px the labels of long cables overlap.
     """
     robot = inspection.model.robot
+    if any(cable.spatial for cable in robot.cables):
+        return draw_in_space(inspection, size)
     placed = [c for c, cable in enumerate(robot.cables) if cable.routed]
     unrolled = [c for c, cable in enumerate(robot.cables) if not cable.routed]
     below = _UNROLLED_ROW * len(unrolled) + _UNROLLED_HEAD if unrolled else 0.0

@@ -69,10 +69,11 @@ def divide(robot: Robot, cells: int) -> Divided:
     """Divide as ``divide_contacts`` does, and return the relation of the elements as well."""
     cables, columns, whole = [], [], []
     at = 0
-    model = prepare(robot) if cells > 1 and any(cable.routed for cable in robot.cables) else None
+    placed = any(cable.routed or cable.spatial for cable in robot.cables)
+    model = prepare(robot) if cells > 1 and placed else None
     for index, cable in enumerate(robot.cables):
         tabulated: Cable | None = cable
-        if cable.routed:
+        if cable.routed or cable.spatial:
             tabulated = _tabulated(model, index) if model else None
         counts = [1] * len(cable.pulleys)
         if tabulated is None:
@@ -159,7 +160,7 @@ def _tabulated(model: Model, index: int) -> Cable | None:
                 turned = course.wrap[:, p] - wrap[p]
                 wraps[p].append(Profile(joint.name, grid, turned, wrap_slope[:, p].copy()))
     bare = [
-        replace(node, place=None, wrap=tuple(wraps[k - 1]))
+        replace(node, place=None, space=None, wrap=tuple(wraps[k - 1]))
         if isinstance(node, Pulley)
         else _without_place(node)
         for k, node in enumerate(cable.nodes)
@@ -190,14 +191,14 @@ def _slopes(grid: Vector, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _without_place(node: Node) -> Node:
     """The end node without its position; the tables include cable wound as its frame turns."""
-    return replace(node, place=None) if isinstance(node, Winch) else Anchor()
+    return replace(node, place=None, space=None) if isinstance(node, Winch) else Anchor()
 
 
 def _agrees(model: Model, cable: Cable, elements: slice, pulleys: slice) -> bool:
     """Whether tables and positions agree in random poses within the joints' ranges."""
     robot = model.robot
     try:
-        alone = prepare(replace(robot, cables=(cable,), frames=()))
+        alone = prepare(replace(robot, cables=(cable,), frames=(), spatial_frames=()))
     except RobotFileError:  # the sum of tables describes no valid cable
         return False
     lower = np.array([joint.lower for joint in robot.joints])

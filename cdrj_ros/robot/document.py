@@ -15,6 +15,7 @@ import jsonschema
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
+from cdrj_ros.robot.urdf import with_urdf_frames
 
 UNIT_SUFFIXES: Final[Mapping[str, float]] = MappingProxyType(
     {"_deg": pi / 180.0, "_mm": 1e-3, "_gpa": 1e9}
@@ -45,7 +46,7 @@ def parse_document(text: str, source: str) -> Document:
         raise RobotFileError(str(error)) from error
     if not isinstance(raw, dict):
         raise RobotFileError(f"{source} must hold a mapping with motors, joints and cables")
-    document: Document = _Reading(source).to_si(raw)
+    document: Document = with_urdf_frames(_Reading(source).to_si(raw), source)
     for complaint in complaints(document, _schema()):
         raise RobotFileError(f"{complaint} ({source})")
     for path, value in _impossible(document, ""):

@@ -52,8 +52,9 @@ DEFAULTS: Final[Mapping[str, Mapping[str, float]]] = {
     "joint": _AXIS,
     "friction": _defaults_of(Friction),
     "pulley": _defaults_of(Pulley),
+    "swivel": _defaults_of(Pulley),
     "anchor": _defaults_of(Anchor),
-    "frame": {"angle": 0.0},
+    "frame": {"angle": 0.0, "multiplier": 1.0, "offset": 0.0},
     "term": {"offset": 0.0, "slope": 0.0, "sine": 0.0},
 }
 """Defaults by kind of entry; numbers without a default must be given."""

@@ -1,0 +1,269 @@
+"""Frames and joints of a robot file that are taken from a URDF."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree as Xml
+
+from cdrj_ros.foundation.errors import RobotFileError
+
+MAXIMUM_BYTES: Final = 20_000_000
+"""Largest accepted size of a URDF [bytes]."""
+
+MOTIONS: Final = ("fixed", "revolute", "continuous", "prismatic")
+
+Document = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint of a URDF and the link that it carries."""
+
+    name: str
+    motion: str
+    parent: str
+    child: str
+    origin: list[float]
+    rpy: list[float]
+    axis: list[float]
+    limits: tuple[float, float] | None
+    mimic: tuple[str, float, float] | None
+    """Joint, multiplier and offset."""
+
+
+def with_urdf_frames(document: Document, source: str) -> Document:
+    """The document with the frames of the URDF that it names, and the limits of its joints.
+
+    Only links that carry nodes, and those that carry them, become frames.
+
+    Args:
+        document: a robot file in SI, not yet validated.
+        source: name of the robot file; a relative path of the URDF begins there.
+
+    Raises:
+        RobotFileError: the URDF cannot be read, or cannot be represented.
+    """
+    entry = document.get("frames")
+    if not isinstance(entry, dict):
+        return document
+    unknown = [key for key in entry if key not in ("urdf", "joints")]
+    if unknown or not isinstance(entry.get("urdf"), str):
+        raise RobotFileError(
+            f"frames must be a list, or a mapping with urdf, the path of a URDF, and joints, the "
+            f"names of those that are measured ({source})"
+        )
+    path = _find(entry["urdf"], source)
+    joints = _read(path, source)
+    measured = entry.get("joints", [j.name for j in joints if j.motion != "fixed" and not j.mimic])
+    _check_measured(measured, joints, path, source)
+    kept = _needed(document, joints)
+    frames = _frames(joints, kept, set(measured), path)
+    moving = {frame.get("joint") for frame in frames}
+    if "joints" not in entry:
+        measured = [name for name in measured if name in moving]
+    return {
+        **document,
+        "frames": frames,
+        "joints": _joints(document.get("joints"), measured, joints, source),
+    }
+
+
+def _find(path: str, source: str) -> Path:
+    """The file; ``package://NAME/...`` is looked up in the ament index."""
+    if path.startswith("package://"):
+        package, _, rest = path.removeprefix("package://").partition("/")
+        for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+            found = Path(prefix) / "share" / package / rest
+            if prefix and found.is_file():
+                return found
+        raise RobotFileError(
+            f"frames.urdf: there is no {path} below AMENT_PREFIX_PATH; is the workspace sourced? "
+            f"({source})"
+        )
+    return Path(source).parent / path
+
+
+def _read(path: Path, source: str) -> list[UrdfJoint]:
+    """All joints, parents before children."""
+    try:
+        data = path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise RobotFileError(f"frames.urdf: cannot read {path}: {reason} ({source})") from error
+    if len(data) > MAXIMUM_BYTES:
+        raise RobotFileError(f"{path} has {len(data)} bytes; a URDF has at most {MAXIMUM_BYTES}")
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise RobotFileError(f"{path} declares a document type, which no URDF needs")
+    try:
+        root = Xml.fromstring(data)  # without a document type there are no entities
+    except Xml.ParseError as error:
+        raise RobotFileError(f"{path} is no XML: {error}") from error
+    if root.tag != "robot":
+        raise RobotFileError(f"{path} is no URDF: its first element is {root.tag[:40]!r}")
+    if any("xacro" in element.tag for element in root.iter()):
+        raise RobotFileError(f"{path} is a xacro file; turn it into a URDF by xacro first")
+    links = [link.get("name", "") for link in root.findall("link")]
+    joints = [_joint(element, path) for element in root.findall("joint")]
+    return _ordered(links, joints, path)
+
+
+def _joint(element: Xml.Element, path: Path) -> UrdfJoint:
+    name = element.get("name", "")
+    where = f"{path}: joint {name[:60]!r}"
+    motion = element.get("type", "")
+    if motion not in MOTIONS:
+        raise RobotFileError(f"{where} must be one of {', '.join(MOTIONS)}, got {motion[:40]!r}")
+    ends = [element.find("parent"), element.find("child")]
+    parent, child = ("" if end is None else end.get("link", "") for end in ends)
+    origin, limit, mimic = element.find("origin"), element.find("limit"), element.find("mimic")
+    limits = None
+    if limit is not None and motion in ("revolute", "prismatic"):
+        limits = (
+            _values(limit.get("lower", "0"), 1, f"{where}, lower limit")[0],
+            _values(limit.get("upper", "0"), 1, f"{where}, upper limit")[0],
+        )
+    follows = None
+    if mimic is not None:
+        follows = (
+            mimic.get("joint", ""),
+            _values(mimic.get("multiplier", "1"), 1, f"{where}, multiplier")[0],
+            _values(mimic.get("offset", "0"), 1, f"{where}, offset")[0],
+        )
+    axis = element.find("axis")
+    zero = "0 0 0"
+    return UrdfJoint(
+        name,
+        motion,
+        parent,
+        child,
+        _values(zero if origin is None else origin.get("xyz", zero), 3, f"{where}, xyz"),
+        _values(zero if origin is None else origin.get("rpy", zero), 3, f"{where}, rpy"),
+        _values("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), 3, f"{where}, axis"),
+        limits,
+        follows,
+    )
+
+
+def _values(text: str, count: int, where: str) -> list[float]:
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count:
+        raise RobotFileError(f"{where} must have {count} numbers, got {text[:60]!r}")
+    return values
+
+
+def _ordered(links: list[str], joints: list[UrdfJoint], path: Path) -> list[UrdfJoint]:
+    """Joints with parents before children; a tree of links, with one root."""
+    names: set[str] = set()
+    by_parent: dict[str, list[UrdfJoint]] = {}
+    children: set[str] = set()
+    for joint in joints:
+        if joint.name in names:
+            raise RobotFileError(f"{path} has two joints of the name {joint.name!r}")
+        for link in (joint.parent, joint.child):
+            if link not in links:
+                raise RobotFileError(f"{path}: joint {joint.name!r} names no link: {link!r}")
+        if joint.child in children:
+            raise RobotFileError(
+                f"{path}: link {joint.child!r} is the child of two joints; a URDF is a tree"
+            )
+        names.add(joint.name)
+        children.add(joint.child)
+        by_parent.setdefault(joint.parent, []).append(joint)
+    roots = [link for link in links if link not in children]
+    ordered: list[UrdfJoint] = []
+    waiting = list(roots)
+    while waiting:
+        for joint in by_parent.get(waiting.pop(), ()):
+            ordered.append(joint)
+            waiting.append(joint.child)
+    if len(ordered) < len(joints):
+        raise RobotFileError(f"{path}: the joints form a loop; a URDF is a tree")
+    if len(roots) != 1:
+        raise RobotFileError(f"{path} must have one root link, got {len(roots)}")
+    root = UrdfJoint("", "fixed", "base", roots[0], [0.0] * 3, [0.0] * 3, [0.0] * 3, None, None)
+    return ([root] if roots[0] != "base" else []) + ordered
+
+
+def _check_measured(measured: Any, joints: list[UrdfJoint], path: Path, source: str) -> None:
+    known = {joint.name: joint for joint in joints if joint.motion != "fixed"}
+    if not isinstance(measured, list):
+        raise RobotFileError(f"frames.joints must be a list of names ({source})")
+    for name in measured:
+        if name not in known:
+            raise RobotFileError(
+                f"frames.joints: {path.name} has no moving joint {name!r}; it has "
+                f"{', '.join(sorted(known)) or 'none'} ({source})"
+            )
+        if known[name].mimic:
+            raise RobotFileError(
+                f"frames.joints: {name} mimics {known[name].mimic[0]} in {path.name} and is not "  # type: ignore[index]
+                f"measured ({source})"
+            )
+
+
+def _needed(document: Document, joints: list[UrdfJoint]) -> set[str]:
+    """Links that carry nodes, and those that carry them."""
+    used: set[str] = set()
+    for cable in document.get("cables") or ():
+        for node in (cable.get("nodes") if isinstance(cable, dict) else None) or ():
+            if isinstance(node, dict):
+                used |= {str(node.get(key, "base")) for key in ("frame", "exit_frame")}
+    carrier = {joint.child: joint.parent for joint in joints}
+    kept: set[str] = set()
+    waiting = sorted(used)
+    while waiting:
+        link = waiting.pop()
+        if link not in kept and link in carrier:
+            kept.add(link)
+            waiting.append(carrier[link])
+    return kept
+
+
+def _frames(
+    joints: list[UrdfJoint], kept: set[str], measured: set[str], path: Path
+) -> list[Document]:
+    """Frames of the kept links; joints that are not measured stand at 0."""
+    frames: list[Document] = []
+    for joint in joints:
+        if joint.child not in kept:
+            continue
+        frame: Document = {
+            "name": joint.child, "parent": joint.parent, "motion": "fixed",
+            "origin": joint.origin, "rpy": joint.rpy,
+        }  # fmt: skip
+        leader, multiplier, offset = joint.mimic or (joint.name, 1.0, 0.0)
+        if joint.mimic and leader not in {other.name for other in joints}:
+            raise RobotFileError(f"{path}: joint {joint.name!r} mimics no joint: {leader!r}")
+        if joint.motion != "fixed" and leader in measured:
+            frame |= {
+                "motion": joint.motion, "joint": leader, "axis": joint.axis,
+                "multiplier": multiplier, "offset": offset,
+            }  # fmt: skip
+        frames.append(frame)
+    return frames
+
+
+def _joints(given: Any, measured: list[str], joints: list[UrdfJoint], source: str) -> list[Any]:
+    """Joints of the robot file with the URDF's limits where they give no range."""
+    entries = [dict(entry) if isinstance(entry, dict) else entry for entry in given or ()]
+    names = [entry.get("name") for entry in entries if isinstance(entry, dict)]
+    entries += [{"name": name} for name in measured if name not in names]
+    limits = {joint.name: joint.limits for joint in joints}
+    for entry in entries:
+        if not isinstance(entry, dict) or "range" in entry or entry.get("name") not in limits:
+            continue
+        found = limits[entry["name"]]
+        if found is None:
+            raise RobotFileError(
+                f"joints: {entry['name']} has no limits in the URDF; list it with its range "
+                f"({source})"
+            )
+        entry["range"] = list(found)
+        entry.setdefault("reference_angle", min(max(0.0, found[0]), found[1]))
+    return entries

@@ -1,0 +1,45 @@
+"""Points of a cable for drawing lie where the kernels say that it runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdrj_ros.model.prepared import paths_in_space, prepare, shape_at
+from cdrj_ros.robot.reader import parse_robot
+
+ROBOT = """
+name: drawn
+motors: []
+joints: [{name: q, range: [-0.3, 0.3]}]
+frames: [{name: arm, motion: revolute, joint: q, origin: [0.3, 0, 0], axis: [0, 0, 1]}]
+cables:
+  - name: a
+    axial_stiffness: 1e4
+    preload: 10
+    nodes:
+      - {type: anchor, position: [-0.2, 0.0, -0.1]}
+      - {type: swivel, radius: 0.03, position: [-0.2, 0, 0], axis: [0, 0, 1]}
+      - {type: cylinder, radius: 0.04, position: [0, 0.01, 0], axis: [0.3, 0.1, 1], turn: cw, turns: 1}
+      - {type: sphere, radius: 0.03, position: [0.15, 0.02, 0]}
+      - {type: pulley, radius: 0.02, position: [0.05, 0, 0], frame: arm, axis: [0.1, 0, 1], turn: cw}
+      - {type: sphere, radius: 0.01, position: [0.1, -0.3, 0]}
+      - {type: anchor, position: [0.1, -0.1, 0], frame: arm}
+"""  # noqa: E501
+
+
+def test_a_drawn_cable_is_as_long_as_the_computed_one() -> None:
+    model = prepare(parse_robot(ROBOT))
+    for angle in (-0.2, 0.0, 0.25):
+        (pieces,) = paths_in_space(model, np.array([angle]))
+        shape = shape_at(model, np.array([angle]))
+        assert len(pieces) == 7
+        assert len(pieces[5]) == 0  # the cable does not touch the far sphere
+        line = np.vstack([piece for piece in pieces if len(piece)])
+        drawn = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
+        assert drawn == pytest.approx(shape.length.sum(), rel=2e-4)
+        # no corner is sharper than a step of an arc: the line is smooth where it touches
+        steps = np.diff(line, axis=0)
+        steps /= np.linalg.norm(steps, axis=1)[:, None]
+        corners = np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0))
+        assert corners.max() < 0.2

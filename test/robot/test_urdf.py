@@ -1,0 +1,182 @@
+"""Frames and joints from a URDF: links are frames, limits are ranges; mistakes in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import load_robot
+
+URDF = """<?xml version="1.0"?>
+<robot name="arm">
+  <link name="world_link"/>
+  <link name="upper"><visual><geometry><mesh filename="package://absent/m.stl"/></geometry></visual></link>
+  <link name="lower"/> <link name="tip"/> <link name="aside"/> <link name="coupled"/> <link name="rail"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="world_link"/> <child link="upper"/>
+    <origin xyz="0.1 0.2 0.3" rpy="0.1 0.2 0.3"/> <axis xyz="0 1 1"/>
+    <limit lower="-0.5" upper="0.9" effort="1" velocity="1"/>
+  </joint>
+  <joint name="elbow" type="continuous">
+    <parent link="upper"/> <child link="lower"/> <origin xyz="0.3 0 0"/> <axis xyz="0 0 1"/>
+  </joint>
+  <joint name="wrist" type="fixed">
+    <parent link="lower"/> <child link="tip"/> <origin rpy="0 0 1.5"/>
+  </joint>
+  <joint name="follower" type="revolute">
+    <parent link="lower"/> <child link="coupled"/> <axis xyz="1 0 0"/>
+    <mimic joint="shoulder" multiplier="-0.5" offset="0.1"/> <limit lower="-1" upper="1"/>
+  </joint>
+  <joint name="slide" type="prismatic">
+    <parent link="coupled"/> <child link="rail"/> <axis xyz="0 1 0"/>
+    <limit lower="0.1" upper="0.2"/>
+  </joint>
+  <joint name="unused" type="revolute">
+    <parent link="tip"/> <child link="aside"/> <limit lower="-1" upper="1"/>
+  </joint>
+</robot>
+"""  # noqa: E501
+
+ROBOT = """
+name: arm
+motors: []
+joints: [{name: elbow, range: [-2, 2]}]
+frames: {urdf: arm.urdf}
+cables:
+  - name: c
+    axial_stiffness: 1e4
+    preload: 10
+    nodes:
+      - {type: anchor, position: [0, 0, 0]}
+      - {type: eyelet, position: [0.1, 0, 0.05], frame: upper}
+      - {type: eyelet, position: [0.1, 0, 0.05], frame: rail}
+      - {type: anchor, position: [0.1, 0.2, 0], frame: tip}
+"""
+
+
+def robot(folder: Path, text: str = ROBOT, urdf: str = URDF) -> Robot:
+    (folder / "arm.urdf").write_text(urdf)
+    (folder / "arm.yaml").write_text(text)
+    return load_robot(folder / "arm.yaml")
+
+
+def test_links_become_frames_and_limits_ranges(tmp_path: Path) -> None:
+    found = robot(tmp_path)
+    assert [joint.name for joint in found.joints] == ["elbow", "shoulder", "slide"]
+    assert [(joint.lower, joint.upper) for joint in found.joints] == [
+        (-2.0, 2.0), (-0.5, 0.9), (0.1, 0.2),
+    ]  # fmt: skip
+    assert found.joints[2].reference_angle == 0.1
+    frames = {frame.name: frame for frame in found.spatial_frames}
+    assert "aside" not in frames  # no node is on it
+    assert frames["coupled"].joint == "shoulder"
+    assert found.prismatic_joints == {"slide"}
+
+
+def test_lengths_are_those_of_the_chain_of_transformations(tmp_path: Path) -> None:
+    model = prepare(robot(tmp_path), check_range=False)
+    generator = np.random.default_rng(0)
+    for elbow, shoulder, slide in generator.uniform([-2, -0.5, 0.1], [2, 0.9, 0.2], (50, 3)):
+        axis = np.array([0.0, 1.0, 1.0]) / np.sqrt(2.0)
+        upper = Rotation.from_euler("xyz", [0.1, 0.2, 0.3]) * Rotation.from_rotvec(shoulder * axis)
+        at_upper = np.array([0.1, 0.2, 0.3])
+        lower = upper * Rotation.from_rotvec([0, 0, elbow])
+        at_lower = at_upper + upper.apply([0.3, 0, 0])
+        coupled = lower * Rotation.from_rotvec([-0.5 * shoulder + 0.1, 0, 0])
+        tip = lower * Rotation.from_rotvec([0, 0, 1.5])
+        points = np.array(
+            [
+                np.zeros(3),
+                at_upper + upper.apply([0.1, 0, 0.05]),
+                at_lower + coupled.apply([0.1, slide, 0.05]),
+                at_lower + tip.apply([0.1, 0.2, 0]),
+            ]
+        )
+        found = shape_at(model, np.array([elbow, shoulder, slide]))
+        expected = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        np.testing.assert_allclose(found.length, expected, atol=1e-14)
+
+
+def test_joints_that_are_not_listed_stand_still(tmp_path: Path) -> None:
+    text = ROBOT.replace("{urdf: arm.urdf}", "{urdf: arm.urdf, joints: [elbow]}")
+    found = robot(tmp_path, text)
+    assert [joint.name for joint in found.joints] == ["elbow"]
+    assert {f.motion for f in found.spatial_frames if f.joint is None} == {"fixed"}
+
+
+def test_a_package_is_found_through_the_ament_index(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    share = tmp_path / "install" / "share" / "arm_description" / "urdf"
+    share.mkdir(parents=True)
+    (share / "arm.urdf").write_text(URDF)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path / 'install'}")
+    text = ROBOT.replace("arm.urdf", "package://arm_description/urdf/arm.urdf")
+    (tmp_path / "arm.yaml").write_text(text)
+    assert len(load_robot(tmp_path / "arm.yaml").joints) == 3
+    (tmp_path / "arm.yaml").write_text(text.replace("arm_description", "absent"))
+    with pytest.raises(RobotFileError, match="below AMENT_PREFIX_PATH; is the workspace sourced"):
+        load_robot(tmp_path / "arm.yaml")
+
+
+def test_a_thousand_links_cost_only_what_nodes_need(tmp_path: Path) -> None:
+    more = "".join(
+        f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent '
+        f'link="{f"l{k - 1}" if k else "tip"}"/><child link="l{k}"/><limit lower="-1" upper="1"/>'
+        "</joint>"
+        for k in range(1000)
+    )
+    found = robot(tmp_path, ROBOT, URDF.replace("</robot>", more + "</robot>"))
+    assert len(found.spatial_frames) == 7
+    assert len(found.joints) == 3
+
+
+MISTAKES = {
+    "loop": ('<child link="upper"/>', '<child link="tip"/>', "is the child of two joints"),
+    "ring": ('<parent link="world_link"/>', '<parent link="tip"/>', "joints form a loop"),
+    "two names": ('name="elbow"', 'name="shoulder"', "has two joints of the name 'shoulder'"),
+    "no link": ('<child link="tip"/>', '<child link="top"/>', "names no link: 'top'"),
+    "axis": ("0 1 1", "0 0 0", "axis must be a direction, not of the length 0"),
+    "numbers": ('xyz="0.3 0 0"', 'xyz="0.3 0"', "joint 'elbow', xyz must have 3 numbers"),
+    "type": ('type="prismatic"', 'type="floating"', "must be one of fixed, revolute, continuous"),
+    "no limits": ("", "", "joints: elbow has no limits in the URDF; list it with its range"),
+    "entity": ("<robot ", "<!DOCTYPE x><robot ", "declares a document type"),
+    "no XML": ("</robot>", "", "is no XML"),
+    "xacro": ('<link name="tip"/>', '<link name="tip"/><xacro/>', "is a xacro file"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_in_the_urdf_is_one_clear_line(name: str, tmp_path: Path) -> None:
+    right, wrong, message = MISTAKES[name]
+    text = ROBOT.replace("[{name: elbow, range: [-2, 2]}]", "[]") if name == "no limits" else ROBOT
+    assert right in URDF
+    with pytest.raises(RobotFileError) as caught:
+        robot(tmp_path, text, URDF.replace(right, wrong, 1) if right else URDF)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        ("{urdf: absent.urdf}", "cannot read"),
+        ("{file: arm.urdf}", "frames must be a list, or a mapping with urdf"),
+        ("{urdf: arm.urdf, joints: [knee]}", "has no moving joint 'knee'; it has elbow, follower"),
+        ("{urdf: arm.urdf, joints: [follower]}", "follower mimics shoulder in arm.urdf"),
+        ("{urdf: arm.urdf, joints: elbow}", "frames.joints must be a list of names"),
+    ],
+)
+def test_a_mistake_in_the_frames_is_one_clear_line(
+    frames: str, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(RobotFileError) as caught:
+        robot(tmp_path, ROBOT.replace("{urdf: arm.urdf}", frames))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
