@@ -52,7 +52,7 @@ def _body(argv: Sequence[str]) -> int:
         print(printable(f"note: {remark}"))
     print(
         f"{printable(arguments.out)}: {counted(len(robot.cables), 'cable')}, "
-        f"{counted(len(robot.joints), 'joint')}; replace what is marked as assumed, then run "
+        f"{counted(len(robot.joints), 'joint')}; replace the values marked as assumed, then run "
         "check_robot"
     )
     return DONE

@@ -1,8 +1,8 @@
-"""Numbers that are fitted along because nobody has measured them.
+"""Additional unknowns for numbers whose accuracy the robot file does not state.
 
-A fit of few numbers to few references puts every other error of the file into these numbers.
-The usual suspects (stiffness, preload, drum radius, the joints' zeros, drag of the pulleys) are
-therefore fitted too, held near their values by the tolerances of ``cdrj_ros.robot.tolerances``.
+In a fit of few numbers to few references, errors of all other numbers of the file distort the
+result.  Stiffness, preload, drum radius, zeros of the joints and drag of the pulleys are therefore
+fitted too, with priors from the tolerances of ``cdrj_ros.robot.tolerances``.
 """
 
 from __future__ import annotations

@@ -31,11 +31,11 @@ Document = dict[str, Any]
 
 @dataclass
 class Imported:
-    """A robot file's document and what has to be said about it."""
+    """A robot file's document, and remarks on the conversion."""
 
     document: Document
     remarks: list[str] = field(default_factory=list)
-    """What the model has and the robot file has not, one line each."""
+    """Parts of the model that the robot file does not contain, one line each."""
 
 
 def load_mujoco() -> ModuleType:

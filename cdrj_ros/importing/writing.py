@@ -25,7 +25,7 @@ def robot_text(document: Document, remarks: Sequence[str], source: str) -> str:
         remarks: lines to begin with.
         source: name of the model.
     """
-    lines = [f"# Imported from {printable(source)} by import_robot.  What is marked as assumed is"]
+    lines = [f"# Imported from {printable(source)} by import_robot.  Values marked as assumed are"]
     lines += [
         "# not in the model.  The drums are assumed: their radii and the sign of winding, and"
     ]
