@@ -17,18 +17,26 @@ from cdrj_ros.bag.source import BagFile, Source, open_source
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.messages.cdr import JOINT_STATE, REFERENCE_ARRAYS
+from cdrj_ros.messages.topics import (
+    EFFORTS,
+    JOINT_STATES,
+    MOTOR_STATES,
+    NODAL_FORCES,
+    TENSIONS,
+    in_namespace,
+)
 
 
 @dataclass(frozen=True)
 class Topics:
     """Names of the topics to read."""
 
-    motors: str = "/cdrj/motor_states"
-    joints: str = "/cdrj/joint_states"
+    motors: str = in_namespace(MOTOR_STATES)
+    joints: str = in_namespace(JOINT_STATES)
     references: tuple[str, ...] = (
-        "/reference/tensions",
-        "/reference/nodal_forces",
-        "/reference/efforts",
+        f"/reference/{TENSIONS}",
+        f"/reference/{NODAL_FORCES}",
+        f"/reference/{EFFORTS}",
     )
     """Each carries CableTensions, NodalForces or JointState with efforts; all may be missing."""
 

@@ -14,6 +14,9 @@ from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION, channel_columns
 from cdrj_ros.model.prepared import Layout
 
+FRICTION: Final = "friction"
+"""``friction/cable/node`` [N]; computed beside the estimates, not compared with a recording."""
+
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
@@ -31,7 +34,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
     {
         TENSION: Quantity("Tension", "N"),
         NODAL_FORCE: Quantity("Nodal force", "N"),
-        "friction": Quantity("Friction", "N"),
+        FRICTION: Quantity("Friction", "N"),
         EFFORT: Quantity("Effort", "N·m"),
     }
 )

@@ -11,9 +11,14 @@ from numpy.typing import NDArray
 from cdrj_ros.bag import BagWriter, Recording, list_topics
 from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.judgement.passes import passes_of, slices_of
+from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 
-OUTPUTS: Final = ("/cdrj/tensions", "/cdrj/nodal_forces", "/cdrj/efforts")
+OUTPUTS: Final = (
+    topics.in_namespace(topics.TENSIONS),
+    topics.in_namespace(topics.NODAL_FORCES),
+    topics.in_namespace(topics.EFFORTS),
+)
 """Topics of the estimates, as the node publishes them by default."""
 
 

@@ -28,7 +28,7 @@ from cdrj_ros.judgement.passes import one_after_another, references_of_passes
 from cdrj_ros.judgement.pulley_friction import FrictionSums
 from cdrj_ros.judgement.reversals import reversal_zones
 from cdrj_ros.model.channels import TENSION
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Layout, Model
 
 MAX_GAP_NS: Final = 100_000_000
 """References are compared only between estimates at most this far apart [ns]."""
@@ -62,8 +62,17 @@ def read_inputs(path: str, topics: Topics, model: Model) -> Recording:
     Raises:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
     """
-    layout = model.layout
     recording = read_recording(path, topics)
+    require_axes(path, recording, model.layout)
+    return recording
+
+
+def require_axes(path: str, recording: Recording, layout: Layout) -> None:
+    """Refuse a recording without the angles of a motor or joint.
+
+    Raises:
+        BagError: with the missing names, and the names that the recording has.
+    """
     for kind, wanted, there in (
         ("motor", layout.motors, recording.motors),
         ("joint", layout.joints, recording.joints),
@@ -74,7 +83,6 @@ def read_inputs(path: str, topics: Topics, model: Model) -> Recording:
                 f"{path} has no {kind} named {', '.join(missing)}; "
                 f"it has {', '.join(sorted(there)) or 'none'}"
             )
-    return recording
 
 
 def condition_recording(model: Model, recording: Recording) -> Conditioned:

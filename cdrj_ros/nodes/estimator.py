@@ -35,6 +35,17 @@ from cdrj_ros.messages.cdr import (
     joint_state_efforts,
 )
 from cdrj_ros.messages.conversions import EstimateEncoder, marked_stale
+from cdrj_ros.messages.topics import (
+    DIAGNOSTICS,
+    EFFORTS,
+    FEW,
+    JOINT_STATES,
+    MOTOR_STATES,
+    NAMESPACE,
+    NODAL_FORCES,
+    TENSION_SENSORS,
+    TENSIONS,
+)
 from cdrj_ros.model.compiled import kernels_are_compiled
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
@@ -73,7 +84,7 @@ class EstimatorNode(Node):
         """
         self.clock_refused = 0
         """Number of invalid times received on /clock."""
-        super().__init__("estimator", namespace="cdrj", **options)
+        super().__init__("estimator", namespace=NAMESPACE, **options)
         started = declare(self)
         if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
@@ -123,13 +134,13 @@ class EstimatorNode(Node):
                 message, topic, default_profile(), qos_overriding_options=overridable
             )
 
-        self.tensions = publisher(CableTensions, "tensions")
-        self.forces = publisher(NodalForces, "nodal_forces")
-        self.efforts = publisher(JointState, "efforts")
+        self.tensions = publisher(CableTensions, TENSIONS)
+        self.forces = publisher(NodalForces, NODAL_FORCES)
+        self.efforts = publisher(JointState, EFFORTS)
         self.efforts_stddev = (
             publisher(JointState, "efforts_stddev") if self.live.spread is not None else None
         )
-        self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, FEW)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(SetPreload, "~/set_preload", self._on_set_preload)
@@ -146,21 +157,21 @@ class EstimatorNode(Node):
 
     def _subscribe(self) -> None:
         layout = self.live.model.layout
-        if self.resolve_topic_name("motor_states") == self.resolve_topic_name("joint_states"):
-            kinds = {"motor_states": ("both", layout.motors + layout.joints)}
+        if self.resolve_topic_name(MOTOR_STATES) == self.resolve_topic_name(JOINT_STATES):
+            kinds = {MOTOR_STATES: ("both", layout.motors + layout.joints)}
         else:
             kinds = {
-                "motor_states": ("motors", layout.motors),
-                "joint_states": ("joints", layout.joints),
+                MOTOR_STATES: ("motors", layout.motors),
+                JOINT_STATES: ("joints", layout.joints),
             }
         inputs = []
         for topic, (kind, axes) in kinds.items():
             heard = TopicHeard(self.resolve_topic_name(topic), axes)
             inputs.append(InputTopic(self, JointState, topic, self._listener(kind, heard), heard))
         if self.live.options.tension_sensors:
-            cells = TopicHeard(self.resolve_topic_name("tension_sensors"))
+            cells = TopicHeard(self.resolve_topic_name(TENSION_SENSORS))
             inputs.append(
-                InputTopic(self, CableTensions, "tension_sensors", self._on_tensions, cells)
+                InputTopic(self, CableTensions, TENSION_SENSORS, self._on_tensions, cells)
             )
         self.inputs = inputs
         self.watch = InputWatch(self, self.live, inputs, self.silence, self._now_ns)

@@ -20,17 +20,19 @@ from cdrj_ros.bag import RawMessage, Recording, Topics, read_recording
 from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.commands.shared import print_results, topics_of, write_files
-from cdrj_ros.foundation.errors import BagError, UsageError
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
 from cdrj_ros.judgement.metrics import errors_of
+from cdrj_ros.judgement.validation import require_axes
 from cdrj_ros.messages.cdr import BYTE_ORDER, Field, MessageError, read_layout
+from cdrj_ros.messages.topics import CLOCK
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.player import Ending, Player
 from cdrj_ros.nodes.qos import read_overrides, was_latched
 from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, wiring_of
-from cdrj_ros.nodes.replay_options import CLOCK_TOPIC, replay_parser
+from cdrj_ros.nodes.replay_options import replay_parser
 from cdrj_ros.nodes.services import offer_services
 from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, starting
 from cdrj_ros.replay.agreement import preload_difference
@@ -88,7 +90,7 @@ def _extras(arguments: argparse.Namespace, topics: Topics) -> list[Extra]:
     if needed := sorted(inputs & dropped):
         raise UsageError(f"--exclude-topics: the estimator needs {', '.join(needed)}")
     if arguments.clock or arguments.clock_topics or arguments.clock_topics_all:
-        dropped.add(CLOCK_TOPIC)
+        dropped.add(CLOCK)
     extras = []
     for topic in sorted(wanted - dropped - inputs):
         channel = there[topic]
@@ -128,15 +130,7 @@ def _open(arguments: argparse.Namespace, model: Model, wiring: Wiring, paths: li
     name = " + ".join(paths)
     topics = wiring.topics
     recording = read_recording(merged_source(paths), topics)
-    for kind, wanted, there in (
-        ("motor", model.layout.motors, recording.motors),
-        ("joint", model.layout.joints, recording.joints),
-    ):
-        if missing := [one for one in wanted if one not in there]:
-            raise BagError(
-                f"{name} has no {kind} named {', '.join(missing)}; "
-                f"it has {', '.join(sorted(there)) or 'none'}"
-            )
+    require_axes(name, recording, model.layout)
     source = merged_source(paths)
     played = [topics.motors, topics.joints, *(extra.topic for extra in wiring.extras)]
     first, last = recording.start_ns, recording.end_ns

@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 from cdrj_ros.bag import Topics
 from cdrj_ros.conditioning.time_line import MODES
 from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.messages.topics import CLOCK, FEW, JOINT_STATES, MOTOR_STATES, NAMESPACE, in_namespace
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.replay.agreement import NodeSettings
 from cdrj_ros.replay.answers import KINDS, Run
@@ -56,7 +57,7 @@ class Wiring:
     clock_hz: float = 0.0
     clock_topics: frozenset[str] = frozenset()
     """Topics before whose messages the time is published on /clock."""
-    estimator: str = "/cdrj/estimator"
+    estimator: str = in_namespace("estimator")
 
 
 class ReplayNode(Node):
@@ -69,7 +70,7 @@ class ReplayNode(Node):
             UsageError: the type of an extra topic is not installed, or an extra topic has the name
                 of an output of the estimator.
         """
-        super().__init__("replay", namespace="cdrj", **options)
+        super().__init__("replay", namespace=NAMESPACE, **options)
         self.wiring = wiring
         topics, qos = wiring.topics, default_profile()
 
@@ -77,8 +78,8 @@ class ReplayNode(Node):
             name = wiring.remap.get(topic, default)
             return self.create_publisher(message, name, wiring.overrides.get(topic, other))
 
-        self.motors = publisher(JointState, topics.motors, "motor_states")
-        self.joints = publisher(JointState, topics.joints, "joint_states")
+        self.motors = publisher(JointState, topics.motors, MOTOR_STATES)
+        self.joints = publisher(JointState, topics.joints, JOINT_STATES)
         self.inputs = tuple({p.topic_name: p for p in (self.motors, self.joints)}.values())
         self.outputs = tuple(self.resolve_topic_name(kind.topic) for kind in KINDS)
         self._ears: list[Callable[[bytes], None]] = [_ignore] * len(KINDS)
@@ -100,7 +101,7 @@ class ReplayNode(Node):
                 default_profile(latched=extra.latched),
             )  # fmt: skip
         wants_clock = wiring.clock_hz > 0 or wiring.clock_topics
-        self.clock = self.create_publisher(Clock, "/clock", 10) if wants_clock else None
+        self.clock = self.create_publisher(Clock, CLOCK, FEW) if wants_clock else None
         self._reset = self.create_client(Trigger, wiring.estimator + "/reset")
         self._ping = self.create_client(GetParameters, wiring.estimator + "/get_parameters")
 

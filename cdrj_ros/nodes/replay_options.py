@@ -7,11 +7,11 @@ from typing import Final
 
 from cdrj_ros.commands.running import CommandParser
 from cdrj_ros.commands.shared import add_result_options, add_robot_option, add_topic_options
+from cdrj_ros.messages.topics import CLOCK, in_namespace
 from cdrj_ros.replay.controls import KEYS
 from cdrj_ros.replay.playback import MAX_RATE, MIN_RATE, ORDERS
 
 CLOCK_HZ: Final = 40.0
-CLOCK_TOPIC: Final = "/clock"
 
 
 def replay_parser() -> argparse.ArgumentParser:
@@ -23,8 +23,8 @@ def replay_parser() -> argparse.ArgumentParser:
         epilog=f"Keys in a terminal: {KEYS}. Services under /cdrj/replay: pause, resume, "
         "toggle_paused, is_paused, play_next, stop, set_rate, seek, burst, get_playback. "
         "Exit code: 0 done, or stopped by the user; 1 estimates were lost or the estimator "
-        "disappeared; 2 bad usage or input, or no estimator; 130 interrupted before anything was "
-        "played.",
+        "disappeared; 2 bad usage or input, or no estimator; 130 ended by Ctrl-C, after the report "
+        "of what was played if it takes less than two seconds.",
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
     add_robot_option(parser)
@@ -32,7 +32,7 @@ def replay_parser() -> argparse.ArgumentParser:
     _add_choice_options(parser.add_argument_group("played topics"))
     group = parser.add_argument_group("estimator")
     group.add_argument(
-        "--estimator", default="/cdrj/estimator", metavar="NAME",
+        "--estimator", default=in_namespace("estimator"), metavar="NAME",
         help="full name of the estimator node (default %(default)s)",
     )  # fmt: skip
     group.add_argument(
@@ -89,15 +89,15 @@ def _add_time_options(group: argparse._ArgumentGroup) -> None:
     clock = group.add_mutually_exclusive_group()
     clock.add_argument(
         "--clock", type=_hertz, nargs="?", const=CLOCK_HZ, default=0.0, metavar="HZ",
-        help=f"publish the recording's time on {CLOCK_TOPIC} (default {CLOCK_HZ:g} Hz)",
+        help=f"publish the recording's time on {CLOCK} (default {CLOCK_HZ:g} Hz)",
     )  # fmt: skip
     clock.add_argument(
         "--clock-topics", nargs="+", default=[], metavar="TOPIC",
-        help=f"publish {CLOCK_TOPIC} just before every message of these topics",
+        help=f"publish {CLOCK} just before every message of these topics",
     )  # fmt: skip
     clock.add_argument(
         "--clock-topics-all", action="store_true",
-        help=f"publish {CLOCK_TOPIC} just before every message",
+        help=f"publish {CLOCK} just before every message",
     )  # fmt: skip
 
 

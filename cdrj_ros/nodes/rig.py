@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 
 from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.messages.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.nodes.diagnostics import diagnostic_array
 from cdrj_ros.nodes.rig_commands import CommandListener
@@ -65,7 +66,7 @@ class RigNode(Node):
         Raises:
             CdrjError: the robot file or a parameter is invalid.
         """
-        super().__init__("rig", namespace="cdrj", **options)
+        super().__init__("rig", namespace=NAMESPACE, **options)
         path = declare_text(self, "robot", "", "Robot file (YAML), or the name of an installed one")
         if not path:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
@@ -105,10 +106,10 @@ class RigNode(Node):
         self.outputs = RigOutputs(self, model, self.options)
         self.commands = CommandListener(self, self.options.limits, self._on_command)
         self._clock_publisher = (
-            self.create_publisher(ClockMessage, "/clock", 10) if self.options.drive_clock else None
+            self.create_publisher(ClockMessage, CLOCK, FEW) if self.options.drive_clock else None
         )
         self._clock_every = max(round(self.options.settings.rate / CLOCK_HZ), 1)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, FEW)
         self.create_service(InjectFault, "~/inject_fault", self._on_fault)
         self.create_service(Push, "~/push", self._on_push)
         self.create_service(Trigger, "~/reset", self._on_reset)

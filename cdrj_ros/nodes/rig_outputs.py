@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from cdrj_msgs.msg import CableTensions
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, Template
+from cdrj_ros.messages.topics import JOINT_STATES, MOTOR_STATES, TENSION_SENSORS, TENSIONS
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import OVERLOAD, SLACK
+from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.rig_settings import Reader, RigOptions
 from cdrj_ros.rig.live import LiveRig
 from cdrj_ros.rig.live_sensors import LiveCells, LiveEncoders
 from cdrj_ros.robot.description import Robot
-
-DEPTH: Final = 1000
-"""Queue depth of a topic [messages]."""
-
-
-def quality() -> QoSProfile:
-    """QoS of one topic."""
-    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class _Encoders:
@@ -52,8 +45,8 @@ class RigOutputs:
             self._efforts = LiveCells(cells, cells.torque_noise, cells.torque_step, 0.0, [seed, 4])
         self._effort = np.zeros(len(robot.motors))
         publishers = [
-            node.create_publisher(JointState, topic, quality())
-            for topic in ("motor_states", "joint_states")
+            node.create_publisher(JointState, topic, default_profile())
+            for topic in (MOTOR_STATES, JOINT_STATES)
         ]
         self._motors = _groups(publishers[0], robot.motors, options.motors, [seed, 1],
                                options.efforts is not None)  # fmt: skip
@@ -121,7 +114,9 @@ class RigOutputs:
         resolution = cells.force_step / np.sqrt(12.0)
         stddev = float(np.hypot(cells.force_noise, resolution))
         self._cell_stddev = np.full(len(names), stddev)
-        self._cell_publisher = node.create_publisher(CableTensions, "tension_sensors", quality())
+        self._cell_publisher = node.create_publisher(
+            CableTensions, TENSION_SENSORS, default_profile()
+        )
 
     def _publish_cells(self, stamp_ns: int, tension: NDArray[np.float64]) -> None:
         status = np.zeros(tension.size)
@@ -141,8 +136,10 @@ class RigOutputs:
         self._state_template = Template(JOINT_STATE, layout.motors + layout.joints)
         self._slack_at, self._overload_at = _bounds(model.robot)
         self._free = options.settings.joint
-        self._tension_publisher = node.create_publisher(CableTensions, "truth/tensions", quality())
-        self._state_publisher = node.create_publisher(JointState, "truth/states", quality())
+        self._tension_publisher = node.create_publisher(
+            CableTensions, f"truth/{TENSIONS}", default_profile()
+        )
+        self._state_publisher = node.create_publisher(JointState, "truth/states", default_profile())
 
     def _publish_truth(self, rig: LiveRig, motor_speed: NDArray[np.float64], stamp_ns: int) -> None:
         tension = rig.tension

@@ -28,6 +28,7 @@ from rich.live import Live
 
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, NODAL_FORCES, MessageError
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.nodes.feed import Choice, Feed
@@ -54,19 +55,23 @@ class WatchNode(Node):
 
     def __init__(self, forces: bool, choice: Choice, **options: Any) -> None:
         """Subscribe best-effort, which matches every publisher; offer no parameter services."""
-        super().__init__("watch", namespace="cdrj", start_parameter_services=False, **options)
+        super().__init__(
+            "watch", namespace=topics.NAMESPACE, start_parameter_services=False, **options
+        )
         self._choice = choice
         self._diagnosed: dict[str, DiagnosticStatus] = {}
         self._qos: dict[str, QoSProfile] = {}
-        topic = self.resolve_topic_name("tensions")
+        topic = self.resolve_topic_name(topics.TENSIONS)
         self.tensions = Feed(topic, CABLE_TENSIONS, "element", "tension", limited=True)
         self.feeds = [self.tensions]
         self._listen(CableTensions, self.tensions)
         if forces:
-            topic = self.resolve_topic_name("nodal_forces")
+            topic = self.resolve_topic_name(topics.NODAL_FORCES)
             self.feeds.append(Feed(topic, NODAL_FORCES, "pulley", "magnitude", limited=False))
             self._listen(NodalForces, self.feeds[1])
-        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        self.create_subscription(
+            DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, topics.FEW
+        )
 
     def _listen(self, message: Any, feed: Feed) -> None:
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -178,7 +183,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = CommandParser(
         prog="watch",
         description="Show the estimator's tensions, their 2 sigma and status as a live table; in a "
-        "pipe, one line per second. Topics: /cdrj/tensions, /cdrj/nodal_forces; remap them with "
+        "pipe, one line per second. Topics: "
+        f"{topics.in_namespace(topics.TENSIONS)}, {topics.in_namespace(topics.NODAL_FORCES)}; "
+        "remap them with "
         "--ros-args -r tensions:=/other/tensions.",
         epilog="Exit code: 0 done, 2 bad usage, or no message with --once, 130 ended by Ctrl-C.",
     )

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import Conditioner, Mode
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     JOINT_STATE,
@@ -62,9 +63,9 @@ class Kind(NamedTuple):
 
 
 KINDS: Final = (
-    Kind("tensions", CABLE_TENSIONS, "tension"),
-    Kind("nodal_forces", NODAL_FORCES, "magnitude"),
-    Kind("efforts", JOINT_STATE, "effort"),
+    Kind(topics.TENSIONS, CABLE_TENSIONS, "tension"),
+    Kind(topics.NODAL_FORCES, NODAL_FORCES, "magnitude"),
+    Kind(topics.EFFORTS, JOINT_STATE, "effort"),
 )
 
 

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Final, TextIO
 
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.judgement.channels import QUANTITIES, quantity_of
+from cdrj_ros.judgement.channels import FRICTION, QUANTITIES, quantity_of
 from cdrj_ros.judgement.limits import Judgement
 from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
 from cdrj_ros.judgement.placement import DROP_CAUSES
+from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.numbers import (
     decimals_for,
     format_number,
@@ -40,10 +41,10 @@ OUTSIDE_HEADINGS: Final = ("outside its limit", "figure", "is", "allowed", "beyo
 """Headings of the table of figures outside their limits."""
 
 SUMMARY_LABELS: Final[Mapping[str, str]] = {
-    "tension": "all elements",
-    "nodal_force": "all nodes",
-    "friction": "all nodes",
-    "effort": "all efforts",
+    TENSION: "all elements",
+    NODAL_FORCE: "all nodes",
+    FRICTION: "all nodes",
+    EFFORT: "all efforts",
 }
 """Label of each quantity's summary line, the mean over its channels."""
 

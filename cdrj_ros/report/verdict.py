@@ -8,8 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.judgement.channels import QUANTITIES, BagComparison, quantity_of
+from cdrj_ros.judgement.channels import FRICTION, QUANTITIES, BagComparison, quantity_of
 from cdrj_ros.judgement.metrics import ChannelError, Errors, mean_over_channels
+from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
 from cdrj_ros.report.table import table_groups
 
@@ -19,7 +20,7 @@ RELATIVE_GRADES: Final = ((0.02, "closely"), (0.05, "well"), (0.15, "roughly"))
 R2_GRADES: Final = ((0.98, "closely"), (0.94, "well"), (0.80, "roughly"))
 """Least R² for each word, for quantities that pass through zero."""
 
-PASSES_THROUGH_ZERO: Final = frozenset({"effort", "friction"})
+PASSES_THROUGH_ZERO: Final = frozenset({EFFORT, FRICTION})
 """Quantities judged by R², since relative errors are meaningless near zero."""
 
 MOST_OF_A_KIND: Final = 4
@@ -70,7 +71,7 @@ def last_elements(names: Sequence[str]) -> tuple[str, ...]:
     last: dict[str, tuple[int, str]] = {}
     for name in names:
         cable, _, element = name.rpartition("/")
-        if quantity_of(name) == "tension" and element.isdecimal():
+        if quantity_of(name) == TENSION and element.isdecimal():
             last[cable] = max(last.get(cable, (-1, "")), (int(element), name))
     return tuple(name for _, name in last.values())
 
@@ -85,10 +86,10 @@ def telling_channels(names: Sequence[str]) -> tuple[str, ...]:
     nodes: dict[str, tuple[tuple[bool, int], str]] = {}
     for name in names:
         cable, _, node = name.rpartition("/")
-        if quantity_of(name) == "nodal_force" and node.isdecimal():
+        if quantity_of(name) == NODAL_FORCE and node.isdecimal():
             rank = (int(node) == 3, int(node))
             nodes[cable] = max(nodes.get(cable, ((False, -1), "")), (rank, name))
-    efforts = [name for name in names if quantity_of(name) == "effort"]
+    efforts = [name for name in names if quantity_of(name) == EFFORT]
     kinds = (last_elements(names), [name for _, name in nodes.values()], efforts)
     chosen = tuple(name for kind in kinds for name in kind[:MOST_OF_A_KIND])
     return chosen or tuple(names[:MOST_OF_A_KIND])
@@ -112,10 +113,10 @@ def _sentence(quantity: str, errors: Mapping[str, ChannelError]) -> str:
     members = _members(quantity, errors)
     overall = mean_over_channels(members.values())
     noun = {
-        "tension": "tension",
-        "nodal_force": "nodal force",
-        "friction": "friction",
-        "effort": "effort",
+        TENSION: "tension",
+        NODAL_FORCE: "nodal force",
+        FRICTION: "friction",
+        EFFORT: "effort",
     }[quantity]
     subject = f"The estimated {noun}" + ("s" if len(members) > 1 else "")
     follow = "follow" if len(members) > 1 else "follows"
@@ -189,18 +190,18 @@ def _keys(errors: Mapping[str, ChannelError]) -> tuple[KeyNumber, ...]:
     if len(groups) == 1 and len(errors) <= MOST_OF_A_KIND:
         return tuple(_key(groups[0].quantity, name, {name: e}) for name, e in errors.items())
     numbers = []
-    tensions = _members("tension", errors)
+    tensions = _members(TENSION, errors)
     last = {name: errors[name] for name in last_elements(list(tensions))}
     if last and len(last) < len(tensions):
         label = (
             "Last element of each cable" if len(last) > 1 else f"Last element, {next(iter(last))}"
         )
-        numbers.append(_key("tension", label, last))
+        numbers.append(_key(TENSION, label, last))
     nouns: dict[str, Callable[[int], str]] = {
-        "tension": lambda n: f"All {n} element tensions" if n > 1 else "Tension",
-        "nodal_force": lambda n: f"All {n} nodal forces" if n > 1 else "Nodal force",
-        "friction": lambda n: f"Friction at {n} pulleys" if n > 1 else "Friction",
-        "effort": lambda n: {1: "Effort", 2: "Both efforts"}.get(n, f"All {n} efforts"),
+        TENSION: lambda n: f"All {n} element tensions" if n > 1 else "Tension",
+        NODAL_FORCE: lambda n: f"All {n} nodal forces" if n > 1 else "Nodal force",
+        FRICTION: lambda n: f"Friction at {n} pulleys" if n > 1 else "Friction",
+        EFFORT: lambda n: {1: "Effort", 2: "Both efforts"}.get(n, f"All {n} efforts"),
     }
     for group in groups:
         members = _members(group.quantity, errors)

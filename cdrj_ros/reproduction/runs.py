@@ -19,8 +19,9 @@ from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.judgement.channels import Angle, Channel
+from cdrj_ros.judgement.channels import FRICTION, Angle, Channel
 from cdrj_ros.judgement.comparison import compare
+from cdrj_ros.judgement.validation import MAX_GAP_NS
 from cdrj_ros.model.channels import NODAL_FORCE, TENSION
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
@@ -54,9 +55,6 @@ FREE_RHOS: Final = (0.0, 0.2, 1.0)
 
 EPOCH_NS: Final = 1_000_000_000
 """Stamp of the start of a run [ns]."""
-
-MAX_GAP_NS: Final = 100_000_000
-"""References are compared only between estimates at most this far apart [ns]."""
 
 
 @dataclass(frozen=True)
@@ -272,7 +270,7 @@ def estimate(recording: Recording, robot: Robot) -> dict[str, Channel]:
         for prefix, names, part in (
             (TENSION, layout.elements, layout.tension),
             (NODAL_FORCE, layout.pulleys, layout.magnitude),
-            ("friction", layout.pulleys, layout.friction),
+            (FRICTION, layout.pulleys, layout.friction),
         )
         for k, name in enumerate(names)
     }
