@@ -25,8 +25,9 @@ from bench.processes import (
 from bench.update import recorded_motion
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.messages.cdr import JOINT_STATE, Template
+from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.conversions import EstimateEncoder
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 

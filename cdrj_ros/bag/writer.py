@@ -25,7 +25,8 @@ from cdrj_ros.bag.recording import require_cdr
 from cdrj_ros.bag.source import METADATA, open_source
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, Template
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
+from cdrj_ros.messages.templates import Template
 
 _CHUNK_BYTES: Final = 1 << 20
 _AT_ONCE: Final = 4096

@@ -135,7 +135,8 @@ def print_results(
     judgement: Judgement | None = None,
 ) -> None:
     """Print notes, counters and the table, then the names of the files; arguments as above."""
-    from cdrj_ros.report.table import print_errors, print_judgement
+    from cdrj_ros.report.judgement_table import print_judgement
+    from cdrj_ros.report.table import print_errors
 
     for bag in errors.bags:
         for note in bag.notes:

@@ -33,8 +33,9 @@ from cdrj_ros.rig import motion
 from cdrj_ros.rig.assembly import MotionError, SlackError, Truth
 from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.rig.forward import swing
+from cdrj_ros.rig.prescribed import Progress, follow
 from cdrj_ros.rig.sensors import Encoder, LoadCells, read_cells, read_encoder, schedule
-from cdrj_ros.rig.truth import Progress, follow, simulate
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Joint, Motor, Robot
 
 EPOCH_NS: Final = 1_700_000_000_000_000_000

@@ -223,7 +223,7 @@ def _body(argv: Sequence[str]) -> int:
                 say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
     outside = judgement is not None and bool(judgement.outside)
     if judgement is not None and outside and arguments.quiet:
-        from cdrj_ros.report.table import print_judgement
+        from cdrj_ros.report.judgement_table import print_judgement
 
         print_judgement(judgement)
     if failed:

@@ -6,17 +6,24 @@ assumed to follow the joints such that every cable keeps its preload as well as 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from itertools import product
-from math import degrees, exp
+from math import exp
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.text import fixed
+from cdrj_ros.inspection.checks import (
+    CableCheck,
+    ElementCheck,
+    Extent,
+    Inspection,
+    MotorCheck,
+    PulleyCheck,
+)
+from cdrj_ros.inspection.following import cable_per_turn, follow_joints, loaded_tensions
 from cdrj_ros.model.filling import bearing_drag, bearing_ratio
 from cdrj_ros.model.friction import RIGID_BRISTLE, STRIBECK_FORMS, blended_loss
 from cdrj_ros.model.prepared import Model, Shape, shape_at
@@ -36,104 +43,6 @@ MOST_CORNERS: Final = 10
 
 LOOSEST: Final = 1e-7
 """Moment arms below this are treated as zero [m]."""
-
-
-@dataclass(frozen=True)
-class Extent:
-    """Smallest and largest value over the poses, and the poses at which they occur."""
-
-    low: float
-    high: float
-    low_at: tuple[float, ...]
-    """Joint angles [rad], or [m] for prismatic joints."""
-    high_at: tuple[float, ...]
-
-    @property
-    def width(self) -> float:
-        """Largest less smallest value."""
-        return self.high - self.low
-
-
-@dataclass(frozen=True)
-class ElementCheck:
-    """One element of a cable over the joint ranges."""
-
-    name: str
-    length: Extent
-    """Length of the element, including its share of the arcs [m]."""
-    span: Extent
-    """Length between the tangent points, including the arc wound on a drum or sector [m]."""
-    moment_arm: tuple[Extent, ...]
-    """-dL/dq of every joint [m]; [-] for prismatic joints."""
-
-
-@dataclass(frozen=True)
-class PulleyCheck:
-    """One pulley of a cable over the joint ranges."""
-
-    name: str
-    wrap: Extent
-    """Wrap angle [rad]."""
-    transmission_at_rest: Extent
-    """eta for v -> 0, the limit to be overcome before the cable slips [-]."""
-    transmission_sliding: Extent
-    """eta for v far above the Stribeck speed [-]."""
-    passing: float
-    """Length of cable that passes the pulley as the joints move through their ranges [m]."""
-    needed: float
-    """Length of cable after which it certainly slips: twice the break-away travel [m]."""
-
-
-@dataclass(frozen=True)
-class CableCheck:
-    """One cable over the joint ranges."""
-
-    name: str
-    elements: tuple[ElementCheck, ...]
-    pulleys: tuple[PulleyCheck, ...]
-    length: Extent
-    """Total length of all elements [m]."""
-    moment_arm: tuple[Extent, ...]
-    """-dL/dq of the total length for every joint [m]; [-] for prismatic joints."""
-    transmission_at_rest: Extent
-    """Product over the pulleys [-]."""
-    transmission_sliding: Extent
-    """Product over the pulleys [-]."""
-    stiffness: float
-    """EA / length in the reference pose [N/m]."""
-    followed: Extent
-    """Frictionless tension while the motors follow, under the given loads [N]."""
-    worst: Extent
-    """Tension at the pulling end when every pulley has to slip, under the given loads [N]."""
-    slack_after: tuple[float, ...]
-    """Motion of every joint from the reference pose that removes all preload while the motors rest
-    [rad] or [m]; infinite if the cable does not move the joint."""
-
-
-@dataclass(frozen=True)
-class MotorCheck:
-    """One motor over the joint ranges."""
-
-    name: str
-    angle: Extent
-    """Motor angle relative to the reference pose [rad]."""
-
-
-@dataclass(frozen=True)
-class Inspection:
-    """A robot over its joint ranges."""
-
-    model: Model
-    poses: Matrix
-    """Visited joint angles, shape (poses, joints)."""
-    cables: tuple[CableCheck, ...]
-    motors: tuple[MotorCheck, ...]
-    loads: Mapping[str, float]
-    """Effort that the cables must exert on a joint in every pose [N m] or [N]."""
-    unbalanced: tuple[tuple[float, ...], ...]
-    """Poses in which no tensions of at least 0 N exert the loads."""
-    unmoved: tuple[tuple[float, ...], ...]
-    """Poses in which the joints can move without changing the length of any cable."""
 
 
 def visited_poses(robot: Robot) -> Matrix:
@@ -206,11 +115,13 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
     whole_by = np.stack([by_joint[:, part].sum(axis=1) for part in _parts(robot)], axis=1)
 
     stiffness = np.array([c.axial_stiffness for c in robot.cables]) / whole[0]
-    drums = _drums(robot)
-    motors, followed = _follow(robot, whole, stiffness, drums)
+    drums = cable_per_turn(robot)
+    motors, followed = follow_joints(robot, whole, stiffness, drums)
     unbalanced: list[tuple[float, ...]] = []
     if loads:
-        followed, unbalanced = _loaded(model, loads, poses, whole_by, followed, stiffness, drums)
+        followed, unbalanced = loaded_tensions(
+            model, loads, poses, whole_by, followed, stiffness, drums
+        )
     return Inspection(
         model,
         poses,
@@ -237,30 +148,6 @@ def _parts(robot: Robot) -> Iterator[slice]:
         at += len(cable.nodes) - 1
 
 
-def _drums(robot: Robot) -> Matrix:
-    """Cable wound in per radian of every motor [m], shape (cables, motors)."""
-    names = [motor.name for motor in robot.motors]
-    drums = np.zeros((len(robot.cables), len(names)))
-    for c, cable in enumerate(robot.cables):
-        for node in (cable.nodes[0], cable.nodes[-1]):
-            if isinstance(node, Winch):
-                drums[c, names.index(node.motor)] += node.winding * node.radius
-    return drums
-
-
-def _follow(robot: Robot, whole: Matrix, stiffness: Vector, drums: Matrix) -> tuple[Matrix, Matrix]:
-    """Motor angles that keep the preloads in the least-squares sense, and the tensions that result.
-
-    Returns:
-        Motor angles from the reference [rad], (poses, motors), and tensions [N], (poses, cables).
-    """
-    wanted = whole[0] - whole  # length to be wound in, (poses, cables)
-    angles = np.linalg.lstsq(stiffness[:, None] * drums, (stiffness * wanted).T, rcond=None)[0].T
-    preload = np.array([cable.preload for cable in robot.cables])
-    tension = preload + stiffness * (angles @ drums.T - wanted)
-    return angles, np.maximum(tension, 0.0)
-
-
 def following_motors(model: Model, poses: Matrix) -> Matrix:
     """Motor angles that keep the preloads in given poses [rad], shape (poses, motors)."""
     robot = model.robot
@@ -268,56 +155,9 @@ def following_motors(model: Model, poses: Matrix) -> Matrix:
     lengths = [shape_at(model, pose).length for pose in (reference, *poses)]
     whole = np.array([[one[part].sum() for part in _parts(robot)] for one in lengths])
     stiffness = np.array([c.axial_stiffness for c in robot.cables]) / whole[0]
-    angles, _ = _follow(robot, whole, stiffness, _drums(robot))
+    angles, _ = follow_joints(robot, whole, stiffness, cable_per_turn(robot))
     zero = np.array([motor.reference_angle for motor in robot.motors])
     return zero + angles[1:]
-
-
-def _loaded(
-    model: Model,
-    loads: Mapping[str, float],
-    poses: Matrix,
-    whole_by: NDArray[np.float64],
-    followed: Matrix,
-    stiffness: Vector,
-    drums: Matrix,
-) -> tuple[Matrix, list[tuple[float, ...]]]:
-    """Frictionless tensions that exert the loads and are closest to the tensions without loads.
-
-    With an additional motor angle d, t = t_follow + k B d >= 0 and -A^T t = load on the named
-    joints.  Minimising max |t - t_follow| is a linear program in d and that maximum.
-    """
-    from scipy.optimize import linprog  # slow to import, so only where used
-
-    named = [model.layout.joints.index(name) for name in loads]
-    efforts = np.array(list(loads.values()))
-    turned = stiffness[:, None] * drums  # k B
-    count, motors = turned.shape
-    rows = np.vstack(
-        [
-            np.hstack([-turned, np.zeros((count, 1))]),
-            np.hstack([turned, -np.ones((count, 1))]),
-            np.hstack([-turned, -np.ones((count, 1))]),
-        ]
-    )
-    scale = max(1.0, float(np.abs(efforts).max()))
-    tensions = followed.copy()
-    unbalanced = []
-    for k in range(poses.shape[0]):
-        arms = -whole_by[k][:, named].T  # shape (efforts, tensions)
-        result = linprog(
-            np.append(np.zeros(motors), 1.0),
-            A_ub=rows,
-            b_ub=np.concatenate([followed[k], np.zeros(2 * count)]),
-            A_eq=np.hstack([arms @ turned, np.zeros((len(named), 1))]) / scale,
-            b_eq=(efforts - arms @ followed[k]) / scale,
-            bounds=[(None, None)] * motors + [(0.0, None)],
-        )
-        if result.success:
-            tensions[k] = np.maximum(followed[k] + turned @ result.x[:-1], 0.0)
-        else:
-            unbalanced.append(tuple(poses[k].tolist()))
-    return tensions, unbalanced
 
 
 def _cables(
@@ -437,14 +277,3 @@ def _scaled(arms: Matrix) -> Matrix:
     norm = np.linalg.norm(arms, axis=0)
     scaled: Matrix = arms / np.where(norm > LOOSEST, norm, np.inf)
     return scaled
-
-
-def pose_text(robot: Robot, pose: Iterable[float]) -> str:
-    """Format a pose: ``elbow = 40.0°, slide = 0.120 m``."""
-    positions = robot.prismatic_joints
-    return ", ".join(
-        f"{joint.name} = {fixed(value, 3)} m"
-        if joint.name in positions
-        else f"{joint.name} = {fixed(degrees(value), 1)}°"
-        for joint, value in zip(robot.joints, pose, strict=True)
-    )

@@ -7,13 +7,7 @@ from dataclasses import dataclass
 from math import degrees, isinf, pi
 from typing import Final
 
-from cdrj_ros.inspection.ranges import (
-    CableCheck,
-    Extent,
-    Inspection,
-    PulleyCheck,
-    pose_text,
-)
+from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, PulleyCheck, pose_text
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Robot, Winch
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0

@@ -91,7 +91,7 @@ def report_cable(
         estimate.force_x[p] = x
         estimate.force_y[p] = y
         estimate.force_z[p] = z
-        estimate.magnitude[p] = sqrt(x * x + y * y + z * z)  # (38)
+        estimate.magnitude[p] = sqrt(x * x + y * y + z * z)
         estimate.friction[p] = t_out - t_in
         estimate.slip_speed[p] = slip_speed[p]
     if not solved:  # the distribution of the elongation is unknown: report no numbers
@@ -104,8 +104,8 @@ def report_cable(
 def nodal_force_magnitude(before: Table, after: Table, cosine: Table) -> Table:
     """(38), phi = pi - beta: force of a cable on a pulley [N], from its tensions and cos beta.
 
-    For arrays; ``report_cable`` takes the magnitude of the components, which lie in the pulley's
-    plane, and gives the same to rounding.
+    The law of cosines, for arrays.  ``report_cable`` knows the components of the force and needs
+    only their magnitude.
     """
     squared = before**2 + after**2 - 2.0 * before * after * cosine
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))

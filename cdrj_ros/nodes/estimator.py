@@ -28,13 +28,9 @@ from cdrj_ros.estimation.session import LiveEstimator, Output, kernels_of
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.text import counted
-from cdrj_ros.messages.cdr import (
-    JointStateDecoder,
-    MessageError,
-    cable_tensions,
-    joint_state_efforts,
-)
+from cdrj_ros.messages.cdr import MessageError
 from cdrj_ros.messages.conversions import EstimateEncoder, marked_stale
+from cdrj_ros.messages.decoders import JointStateDecoder, cable_tensions, joint_state_efforts
 from cdrj_ros.messages.topics import (
     DIAGNOSTICS,
     EFFORTS,

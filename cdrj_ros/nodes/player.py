@@ -17,9 +17,10 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.replay_node import NoEstimatorError, ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest
 from cdrj_ros.replay.agreement import NodeSettings, require_every_sample
-from cdrj_ros.replay.answers import Heard, Run, Tally
+from cdrj_ros.replay.answers import Run
 from cdrj_ros.replay.controls import Controls
 from cdrj_ros.replay.display import Display
+from cdrj_ros.replay.heard import Heard, Tally
 from cdrj_ros.replay.keyboard import Keyboard
 from cdrj_ros.replay.playback import Playback
 

@@ -25,7 +25,8 @@ from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.messages.topics import CLOCK, FEW, JOINT_STATES, MOTOR_STATES, NAMESPACE, in_namespace
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.replay.agreement import NodeSettings
-from cdrj_ros.replay.answers import KINDS, Run
+from cdrj_ros.replay.answers import Run
+from cdrj_ros.replay.line import KINDS
 
 ANSWER_S: Final = 5.0
 """Maximum response time of the estimator's services [s]."""

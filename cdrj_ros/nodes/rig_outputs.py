@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, Template
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.messages.topics import JOINT_STATES, MOTOR_STATES, TENSION_SENSORS, TENSIONS
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import OVERLOAD, SLACK

@@ -8,31 +8,22 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import Conditioner, Mode
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import (
-    CABLE_TENSIONS,
-    JOINT_STATE,
-    NODAL_FORCES,
-    JointStateDecoder,
     MessageError,
-    MessageType,
     read_layout,
 )
-from cdrj_ros.model.channels import channel_columns
-from cdrj_ros.model.prepared import Layout, Model
-
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
+from cdrj_ros.messages.decoders import JointStateDecoder
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.replay.heard import Floats, Heard, Tally
+from cdrj_ros.replay.line import FOLD, KINDS, Line, names_of
 
 STALLED_S: Final = 10.0
 """Time without an answer after which estimates in flight count as lost [s]; if such an estimate is
@@ -45,146 +36,9 @@ the retransmission may fail as well.
 NEVER: Final = 2**63
 """A place beyond that of any answer."""
 
-FOLD: Final = 1024
-"""Number of messages decoded at once."""
-
 
 class AnotherRobotError(CdrjError):
     """The estimator's names differ from those of the robot file."""
-
-
-class Kind(NamedTuple):
-    """One of the topics on which an estimator answers."""
-
-    topic: str
-    message: MessageType
-    array: str
-    """Name of the array that is compared."""
-
-
-KINDS: Final = (
-    Kind(topics.TENSIONS, CABLE_TENSIONS, "tension"),
-    Kind(topics.NODAL_FORCES, NODAL_FORCES, "magnitude"),
-    Kind(topics.EFFORTS, JOINT_STATE, "effort"),
-)
-
-
-def names_of(layout: Layout) -> tuple[tuple[str, ...], ...]:
-    """Names in the messages of each kind, in the order of ``KINDS``."""
-    return layout.elements, layout.pulleys, layout.motors + layout.joints
-
-
-def channels_of(layout: Layout) -> list[str]:
-    """The compared channels, in the order of the columns of ``Heard.value``."""
-    return list(channel_columns(layout))
-
-
-@dataclass(frozen=True)
-class Tally:
-    """Counters so far."""
-
-    sent: int = 0
-    """Published inputs."""
-    expected: int = 0
-    """Estimates that result from the inputs sent."""
-    received: int = 0
-    """Estimates of which all three messages have been received."""
-    lost: int = 0
-    """Expected estimates that were given up or skipped by a later one."""
-    late: int = 0
-    """Estimates received after they were counted as lost; they no longer count as lost."""
-    strange: int = 0
-    """Answers that belong to no input: from another estimator or an earlier run."""
-
-    @property
-    def under_way(self) -> int:
-        """Estimates in flight, neither received nor lost yet."""
-        return self.expected - self.received - self.lost
-
-    def __add__(self, other: Tally) -> Tally:
-        return Tally(
-            self.sent + other.sent,
-            self.expected + other.expected,
-            self.received + other.received,
-            self.lost + other.lost,
-            self.late + other.late,
-            self.strange + other.strange,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Heard:
-    """All answers of one run of the estimator, that is between two resets."""
-
-    tally: Tally
-    stamp_ns: Stamps
-    """Stamps of the complete answers in the order expected [ns], shape (n,)."""
-    value: Floats
-    """Estimates of ``channels_of`` the robot, shape (n, channels)."""
-    latency_s: Floats
-    """Time from sending the last input needed to receiving the last of three messages [s],
-    shape (n,)."""
-    stddev: Floats
-    """Standard deviation of ``value``; NaN where the estimator gives none."""
-    angle: Floats
-    """Motor and joint positions of the samples [rad or m], shape (n, motors + joints)."""
-    accepted: int
-    """Number of readings that the conditioner accepted."""
-    refused: dict[str, int]
-    """Number of readings that the conditioner refused, by cause."""
-    clock_jumps: int
-    """Number of backward jumps of the recording's clock."""
-    gaps: int
-    """Number of long gaps in a channel."""
-    steps: int = 0
-    """Number of steps of a channel's readings that exceed the axis' possible motion."""
-
-
-@dataclass
-class _Line:
-    """The answers on one topic."""
-
-    kind: Kind
-    names: tuple[str, ...]
-    place: int = 0
-    """Index of the estimate expected next on this topic."""
-    count: int = 0
-    """Number of estimates received on this topic."""
-    given_up: dict[int, int] = field(default_factory=dict)
-    """Indices of the estimates given up, by stamp [ns]."""
-    index: array[int] = field(default_factory=lambda: array("q"))
-    """Indices of the estimates of the messages, in order of arrival."""
-    heard_s: array[float] = field(default_factory=lambda: array("d"))
-    payloads: list[bytes] = field(default_factory=list)
-    """Messages not yet decoded."""
-    blocks: list[Floats] = field(default_factory=list)
-    """Values and their standard deviations, shape (2, m, names) each."""
-
-    def fold(self) -> None:
-        """Decode the stored payloads; a payload with unexpected names becomes NaN."""
-        if not self.payloads:
-            return
-        block = np.full((2, len(self.payloads), len(self.names)), np.nan)
-        lengths = np.fromiter(map(len, self.payloads), np.int64, len(self.payloads))
-        for length in np.unique(lengths).tolist():
-            rows = np.flatnonzero(lengths == length)
-            block[:, rows] = self._decode([self.payloads[k] for k in rows])
-        self.blocks.append(block)
-        self.payloads.clear()
-
-    def _decode(self, payloads: Sequence[bytes]) -> Floats | float:
-        """Decode payloads of equal length; NaN if their names differ from the expected ones."""
-        layout = read_layout(payloads[0], self.kind.message.fields)
-        if layout.texts["name"] != self.names:
-            return np.nan
-        octets = np.frombuffer(b"".join(payloads), np.uint8).reshape(len(payloads), -1)
-        block = np.full((2, len(payloads), len(self.names)), np.nan)
-        for row, name in enumerate((self.kind.array, "stddev")):
-            span = layout.numbers.get(name)
-            if span is not None and span.count == len(self.names):
-                wanted = np.ascontiguousarray(octets[:, span.offset : span.offset + 8 * span.count])
-                block[row] = wanted.view(span.dtype)
-        return block
 
 
 class Run:
@@ -204,7 +58,7 @@ class Run:
         self._asked_s = array("d")
         self._angle = array("d")
         self._lines = [
-            _Line(kind, names) for kind, names in zip(KINDS, names_of(model.layout), strict=True)
+            Line(kind, names) for kind, names in zip(KINDS, names_of(model.layout), strict=True)
         ]
         self._late: set[int] = set()
         self._room_at = NEVER
@@ -281,7 +135,7 @@ class Run:
 
         return hear
 
-    def _find(self, line: _Line, stamp: int) -> int | None:
+    def _find(self, line: Line, stamp: int) -> int | None:
         """Index of an answer that is not the next one expected; None if it was not expected."""
         late = line.given_up.pop(stamp, None)
         if late is not None:
@@ -299,7 +153,7 @@ class Run:
         line.place = place + 1
         return place
 
-    def _check_names(self, line: _Line, payload: bytes) -> None:
+    def _check_names(self, line: Line, payload: bytes) -> None:
         try:
             names = read_layout(payload, line.kind.message.fields).texts["name"]
         except MessageError as error:

@@ -7,8 +7,9 @@ from time import perf_counter
 from typing import Final
 
 from cdrj_ros.foundation.progress import LabelledBar
-from cdrj_ros.replay.answers import Run, Tally
+from cdrj_ros.replay.answers import Run
 from cdrj_ros.replay.controls import Controls, rate_in_words
+from cdrj_ros.replay.heard import Tally
 from cdrj_ros.replay.playback import Playback
 
 PACE_S: Final = 1.0

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cdrj_ros.foundation.files import replacing
-from cdrj_ros.inspection.ranges import Inspection
+from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.report.drawing_style import FONT_SIZE, INK, MUTED
 from cdrj_ros.report.pose import cable_line, pose_of
 from cdrj_ros.report.scale_drawing import draw_placed, ghost_poses, legend_handles, poses_text

@@ -27,19 +27,11 @@ from cdrj_ros.judgement.metrics import (
     Errors,
 )
 from cdrj_ros.judgement.reversals import AROUND_NS, REVERSAL_SHARE
+from cdrj_ros.report.judgement_table import OUTSIDE_HEADINGS, judgement_rows, judgement_sentence
 from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
 from cdrj_ros.report.parameters import parameter_tables
 from cdrj_ros.report.pictures import Picture, channel_pictures, drawing_svg, friction_pictures
-from cdrj_ros.report.table import (
-    HEADINGS,
-    OUTSIDE_HEADINGS,
-    Beside,
-    cause_in_words,
-    headings_of,
-    judgement_rows,
-    judgement_sentence,
-    table_groups,
-)
+from cdrj_ros.report.table import HEADINGS, Beside, cause_in_words, headings_of, table_groups
 from cdrj_ros.report.verdict import origin_of, telling_channels, verdict
 from cdrj_ros.robot.description import Robot
 

@@ -19,7 +19,7 @@ from matplotlib.patches import Circle, Polygon
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from cdrj_ros.inspection.ranges import Inspection
+from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.report.drawing_style import BODY, FONT_SIZE, INK, MUTED, RULE, cable_colour
 from cdrj_ros.report.pose import Pose, cable_line, centre_of, pose_of, strands_and_arcs
 from cdrj_ros.robot.description import Anchor, Cable, Robot, Winch

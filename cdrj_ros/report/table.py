@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from io import StringIO
 from typing import TYPE_CHECKING, Final, TextIO
 
-from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.judgement.channels import FRICTION, QUANTITIES, quantity_of
-from cdrj_ros.judgement.limits import Judgement
 from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
 from cdrj_ros.judgement.placement import DROP_CAUSES
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
+from cdrj_ros.report.columns import new_table, print_table
 from cdrj_ros.report.numbers import (
     decimals_for,
     format_number,
@@ -37,8 +34,6 @@ MORE_HEADINGS: Final[Mapping[str, str]] = {
 }
 """Headings of the figures that are shown only if a channel has them."""
 
-OUTSIDE_HEADINGS: Final = ("outside its limit", "figure", "is", "allowed", "beyond by", "in")
-"""Headings of the table of figures outside their limits."""
 
 SUMMARY_LABELS: Final[Mapping[str, str]] = {
     TENSION: "all elements",
@@ -47,10 +42,6 @@ SUMMARY_LABELS: Final[Mapping[str, str]] = {
     EFFORT: "all efforts",
 }
 """Label of each quantity's summary line, the mean over its channels."""
-
-
-UNLIMITED: Final = 100_000
-"""Width at which no table is wrapped [characters]."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +139,7 @@ def errors_table(
     """The figures as a table, one line per channel, grouped by quantity."""
     from rich.text import Text
 
-    table = _table(title)
+    table = new_table(title)
     table.add_column("")
     for heading in headings_of(errors):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -179,112 +170,12 @@ def print_errors(
         beside: one more column, for example published figures.
         file: where to print; standard output by default.
     """
-    _print(errors_table(errors, title=title, beside=beside), file)
-
-
-def _table(title: str = "") -> Table:
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    heading = Text(printable(title)) if title else None
-    return Table(title=heading, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-
-
-def _print(table: Table, file: TextIO | None) -> None:
-    """Print a table with rules if the terminal is wide enough, otherwise as plain columns."""
-    from rich.console import Console
-
-    stream = sys.stdout if file is None else file
-    if stream.isatty():
-        console = Console(file=stream)
-        room = console.options.update(max_width=UNLIMITED)
-        if console.measure(table, options=room).maximum <= console.width:
-            console.print(table)
-            return
-    stream.write(plain(table))
-
-
-def plain(table: Table) -> str:
-    """A table as aligned columns of text without rules, of any width."""
-    from rich.console import Console
-
-    table.box, table.show_edge = None, False
-    console = Console(file=StringIO(), width=UNLIMITED, color_system=None, force_terminal=False)
-    with console.capture() as captured:
-        console.print(table)
-    return "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
-
-
-FIGURE_NAMES: Final[Mapping[str, str]] = {
-    "n": "samples",
-    "mean_abs_error": "mean |error|",
-    "mean_relative_error": "mean relative error",
-    "rmse": "RMSE",
-    "max_abs_error": "largest |error|",
-    "r2": "R²",
-    "reversal_error": "mean |error| at reversals",
-    "smooth_error": "mean |error| elsewhere",
-    "coverage": "share within ±2σ",
-}
-"""Name of every figure in words."""
-
-
-def judgement_rows(judgement: Judgement) -> list[tuple[str, str, str, str, str, str]]:
-    """Figures outside their limits: channel, figure, value, bound, excess, and recording."""
-    rows = []
-    for one in judgement.outside:
-        value, bound, by = (
-            _figure_text(one.figure, one.channel, number)
-            for number in (one.value, one.bound, one.by)
-        )
-        if one.by is not None and one.bound:
-            by += f" ({100.0 * one.by / abs(one.bound):.2g} %)"
-        allowed = f"{'at least' if one.least else 'at most'} {bound}"
-        rows.append((one.channel, FIGURE_NAMES[one.figure], value, allowed, by, one.where))
-    return rows
-
-
-def judgement_sentence(judgement: Judgement) -> str:
-    """Summary of the comparison with limits in one sentence."""
-    outside, checked = len(judgement.outside), judgement.checked
-    if not outside:
-        return f"Within all {checked} limits of {judgement.source}."
-    are = "is" if outside == 1 else "are"
-    return f"{outside} of {checked} figures {are} outside the limits of {judgement.source}."
-
-
-def print_judgement(judgement: Judgement, file: TextIO | None = None) -> None:
-    """Print the figures outside their limits and their excess."""
-    from rich.text import Text
-
-    say(judgement_sentence(judgement), file=file)
-    if rows := judgement_rows(judgement):
-        table = _table()
-        for heading in OUTSIDE_HEADINGS:
-            table.add_column(heading, no_wrap=True)
-        for row in rows:
-            table.add_row(*(Text(printable(cell)) for cell in row))
-        _print(table, file)
+    print_table(errors_table(errors, title=title, beside=beside), file)
 
 
 def cause_in_words(cause: str) -> str:
     """Reason for leaving out samples, from the name of the counter."""
     return DROP_CAUSES.get(cause, cause.replace("_", " "))
-
-
-def _figure_text(figure: str, channel: str, value: float | None) -> str:
-    if value is None:
-        return "not known"
-    if figure in ("mean_relative_error", "coverage"):
-        return format_percent(value)
-    if figure == "r2":
-        return format_r2(value)
-    if figure == "n":
-        return f"{value:.0f}"
-    quantity = QUANTITIES.get(channel.partition("/")[0])
-    unit = quantity.unit if quantity else ""
-    return f"{value:.4g} {unit}".rstrip()
 
 
 def _cells(

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Circle
 from numpy.typing import NDArray
 
-from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection
+from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection
 from cdrj_ros.report.drawing_style import FONT_SIZE, INK, MUTED, RULE, cable_colour
 from cdrj_ros.robot.description import Anchor, Cable, Winch
 

@@ -31,7 +31,7 @@ from cdrj_ros.rig.load import (
     Load,
     weight,
 )
-from cdrj_ros.rig.truth import BATCH, Progress
+from cdrj_ros.rig.prescribed import BATCH, Progress
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.commands import check_robot
-from cdrj_ros.inspection.ranges import inspect_robot, pose_text, transmissions
+from cdrj_ros.inspection.checks import pose_text
+from cdrj_ros.inspection.ranges import inspect_robot, transmissions
 from cdrj_ros.inspection.suspicions import Suspicion, find_suspicions
 from cdrj_ros.model.friction import bearing_transmission, sliding_transmission
 from cdrj_ros.model.prepared import prepare

@@ -68,8 +68,9 @@ def test_in_a_terminal_progress_is_a_bar_with_the_time_left(
 
 def test_a_replay_shows_the_time_left_at_its_pace(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("rclpy")
-    from cdrj_ros.replay.answers import Run, Tally
+    from cdrj_ros.replay.answers import Run
     from cdrj_ros.replay.display import Display
+    from cdrj_ros.replay.heard import Tally
 
     robot = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
     run = Run(load_model(str(robot)))

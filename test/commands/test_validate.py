@@ -33,14 +33,17 @@ def _figures(path: Path) -> dict:  # type: ignore[type-arg]
     [(HIGH, [], 0.005, 0.004), (LOW, ["--preload", "23.52,6.66"], 0.015, 0.01)],
 )
 def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
-    bag: Path, preload: list[str], last_element: float, all_elements: float, tmp_path: Path
-) -> None:
+    bag: Path, preload: list[str], last_element: float, all_elements: float, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
     out = tmp_path / "figures.json"
 
     assert validate.main([str(bag), "--robot", str(ROBOT), "--json", str(out), *preload]) == 0
 
     figures = _figures(out)
     assert figures["bags"][0]["duration_s"] == pytest.approx(60.0, abs=0.1)
+    left_out = capsys.readouterr().out.splitlines()[0]
+    assert left_out.endswith(" reference values before the first or after the last estimate")
     channels = figures["all"]["channels"]
     assert all(set(channel) == FIGURES for channel in channels.values())
     tensions = {name: c for name, c in channels.items() if name.startswith("tension/")}

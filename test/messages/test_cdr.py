@@ -15,11 +15,11 @@ from cdrj_ros.messages.cdr import (
     JOINT_STATE,
     MESSAGE_TYPES,
     NODAL_FORCES,
-    JointStateDecoder,
     MessageError,
-    Template,
     read_layout,
 )
+from cdrj_ros.messages.decoders import JointStateDecoder
+from cdrj_ros.messages.templates import Template
 
 numbers = st.floats(width=64)
 names = st.lists(st.text(st.characters(codec="utf-8", exclude_characters="\0")), max_size=5)

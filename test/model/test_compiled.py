@@ -314,7 +314,7 @@ from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import shape_at
 from cdrj_ros.rig.follow import follow_joints
-from cdrj_ros.rig.truth import follow
+from cdrj_ros.rig.prescribed import follow
 
 model = load_model("prototype")
 time = np.arange(40) * 1e-3

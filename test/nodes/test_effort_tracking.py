@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.messages.cdr import JOINT_STATE, Template, cable_tensions
+from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.messages.decoders import cable_tensions
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.rig.faults import Fault

@@ -16,8 +16,9 @@ from cdrj_ros.bag import Topics, read_messages
 from cdrj_ros.conditioning.time_line import REFUSALS
 from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.judgement.validation import condition_recording, read_inputs
-from cdrj_ros.messages.cdr import JOINT_STATE, Template
+from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.conversions import FORCE_ARRAYS, AnswerReader
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Layout
 from cdrj_ros.model.status import STALE, UNSURE

@@ -31,10 +31,10 @@ from cdrj_ros.messages.cdr import (
     JOINT_STATE,
     NODAL_FORCES,
     MessageError,
-    Template,
-    cable_tensions,
 )
 from cdrj_ros.messages.cdr import read_layout as layout_of
+from cdrj_ros.messages.decoders import cable_tensions
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID, UNSURE

@@ -25,7 +25,8 @@ from support.estimators import (
     values_of,
 )
 
-from cdrj_ros.messages.cdr import JOINT_STATE, Template
+from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import STALE
 

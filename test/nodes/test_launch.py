@@ -105,6 +105,15 @@ def test_the_node_gets_the_given_arguments_and_no_others(launched: Any) -> None:
     assert node.remappings == [("motor_states", "/m"), ("joint_states", "joint_states")]
 
 
+def test_the_parameter_file_is_installed_beside_the_launch_file() -> None:
+    from ament_index_python.packages import get_package_share_directory
+
+    share = Path(get_package_share_directory("cdrj_ros"))
+    assert (share / "launch" / FILE.name).read_bytes() == FILE.read_bytes()
+    own = FILE.parents[1] / "config" / "estimator.params.yaml"
+    assert (share / "config" / own.name).read_bytes() == own.read_bytes()
+
+
 def test_an_exported_discovery_range_is_kept(launched: Any) -> None:
     """The node itself limits discovery to this machine if the environment does not set a range."""
     assert [type(one).__name__ for one in launched("robot:=r.yaml")] == ["Node"]

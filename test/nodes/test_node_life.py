@@ -26,7 +26,7 @@ from support.estimators import (
     values_of,
 )
 
-from cdrj_ros.messages.cdr import joint_state_efforts
+from cdrj_ros.messages.decoders import joint_state_efforts
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import OVERLOAD, SLACK, STALE, UNSURE

@@ -13,7 +13,9 @@ import pytest
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, Template, cable_tensions
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
+from cdrj_ros.messages.decoders import cable_tensions
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 

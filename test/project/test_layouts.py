@@ -14,7 +14,7 @@ import yaml
 
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.replay.answers import KINDS
+from cdrj_ros.replay.line import KINDS
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "config" / "layouts"

@@ -10,11 +10,14 @@ import pytest
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import Estimate, initial_state, step
-from cdrj_ros.messages.cdr import JOINT_STATE, Template
+from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.conversions import EstimateEncoder
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.replay.answers import FOLD, AnotherRobotError, Run, Tally, channels_of
+from cdrj_ros.replay.answers import AnotherRobotError, Run
+from cdrj_ros.replay.heard import Tally, channels_of
+from cdrj_ros.replay.line import FOLD
 from cdrj_ros.replay.outcome import Outcome
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from cdrj_ros.inspection.ranges import Inspection, inspect_robot
+from cdrj_ros.inspection.checks import Inspection
+from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report.drawing import draw_robot, write_png
 from cdrj_ros.report.pose import cable_line, pose_of

@@ -16,7 +16,8 @@ from cdrj_ros.rig.assembly import SlackError, Truth
 from cdrj_ros.rig.faults import DURATION_S, Fault, wire
 from cdrj_ros.rig.load import make_load
 from cdrj_ros.rig.motion import differences, sine
-from cdrj_ros.rig.truth import follow, simulate
+from cdrj_ros.rig.prescribed import follow
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 
 TIME = np.arange(6_001) / 1000.0

@@ -14,7 +14,8 @@ from cdrj_ros.rig.cells import divide
 from cdrj_ros.rig.follow import follow_joints, pull_together
 from cdrj_ros.rig.load import make_load
 from cdrj_ros.rig.motion import differences, sine
-from cdrj_ros.rig.truth import follow, simulate
+from cdrj_ros.rig.prescribed import follow
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 
 TIME = np.arange(3_001) / 1000.0

@@ -13,9 +13,10 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.rig.assembly import Truth
+from cdrj_ros.rig.balance import BALANCE_TOLERANCE
 from cdrj_ros.rig.cells import divide_contacts
 from cdrj_ros.rig.sensors import Encoder, read_cells, read_encoder, reading_times
-from cdrj_ros.rig.truth import BALANCE_TOLERANCE, simulate
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.reader import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")

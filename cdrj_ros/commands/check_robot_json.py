@@ -1,0 +1,100 @@
+"""The results of check_robot as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+from cdrj_ros.commands.check_robot_shares import shares_document
+from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection
+from cdrj_ros.inspection.shares import Shares
+from cdrj_ros.inspection.suspicions import Suspicion
+from cdrj_ros.robot.description import Cable
+
+if TYPE_CHECKING:
+    pass
+
+
+def json_text(
+    inspection: Inspection, suspicions: Sequence[Suspicion], shares: Shares | None
+) -> str:
+    """The results as a JSON document."""
+    document = _document(inspection, suspicions)
+    document["uncertainty"] = shares_document(inspection.model, shares)
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _document(inspection: Inspection, suspicions: Sequence[Suspicion]) -> dict[str, Any]:
+    """All printed results in SI units; ``null`` for results without a value."""
+    robot = inspection.model.robot
+    names = inspection.model.layout.joints
+    return {
+        "robot": robot.name,
+        "source": robot.source,
+        "poses": len(inspection.poses),
+        "loads": dict(inspection.loads),
+        "motors": [
+            {"name": motor.name, "angle": _extent(names, motor.angle)}
+            for motor in inspection.motors
+        ],
+        "cables": [
+            _cable_document(names, cable, check)
+            for cable, check in zip(robot.cables, inspection.cables, strict=True)
+        ],
+        "suspicions": [
+            {"where": entry.where, "text": entry.text, "grave": entry.grave} for entry in suspicions
+        ],
+    }
+
+
+def _cable_document(names: Sequence[str], cable: Cable, check: CableCheck) -> dict[str, Any]:
+    def arms(extents: Sequence[Extent]) -> dict[str, Any]:
+        return dict(zip(names, (_extent(names, arm) for arm in extents), strict=True))
+
+    slack_after = (way if isfinite(way) else None for way in check.slack_after)
+    return {
+        "name": check.name,
+        "axial_stiffness": cable.axial_stiffness,
+        "preload": cable.preload,
+        "max_tension": cable.maximum_tension if isfinite(cable.maximum_tension) else None,
+        "law": cable.law,
+        "length": _extent(names, check.length),
+        "stiffness": check.stiffness,
+        "moment_arm": arms(check.moment_arm),
+        "transmission_at_rest": _extent(names, check.transmission_at_rest),
+        "transmission_sliding": _extent(names, check.transmission_sliding),
+        "tension": _extent(names, check.followed),
+        "worst_tension": _extent(names, check.worst),
+        "slack_after": dict(zip(names, slack_after, strict=True)),
+        "elements": [
+            {
+                "name": element.name,
+                "length": _extent(names, element.length),
+                "span": _extent(names, element.span),
+                "moment_arm": arms(element.moment_arm),
+            }
+            for element in check.elements
+        ],
+        "pulleys": [
+            {
+                "name": pulley.name,
+                "wrap_angle": _extent(names, pulley.wrap),
+                "transmission_at_rest": _extent(names, pulley.transmission_at_rest),
+                "transmission_sliding": _extent(names, pulley.transmission_sliding),
+                "passing": pulley.passing,
+                "needed_to_slip": pulley.needed,
+            }
+            for pulley in check.pulleys
+        ],
+    }
+
+
+def _extent(names: Sequence[str], values: Extent) -> dict[str, Any]:
+    return {
+        "low": values.low,
+        "high": values.high,
+        "low_at": dict(zip(names, values.low_at, strict=True)),
+        "high_at": dict(zip(names, values.high_at, strict=True)),
+    }

@@ -1,0 +1,125 @@
+"""What an inspection finds of a robot's cables and motors over the joint ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.text import fixed
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.robot.description import Robot
+
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Smallest and largest value over the poses, and the poses at which they occur."""
+
+    low: float
+    high: float
+    low_at: tuple[float, ...]
+    """Joint angles [rad], or [m] for prismatic joints."""
+    high_at: tuple[float, ...]
+
+    @property
+    def width(self) -> float:
+        """Largest less smallest value."""
+        return self.high - self.low
+
+
+@dataclass(frozen=True)
+class ElementCheck:
+    """One element of a cable over the joint ranges."""
+
+    name: str
+    length: Extent
+    """Length of the element, including its share of the arcs [m]."""
+    span: Extent
+    """Length between the tangent points, including the arc wound on a drum or sector [m]."""
+    moment_arm: tuple[Extent, ...]
+    """-dL/dq of every joint [m]; [-] for prismatic joints."""
+
+
+@dataclass(frozen=True)
+class PulleyCheck:
+    """One pulley of a cable over the joint ranges."""
+
+    name: str
+    wrap: Extent
+    """Wrap angle [rad]."""
+    transmission_at_rest: Extent
+    """eta for v -> 0, the limit to be overcome before the cable slips [-]."""
+    transmission_sliding: Extent
+    """eta for v far above the Stribeck speed [-]."""
+    passing: float
+    """Length of cable that passes the pulley as the joints move through their ranges [m]."""
+    needed: float
+    """Length of cable after which it certainly slips: twice the break-away travel [m]."""
+
+
+@dataclass(frozen=True)
+class CableCheck:
+    """One cable over the joint ranges."""
+
+    name: str
+    elements: tuple[ElementCheck, ...]
+    pulleys: tuple[PulleyCheck, ...]
+    length: Extent
+    """Total length of all elements [m]."""
+    moment_arm: tuple[Extent, ...]
+    """-dL/dq of the total length for every joint [m]; [-] for prismatic joints."""
+    transmission_at_rest: Extent
+    """Product over the pulleys [-]."""
+    transmission_sliding: Extent
+    """Product over the pulleys [-]."""
+    stiffness: float
+    """EA / length in the reference pose [N/m]."""
+    followed: Extent
+    """Frictionless tension while the motors follow, under the given loads [N]."""
+    worst: Extent
+    """Tension at the pulling end when every pulley has to slip, under the given loads [N]."""
+    slack_after: tuple[float, ...]
+    """Motion of every joint from the reference pose that removes all preload while the motors rest
+    [rad] or [m]; infinite if the cable does not move the joint."""
+
+
+@dataclass(frozen=True)
+class MotorCheck:
+    """One motor over the joint ranges."""
+
+    name: str
+    angle: Extent
+    """Motor angle relative to the reference pose [rad]."""
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """A robot over its joint ranges."""
+
+    model: Model
+    poses: Matrix
+    """Visited joint angles, shape (poses, joints)."""
+    cables: tuple[CableCheck, ...]
+    motors: tuple[MotorCheck, ...]
+    loads: Mapping[str, float]
+    """Effort that the cables must exert on a joint in every pose [N m] or [N]."""
+    unbalanced: tuple[tuple[float, ...], ...]
+    """Poses in which no tensions of at least 0 N exert the loads."""
+    unmoved: tuple[tuple[float, ...], ...]
+    """Poses in which the joints can move without changing the length of any cable."""
+
+
+def pose_text(robot: Robot, pose: Iterable[float]) -> str:
+    """Format a pose: ``elbow = 40.0°, slide = 0.120 m``."""
+    positions = robot.prismatic_joints
+    return ", ".join(
+        f"{joint.name} = {fixed(value, 3)} m"
+        if joint.name in positions
+        else f"{joint.name} = {fixed(degrees(value), 1)}°"
+        for joint, value in zip(robot.joints, pose, strict=True)
+    )
