@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import Readings
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification import residuals as module
 from cdrj_ros.identification.residuals import (
     Observations,
@@ -52,8 +52,8 @@ def recorded() -> Recorded:
     tension = (own, 30.0 + generator.normal(0.0, 1.0, own.size))
     return Recorded(
         "made up",
-        {"winch": Readings(stamps, stamps, motor)},
-        {"elbow": Readings(stamps, stamps, joint)},
+        {"winch": Series(stamps, stamps, motor)},
+        {"elbow": Series(stamps, stamps, joint)},
         {
             "tension/upper/8": tension,
             "tension/lower/8": (own, tension[1] + 1.0),
