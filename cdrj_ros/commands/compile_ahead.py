@@ -56,7 +56,7 @@ def _compile_deviations() -> None:
 def _compile_recordings() -> None:
     """Estimates of whole recordings, and the simulated rig."""
     from cdrj_ros.rig.follow import follow_joints
-    from cdrj_ros.rig.truth import follow
+    from cdrj_ros.rig.prescribed import follow
 
     model = load_model(ROBOT)
     samples = _samples(model)
