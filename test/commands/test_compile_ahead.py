@@ -34,7 +34,7 @@ from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.rig.truth import follow
+from cdrj_ros.rig.prescribed import follow
 
 for robot in ("prototype", "parallel"):
     model = load_model(robot)
