@@ -33,9 +33,12 @@ INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/nul
 demo: setup
 	@$(IN_ENV) python tools/demo.py
 
-# tests of one file share processes and compiled state, so they run in one worker
+# Tests of one file share processes and compiled state, so they run in one worker. Those of nodes
+# wait for messages a good part of the time, so there is a worker more than processors. Files start
+# in the order of test/conftest.py.
+WORKERS := $(shell cores=$$(nproc); echo $$((cores < 4 ? cores + 1 : 4)))
 test: check
-	@$(IN_ENV) python -m pytest -n logical --maxprocesses 4 --dist loadfile
+	@$(IN_ENV) python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 check: setup
 	@$(IN_ENV) ruff check
