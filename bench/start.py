@@ -1,4 +1,4 @@
-"""Time from the start of a process until its node works.
+"""Time from the start of a process until its node works, and the memory that it takes then.
 
 A node counts as started when its log says so, after all its topics and services exist.  Discovery
 by other nodes depends on the middleware, is the same for every node and is not included.
@@ -6,9 +6,14 @@ by other nodes depends on the middleware, is the same for every node and is not 
 
 from __future__ import annotations
 
+import os
 import subprocess
+from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
+from typing import NamedTuple
 
 from bench.figures import Row, Spread, compared
 from bench.processes import end, estimator_command, node_command
@@ -16,27 +21,81 @@ from bench.processes import end, estimator_command, node_command
 ROUNDS = 5
 
 
-def started(command: list[str], said: bytes) -> float:
-    """Time from the start of the process until its log reports that it works [s].
+class Started(NamedTuple):
+    """What the start of a node took."""
+
+    line_s: float
+    """Until its first line [s]."""
+    ready_s: float
+    """Until its log reports that it works [s]."""
+    memory_mb: float
+    """Resident memory then [MB]."""
+
+
+def started(command: list[str], said: bytes, variables: Mapping[str, str] | None = None) -> Started:
+    """Start a node, wait until it works and end it.
 
     Raises:
         RuntimeError: the process ended earlier.
     """
     begin = perf_counter()
-    process = subprocess.Popen(command, stderr=subprocess.PIPE)
+    environment = {**os.environ, **(variables or {})}
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, env=environment)
+    line_s = 0.0
     try:
         assert process.stderr is not None
         for line in process.stderr:
+            now = perf_counter() - begin
+            line_s = line_s or now
             if said in line:
-                return perf_counter() - begin
+                return Started(line_s, now, _resident_mb(process.pid))
         raise RuntimeError(f"{command[0]} ended early, exit code {process.wait()}")
     finally:
         with suppress(OSError):
             end(process)
 
 
+def _resident_mb(process: int) -> float:
+    for line in Path(f"/proc/{process}/status").read_text(encoding="ascii").splitlines():
+        if line.startswith("VmRSS:"):
+            return float(line.split()[1]) * 1024e-6
+    raise RuntimeError("this system does not tell how much memory a process takes")
+
+
+def _other_user(folder: Path) -> dict[str, str]:
+    """Variables of a user who has never started the node; the installed kernels are there."""
+    return {"HOME": str(folder), "XDG_CACHE_HOME": str(folder / "cache")}
+
+
+def _nobody(folder: Path) -> dict[str, str]:
+    """Variables with which no kernel is compiled."""
+    return {**_other_user(folder), "NUMBA_CACHE_DIR": str(folder / "kernels")}
+
+
+def _first_starts() -> list[Row]:
+    """First starts beside second ones, each pair as a user of their own."""
+    ready, rows = b"pulleys", []
+    estimator = estimator_command("info")
+    pairs: dict[str, list[tuple[Started, Started]]] = {"built": [], "nothing": []}
+    for kind, variables, rounds in (("built", _other_user, ROUNDS), ("nothing", _nobody, 1)):
+        for _ in range(rounds):
+            with TemporaryDirectory() as folder:
+                given = variables(Path(folder))
+                first = started(estimator, ready, given)
+                pairs[kind].append((first, started(estimator, ready, given)))
+    for kind, what, aim in (
+        ("built", "first start after a build, another user: more than the second", "≤ 0.2"),
+        ("nothing", "first start without a compiled kernel: more than the second", "≤ 5"),
+    ):
+        more = [first.ready_s - second.ready_s for first, second in pairs[kind]]
+        rows.append(Row("start", what, "s", Spread.of(more), aim=aim))
+    lines = [first.line_s for first, _ in pairs["nothing"]]
+    rows.append(Row("start", "... until its first line", "s", Spread.of(lines), aim="≤ 1"))
+    return rows
+
+
 def measure() -> list[Row]:
-    """Start times [s] with kernels compiled earlier."""
+    """Start times [s] and memory [MB] of estimator and bare node, then first starts."""
     ours, theirs = [], []
     estimator, bare = estimator_command("info"), node_command("bare")
     for k in range(ROUNDS + 1):
@@ -44,11 +103,19 @@ def measure() -> list[Row]:
         if k > 0:
             ours.append(mine)
             theirs.append(other)
-    difference = [mine - other for mine, other in zip(ours, theirs, strict=True)]
+    pairs = list(zip(ours, theirs, strict=True))
+    later = [mine.ready_s - other.ready_s for mine, other in pairs]
+    larger = [mine.memory_mb - other.memory_mb for mine, other in pairs]
     return [
         compared(
-            "start", "estimator, kernels compiled before", "s", ours,
-            "bare node: one publisher, one subscription", theirs,
+            "start", "estimator, kernels compiled before", "s", [one.ready_s for one in ours],
+            "bare node: one publisher, one subscription", [one.ready_s for one in theirs],
         ),
-        Row("start", "difference", "s", Spread.of(difference), aim="≤ 1"),
+        Row("start", "difference", "s", Spread.of(later), aim="≤ 0.4"),
+        *_first_starts(),
+        compared(
+            "start", "memory of the estimator", "MB", [one.memory_mb for one in ours],
+            "bare node", [one.memory_mb for one in theirs],
+        ),
+        Row("start", "difference", "MB", Spread.of(larger), aim="≤ 120"),
     ]  # fmt: skip
