@@ -20,6 +20,7 @@ from bench.processes import isolate
 SECTIONS = {
     "step": ("update", "one update beside MuJoCo's evaluation"),
     "offline": ("offline", "a 200 s bag beside rosbags"),
+    "many": ("campaign", "many bags on all cores beside one, and a fit"),
     "node": ("roundtrip", "the node's round trip beside a bare relay's"),
     "pulleys": ("scaling", "cost per pulley from 7 to 10 000"),
     "start": ("start", "the estimator's start beside a bare node's"),

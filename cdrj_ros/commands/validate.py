@@ -252,10 +252,9 @@ def _unreadable(tasks: Sequence[BagTask]) -> dict[str, Failed]:
     failed = {}
     for task in tasks:
         try:
-            open_source(task.path)
+            if len(tasks) > 1:
+                open_source(task.path)
         except (BagError, OSError) as error:
-            if len(tasks) == 1:
-                raise
             failed[task.path] = Failed(task.path, reason_of(error))
             continue
         require_reference_topics(task.path, task.topics)

@@ -1,0 +1,55 @@
+"""Time of ``validate`` over many bags, on one core and on all, and of a fit to a long bag."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds
+from bench.offline import DURATION_S, write_long_bag
+from cdrj_ros.bag import read_recording
+from cdrj_ros.campaign.tasks import processors
+
+BAGS = 6
+ROUNDS = 3
+EIGHT = "rho,preload,EA,f_d"
+"""Two numbers each, one for each of the prototype's cables."""
+
+
+def _run(command: str, *arguments: object) -> None:
+    program = f"from cdrj_ros.commands.entry import {command}; {command}()"
+    given = [*map(str, arguments), "--robot", str(ROBOT)]
+    subprocess.run(
+        [sys.executable, "-c", program, *given],
+        check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def measure() -> list[Row]:
+    """Seconds for ``BAGS`` bags of ``DURATION_S`` each, and for a fit to one of them."""
+    with TemporaryDirectory() as folder:
+        bag = Path(folder, "long")
+        write_long_bag(bag, read_recording(BAG))
+        bags = [bag] * BAGS
+        together, alone, fits = [], [], []
+        _run("validate", bag, "--uncertainty", "on")  # compiles and fills the file cache
+        common = (*bags, "--quiet", "--uncertainty", "on")
+        for _ in range(ROUNDS):
+            together.append(seconds(lambda: _run("validate", *common)))
+            alone.append(seconds(lambda: _run("validate", *common, "--jobs", 1)))
+            fits.append(seconds(lambda: _run("identify", bag, "--fit", EIGHT)))
+    hours = BAGS * DURATION_S / 3600.0
+    return [
+        compared(
+            "campaign", f"validate, {BAGS} bags of {DURATION_S} s, {processors()} processors", "s",
+            together, "the same with --jobs 1", alone, "< 0.59",
+        ),
+        Row(
+            "campaign", "validate per hour of recordings, one processor", "s",
+            Spread.of([taken / hours for taken in alone]),
+        ),
+        Row("campaign", f"identify, eight numbers, {DURATION_S} s bag", "s", Spread.of(fits),
+            aim="< 12 s"),
+    ]  # fmt: skip
