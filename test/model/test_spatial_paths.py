@@ -37,7 +37,7 @@ def test_a_drawn_cable_is_as_long_as_the_computed_one() -> None:
         assert len(pieces[5]) == 0  # the cable does not touch the far sphere
         line = np.vstack([piece for piece in pieces if len(piece)])
         drawn = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
-        assert drawn == pytest.approx(shape.length.sum(), rel=2e-4)
+        assert drawn == pytest.approx(shape.length.sum(), rel=1e-3)
         # no corner is sharper than a step of an arc: the line is smooth where it touches
         steps = np.diff(line, axis=0)
         steps /= np.linalg.norm(steps, axis=1)[:, None]
