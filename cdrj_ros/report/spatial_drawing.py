@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped,unused-ignore]
 from numpy.typing import NDArray
 
-from cdrj_ros.inspection.ranges import Inspection
+from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.model.prepared import paths_in_space
 from cdrj_ros.report.drawing_style import FONT_SIZE, INK, MUTED, cable_colour
 from cdrj_ros.report.scale_drawing import GHOST, ghost_poses, poses_text
