@@ -117,10 +117,17 @@ def _was_unseen(
     return False
 
 
-@compiled
+@lean
 def _is_on_the_way(unseen: Table) -> bool:
-    """Whether an axis may have moved unseen between the previous sample and this one."""
-    return unseen.shape[0] > 0 and bool(np.any(unseen[1] > 0.0))
+    """Whether an axis may have moved unseen between the previous sample and this one.
+
+    ``np.any`` would make every start load SciPy's linear algebra.
+    """
+    if unseen.shape[0] > 0:
+        for a in range(unseen.shape[1]):
+            if unseen[1, a] > 0.0:
+                return True
+    return False
 
 
 @lean

@@ -24,7 +24,8 @@ from cdrj_ros.model.cable import CONTACT
 from cdrj_ros.model.mechanism import friction_losses
 from cdrj_ros.model.packing import Sizes, empty_robot, number_views, plan_views
 
-sizes = Sizes(motors=0, joints=0, cables=0, elements=0, pulleys=1, frames=0, nodes=0, terms=0)
+sizes = Sizes(motors=0, joints=0, cables=0, elements=0, pulleys=1, frames=0, nodes=0, terms=0,
+    spatial_frames=0, spatial_nodes=0)
 plan, numbers = empty_robot(sizes)
 plan, numbers = plan_views(plan), number_views(sizes, numbers)
 plan.pulleys[0].wrap_changes = 1
@@ -126,13 +127,34 @@ def run_least(
     return run_program(folder, LEAST.format(before=before), **environment)
 
 
+def copy_package(folder: Path) -> Path:
+    """Copy the package without compiled kernels."""
+    ignored = shutil.ignore_patterns("__pycache__", "assets", "msg")
+    shutil.copytree(MODEL.parent, folder / "cdrj_ros", ignore=ignored)
+    shutil.copy(MODEL.parents[1] / "package.xml", folder)
+    return folder
+
+
 @pytest.fixture
 def copied(tmp_path: Path) -> Path:
     """A copy of the package without compiled kernels."""
-    ignored = shutil.ignore_patterns("__pycache__", "assets", "msg")
-    shutil.copytree(MODEL.parent, tmp_path / "cdrj_ros", ignore=ignored)
-    shutil.copy(MODEL.parents[1] / "package.xml", tmp_path)
-    return tmp_path
+    return copy_package(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def built_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = copy_package(tmp_path_factory.mktemp("built"))
+    done = run_least(folder)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0].split()[1:] == ["False", "True"]
+    return folder
+
+
+@pytest.fixture
+def built(tmp_path: Path, built_once: Path) -> Path:
+    """A copy of the package with the kernels of ``LEAST`` beside their sources."""
+    shutil.copytree(built_once, tmp_path / "package")
+    return tmp_path / "package"
 
 
 NOWHERE = {"HOME": "/dev/null/home", "XDG_CACHE_HOME": "/dev/null/cache"}
@@ -158,14 +180,13 @@ def test_a_full_disk_does_not_stop_a_kernel(copied: Path) -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_installed_kernels_run_where_nothing_can_be_written(copied: Path) -> None:
-    assert run_least(copied).returncode == 0
+def test_installed_kernels_run_where_nothing_can_be_written(built: Path) -> None:
     refused = """
 import tempfile
 def refuse(*_, **__): raise PermissionError("read-only")
 tempfile.TemporaryFile = refuse
 """
-    done = run_least(copied, refused, **NOWHERE)
+    done = run_least(built, refused, **NOWHERE)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[1] == "1", "loaded, not compiled"
     assert not done.stderr
@@ -195,10 +216,9 @@ def kept_by(user: dict[str, str]) -> list[str]:
     return sorted(path.name for path in Path(user["HOME"]).rglob("*.nbc"))
 
 
-def test_kernels_that_the_build_left_serve_every_user(copied: Path) -> None:
-    assert run_least(copied).returncode == 0
-    user = another_user(copied)
-    done = run_least(copied, NOT_HERE, **user)
+def test_kernels_that_the_build_left_serve_every_user(built: Path) -> None:
+    user = another_user(built)
+    done = run_least(built, NOT_HERE, **user)
     assert done.returncode == 0, done.stderr
     first, hits = done.stdout.splitlines()
     assert first.split()[1:] == ["True", "True"], "nothing to be announced"
@@ -216,69 +236,65 @@ def test_what_the_build_did_not_leave_is_kept_in_the_users_folder(copied: Path) 
     assert not again.stderr
 
 
-def test_kernels_of_another_version_of_numba_are_ignored_and_it_is_said(copied: Path) -> None:
-    assert run_least(copied).returncode == 0
-    folder = copied / "cdrj_ros" / "model" / "__pycache__"
+def test_kernels_of_another_version_of_numba_are_ignored_and_it_is_said(built: Path) -> None:
+    folder = built / "cdrj_ros" / "model" / "__pycache__"
     (index,) = folder.glob("friction.sliding_transmission-*.nbi")
     with index.open("rb") as file:
         pickle.load(file)  # noqa: S301 - the version of numba
         rest = file.read()
     index.write_bytes(pickle.dumps("0.1.2", protocol=-1) + rest)
-    user = another_user(copied)
-    done = run_least(copied, NOT_HERE, **user)
+    user = another_user(built)
+    done = run_least(built, NOT_HERE, **user)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[0].split() == ["0.9048374180359595", "False", "True"]
     (line,) = done.stderr.splitlines()
     assert f"in {folder} are of numba 0.1.2, this is {numba.__version__}" in line
-    assert not run_least(copied, NOT_HERE, **user).stderr, "now there are newer ones"
+    assert not run_least(built, NOT_HERE, **user).stderr, "now there are newer ones"
 
 
-def test_kernels_for_another_processor_are_ignored_and_it_is_said(copied: Path) -> None:
-    assert run_least(copied).returncode == 0
-    user = another_user(copied)
+def test_kernels_for_another_processor_are_ignored_and_it_is_said(built: Path) -> None:
+    user = another_user(built)
     other = {**user, "NUMBA_CPU_NAME": "core2", "NUMBA_CPU_FEATURES": "+sse2"}
-    done = run_least(copied, NOT_HERE, **other)
+    done = run_least(built, NOT_HERE, **other)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[0].split() == ["0.9048374180359595", "False", "True"]
     (line,) = done.stderr.splitlines()
-    assert f"in {copied / 'cdrj_ros' / 'model' / '__pycache__'} are for another processor" in line
+    assert f"in {built / 'cdrj_ros' / 'model' / '__pycache__'} are for another processor" in line
     assert any(name.startswith("friction.sliding_transmission-") for name in kept_by(user))
-    assert not run_least(copied, NOT_HERE, **other).stderr
+    assert not run_least(built, NOT_HERE, **other).stderr
 
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 def test_damaged_kernels_of_the_build_are_compiled_into_the_users_folder(
-    copied: Path, ending: str
+    built: Path, ending: str
 ) -> None:
-    assert run_least(copied).returncode == 0
-    folder = copied / "cdrj_ros" / "model" / "__pycache__"
+    folder = built / "cdrj_ros" / "model" / "__pycache__"
     (damaged,) = folder.glob(f"friction.sliding_transmission-*.{ending}")
     damaged.write_bytes(damaged.read_bytes()[:40])
-    user = another_user(copied)
-    done = run_least(copied, NOT_HERE, **user)
+    user = another_user(built)
+    done = run_least(built, NOT_HERE, **user)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("0.9048374180359595")
     assert done.stderr.count("is discarded and compiled anew") == 1
     assert len(done.stderr.splitlines()) == 1
     assert len(damaged.read_bytes()) == 40, "it is not this user's"
-    assert run_least(copied, NOT_HERE, **user).stdout.splitlines()[1] == "1"
+    assert run_least(built, NOT_HERE, **user).stdout.splitlines()[1] == "1"
 
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 @pytest.mark.parametrize("left", [0, 40])
 def test_a_damaged_kernel_is_discarded_and_compiled_anew(
-    copied: Path, ending: str, left: int
+    built: Path, ending: str, left: int
 ) -> None:
-    assert run_least(copied).returncode == 0
-    folder = copied / "cdrj_ros" / "model" / "__pycache__"
+    folder = built / "cdrj_ros" / "model" / "__pycache__"
     (damaged,) = folder.glob(f"friction.sliding_transmission-*.{ending}")
     damaged.write_bytes(damaged.read_bytes()[:left])
-    done = run_least(copied)
+    done = run_least(built)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("0.9048374180359595")
     assert done.stderr.count("is discarded and compiled anew") == 1
     assert len(done.stderr.splitlines()) == 1
-    again = run_least(copied)
+    again = run_least(built)
     assert again.stdout.splitlines()[1] == "1"
     assert not again.stderr
 
