@@ -51,6 +51,8 @@ def inspections() -> dict[str, Inspection]:
 
 def texts(figure: Figure) -> list[str]:
     found = [text.get_text() for text in figure.texts]
+    for legend in figure.legends:
+        found += [text.get_text() for text in legend.get_texts()]
     for axes in figure.axes:
         found += [text.get_text() for text in axes.texts]
         legend = axes.get_legend()
