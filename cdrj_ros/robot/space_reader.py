@@ -113,7 +113,7 @@ def _check_keys(path: str, entry: Document, refuse: Refusal) -> None:
             if key in entry:
                 raise refuse(f"{path}.{key}", "has no meaning for a fixed frame")
     if (motion == "rolling") != ("radius" in entry):
-        raise refuse(f"{path}.radius", "belongs to a rolling frame, and to no other")
+        raise refuse(f"{path}.radius", "is required for a rolling frame, and allowed only there")
     if motion == "rolling" and "axis" in entry:
         raise refuse(
             f"{path}.axis",

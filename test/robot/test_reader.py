@@ -221,7 +221,7 @@ REFUSED = {
     "wrap where it follows": ("position: [1, 0]", f"position: [1, 0], {WRAP}", "cables[1].nodes[1].wrap_angle", "must not be given"),
     "position beside spans": ("{type: anchor}", "{type: anchor, position: [1, 1]}", "cables[0].nodes[2].position", "described by spans"),
     "turn of a point": ("position: [0.5, -1]", "position: [0.5, -1], turn: cw", "cables[1].nodes[2].turn", "no meaning for a point"),
-    "radius of a revolute frame": ("    joint: q", "    joint: q\n    radius: 1", "frames[0].radius", "belongs to a rolling frame"),
+    "radius of a revolute frame": ("    joint: q", "    joint: q\n    radius: 1", "frames[0].radius", "is allowed only for a rolling frame"),
     "direction of a revolute frame": ("    joint: q", "    joint: q\n    direction: [1, 0]", "frames[0].direction", "prismatic"),
     "no direction": ("motion: revolute", "motion: prismatic\n    direction: [0, 0]", "frames[0].direction", "must not be zero"),
     "joint of a fixed frame": ("motion: revolute", "motion: fixed", "frames[0].joint", "no meaning"),
