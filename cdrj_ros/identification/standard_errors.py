@@ -61,7 +61,7 @@ class Certainty(NamedTuple):
     findings: tuple[str, ...]
     """Messages about what the data cannot determine."""
     silent: NDArray[np.bool_]
-    """Which numbers have no influence on the data, shape (p,)."""
+    """Which numbers have neither influence on the data nor a prior, shape (p,)."""
 
 
 def certainty(
@@ -92,7 +92,7 @@ def certainty(
         np.minimum(in_coordinates * np.abs(slope), most),
         np.clip(correlation, -1.0, 1.0),
         findings(problem, coordinates, information, covariance),
-        without_influence(information),
+        without_influence(information) & [u.prior is None for u in problem.unknowns],
     )
 
 
