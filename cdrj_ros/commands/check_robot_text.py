@@ -11,6 +11,7 @@ from cdrj_ros.foundation.text import counted, fixed
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, pose_text
 from cdrj_ros.inspection.shares import Shares
 from cdrj_ros.inspection.suspicions import Suspicion
+from cdrj_ros.report.columns import UNLIMITED
 from cdrj_ros.robot.description import Cable, Robot
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 LEAST_WIDTH: Final = 132
-"""Smallest width of a table; narrower terminals wrap its lines, and nothing is cut off."""
+"""Smallest width of the output; narrower terminals wrap its lines, and nothing is cut off."""
 
 
 def print_inspection(
@@ -29,15 +30,18 @@ def print_inspection(
     from rich.text import Text
 
     console = Console(highlight=False, soft_wrap=True)
-    wide = Console(highlight=False, width=max(console.width, LEAST_WIDTH))
     robot = inspection.model.robot
+    tables = [_table(inspection, cable) for cable in inspection.cables]
+    unlimited = console.options.update(max_width=UNLIMITED)
+    widths = [console.measure(table, options=unlimited).maximum for table in tables]
+    wide = Console(highlight=False, width=max(console.width, LEAST_WIDTH, *widths))
     console.print(Text(_headline(inspection), style="bold"))
     for motor in inspection.motors:
         turns = motor.angle.width / (2.0 * pi)
         console.print(Text(f"motor {motor.name}: {turns:.2f} turns to follow the joints"))
-    for cable in inspection.cables:
+    for cable, table in zip(inspection.cables, tables, strict=True):
         console.print()
-        wide.print(_table(inspection, cable))
+        wide.print(table)
         for fact in _facts(inspection, cable):
             console.print(Text(f"  {fact}"))
     if shares is not None:
