@@ -78,7 +78,7 @@ def strands_and_arcs(
     first = sum(len(other.nodes) - 1 for other in robot.cables[:c])
     wraps = pose.shape.wrap[sum(len(other.pulleys) for other in robot.cables[:c]) :]
     for e in range(len(cable.nodes) - 1):
-        ux, uy = pose.shape.direction[first + e]
+        ux, uy, _ = pose.shape.direction[first + e]
         ends = []
         for node in cable.nodes[e : e + 2]:
             place = node.place
