@@ -35,6 +35,9 @@ STIFF: Final = 4.0
 """A sensor is frozen if its reading is constant while the estimate moves by more standard
 deviations than this."""
 
+EQUAL: Final = 5
+"""A sensor is frozen only if this many readings in a row are equal."""
+
 RESPONSE: Final = (0.3, 3.0)
 """A sensor is used once the slope of its readings over the estimate lies in this range (U4)."""
 
@@ -69,8 +72,9 @@ class SensorHealth:
     tried: int = 0
     """Readings on trial, which do not correct the estimate."""
     _squares: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
-    _values: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
-    _unaided: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    _last: float | None = None
+    _equal: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    """Uncorrected estimates at the latest readings that are all equal."""
     _in_motion: int = 0
     """Readings on trial while the estimate moved."""
     _trial: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRIED))
@@ -91,10 +95,11 @@ class SensorHealth:
             self.refused += 1
             return False
         self._squares.append((value - expected) ** 2 / variance)
-        self._values.append(value)
-        self._unaided.append(unaided)
-        if len(self._squares) == JUDGED:
-            self.dropped = self._fault(value, expected, variance)
+        if value != self._last:
+            self._equal.clear()
+        self._last = value
+        self._equal.append(unaided)
+        self.dropped = self._fault(value, expected, variance)
         if not self.dropped and not self.trusted:
             return self._try(value, unaided, own)
         if self.dropped or self._squares[-1] > OUTLIER:
@@ -105,10 +110,11 @@ class SensorHealth:
 
     def _fault(self, value: float, expected: float, variance: float) -> str:
         """The fault that the last ``JUDGED`` readings show; empty if none."""
-        if max(self._values) == min(self._values) and (
-            max(self._unaided) - min(self._unaided) > STIFF * variance**0.5
-        ):
+        moved = max(self._equal) - min(self._equal)
+        if len(self._equal) >= EQUAL and moved > STIFF * variance**0.5:
             return f"frozen at {value:.4g} while the estimate moves"
+        if len(self._squares) < JUDGED:
+            return ""
         near = [square for square in self._squares if square <= OUTLIER]
         outliers = JUDGED - len(near)
         said = f"(measured {value:.4g}, expected {expected:.4g})"

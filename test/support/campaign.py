@@ -16,8 +16,12 @@ from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, shape_at
 
-Kind = Literal["gap", "slow", "late", "slip", "cell", "effort", "tare", "restart", "clock", "wrap"]
+Kind = Literal[
+    "gap", "slow", "late", "slip", "cell", "effort", "tare", "restart", "clock", "wrap", "liar"
+]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+Lie = Literal["freezes", "says zero", "doubles", "is off", "is wild"]
+LIES: tuple[Lie, ...] = get_args(Lie)
 Axis = Literal["winch", "elbow"]
 Mode = Literal["wait", "predict"]
 Stamps = NDArray[np.int64]
@@ -28,6 +32,8 @@ MS = 1_000_000
 SECOND = 1_000_000_000
 SLOWEST_NS = 100 * MS
 """Readings further apart cannot tell a slip from a motion [ns]."""
+CELL = 7
+"""Index of ``upper/8`` in the prototype."""
 SMALLEST = 1e-3
 """Lower bound of standard deviations; smaller ones are rounding errors [N]."""
 
@@ -73,6 +79,8 @@ class Faults:
     """Constant reading of a stuck load cell at ``upper/8`` [N]."""
     effort: float | None = None
     """Constant effort that the motor's driver reports [N m]."""
+    liar: tuple[Lie, int] | None = None
+    """How, and since when [ns], a load cell at ``upper/8`` lies that was good until then."""
     tare_ns: int | None = None
     """Time of a call of tare [ns]."""
     mode: Mode = "wait"
@@ -157,7 +165,7 @@ def run(
     """
     options = options or Options(
         conditioning=faults.mode,
-        tension_sensors=faults.cell is not None,
+        tension_sensors=faults.cell is not None or faults.liar is not None,
         track_preload=faults.effort is not None,
     )
     live = LiveEstimator(model, options)
@@ -174,7 +182,7 @@ def run(
         if faults.clock_ns is not None and stamp >= faults.clock_ns[0]:
             set_by = faults.clock_ns[1]
         if name == "winch":
-            _feed_sensors(live, faults, stamp, set_by)
+            _feed_sensors(live, course, faults, stamp, set_by)
         made = live.feed(kind, START + stamp + set_by, (name,), (value,))[1]
         outputs += [_moved(output, set_by) for output in made] if set_by else made
     if watch is not None:
@@ -195,12 +203,30 @@ def _messages(course: Course, faults: Faults) -> list[tuple[int, str, str, int, 
     return sorted(messages)
 
 
-def _feed_sensors(live: LiveEstimator, faults: Faults, stamp: int, set_by: int) -> None:
+def _feed_sensors(
+    live: LiveEstimator, course: Course, faults: Faults, stamp: int, set_by: int
+) -> None:
     """Feed the stuck sensors' readings at a stamp [ns]; ``set_by`` is the clock's offset [ns]."""
     if faults.effort is not None:
         live.feed_efforts(START + stamp + set_by, ("winch",), (faults.effort,))
     if faults.cell is not None and stamp % (10 * MS) == 0:
         live.feed_tensions(START + stamp + set_by, ("upper/8",), (faults.cell,), (0.05,))
+
+    if faults.liar is not None and course.tension.size and stamp % (10 * MS) == 0:
+        value = _lie(course, faults.liar, stamp // MS)
+        live.feed_tensions(START + stamp + set_by, ("upper/8",), (value,), (0.05,))
+
+
+def _lie(course: Course, liar: tuple[Lie, int], k: int) -> float:
+    """Reading of the liar at the k-th millisecond [N]."""
+    how, since = liar[0], liar[1] // MS
+    true = float(course.tension[k, CELL]) + 0.05 * np.sin(1e3 * k)  # as good as random
+    if k < since:
+        return true
+    return {
+        "freezes": float(course.tension[since, CELL]), "says zero": 0.0, "doubles": 2.0 * true,
+        "is off": true + 5.0, "is wild": true + (40.0 if k % 30 == 0 else 0.0),
+    }[how]  # fmt: skip
 
 
 def _once(faults: Faults, name: str) -> Faults:
@@ -330,6 +356,11 @@ def _cell(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> 
     faults.cell = float(generator.choice((0.0, 15.0, 30.0, 60.0)))
 
 
+def _liar(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
+    how = LIES[int(generator.integers(0, len(LIES)))]
+    faults.liar = how, int(generator.uniform(0.5, 0.9) * duration_ns)
+
+
 def _effort(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
     faults.effort = float(generator.choice((0.0, 0.05, -0.1)))
 
@@ -350,5 +381,5 @@ def _clock(faults: Faults, generator: np.random.Generator, duration_ns: int) -> 
 
 _FAULTS: Mapping[Kind, Callable[[Faults, np.random.Generator, int], None]] = {
     "gap": _gap, "slow": _slow, "late": _late, "slip": _slip, "cell": _cell, "effort": _effort,
-    "tare": _tare, "restart": _restart, "clock": _clock, "wrap": _wrap,
+    "tare": _tare, "restart": _restart, "clock": _clock, "wrap": _wrap, "liar": _liar,
 }  # fmt: skip
