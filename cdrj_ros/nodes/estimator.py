@@ -49,7 +49,7 @@ from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.settings import SIMULATED, changed_options, declare, in_force, meant
-from cdrj_ros.nodes.silence import Silence
+from cdrj_ros.nodes.silence import Silence, stale_before_ns
 from cdrj_ros.nodes.spinning import starting
 from cdrj_ros.nodes.thinning import Thinning
 from cdrj_ros.nodes.words import TopicHeard
@@ -84,7 +84,7 @@ class EstimatorNode(Node):
         started = declare(self)
         if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
-        self.timeout_s = started.timeout_s
+        self.timeout_s, self.same_clock_s = started.timeout_s, started.same_clock_s
         if not kernels_are_compiled(*kernels_of(started.options)):
             self.get_logger().info(COMPILING)
         model = load_model(started.robot, started.preload)
@@ -170,7 +170,9 @@ class EstimatorNode(Node):
                 InputTopic(self, CableTensions, TENSION_SENSORS, self._on_tensions, cells)
             )
         self.inputs = inputs
-        self.watch = InputWatch(self, self.live, inputs, self.silence, self._now_ns)
+        self.watch = InputWatch(
+            self, self.live, inputs, self.silence, self._now_ns, self.same_clock_s
+        )
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *a: Any, **k: Any
@@ -259,7 +261,7 @@ class EstimatorNode(Node):
         """Publish the estimates that one message led to; those older than the timeout as STALE."""
         thinning = self._thinning
         newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.lag_ns
-        fresh_ns = newest_ns - round(self.timeout_s * 1e9)
+        fresh_ns = stale_before_ns(newest_ns, self._now_ns(), self.timeout_s, self.same_clock_s)
         for output in outputs:
             estimate = output.estimate
             self.output = output

@@ -31,6 +31,7 @@ class InputWatch:
         inputs: Sequence[InputTopic],
         silence: Silence,
         now_ns: Callable[[], int],
+        same_clock_s: float,
     ) -> None:
         """Start without an estimate.
 
@@ -42,7 +43,7 @@ class InputWatch:
             now_ns: returns the time of the node's clock [ns].
         """
         self._node, self._live, self._inputs = node, live, inputs
-        self._silence, self._now_ns = silence, now_ns
+        self._silence, self._now_ns, self._same_clock_s = silence, now_ns, same_clock_s
         self._refused: dict[str, int] = {}
         self.looked_s = self.estimated_s = monotonic()
         """Steady times of the last call of ``health`` and of the last estimate [s]."""
@@ -91,7 +92,9 @@ class InputWatch:
         age = float("inf")
         if output is not None:
             lag_s = conditioner.lag_ns * 1e-9
-            age = age_s(output.estimate.stamp_ns, self._now_ns(), lag_s, silence_s)
+            age = age_s(
+                output.estimate.stamp_ns, self._now_ns(), lag_s, silence_s, self._same_clock_s
+            )
         waiting = ""
         if self._quiet or output is None:
             self._adapt()

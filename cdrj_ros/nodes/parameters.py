@@ -12,6 +12,7 @@ from typing import Final, Literal, get_args
 
 from cdrj_ros.conditioning.time_line import MODES
 from cdrj_ros.estimation.unsure import UNSURE_SHARE
+from cdrj_ros.nodes.silence import SAME_CLOCK_S
 from cdrj_ros.robot.document import schema
 
 UNSET: Final = -1.0
@@ -74,6 +75,13 @@ def settings() -> tuple[Setting, ...]:
     return (
         Setting("robot", "", "Robot file (YAML), or the name of an installed one; required"),
         Setting("timeout", 0.5, "Silence after which outputs are marked STALE", "s", 0.001, 3600.0),
+        Setting(
+            "same_clock_within", SAME_CLOCK_S,
+            "Estimates that lag the clock of this node by more than the timeout are STALE, unless "
+            "they lag it by more than this: then their stamps are those of a recording or of "
+            "another clock, whose differences alone count. 0: never compare with this clock",
+            "s", 0.0, 1e10,
+        ),
         Setting("frame_id", "", "frame_id of the outgoing headers"),
         Setting(
             "preload", None,

@@ -34,6 +34,7 @@ class Started(NamedTuple):
 
     robot: str
     timeout_s: float
+    same_clock_s: float
     frame_id: str
     preload: list[float] | None
     """Preload of every cable [N]; None for the robot file's."""
@@ -76,6 +77,7 @@ def declare(node: Node) -> Started:
     return Started(
         values["robot"],
         values["timeout"],
+        values["same_clock_within"],
         values["frame_id"],
         list(values["preload"] or ()) or None,
         values["output"],

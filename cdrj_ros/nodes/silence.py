@@ -5,9 +5,10 @@ from __future__ import annotations
 from math import inf
 from typing import Final
 
-COMPARABLE_S: Final = 60.0
-"""Stamps that lag the node's clock by less than this are assumed to come from the same clock [s].
-Older stamps come from a recording or another clock, and only their differences are used."""
+SAME_CLOCK_S: Final = 60.0
+"""Default of the parameter ``same_clock_within`` [s]: stamps that lag the node's clock by less are
+assumed to come from it.  Older stamps come from a recording or another clock, and only their
+differences are used."""
 
 
 class Silence:
@@ -55,7 +56,24 @@ class Silence:
         return simulated
 
 
-def age_s(stamp_ns: int, now_ns: int, lag_s: float, silence_s: float) -> float:
+def stale_before_ns(
+    newest_ns: int, now_ns: int, timeout_s: float, same_clock_s: float = SAME_CLOCK_S
+) -> int:
+    """Estimates with a stamp before this are older than the timeout [ns].
+
+    Args:
+        newest_ns: stamp of the newest reading [ns].
+        now_ns: time of the node's clock [ns].
+        timeout_s: the timeout [s].
+        same_clock_s: lag up to which stamps are assumed to come from the node's clock [s].
+    """
+    same = (now_ns - newest_ns) * 1e-9 < same_clock_s
+    return (max(newest_ns, now_ns) if same else newest_ns) - round(timeout_s * 1e9)
+
+
+def age_s(
+    stamp_ns: int, now_ns: int, lag_s: float, silence_s: float, same_clock_s: float = SAME_CLOCK_S
+) -> float:
     """Age of the last estimate as seen by a controller [s].
 
     Args:
@@ -63,7 +81,8 @@ def age_s(stamp_ns: int, now_ns: int, lag_s: float, silence_s: float) -> float:
         now_ns: time of the node's clock [ns].
         lag_s: lag of the estimate behind the newest reading when it was computed [s].
         silence_s: time since the estimate was computed [s].
+        same_clock_s: lag up to which stamps are assumed to come from the node's clock [s].
     """
     by_readings = lag_s + silence_s
     by_clock = (now_ns - stamp_ns) * 1e-9
-    return max(by_readings, by_clock) if by_clock < COMPARABLE_S else by_readings
+    return max(by_readings, by_clock) if by_clock < same_clock_s else by_readings
