@@ -119,7 +119,7 @@ def test_forces_on_whole_pulleys_are_the_vector_sums_of_their_tensions(
                     truth.tension[k, e + 1] * shape.direction[e + 1]
                     - truth.tension[k, e] * shape.direction[e]
                 )
-                assert truth.nodal_force[k, 2 * cable + p] == pytest.approx(np.hypot(*pull))
+                assert truth.nodal_force[k, 2 * cable + p] == pytest.approx(np.linalg.norm(pull))
 
 
 def test_several_motors_balance_one_joint_together(robots: Robots) -> None:
