@@ -13,6 +13,7 @@ import numpy as np
 
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.live import LiveRig, LiveSettings
 from cdrj_ros.rig.live_commands import checked_command
 from cdrj_ros.rig.live_drives import Drives
@@ -20,6 +21,7 @@ from cdrj_ros.rig.live_limits import drive_limits
 from cdrj_ros.rig.live_sensors import LiveEncoders
 from cdrj_ros.rig.load import make_load, usual_load
 from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER
+from cdrj_ros.robot.reader import build_robot
 
 RATE_HZ = 1000.0
 STEP_NS = 1_000_000
@@ -29,7 +31,9 @@ FIRST_NS = 1_000_000_000  # a stamp of 0 denotes a missing stamp
 class ClosedLoop:
     """The simulated rig with its encoders, and the estimator that reads them."""
 
-    def __init__(self, robot, payload=0.3, damping=0.05, joint=0, seed=0, cells=8, **limits):
+    def __init__(
+        self, robot, payload=0.3, damping=0.05, joint=0, seed=0, cells=8, exact=False, **limits
+    ):
         """Put the rig at rest.
 
         Args:
@@ -39,9 +43,13 @@ class ClosedLoop:
             joint: index of the joint that moves freely.
             seed: of the encoders' jitter.
             cells: number of contact cells per pulley.
+            exact: whether the numbers of the robot file are exact, as if identified.
             limits: of the motors (``drive_limits``) and ``lower`` and ``upper`` end stop [rad].
         """
         self.model = load_model(robot)
+        if exact:
+            document = {**self.model.robot.document, "uncertainty": {"others": "exact"}}
+            self.model = prepare(build_robot(document, self.model.robot.source))
         robot = self.model.robot
         stops = {name: limits.pop(name) for name in ("lower", "upper") if name in limits}
         load = make_load(usual_load(robot, joint), payload, damping)

@@ -121,7 +121,7 @@ def taut(seconds=12.0, floor=2.0, share=-0.5):
     pose[:, 0] = 0.5 * np.minimum(time_s, 1.0) + smooth_target(time_s, 0.35, 0.3)[0]
 
     def tensions(share):
-        loop = ClosedLoop("finger", payload=0.02, damping=0.02, cells=4)
+        loop = ClosedLoop("finger", payload=0.02, damping=0.02, cells=4, exact=True)
         law = KeepTaut(loop.model, floor)
         motors = follow_joints(loop.model, pose).motor_angle
         found = []

@@ -33,7 +33,7 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
-from cdrj_ros.report.scene import Scene, is_placed, scene_of, tension_colour
+from cdrj_ros.report.scene import Scene, scene_of, tension_colour
 from cdrj_ros.robot.description import Joint
 
 Namespace = Literal["cables", "wheels", "forces", "labels"]
@@ -172,7 +172,7 @@ class MarkersNode(Node):
     def _arrows(self, scene: Scene) -> Iterator[Marker]:
         """One arrow per pulley of the cables given by positions."""
         forces = _by_name(self.nodal_forces, ("force_x", "force_y", "force_z", "status"))
-        placed = {cable.name for cable in self.model.robot.cables if is_placed(cable)}
+        placed = {cable.name for cable in self.model.robot.cables if cable.routed or cable.spatial}
         for k, wheel in enumerate(scene.wheels):
             if wheel.name.rpartition("/")[0] not in placed or wheel.kind != "pulley":
                 continue

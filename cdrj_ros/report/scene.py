@@ -1,24 +1,26 @@
 """A robot in one pose as lines and wheels in space, for live pictures.
 
-Cables given by positions lie in the plane z = 0 of the base frame.  Cables given by tables have no
-positions; they are drawn unrolled, as straight lines one above the other.
+Cables given by positions in the plane lie in the plane z = 0 of the base frame.  Cables given by
+tables have no positions; they are drawn unrolled, as straight lines one above the other.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.prepared import Model, paths_in_space, shape_at
 from cdrj_ros.report.pose import Pose, centre_of, pose_of, strands_and_arcs
-from cdrj_ros.robot.description import Anchor, Cable, Winch
+from cdrj_ros.robot.description import Anchor, Winch
 
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
 Colour = tuple[float, float, float]
+Centre = tuple[float, float, float]
 
 Kind = Literal["winch", "pulley", "anchor"]
 """What a cable touches."""
@@ -40,9 +42,9 @@ class Wheel:
     """``cable/node``."""
     kind: Kind
     centre: tuple[float, float, float]
-    """[m]."""
+    """[m]; of a node in space the middle of its contact with the cable."""
     radius: float
-    """[m]; 0 for an anchor at a point."""
+    """[m]; 0 for an anchor at a point, and in space."""
 
 
 @dataclass(frozen=True)
@@ -58,32 +60,51 @@ class Scene:
     """In the order of the cables and their nodes."""
 
 
-def is_placed(cable: Cable) -> bool:
-    """Whether a cable is given by positions."""
-    return all(node.place is not None for node in cable.nodes)
-
-
 def scene_of(model: Model, joint_angle: Vector) -> Scene:
     """The robot at joint angles [rad] or [m], shape (joints,)."""
     robot = model.robot
     pose = pose_of(model, joint_angle)
+    in_space = paths_in_space(model, joint_angle) if robot.spatial_frames else []
     elements: list[Points] = []
     wheels: list[Wheel] = []
     row = 0
     for c, cable in enumerate(robot.cables):
-        if is_placed(cable):
-            elements += _placed_elements(model, pose, c)
-            centres = [centre_of(pose, node.place) for node in cable.nodes if node.place]
+        if cable.spatial:
+            paths, centres = _elements_in_space(in_space[c])
+        elif cable.routed:
+            paths = _placed_elements(model, pose, c)
+            centres = [(*centre_of(pose, n.place), 0.0) for n in cable.nodes if n.place]
         else:
             paths, centres = _unrolled(model, c, row)
-            elements += paths
             row += 1
-        for k, (node, (x, y)) in enumerate(zip(cable.nodes, centres, strict=True)):
+        elements += paths
+        for k, (node, centre) in enumerate(zip(cable.nodes, centres, strict=True)):
             kind: Kind = "pulley"
             if isinstance(node, (Winch, Anchor)):
                 kind = "winch" if isinstance(node, Winch) else "anchor"
-            wheels.append(Wheel(f"{cable.name}/{k + 1}", kind, (x, y, 0.0), node.radius))
+            radius = 0.0 if cable.spatial else node.radius
+            wheels.append(Wheel(f"{cable.name}/{k + 1}", kind, centre, radius))
     return Scene(tuple(elements), tuple(wheels))
+
+
+def _elements_in_space(pieces: list[Points]) -> tuple[list[Points], list[Centre]]:
+    """Elements of one cable, and the middle of its contact with every node.
+
+    Args:
+        pieces: points of contact with every node [m], shape (n, 3) each; none where it lifted off.
+    """
+    filled = list(pieces)
+    for k, piece in enumerate(pieces):
+        if len(piece) == 0:  # on the straight line between the contacts beside it
+            before = filled[k - 1][-1]
+            after = next(other[0] for other in pieces[k + 1 :] if len(other))
+            filled[k] = 0.5 * (before + after)[None]
+    paths = [
+        np.concatenate([one[len(one) // 2 :], other[: len(other) // 2 + 1]])
+        for one, other in pairwise(filled)
+    ]
+    middles = [piece[len(piece) // 2] for piece in filled]
+    return paths, [(float(x), float(y), float(z)) for x, y, z in middles]
 
 
 def _placed_elements(model: Model, pose: Pose, c: int) -> list[Points]:
@@ -97,7 +118,7 @@ def _placed_elements(model: Model, pose: Pose, c: int) -> list[Points]:
     return paths
 
 
-def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[tuple[float, float]]]:
+def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[Centre]]:
     """Elements and nodes of a cable as a straight line, in the reference pose."""
     robot = model.robot
     reference = np.array([joint.reference_angle for joint in robot.joints])
@@ -107,7 +128,8 @@ def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[tuple[
     along = np.concatenate([[0.0], np.cumsum(lengths[first : first + len(cable.nodes) - 1])])
     y = -row * ROW * max(node.radius for cable in robot.cables for node in cable.nodes)
     nodes = [(float(x), y) for x in along]
-    return [_in_space(nodes[e : e + 2]) for e in range(len(nodes) - 1)], nodes
+    paths = [_in_space(nodes[e : e + 2]) for e in range(len(nodes) - 1)]
+    return paths, [(x, y, 0.0) for x, y in nodes]
 
 
 def _in_space(points: list[tuple[float, float]]) -> Points:

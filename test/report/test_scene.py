@@ -50,3 +50,20 @@ def test_colours_run_from_slack_to_the_limit() -> None:
     reds = [tension_colour(t, 30.0, np.inf)[0] for t in (30.0, 60.0, 90.0)]
     assert reds == sorted(reds)
     assert tension_colour(10.0, 0.0, 0.5) == pytest.approx(LIMIT_COLOUR), "no preload"
+
+
+@pytest.mark.parametrize("name", ["cdpr", "exosuit"])
+def test_the_elements_of_a_cable_in_space_meet(name: str) -> None:
+    model = load_model(name)
+    reference = np.array([axis.reference_angle for axis in model.robot.joints])
+    scene = scene_of(model, reference)
+    assert len(scene.elements) == len(model.layout.elements)
+    first = 0
+    for cable in model.robot.cables:
+        count = len(cable.nodes) - 1
+        paths = scene.elements[first : first + count]
+        for before, after in pairwise(paths):
+            np.testing.assert_allclose(before[-1], after[0], atol=1e-12)
+        assert all(np.isfinite(path).all() for path in paths)
+        first += count
+    assert np.ptp(np.concatenate(scene.elements)[:, 2]) > 0.01, "not in a plane"
