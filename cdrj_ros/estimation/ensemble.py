@@ -19,15 +19,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.conditioning.samples import ALL_SEEN, Sample, Samples
 from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State
 from cdrj_ros.estimation.member_kernels import (
     ANY,
     LAST_STAMP,
     PROGRESS,
+    Members,
+    Path,
+    begin_sample,
     run_members,
-    update_members,
+    step_members,
 )
 from cdrj_ros.estimation.members import (
     draw_numbers,
@@ -37,6 +40,7 @@ from cdrj_ros.estimation.members import (
     unseen_ways,
     wind_differently,
 )
+from cdrj_ros.model.compiled import direct
 from cdrj_ros.model.prepared import Layout, Model, read_only
 from cdrj_ros.robot.description import Uncertainty
 
@@ -64,6 +68,46 @@ def _elements_of(layout: Layout) -> NDArray[np.int64]:
     pulleys = [cables.index(name.rsplit("/", 1)[0]) for name in layout.pulleys]
     efforts = [int(ANY)] * (len(layout.motors) + len(layout.joints))
     return np.array(elements + pulleys + efforts, dtype=np.int64)
+
+
+def _new_members(
+    model: Model,
+    columns: NDArray[np.int64],
+    numbers: Table,
+    seed: int,
+    generator: np.random.Generator,
+) -> Members:
+    """Members before their first sample, with random friction histories and reading errors."""
+    robot, members = model.robot, len(numbers)
+    axes = len(robot.motors) + len(robot.joints)
+    shares = [friction_shares(members, len(cable.pulleys), generator) for cable in robot.cables]
+    spans = [(-np.inf, np.inf) for _ in robot.motors]
+    spans += [(joint.lower, joint.upper) for joint in robot.joints]
+    unsure = robot.uncertainty is not None and not robot.uncertainty.drums_hold
+    return Members(
+        numbers=read_only(numbers),
+        states=np.zeros((members, model.state_size)),
+        stamps=np.zeros(members, dtype=np.int64),
+        shares=np.concatenate(shares, axis=1),
+        forgetful=(np.arange(members) // 2 % 2 == 1) & unsure,
+        reading_errors=reading_errors(robot, generator),
+        progress=np.zeros(PROGRESS, dtype=np.int64),
+        columns=columns,
+        element_of=_elements_of(model.layout),
+        deviation=np.zeros((members, columns.size)),
+        variance=np.zeros(columns.size),
+        unmodelled=unmodelled(model),
+        intervals=np.zeros(axes, dtype=np.int64),
+        ways=unseen_ways(members, axes, np.random.default_rng((seed, 1))),
+        span=np.array(spans).T.copy(),
+        angle=np.zeros(axes),
+        new_angle=np.zeros(axes),
+        middle=np.zeros(axes),
+        unseen=np.zeros((2, axes)),
+        estimate=np.zeros(model.layout.size),
+        readings=np.empty(axes),
+        out=np.empty(model.out_size),
+    )
 
 
 class Spread:
@@ -98,50 +142,37 @@ class Spread:
         if preload_share > 0.0:
             preload_differently(model, numbers, preload_share, generator)
         self.numbers = numbers
-        self._shares = np.concatenate(
-            [friction_shares(members, len(cable.pulleys), generator) for cable in robot.cables],
-            axis=1,
-        )
-        self._errors = reading_errors(robot, generator)
-        unsure = robot.uncertainty is not None and not robot.uncertainty.drums_hold
-        self._forgetful = (np.arange(members) // 2 % 2 == 1) & unsure
-        self.states = np.zeros((members, model.state_size))
-        self.stamps = np.zeros(members, dtype=np.int64)
-        self._progress = np.zeros(PROGRESS, dtype=np.int64)
-        self._element_of = _elements_of(model.layout)
-        self._unmodelled = unmodelled(model)
-        self._elements = len(model.layout.elements)
-        self._out = np.empty(model.out_size)
-        self._readings = np.empty(len(robot.motors) + len(robot.joints))
-        self._last_angle = np.zeros(len(robot.motors) + len(robot.joints))
-        self._intervals = np.zeros(self._last_angle.size, dtype=np.int64)
-        self._ways = unseen_ways(members, self._last_angle.size, np.random.default_rng((seed, 1)))
-        self._span = np.array(
-            [(-np.inf, np.inf) for _ in robot.motors]
-            + [(joint.lower, joint.upper) for joint in robot.joints]
-        ).T.copy()
-        self.deviation = np.zeros((members, self.columns.size))
-        self.variance = np.zeros(self.columns.size)
+        self._members = _new_members(model, self.columns, numbers, seed, generator)
+        self.states, self.stamps = self._members.states, self._members.stamps
+        self.deviation, self.variance = self._members.deviation, self._members.variance
+        self._new_motor_angle = self._members.new_angle[: len(robot.motors)]
+        self._new_joint_angle = self._members.new_angle[len(robot.motors) :]
+        self._kernels: tuple[Any, Any] | None = None
         self.generator = generator
         self.reset()
 
     def reset(self) -> None:
         """Discard the members' history; the next sample starts them anew."""
         self.states[:] = 0.0
-        self._progress[:] = (0, -1, 0)
-        self._intervals[:] = 0
+        self._members.progress[:] = (0, -1, 0)
+        self._members.intervals[:] = 0
         self.deviation[:] = 0.0
         self.variance[:] = 0.0
+        self._waiting = False
+        """Whether one member has yet to be updated to the last sample."""
+        self._hidden = False
+        """Whether an axis had no reading at the last sample."""
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """The ensemble's memory, which ``recall`` restores."""
+        self.finish()
         return {
             "members": self.states,
             "member_stamps": self.stamps,
             "member_numbers": self.numbers,
-            "progress": self._progress,
-            "last_angle": self._last_angle,
-            "intervals": self._intervals,
+            "progress": self._members.progress,
+            "last_angle": self._members.angle,
+            "intervals": self._members.intervals,
             "deviation": self.deviation,
         }
 
@@ -161,9 +192,11 @@ class Spread:
 
     def shift_clock(self, by_ns: int) -> None:
         """Shift the members' stamps by ``by_ns`` [ns]."""
+        self.finish()
         self.stamps += by_ns
-        if self._progress[LAST_STAMP] >= 0:
-            self._progress[LAST_STAMP] += by_ns
+        progress = self._members.progress
+        if progress[LAST_STAMP] >= 0:
+            progress[LAST_STAMP] += by_ns
 
     def update(self, sample: Sample, estimate: Estimate) -> Vector:
         """Update the ensemble with the sample of a step and the resulting estimate.
@@ -171,25 +204,50 @@ class Spread:
         Returns:
             Standard deviations, in the order of ``spread_columns``.
         """
-        stddev = np.empty(self.columns.size)
-        self._advance(sample, estimate, 1, stddev)
+        stddev = self.begin(sample, estimate)
+        self.finish()
         return stddev
+
+    def begin(self, sample: Sample, estimate: Estimate) -> Vector:
+        """The first half of ``update``: the standard deviations, before a member is updated.
+
+        What is sent need not wait for a member, which changes the standard deviations by one part
+        in as many as there are members.  ``finish`` can follow at any time before the next call.
+        """
+        self.finish()
+        stddev = np.empty(self.columns.size)
+        self._begin(sample, estimate, 1, stddev)
+        return stddev
+
+    def finish(self) -> None:
+        """The second half of ``update``; without effect if it has already been called."""
+        if self._waiting:
+            self._waiting = False
+            assert self._kernels is not None
+            self._kernels[1](self.model.plan, self._members, 1, self._hidden, 0.0)
 
     def catch_up(self, sample: Sample, estimate: Estimate) -> None:
         """Update all members to ``sample``, the last one given to ``update``."""
-        if np.all(self.stamps == sample.stamp_ns):
-            return
-        self._advance(sample, estimate, len(self.states), np.empty(self.columns.size))
+        self.finish()
+        if not np.all(self.stamps == sample.stamp_ns):
+            self._begin(sample, estimate, len(self.states), np.empty(self.columns.size))
 
-    def _advance(self, sample: Sample, estimate: Estimate, count: int, stddev: Vector) -> None:
-        update_members(
-            self.model.plan, read_only(self.numbers), self.states, self.stamps, self._shares,
-            self._forgetful, self._errors, self._progress, count, self.columns, self._element_of,
-            self._elements, sample.stamp_ns, sample.motor_angle, sample.joint_angle,
-            sample.unseen, estimate.values, self.deviation, self.variance, self._unmodelled,
-            self._last_angle, self._intervals, self._ways, self._span, self._readings, self._out,
-            stddev,
-        )  # fmt: skip
+    def _begin(self, sample: Sample, estimate: Estimate, least: int, stddev: Vector) -> None:
+        """Copy sample and estimate, whatever their arrays are, and call ``begin_sample``."""
+        members, plan = self._members, self.model.plan
+        np.copyto(self._new_motor_angle, sample.motor_angle)
+        np.copyto(self._new_joint_angle, sample.joint_angle)
+        np.copyto(members.estimate, estimate.values)
+        hidden = self._hidden = sample.unseen is not ALL_SEEN and len(sample.unseen) > 0
+        if hidden:
+            np.copyto(members.unseen, sample.unseen)
+        if self._kernels is None:  # the members' arrays stay the same, so that types are known
+            self._kernels = (
+                direct(begin_sample, plan, members, 1, 1, True, stddev),
+                direct(step_members, plan, members, 1, True, 0.0),
+            )
+        stamp = int(sample.stamp_ns)
+        self._waiting = self._kernels[0](plan, members, least, stamp, hidden, stddev)
 
     def run(
         self,
@@ -211,11 +269,7 @@ class Spread:
         first = state.stamp_ns if state.stamp_ns != NEVER else int(stamps[0])
         dt = np.diff(stamps, prepend=np.int64(first)) * 1e-9
         values = state.values.copy()
-        run_members(
-            model.plan, model.numbers, values, read_only(self.numbers), self.states, self.stamps,
-            self._shares, self._forgetful, self._errors, self._progress, self.columns,
-            self._element_of, self._elements, stamps, samples.motor_angle, samples.joint_angle,
-            samples.unseen, dt, self.deviation, self.variance, self._unmodelled, self._last_angle,
-            self._intervals, self._ways, self._span, self._readings, self._out, estimates, stddev,
-        )  # fmt: skip
+        self.finish()
+        path = Path(stamps, samples.motor_angle, samples.joint_angle, samples.unseen, dt)
+        run_members(model.plan, model.numbers, values, self._members, path, estimates, stddev)
         return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout, stddev)

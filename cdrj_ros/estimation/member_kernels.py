@@ -6,12 +6,12 @@ Called by ``cdrj_ros.estimation.ensemble``, which describes the members.
 from __future__ import annotations
 
 from math import ceil, sqrt
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import compiled, lean
+from cdrj_ros.model.compiled import lean
 from cdrj_ros.model.drum import start_drum
 from cdrj_ros.model.friction_history import impose_friction
 from cdrj_ros.model.mechanism import advance
@@ -39,6 +39,66 @@ ROUND_NS: Final = 4_000_000
 # A literal argument has its own type, for which numba would compile the callee again.
 ONE: Final[Any] = np.int64(1)
 ANY: Final[Any] = np.int64(-1)
+
+
+class Members(NamedTuple):
+    """All memory of an ensemble."""
+
+    numbers: Table
+    """Of the prepared robot of every member, shape (members, numbers); read-only."""
+    states: Table
+    """Shape (members, state_size)."""
+    stamps: NDArray[np.int64]
+    """Of every member's last update [ns], shape (members,)."""
+    shares: Table
+    """Initial friction as a share of its bound, shape (members, pulleys)."""
+    forgetful: NDArray[np.bool_]
+    """Whether the member's drums forget at which strain cable went on, shape (members,)."""
+    reading_errors: Table
+    """Rows of reading errors, used in turn [rad], shape (rows, axes)."""
+    progress: NDArray[np.int64]
+    """Updates so far, last stamp [ns], whether the last estimate was not solved: (PROGRESS,)."""
+    columns: NDArray[np.int64]
+    """Places in the estimate of the quantities that have a standard deviation."""
+    element_of: NDArray[np.int64]
+    """An element of each column's cable; -1 for efforts."""
+    deviation: Table
+    """Differences from the estimate, shape (members, columns)."""
+    variance: Vector
+    """Shape (columns,)."""
+    unmodelled: Table
+    """What no member shows, see ``cdrj_ros.estimation.discrepancy``, shape (2, columns)."""
+    intervals: NDArray[np.int64]
+    """Of every axis, see ``_note_unseen``, shape (axes,)."""
+    ways: NDArray[np.float64]
+    """Shares of the deviation between readings, shape (ways, members, axes)."""
+    span: Table
+    """Ranges of all axes [rad], shape (2, axes)."""
+    angle: Vector
+    """Of all axes at the last sample [rad], shape (axes,)."""
+    new_angle: Vector
+    """The same of the sample that begins."""
+    middle: Vector
+    """Midway between both."""
+    unseen: Table
+    """``Sample.unseen``, shape (2, axes)."""
+    estimate: Vector
+    """At the last sample, shape (estimate_size,)."""
+    readings: Vector
+    """Scratch, shape (axes,)."""
+    out: Vector
+    """Scratch of ``advance``, shape (out_size,)."""
+
+
+class Path(NamedTuple):
+    """Samples as ``run_members`` takes them; see ``cdrj_ros.conditioning.samples``."""
+
+    stamp_ns: NDArray[np.int64]
+    motor_angle: Table
+    joint_angle: Table
+    unseen: NDArray[np.float64]
+    dt: Vector
+    """Time since the sample before [s]."""
 
 
 @lean
@@ -72,7 +132,7 @@ def _advance_member(
     return solved
 
 
-@compiled
+@lean
 def forget_drums(plan: NDArray[np.int64], numbers: Vector, state: Vector) -> None:
     """Give all cable on the drums the present strain, as of a cable that slips on its drum."""
     layout = plan_views(plan)
@@ -101,89 +161,65 @@ def _is_invalid(estimate: Vector, elements: int, element: int) -> bool:
 
 
 @lean
-def _was_unseen(
-    last_stamp: int, stamp: int, last_angle: Vector, motor_angle: Vector, joint_angle: Vector
-) -> bool:
+def _was_unseen(last_stamp: int, stamp: int, last_angle: Vector, angle: Vector) -> bool:
     """Whether a gap precedes this sample during which an axis moved."""
     if last_stamp < 0 or stamp - last_stamp <= UNSEEN_NS:
         return False
-    motors = motor_angle.size
-    for m in range(motors):
-        if abs(motor_angle[m] - last_angle[m]) > MOVED:
-            return True
-    for j in range(joint_angle.size):
-        if abs(joint_angle[j] - last_angle[motors + j]) > MOVED:
-            return True
-    return False
+    moved = False
+    for a in range(angle.size):
+        moved |= abs(angle[a] - last_angle[a]) > MOVED
+    return moved
 
 
 @lean
-def _is_on_the_way(unseen: Table) -> bool:
-    """Whether an axis may have moved unseen between the previous sample and this one.
+def _note_unseen(unseen: Table, hidden: bool, intervals: NDArray[np.int64]) -> tuple[bool, bool]:
+    """Count every axis's intervals without readings.
 
-    ``np.any`` would make every start load SciPy's linear algebra.
+    ``intervals`` holds twice the number of past intervals, plus one during an interval.  Where not
+    ``hidden``, all of ``unseen`` counts as zero.
+
+    Returns:
+        Whether an axis is in an interval now, and whether one may have moved unseen since the
+        sample before.
     """
-    if unseen.shape[0] > 0:
-        for a in range(unseen.shape[1]):
-            if unseen[1, a] > 0.0:
-                return True
-    return False
-
-
-@lean
-def _note_unseen(unseen: Table, intervals: NDArray[np.int64]) -> bool:
-    """Count every axis's intervals without readings; True if an axis is in one now.
-
-    ``intervals`` holds twice the number of past intervals, plus one during an interval.
-    """
-    hidden = False
+    inside, on_the_way = False, False
     for a in range(intervals.size):
-        if unseen.shape[0] and unseen[0, a] > 0.0:
+        moved = hidden and unseen[1, a] > 0.0
+        on_the_way |= moved
+        if hidden and unseen[0, a] > 0.0:
             intervals[a] |= 1
-            hidden = True
+            inside = True
         else:
             intervals[a] += intervals[a] & 1
-            if unseen.shape[0] and unseen[1, a] > 0.0:
+            if moved:
                 intervals[a] += 2
-    return hidden
+    return inside, on_the_way
 
 
 @lean
-def _deviate(
-    readings: Vector,
-    deviation: Vector,
-    ways: NDArray[np.float64],
-    intervals: NDArray[np.int64],
-    member: int,
-    span: Table,
-) -> None:
+def _deviate(members: Members, deviation: Vector, k: int) -> None:
     """Shift a member's readings by its share of the angles' deviation, within the axes' ranges.
 
     A member keeps sign and size of its share throughout an interval between readings, so its path
     is smooth and cables slip along it as they would in a real motion.
     """
+    readings, span = members.readings, members.span
     for a in range(readings.size):
         if deviation[a] > 0.0:
-            way = ways[(intervals[a] >> 1) % ways.shape[0], member, a]
+            way = members.ways[(members.intervals[a] >> 1) % members.ways.shape[0], k, a]
             moved = readings[a] + deviation[a] * way
             low, high = min(span[0, a], readings[a]), max(span[1, a], readings[a])
             readings[a] = min(max(moved, low), high)
 
 
 @lean
-def _forget(
-    states: Table,
-    deviation: Table,
-    variance: Vector,
-    progress: NDArray[np.int64],
-    intervals: NDArray[np.int64],
-) -> None:
+def _forget(members: Members) -> None:
     """Reset all members, because their friction history is unknown."""
-    states[:] = 0.0
-    deviation[:] = 0.0
-    variance[:] = 0.0
-    progress[TURN] = 0
-    intervals[:] = 0
+    members.states[:] = 0.0
+    members.deviation[:] = 0.0
+    members.variance[:] = 0.0
+    members.progress[TURN] = 0
+    members.intervals[:] = 0
 
 
 @lean
@@ -194,199 +230,180 @@ def _read(readings: Vector, angle: Vector, errors: Vector) -> None:
 
 
 @lean
-def _take_deviation(
-    columns: NDArray[np.int64],
-    element_of: NDArray[np.int64],
-    elements: int,
-    all_solved: bool,
-    estimate: Vector,
-    own: Vector,
-    deviation: Table,
-    variance: Vector,
-    member: int,
-) -> None:
-    """Store a member's difference from the estimate and its contribution to the variance (U1).
+def _take_deviation(members: Members, elements: int, all_solved: bool, own: Vector, k: int) -> None:
+    """Store member ``k``'s difference from the estimate and its part of the variance (U1).
 
-    Quantities not solved in either keep their last difference.  Takes 9 arguments because kernels
-    take arrays and numbers, not objects.
+    Quantities not solved in either keep their last difference.
     """
-    members = deviation.shape[0]
+    columns, estimate = members.columns, members.estimate
+    deviation, variance = members.deviation, members.variance
+    count = deviation.shape[0]
     for c in range(columns.size):
         if not all_solved and (
-            _is_invalid(estimate, elements, element_of[c])
-            or _is_invalid(own, elements, element_of[c])
+            _is_invalid(estimate, elements, members.element_of[c])
+            or _is_invalid(own, elements, members.element_of[c])
         ):
             continue
         d = own[columns[c]] - estimate[columns[c]]
-        variance[c] += (d * d - deviation[member, c] * deviation[member, c]) / members
-        deviation[member, c] = d
-    if member == members - 1:  # recompute, so that rounding errors do not accumulate
+        variance[c] += (d * d - deviation[k, c] * deviation[k, c]) / count
+        deviation[k, c] = d
+    if k == count - 1:  # recompute, so that rounding errors do not accumulate
         for c in range(columns.size):
             total = 0.0
-            for i in range(members):
+            for i in range(count):
                 total += deviation[i, c] * deviation[i, c]
-            variance[c] = total / members
+            variance[c] = total / count
 
 
 @lean
-def _write_stddev(
-    columns: NDArray[np.int64],
-    estimate: Vector,
-    variance: Vector,
-    unmodelled: Table,
-    stddev: Vector,
-) -> None:
+def _write_stddev(members: Members, stddev: Vector) -> None:
     """Add what no member shows to the spread (U5), and widen it where cables are slack (U6)."""
+    columns, unmodelled = members.columns, members.unmodelled
     for c in range(columns.size):
-        total = max(variance[c], 0.0) + unmodelled[0, c]
+        total = max(members.variance[c], 0.0) + unmodelled[0, c]
         slack = unmodelled[1, c]
-        if abs(estimate[columns[c]]) <= slack:
+        if abs(members.estimate[columns[c]]) <= slack:
             total = max(total, slack * slack)
         stddev[c] = sqrt(total)
 
 
-@compiled
-def update_members(
-    plan: NDArray[np.int64],
-    numbers: Table,
-    states: Table,
-    stamps: NDArray[np.int64],
-    shares: Table,
-    forgetful: NDArray[np.bool_],
-    reading_errors: Table,
-    progress: NDArray[np.int64],
-    count: int,
-    columns: NDArray[np.int64],
-    element_of: NDArray[np.int64],
-    elements: int,
-    stamp: int,
-    motor_angle: Vector,
-    joint_angle: Vector,
-    unseen: Table,
-    estimate: Vector,
-    deviation: Table,
-    variance: Vector,
-    unmodelled: Table,
-    last_angle: Vector,
-    intervals: NDArray[np.int64],
-    ways: NDArray[np.float64],
-    span: Table,
-    readings: Vector,
-    out: Vector,
-    stddev: Vector,
+@lean
+def step_members(
+    plan: NDArray[np.int64], members: Members, count: int, hidden: bool, half: float
 ) -> None:
-    """Update the next ``count`` members and write the standard deviations.
+    """Update the next ``count`` members to the sample and the estimate in ``members``.
 
-    All members are updated at the first sample, after a gap during which an axis moved (their
-    histories then start anew), after samples that were not fully solved, and when an axis may have
-    moved unseen since the previous sample: each member then takes a path of its own (U3).
-
-    Takes 27 arguments because kernels take arrays and numbers, not objects, and members share
-    all of the memory of ``Spread``.  Longer than a screen because its arguments take half of one.
+    Args:
+        plan: of the prepared robot.
+        members: the ensemble, changed.
+        count: number of members.
+        hidden: whether ``members.unseen`` holds deviations of the angles.
+        half: if an axis may have moved unseen since the sample before, half of the time since then
+            [s]: each member then takes a path of its own through ``members.middle``; otherwise 0.
     """
-    members, size = states.shape
-    motors = motor_angle.size
-    if _was_unseen(progress[LAST_STAMP], stamp, last_angle, motor_angle, joint_angle):
-        _forget(states, deviation, variance, progress, intervals)
-    last_stamp = progress[LAST_STAMP]
-    new = stamp != last_stamp
-    on_the_way = new and progress[TURN] > 0 and _is_on_the_way(unseen)
-    if new and _note_unseen(unseen, intervals) and progress[TURN] > 0:
-        passed = (stamp - last_stamp) / ROUND_NS
-        count = max(count, min(members, ceil(members * passed)))
     sizes = plan_views(plan).sizes
-    middle_angle = 0.5 * last_angle
-    half = 0.0
-    if on_the_way:
-        count = members
-        middle_angle[:motors] += 0.5 * motor_angle
-        middle_angle[motors:] += 0.5 * joint_angle
-        half = (stamp - last_stamp) * 0.5e-9
-    progress[LAST_STAMP] = stamp
-    copy_part(motor_angle, 0, part(last_angle, 0, motors))
-    copy_part(joint_angle, 0, part(last_angle, motors, last_angle.size))
-    unsolved = _is_invalid(estimate, elements, ANY)
-    if progress[TURN] == 0 or (progress[BEHIND] and not unsolved):
-        count = members
-    progress[BEHIND] = unsolved
+    readings, progress = members.readings, members.progress
+    states, stamp = members.states, progress[LAST_STAMP]
+    motors, axes = sizes.motors, sizes.motors + sizes.joints
+    size, wanted = states.shape[1], members.estimate.size
+    unsolved = progress[BEHIND] != 0
     for _ in range(count):
-        k = progress[TURN] % members
-        errors = reading_errors[progress[TURN] % reading_errors.shape[0]]
+        k = progress[TURN] % len(states)
+        errors = members.reading_errors[progress[TURN] % len(members.reading_errors)]
         progress[TURN] += 1
-        dt = (stamp - stamps[k]) * 1e-9
-        started = state_views(sizes, states[k]).started[0] != 0.0
-        if on_the_way and started:
-            _read(readings, middle_angle, errors)
-            _deviate(readings, unseen[1], ways, intervals, k, span)
+        numbers, state, share = members.numbers[k], states[k], members.shares[k]
+        motor_angle, joint_angle = part(readings, 0, motors), part(readings, motors, axes)
+        dt = (stamp - members.stamps[k]) * 1e-9
+        if half > 0.0 and state_views(sizes, state).started[0] != 0.0:
+            _read(readings, members.middle, errors)
+            _deviate(members, members.unseen[1], k)
             _advance_member(
-                plan, numbers[k], states[k], shares[k], readings[:motors], readings[motors:],
-                dt - half, estimate.size, out,
+                plan, numbers, state, share, motor_angle, joint_angle, dt - half, wanted,
+                members.out,
             )  # fmt: skip
             dt = half
-        _read(readings, last_angle, errors)
-        if unseen.shape[0]:
-            _deviate(readings, unseen[0], ways, intervals, k, span)
+        _read(readings, members.angle, errors)
+        if hidden:
+            _deviate(members, members.unseen[0], k)
         solved = _advance_member(
-            plan, numbers[k], states[k], shares[k], readings[:motors], readings[motors:],
-            dt, estimate.size, out,
-        )  # fmt: skip
-        if forgetful[k] and solved:
-            forget_drums(plan, numbers[k], states[k])
-        stamps[k] = stamp
-        own = out[size : size + estimate.size]
-        _take_deviation(
-            columns, element_of, elements, solved and not unsolved, estimate, own, deviation,
-            variance, k,
-        )  # fmt: skip
-    _write_stddev(columns, estimate, variance, unmodelled, stddev)
+            plan, numbers, state, share, motor_angle, joint_angle, dt, wanted, members.out
+        )
+        if members.forgetful[k] and solved:
+            forget_drums(plan, numbers, state)
+        members.stamps[k] = stamp
+        own = part(members.out, size, size + wanted)
+        _take_deviation(members, sizes.elements, solved and not unsolved, own, k)
 
 
-@compiled
+@lean
+def begin_sample(
+    plan: NDArray[np.int64],
+    members: Members,
+    least: int,
+    stamp: int,
+    hidden: bool,
+    stddev: Vector,
+) -> bool:
+    """Write the standard deviations at the sample and the estimate in ``members``.
+
+    In the ordinary case they are those after the sample before, and one member waits to be
+    updated: ``step_members`` can follow when the estimate has been sent.  More than one member is
+    updated here, before the standard deviations are written: all at the first sample, after a gap
+    during which an axis moved (their histories then start anew), after samples that were not fully
+    solved, and when an axis may have moved unseen since the previous sample (U3); several while an
+    axis has no readings.
+
+    Args:
+        plan: of the prepared robot.
+        members: the ensemble, changed; ``new_angle``, ``estimate`` and ``unseen`` are given.
+        least: number of members to be updated at least.
+        stamp: of the sample [ns].
+        hidden: whether ``members.unseen`` holds deviations of the angles.
+        stddev: shape (columns,), written.
+
+    Returns:
+        Whether one member is still to be updated.
+    """
+    progress, angle, count = members.progress, members.angle, least
+    everyone = len(members.states)
+    if _was_unseen(progress[LAST_STAMP], stamp, angle, members.new_angle):
+        _forget(members)
+    half = 0.0
+    passed = stamp - progress[LAST_STAMP]
+    if passed != 0:
+        inside, on_the_way = _note_unseen(members.unseen, hidden, members.intervals)
+        if inside and progress[TURN] > 0:
+            count = max(count, min(everyone, ceil(everyone * (passed / ROUND_NS))))
+        if on_the_way and progress[TURN] > 0:
+            count = everyone
+            half = passed * 0.5e-9
+    for a in range(angle.size):
+        members.middle[a] = 0.5 * angle[a] + 0.5 * members.new_angle[a]
+    progress[LAST_STAMP] = stamp
+    copy_part(members.new_angle, 0, angle)
+    unsolved = _is_invalid(members.estimate, plan_views(plan).sizes.elements, ANY)
+    if progress[TURN] == 0 or (progress[BEHIND] != 0 and not unsolved):
+        count = everyone
+    progress[BEHIND] = 1 if unsolved else 0
+    if count > 1:
+        step_members(plan, members, count, hidden, half)
+    _write_stddev(members, stddev)
+    return count == 1
+
+
+@lean
 def run_members(
     plan: NDArray[np.int64],
     nominal: Vector,
     state: Vector,
-    numbers: Table,
-    states: Table,
-    stamps: NDArray[np.int64],
-    shares: Table,
-    forgetful: NDArray[np.bool_],
-    reading_errors: Table,
-    progress: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    element_of: NDArray[np.int64],
-    elements: int,
-    sample_stamps: NDArray[np.int64],
-    motor_angles: Table,
-    joint_angles: Table,
-    unseen: NDArray[np.float64],
-    dt: Vector,
-    deviation: Table,
-    variance: Vector,
-    unmodelled: Table,
-    last_angle: Vector,
-    intervals: NDArray[np.int64],
-    ways: NDArray[np.float64],
-    span: Table,
-    readings: Vector,
-    out: Vector,
+    members: Members,
+    samples: Path,
     estimates: Table,
     stddevs: Table,
 ) -> None:
-    """Call ``advance`` and ``update_members`` for many samples.
+    """Call ``advance``, ``begin_sample`` and ``step_members`` for many samples.
 
-    Takes 29 arguments because it passes on those of ``update_members``.
+    Args:
+        plan, nominal: the prepared robot.
+        state: its state, replaced by the last one.
+        members: the ensemble, changed.
+        samples: n samples.
+        estimates, stddevs: written, shapes (n, estimate_size) and (n, columns).
     """
-    size = state.size
-    seen = np.empty((0, 0))
-    for k in range(dt.size):
-        advance(plan, nominal, state, motor_angles[k], joint_angles[k], dt[k], out)
-        copy_part(out, 0, state)
-        copy_part(out, size, estimates[k])
-        update_members(
-            plan, numbers, states, stamps, shares, forgetful, reading_errors, progress, ONE,
-            columns, element_of, elements, sample_stamps[k], motor_angles[k], joint_angles[k],
-            unseen[k] if unseen.shape[0] else seen, estimates[k],
-            deviation, variance, unmodelled, last_angle, intervals, ways, span, readings, out,
-            stddevs[k],
-        )  # fmt: skip
+    motors = samples.motor_angle.shape[1]
+    new_angle = members.new_angle
+    hidden = samples.unseen.shape[0] > 0
+    for k in range(samples.dt.size):
+        motor_angle, joint_angle = samples.motor_angle[k], samples.joint_angle[k]
+        advance(plan, nominal, state, motor_angle, joint_angle, samples.dt[k], members.out)
+        copy_part(members.out, 0, state)
+        copy_part(members.out, state.size, members.estimate)
+        copy_part(members.estimate, 0, estimates[k])
+        copy_part(motor_angle, 0, part(new_angle, 0, motors))
+        copy_part(joint_angle, 0, part(new_angle, motors, new_angle.size))
+        if hidden:
+            for a in range(new_angle.size):
+                members.unseen[0, a] = samples.unseen[k, 0, a]
+                members.unseen[1, a] = samples.unseen[k, 1, a]
+        if begin_sample(plan, members, ONE, samples.stamp_ns[k], hidden, stddevs[k]):
+            step_members(plan, members, ONE, hidden, 0.0)

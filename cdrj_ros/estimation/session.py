@@ -17,7 +17,7 @@ from cdrj_ros.conditioning.time_line import Conditioner, Mode
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
-from cdrj_ros.estimation.member_kernels import MOVED, update_members
+from cdrj_ros.estimation.member_kernels import MOVED, begin_sample, step_members
 from cdrj_ros.estimation.rest import RestWatch
 from cdrj_ros.estimation.unsure import (
     UNSURE_SHARE,
@@ -74,7 +74,8 @@ class Options:
 
 def kernels_of(options: Options) -> tuple[Callable[..., Any], ...]:
     """Outermost kernels of a live estimator, whose compilation takes noticeable time."""
-    return (shape, advance, update_members) if options.uncertainty else (shape, advance)
+    ensemble = (begin_sample, step_members) if options.uncertainty else ()
+    return (shape, advance, *ensemble)
 
 
 class Output(NamedTuple):
@@ -244,8 +245,13 @@ class LiveEstimator:
             self._restart()
         return jumped, [self.take(sample) for sample in samples]
 
+    def finish(self) -> None:
+        """Do what the last estimate need not wait for; the next sample does it otherwise."""
+        if self.spread is not None:
+            self.spread.finish()
+
     def take(self, sample: Sample) -> Output:
-        """Process one sample."""
+        """Process one sample; ``finish`` can follow once the estimate has been published."""
         if self._restart_from is not None:
             self._take_up(sample)
         self.state, estimate = step(self.model, self.state, sample)
@@ -258,7 +264,9 @@ class LiveEstimator:
         stddev = None
         spread = self.spread
         if spread is not None:
-            stddev = spread.update(sample, estimate)
+            stddev = spread.begin(sample, estimate)
+            if self.fusion is not None:  # it corrects the members
+                spread.finish()
             mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
         if sample.doubtful:
             mark_all_unsure(estimate.values, self._preload.size)
@@ -297,6 +305,15 @@ class LiveEstimator:
             if not SMALLEST_NOISE <= noise <= LARGEST_NOISE:
                 noise = fusion.noise_of(name)
             self._queue(stamp_ns, name, float(tensions[k]), noise)
+
+    def wants_efforts(self, stamp_ns: int) -> bool:
+        """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
+        if not self.options.track_preload:
+            return False
+        used = self._efforts_ns.values()
+        return len(used) < len(self.model.layout.motors) or any(
+            abs(stamp_ns - last) >= EFFORT_INTERVAL_NS for last in used
+        )
 
     def feed_efforts(
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector

@@ -9,11 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, ENCAPSULATION, JOINT_STATE, NODAL_FORCES
+from cdrj_ros.messages.cdr import (
+    CABLE_TENSIONS,
+    ENCAPSULATION,
+    JOINT_STATE,
+    NODAL_FORCES,
+    MessageError,
+)
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.model.prepared import Layout
 from cdrj_ros.model.status import STALE
+
+copyto: Final = np.copyto
 
 FORCE_ARRAYS: Final = (
     "force_x",
@@ -25,6 +33,9 @@ FORCE_ARRAYS: Final = (
     "status",
 )
 
+
+FORCES: Final = ("force_x", "force_y", "force_z", "magnitude", "friction", "slip_speed")
+"""Of these, the arrays that an estimate has too, by the same names."""
 
 PADDING: Final = 7
 """Maximum number of bytes that a middleware may append to a message."""
@@ -43,6 +54,7 @@ class EstimateEncoder:
         """
         self._layout = layout
         more = ("stddev",) if uncertain else ()
+        self._uncertain = uncertain
         self._tensions = Template(
             CABLE_TENSIONS, layout.elements, ("tension", "status", *more), frame_id
         )
@@ -52,32 +64,56 @@ class EstimateEncoder:
         self._efforts = Template(JOINT_STATE, axes, ("effort",), frame_id)
         self._no_efforts = Template(JOINT_STATE, axes, (), frame_id)
         self._efforts_stddev = Template(JOINT_STATE, axes, ("effort",), frame_id)
+        self._in_tensions = self._places(self._tensions, ("tension",))
+        self._in_forces = self._places(self._forces, FORCES)
+        first = self._elements
+        self._stddev_of_tensions = slice(0, first)
+        self._stddev_of_forces = slice(first, first + self._pulleys)
+        self._status = b""
+        """Of all elements in the messages as they are, as bytes of the estimate."""
+
+    def _places(
+        self, template: Template, names: Sequence[str]
+    ) -> list[tuple[NDArray[np.float64], slice]]:
+        """Arrays of a message, and where their values stand in an estimate."""
+        return [(template.views[name], getattr(self._layout, name)) for name in names]
+
+    def _patch(
+        self,
+        template: Template,
+        places: list[tuple[NDArray[np.float64], slice]],
+        estimate: Estimate,
+        stddev: NDArray[np.float64] | None,
+        part: slice,
+    ) -> bytes:
+        """Encode a message of some of the estimate's arrays and a part of ``stddev``."""
+        if self._uncertain != (stddev is not None):
+            raise MessageError(
+                f"the encoder is for messages {'with' if self._uncertain else 'without'} stddev"
+            )
+        values = estimate.values
+        for view, where in places:
+            copyto(view, values[where])
+        if stddev is not None:
+            copyto(template.views["stddev"], stddev[part])
+        status = values[self._layout.status]
+        packed = status.tobytes()
+        if packed != self._status:  # rarely: a comparison takes a tenth of the conversion
+            flags = status.astype(np.uint8)
+            self._tensions.views["status"][:] = flags
+            self._forces.views["status"][:] = self._layout.pulley_status(flags)
+            self._status = packed
+        return template.stamped(estimate.stamp_ns)
 
     def tensions(self, estimate: Estimate, stddev: NDArray[np.float64] | None = None) -> bytes:
         """Encode cdrj_msgs/CableTensions; ``stddev`` is in the order of ``spread_columns``."""
-        values, layout = estimate.values, self._layout
-        more = {} if stddev is None else {"stddev": stddev[: self._elements]}
-        return self._tensions.encode(
-            estimate.stamp_ns, tension=values[layout.tension], status=values[layout.status], **more
+        return self._patch(
+            self._tensions, self._in_tensions, estimate, stddev, self._stddev_of_tensions
         )
 
     def nodal_forces(self, estimate: Estimate, stddev: NDArray[np.float64] | None = None) -> bytes:
         """Encode cdrj_msgs/NodalForces; a pulley has the flags of both adjacent elements."""
-        values, layout = estimate.values, self._layout
-        first = self._elements
-        more = {} if stddev is None else {"stddev": stddev[first : first + self._pulleys]}
-        status = values[layout.status].astype(np.uint8)
-        return self._forces.encode(
-            estimate.stamp_ns,
-            force_x=values[layout.force_x],
-            force_y=values[layout.force_y],
-            force_z=values[layout.force_z],
-            magnitude=values[layout.magnitude],
-            friction=values[layout.friction],
-            slip_speed=values[layout.slip_speed],
-            status=layout.pulley_status(status),
-            **more,
-        )
+        return self._patch(self._forces, self._in_forces, estimate, stddev, self._stddev_of_forces)
 
     def efforts(self, estimate: Estimate) -> bytes:
         """Encode sensor_msgs/JointState with the efforts of all motors, then all joints [N m].

@@ -14,6 +14,7 @@ from cdrj_ros.messages.cdr import (
     ENCAPSULATION,
     JOINT_STATE,
     MessageError,
+    Span,
     read_layout,
 )
 
@@ -32,6 +33,7 @@ class _KnownJointState:
     stamp: struct.Struct
     dtype: np.dtype[Any]
     stop: int
+    effort: Span
 
 
 class JointStateDecoder:
@@ -49,8 +51,15 @@ class JointStateDecoder:
     KEPT_BYTES: Final = 4_000_000
     """Total size of the payloads whose layouts are cached [bytes]."""
 
-    def __init__(self) -> None:
-        """Start with an empty cache."""
+    def __init__(self, efforts: bool = False) -> None:
+        """Start with an empty cache.
+
+        Args:
+            efforts: whether ``efforts`` is called; messages with efforts for only some of their
+                names are then refused.
+        """
+        self._efforts = efforts
+        self._last: _KnownJointState | None = None
         self._known: dict[int, list[_KnownJointState]] = {}
         self._bytes = 0
 
@@ -64,6 +73,7 @@ class JointStateDecoder:
                 if payload[tail_start:tail_stop] != tail:
                     break
             else:
+                self._last = known
                 sec, nanosec = known.stamp.unpack_from(payload, 4)
                 position = np.frombuffer(payload[stop : known.stop], known.dtype)
                 if not known.dtype.isnative:
@@ -79,6 +89,9 @@ class JointStateDecoder:
         names, span = layout.texts["name"], layout.numbers["position"]
         if len(names) != span.count:
             raise MessageError(f"{len(names)} names but {span.count} positions")
+        effort = layout.numbers["effort"]
+        if self._efforts and effort.count not in (0, len(names)):
+            raise MessageError(f"{len(names)} names but {effort.count} efforts")
         tail = [(max(a, span.offset), b) for a, b in layout.fixed if b > span.offset]
         known = _KnownJointState(
             representation=payload[:2],
@@ -89,6 +102,7 @@ class JointStateDecoder:
             stamp=struct.Struct(layout.order + "iI"),
             dtype=np.dtype(span.dtype),
             stop=span.offset + 8 * span.count,
+            effort=effort,
         )
         self._bytes += len(payload)
         if len(self._known) >= 64 or self._bytes > self.KEPT_BYTES:
@@ -97,6 +111,12 @@ class JointStateDecoder:
         family = self._known.setdefault(len(payload), [])
         family.insert(0, known)
         del family[self.KEPT :]
+
+    def efforts(self, payload: bytes) -> npt.NDArray[np.float64]:
+        """Efforts [N m] in the payload decoded last, shape (n,); n is 0 if it has none."""
+        assert self._last is not None
+        span = self._last.effort
+        return np.frombuffer(payload, span.dtype, span.count, span.offset).astype(np.float64)
 
 
 def cable_tensions(
@@ -114,21 +134,3 @@ def cable_tensions(
         for span in (layout.numbers["tension"], layout.numbers["stddev"])
     )
     return sec * 1_000_000_000 + nanosec, layout.texts["name"], tension, stddev
-
-
-def joint_state_efforts(payload: bytes) -> tuple[int, tuple[str, ...], npt.NDArray[np.float64]]:
-    """Decode the efforts of a JointState: (stamp_ns, names, effort [N m], shape (n,)).
-
-    n is 0 if the message has no efforts.  Unlike `JointStateDecoder`, this parses the layout each
-    time.
-
-    Raises:
-        MessageError: not a JointState, or unequal numbers of efforts (if any) and names.
-    """
-    layout = read_layout(payload, JOINT_STATE.fields)
-    names, span = layout.texts["name"], layout.numbers["effort"]
-    if span.count not in (0, len(names)):
-        raise MessageError(f"{len(names)} names but {span.count} efforts")
-    sec, nanosec = struct.unpack_from(layout.order + "iI", payload, ENCAPSULATION)
-    effort = np.frombuffer(payload, span.dtype, span.count, span.offset).astype(np.float64)
-    return sec * 1_000_000_000 + nanosec, names, effort

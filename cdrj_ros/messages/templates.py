@@ -36,23 +36,29 @@ class Template:
         """Locations of the arrays given to `encode`, in the order of the message."""
         self.payload, self.spans = _blank(message, self.names, chosen, frame_id)
         self._buffer = bytearray(self.payload)
-        self._views = {
+        self.views: Mapping[str, npt.NDArray[Any]] = {
             name: np.frombuffer(self._buffer, span.dtype, span.count, span.offset)
             for name, span in self.spans.items()
         }
+        """The arrays of the next message that is encoded, each of shape (len(names),)."""
         self._stamp = struct.Struct("<iI")
 
     def encode(self, stamp_ns: int, **arrays: npt.ArrayLike) -> bytes:
         """Encode a message with this stamp and these arrays, each of shape (len(names),)."""
-        views = self._views
+        views = self.views
         if len(arrays) != len(views):
             raise self._mismatch(arrays)
         try:
-            self._stamp.pack_into(self._buffer, ENCAPSULATION, *divmod(stamp_ns, 1_000_000_000))
             for name, values in arrays.items():
                 views[name][:] = values
         except (KeyError, ValueError):
             raise self._mismatch(arrays) from None
+        return self.stamped(stamp_ns)
+
+    def stamped(self, stamp_ns: int) -> bytes:
+        """Encode a message with this stamp and what ``views`` hold."""
+        try:
+            self._stamp.pack_into(self._buffer, ENCAPSULATION, *divmod(stamp_ns, 1_000_000_000))
         except struct.error:
             raise MessageError(f"stamp {stamp_ns} ns does not fit a ROS header") from None
         return bytes(self._buffer)
@@ -66,7 +72,7 @@ class Template:
 
         `stamp_ns` has shape (n,), each array shape (n, len(names)).
         """
-        if set(arrays) != set(self._views):
+        if set(arrays) != set(self.views):
             raise self._mismatch(arrays)
         n, width = len(stamp_ns), len(self.payload)
         rows = np.empty((n, width), np.uint8)

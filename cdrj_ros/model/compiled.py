@@ -81,6 +81,23 @@ def _compile(function: F, **options: bool) -> F:
     return dispatcher
 
 
+def direct(kernel: F, *arguments: Any) -> F:
+    """A kernel to be called without numba's dispatcher, which takes longer than some kernels.
+
+    The dispatcher looks at the types of all arguments at every call.  What is returned looks at
+    none: a call with other types than those of ``arguments`` reads memory that it must not read.
+    Use it only with arrays that the caller has made itself and keeps.
+    """
+    if not hasattr(kernel, "overloads"):  # compilation is switched off
+        return kernel
+    typeof: Any = numba.typeof
+    dispatcher: Any = kernel
+    types = tuple(typeof(argument) for argument in arguments)
+    dispatcher.compile(types)
+    entry: F = dispatcher.overloads[types].entry_point
+    return entry
+
+
 def kernels_are_compiled(*kernels: Callable[..., Any]) -> bool:
     """Whether the machine code of kernels is on disk, so that their first call does not compile.
 

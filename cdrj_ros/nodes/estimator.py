@@ -30,7 +30,7 @@ from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.text import counted
 from cdrj_ros.messages.cdr import MessageError
 from cdrj_ros.messages.conversions import EstimateEncoder, marked_stale
-from cdrj_ros.messages.decoders import JointStateDecoder, cable_tensions, joint_state_efforts
+from cdrj_ros.messages.decoders import JointStateDecoder, cable_tensions
 from cdrj_ros.messages.topics import (
     DIAGNOSTICS,
     EFFORTS,
@@ -226,18 +226,18 @@ class EstimatorNode(Node):
 
     def _listener(self, kind: str, heard: TopicHeard | None = None) -> Callable[[bytes], None]:
         """The callback of one topic: decodes, conditions, steps and publishes."""
-        decode = JointStateDecoder()
         live, thinning = self.live, self._thinning
         feed, refused = live.feed, live.conditioner.refused
         with_efforts = live.options.track_preload and kind != "joints"
+        decode = JointStateDecoder(with_efforts)
         topic = TopicHeard("") if heard is None else heard
 
         def on_message(payload: bytes) -> None:
             begin = perf_counter()
             try:
                 stamp, names, position = decode(payload)
-                if with_efforts:
-                    live.feed_efforts(*joint_state_efforts(payload))
+                if with_efforts and live.wants_efforts(stamp):
+                    live.feed_efforts(stamp, names, decode.efforts(payload))
             except MessageError:
                 refused["malformed"] += 1
                 return
@@ -271,6 +271,7 @@ class EstimatorNode(Node):
                 self._publish(output._replace(estimate=marked_stale(estimate)))
             else:
                 self._publish(output)
+        self.live.finish()
         self.watch.note()
 
     def _publish(self, output: Output) -> None:

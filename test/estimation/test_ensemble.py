@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.ensemble import MEMBERS, Spread, spread_columns
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.estimation.members import (
@@ -303,3 +304,40 @@ def test_columns_are_tensions_forces_and_efforts(model: Model) -> None:
 def test_an_odd_number_of_members_is_refused(model: Model) -> None:
     with pytest.raises(ValueError, match="even"):
         Spread(model, members=9)
+
+
+def test_what_was_published_first_does_not_depend_on_when_the_member_is_updated(
+    model: Model, path: Samples
+) -> None:
+    """At once, later or not before the next sample: the same bits, also in a state file."""
+    samples = _samples(_part(path, slice(0, 100)))
+    at_once, later, at_last = Spread(model), Spread(model), Spread(model)
+    state = initial_state(model)
+    for k, sample in enumerate(samples):
+        state, estimate = step(model, state, sample)
+        said = at_once.update(sample, estimate)
+        assert np.array_equal(later.begin(sample, estimate), said)
+        before = later.stamps.copy()
+        later.finish()
+        assert np.count_nonzero(later.stamps != before) == (1 if k else 0), "all at the first"
+        assert np.array_equal(at_last.begin(sample, estimate), said)
+    remembered = at_once.memory()
+    for spread in (later, at_last):
+        for name, values in spread.memory().items():
+            assert np.array_equal(values, remembered[name]), name
+
+
+def test_published_spreads_are_at_most_one_sample_old(model: Model, path: Samples) -> None:
+    spread, state = Spread(model), initial_state(model)
+    known, slack = unmodelled(model)
+    before = np.empty(0)
+    for k, sample in enumerate(_samples(_part(path, slice(0, 100)))):
+        state, estimate = step(model, state, sample)
+        said = spread.update(sample, estimate)
+        if k:
+            total = np.maximum(before, 0.0) + known
+            near_zero = np.abs(estimate.values[spread.columns]) <= slack
+            total = np.where(near_zero, np.maximum(total, slack * slack), total)
+            assert np.array_equal(said, np.sqrt(total))
+        before = spread.variance.copy()
+        assert np.all(said[: len(model.layout.elements)] > 0.0)

@@ -213,3 +213,18 @@ def test_a_stamp_beyond_32_bit_seconds_is_refused(stamp_ns):
         template.encode(stamp_ns)
     with pytest.raises(MessageError, match="does not fit"):
         template.encode_many(np.array([stamp_ns]), {})
+
+
+def test_a_decoder_gives_the_efforts_of_the_message_it_decoded_last(make):
+    decode = JointStateDecoder(efforts=True)
+    for efforts in ([3.0, -4.5], [], [7.0, 8.0]):
+        payload = make.joint_state(5, ["a", "b"], [1.0, 2.0], [], efforts)
+        assert decode(payload)[1] == ("a", "b")
+        assert decode.efforts(payload).tolist() == efforts
+
+
+def test_a_decoder_of_efforts_refuses_efforts_for_only_some_names(make):
+    payload = make.joint_state(5, ["a", "b"], [1.0, 2.0], [], [3.0])
+    assert JointStateDecoder()(payload)[1] == ("a", "b")
+    with pytest.raises(MessageError, match="2 names but 1 efforts"):
+        JointStateDecoder(efforts=True)(payload)

@@ -375,5 +375,5 @@ def test_every_kernel_is_compiled_for_one_signature(tmp_path: Path) -> None:
         "model.shape.shape",
         "estimation.member_kernels.run_members",
     )
-    for name in (*outermost, "estimation.member_kernels.update_members", "model.cable._walk"):
+    for name in (*outermost, "estimation.member_kernels.begin_sample", "model.cable._walk"):
         assert counts[f"cdrj_ros.{name}"] == 1

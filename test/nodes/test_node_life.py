@@ -26,7 +26,7 @@ from support.estimators import (
     values_of,
 )
 
-from cdrj_ros.messages.decoders import joint_state_efforts
+from cdrj_ros.messages.cdr import JOINT_STATE, read_layout
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import OVERLOAD, SLACK, STALE, UNSURE
@@ -37,6 +37,15 @@ def bench(ros: None) -> Iterator[Bench]:
     bench = Bench()
     yield bench
     bench.close()
+
+
+def efforts_of(payload: bytes) -> tuple[int, tuple[str, ...], np.ndarray]:
+    """Stamp [ns], names and efforts of a JointState."""
+    layout = read_layout(payload, JOINT_STATE.fields)
+    sec, nanosec = np.frombuffer(payload, "<i4", 2, 4).tolist()
+    span = layout.numbers["effort"]
+    effort = np.frombuffer(payload, span.dtype, span.count, span.offset)
+    return sec * 1_000_000_000 + nanosec, layout.texts["name"], effort
 
 
 @pytest.fixture(scope="module")
@@ -406,7 +415,7 @@ def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_othe
     assert not node.output.estimate.solved
     assert bench.until(lambda: all(len(payloads) == 1 for payloads in heard.values()))
     for (payload,) in heard.values():
-        stamp, names, effort = joint_state_efforts(payload)
+        stamp, names, effort = efforts_of(payload)
         assert (stamp, names, effort.size) == (far.stamp_ns, ("winch", "elbow"), 0)
     node.live.reset()
     feed(node, 1, 3)
@@ -414,8 +423,8 @@ def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_othe
     estimate, stddev = node.output
     layout = estimate.layout
     wanted = estimate.values[layout.motor_effort.start : layout.joint_effort.stop]
-    assert np.array_equal(joint_state_efforts(heard["efforts"][-1])[2], wanted)
-    said = joint_state_efforts(heard["efforts_stddev"][-1])[2]
+    assert np.array_equal(efforts_of(heard["efforts"][-1])[2], wanted)
+    said = efforts_of(heard["efforts_stddev"][-1])[2]
     assert np.array_equal(said, stddev[-2:])
     assert np.all(said > 0.0)
 
