@@ -7,13 +7,17 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds
+from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds, turns
 from bench.offline import DURATION_S, write_long_bag
 from cdrj_ros.bag import read_recording
 from cdrj_ros.campaign.tasks import processors
 
 BAGS = 6
 ROUNDS = 3
+MANY_S = 60.0
+"""Time for the rounds of ``validate``."""
+FIT_S = 40.0
+"""Time for the rounds of ``identify``."""
 EIGHT = "rho,preload,EA,f_d"
 """Two numbers each, one for each of the prototype's cables."""
 
@@ -33,13 +37,15 @@ def measure() -> list[Row]:
         bag = Path(folder, "long")
         write_long_bag(bag, read_recording(BAG))
         bags = [bag] * BAGS
-        together, alone, fits = [], [], []
+        together, alone = [], []
         _run("validate", bag, "--uncertainty", "on")  # compiles and fills the file cache
         common = (*bags, "--quiet", "--uncertainty", "on")
-        for _ in range(ROUNDS):
+        for _ in turns(ROUNDS, MANY_S):
             together.append(seconds(lambda: _run("validate", *common)))
             alone.append(seconds(lambda: _run("validate", *common, "--jobs", 1)))
-            fits.append(seconds(lambda: _run("identify", bag, "--fit", EIGHT)))
+        fits = [
+            seconds(lambda: _run("identify", bag, "--fit", EIGHT)) for _ in turns(ROUNDS, FIT_S)
+        ]
     hours = BAGS * DURATION_S / 3600.0
     return [
         compared(

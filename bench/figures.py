@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
@@ -50,10 +51,30 @@ class Row:
     ratio: Spread | None = None
     """Ours over theirs, taken between neighbouring rounds."""
     aim: str = ""
+    """Such as ``≤ 1.15``, for the ratio or, without a peer, for our value."""
+
+    @property
+    def missed(self) -> bool:
+        """Whether the median does not reach the aim; False without a number to reach."""
+        found = re.match(r"([<≤≥]) ([0-9.]+)", self.aim)
+        if not found:
+            return False
+        value = (self.ratio or self.ours).median
+        bound = float(found[2])
+        return value < bound if found[1] == "≥" else value > bound
 
     def as_json(self) -> dict[str, Any]:
         """Plain values for ``--json``."""
         return asdict(self)
+
+    @staticmethod
+    def from_json(found: Mapping[str, Any]) -> Row:
+        """Restore a row from its plain values."""
+        spreads = {
+            name: Spread(**found[name]) if found[name] else None
+            for name in ("ours", "theirs", "ratio")
+        }
+        return Row(**{**found, **spreads})
 
 
 def compared(
@@ -95,3 +116,12 @@ def in_turn(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:
         for taken, function in zip(times, functions, strict=True):
             taken.append(seconds(function))
     return times
+
+
+def turns(rounds: int, within_s: float) -> Iterator[int]:
+    """Count rounds, at least one, and stop when another is unlikely to end ``within_s``."""
+    begin = perf_counter()
+    for k in range(rounds):
+        if k > 0 and (perf_counter() - begin) * (k + 1) / k > within_s:
+            return
+        yield k

@@ -59,7 +59,7 @@ class _Turtle:
         return (cx, cy), outside, _Turtle(*at(turned, 1.0), turned)
 
 
-def _middle(profiles: tuple[Profile, ...]) -> float:
+def middle(profiles: tuple[Profile, ...]) -> float:
     """Span [m] or wrap [rad] in the middle of the joint's range."""
     return sum(float(profile.value[profile.value.size // 2]) for profile in profiles)
 
@@ -74,7 +74,7 @@ class _Routed:
     path: str
 
 
-def _along(
+def along(
     start: _Turtle, pulleys: tuple[Pulley, ...], spans: list[float]
 ) -> list[tuple[Point, Point, _Turtle]]:
     """Per pulley: centre, a point outside the arc, and the middle of the next span."""
@@ -85,24 +85,24 @@ def _along(
             -1.0 if k % 2 == 0 else 1.0
         )  # alternate the turns so that the path does not close on itself
         turtle = turtle.ahead(0.5 * spans[k])
-        centre, outside, turtle = turtle.round(turn * pulley.radius, _middle(pulley.wrap))
+        centre, outside, turtle = turtle.round(turn * pulley.radius, middle(pulley.wrap))
         turtle = turtle.ahead(0.5 * spans[k + 1])
         places.append((centre, outside, turtle))
     return places
 
 
-def _start(pulleys: tuple[Pulley, ...], spans: list[float]) -> _Turtle:
+def start_of(pulleys: tuple[Pulley, ...], spans: list[float]) -> _Turtle:
     """Start of the path that crosses the rolling contact straight ahead at ``STRAND``."""
-    crossing = _along(_Turtle(0.0, 0.0, 0.0), pulleys, spans)[ON_BASE - 1][2]
-    turned = _along(_Turtle(0.0, 0.0, -crossing.heading), pulleys, spans)[ON_BASE - 1][2]
+    crossing = along(_Turtle(0.0, 0.0, 0.0), pulleys, spans)[ON_BASE - 1][2]
+    turned = along(_Turtle(0.0, 0.0, -crossing.heading), pulleys, spans)[ON_BASE - 1][2]
     return _Turtle(ROLLING_RADIUS - turned.x, STRAND - turned.y, -crossing.heading)
 
 
 def _routed(name: str, pulleys: tuple[Pulley, ...], spans: list[float], mirror: float) -> _Routed:
     bodies: tuple[list[str], list[str]] = [], []
-    start = _start(pulleys, spans)
+    start = start_of(pulleys, spans)
     path = [f'<site site="{name}_winch"/>']
-    for k, (pulley, place) in enumerate(zip(pulleys, _along(start, pulleys, spans), strict=True)):
+    for k, (pulley, place) in enumerate(zip(pulleys, along(start, pulleys, spans), strict=True)):
         moving = k >= ON_BASE
         centre, outside, end = (
             f"{x - 2.0 * ROLLING_RADIUS * moving:.9g} {mirror * y:.9g} 0"
@@ -126,7 +126,7 @@ def mjcf(robot: Robot) -> str:
     for cable, mirror in zip(robot.cables, (1.0, -1.0), strict=True):
         if not isinstance(cable.nodes[0], Winch):
             raise ValueError(f"{cable.name} does not begin at a winch")
-        spans = [_middle(profiles) for profiles in cable.spans]
+        spans = [middle(profiles) for profiles in cable.spans]
         cables[cable.name] = _routed(cable.name, cable.pulleys, spans, mirror)
     winch, base, link = (
         "\n".join(getattr(cable, part) for cable in cables.values())

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import pi
+from time import perf_counter
 
 import numpy as np
 
 from bench.figures import Row, Spread, compared, in_turn
-from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Motor, Profile, Pulley, Robot, Winch
 
@@ -33,16 +34,26 @@ STRAIN = 2e-3
 COUNTS = 81_920
 """Encoder counts per turn."""
 
+WHOLE_LENGTH = 500.0
+"""Length of the long cable [m]."""
+WHOLE_BRISTLES = 1e6
+"""Bristle stiffness of each whole pulley [N/m]."""
+WHOLE_SPEED = 16.0
+"""Peak speed of the long cable at the winch [m/s]."""
+WHOLE_S = 20.0
+"""Time after which no more samples of the long cable are estimated."""
+WHOLE_SAMPLES = 100
+
 
 def _constant(value: float) -> tuple[Profile]:
     empty = np.empty(0)
     return (Profile(None, empty, np.array([value]), empty),)
 
 
-def chain(pulleys: int) -> Model:
-    """One cable from a winch over equal pulleys to an anchor."""
+def chain(pulleys: int, length: float = LENGTH, stiffness: float | None = None) -> Model:
+    """One cable from a winch over equal pulleys of a bristle stiffness to an anchor."""
     friction = Friction(
-        mu_c=0.15, mu_s=0.2, stribeck_speed=0.05, bristle_stiffness=BRISTLES / pulleys
+        mu_c=0.15, mu_s=0.2, stribeck_speed=0.05, bristle_stiffness=stiffness or BRISTLES / pulleys
     )
     pulley = Pulley(0.01, friction, wrap=_constant(WRAP / pulleys))
     cable = Cable(
@@ -50,7 +61,7 @@ def chain(pulleys: int) -> Model:
         6283.0,
         30.0,
         (Winch("winch", DRUM, 1), *[pulley] * pulleys, Anchor()),
-        (_constant(LENGTH / (pulleys + 1)),) * (pulleys + 1),
+        (_constant(length / (pulleys + 1)),) * (pulleys + 1),
     )
     return prepare(Robot("chain", (Motor("winch"),), (), (cable,)))
 
@@ -69,6 +80,31 @@ def _running(model: Model, samples: Samples, times: int) -> Callable[[], None]:
             run(model, initial_state(model), samples)
 
     return repeated
+
+
+def _whole() -> list[Row]:
+    """Share of solved samples [%] and time per sample [s] of many whole pulleys on a long cable."""
+    model = chain(PULLEYS[-1], WHOLE_LENGTH, WHOLE_BRISTLES)
+    state = initial_state(model)
+    amplitude = WHOLE_SPEED * SAMPLES * 1e-3 / (2.0 * pi) / DRUM
+    solved: list[bool] = []
+    taken: list[float] = []
+    begin = perf_counter()
+    while len(solved) < WHOLE_SAMPLES and perf_counter() - begin < WHOLE_S:
+        k = len(solved)
+        angle = amplitude * np.sin(2.0 * pi * k / SAMPLES)
+        sample = Sample((k + 1) * 1_000_000, np.array([angle]), np.empty(0))
+        before = perf_counter()
+        state, estimate = step(model, state, sample)
+        taken.append(perf_counter() - before)
+        status = estimate.values[estimate.layout.status]
+        solved.append(bool((status < 16).all()))
+    name = "10 000 whole pulleys, 500 m, 16 m/s"
+    share = 100.0 * float(np.mean(solved))
+    return [
+        Row("pulleys", f"{name}: samples solved", "%", Spread.of([share]), aim="≥ 100"),
+        Row("pulleys", f"{name}: one sample", "s", Spread.of(taken)),
+    ]
 
 
 def measure() -> list[Row]:
@@ -103,4 +139,4 @@ def measure() -> list[Row]:
                 "flat",
             )
         )
-    return rows
+    return rows + _whole()

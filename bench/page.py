@@ -1,0 +1,100 @@
+"""The table of docs/speed.md, between two marker comments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+
+from bench.figures import Row, Spread
+
+BEGIN = "<!-- Written by `make bench`; changes are lost. -->"
+END = "<!-- End of what `make bench` writes. -->"
+
+COMPARED = ("numpy", "numba", "rclpy", "mujoco", "exudyn", "rosbags", "mcap")
+
+NODE = (
+    "only partly known: conditioning of a pair of samples takes some 13 µs of Python, the step of "
+    "a member of the ensemble 1.6 to 2 µs; the rest of the difference is not profiled"
+)
+LIMITS = {
+    "one update, 2 cables": "the call from Python and its results; see the update in bulk",
+    "one update with": "the step of a member of the ensemble takes 1.6 to 2 µs",
+    "1 kHz, until": NODE,
+    "processor time": NODE,
+    "sustained rate, no": "the node's processor time per sample, see above",
+    "validate as a command": "start of the process, loading of kernels, and the members' runs",
+    "second start of the estimator: more": (
+        "importing numba takes 0.21 s, importing the package 0.20 s, loading the kernels 0.13 s"
+    ),
+    "first start without a compiled kernel: more": (
+        "compilation of the kernels; `colcon build` and `make demo` do it in advance"
+    ),
+    "10 000 whole pulleys": "Newton's method needs hundreds of iterations and often gives up",
+}
+"""What limits a figure according to earlier profiles, by the beginning of its row's name."""
+
+MISSED = (
+    "**Aims missed.** The limits are those of earlier profiles; this run does not measure them."
+)
+
+
+def versions() -> str:
+    """Names and versions of the packages that are compared."""
+    found = []
+    for name in COMPARED:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            continue
+    return ", ".join(found)
+
+
+def _figure(spread: Spread | None, unit: str = "") -> str:
+    return f"{spread.median:#.3g}".rstrip(".") + f" {unit}".rstrip() if spread else ""
+
+
+def _line(row: Row) -> str:
+    fields = (
+        row.what, _figure(row.ours, row.unit), row.beside, _figure(row.theirs, row.unit),
+        _figure(row.ratio), row.aim + (" **missed**" if row.missed else ""),
+    )  # fmt: skip
+    return "| " + " | ".join(fields) + " |"
+
+
+def _limit(row: Row) -> str:
+    value = (row.ratio or row.ours).median
+    because = [text for what, text in LIMITS.items() if row.what.startswith(what)]
+    limit = because[0] if because else "not profiled"
+    return f"- {row.what}: {value:.3g}, aim {row.aim}. Limit: {limit}."
+
+
+def written(rows: Sequence[Row], machine: str, compared: str, failed: Sequence[str]) -> str:
+    """Machine, versions, table and missed aims, in Markdown."""
+    lines = [
+        f"Measured on: {machine}. Versions: {compared}.",
+        "",
+        "Ratio: ours over theirs. Medians; the JSON has the quartiles.",
+        "",
+        "| what | ours | beside | theirs | ratio | aim |",
+        "|---|---|---|---|---|---|",
+        *(_line(row) for row in rows),
+        "",
+    ]
+    if missed := [_limit(row) for row in rows if row.missed]:
+        lines += [MISSED, "", *missed, ""]
+    if failed:
+        lines += ["**Not measured**", "", *(f"- {text}" for text in failed), ""]
+    return "\n".join(lines)
+
+
+def renewed(page: str, text: str) -> str:
+    """The page with another text between the markers.
+
+    Raises:
+        ValueError: the page does not have both markers, in order.
+    """
+    before, begin, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"the page needs the lines {BEGIN} and {END}")
+    return f"{before}{BEGIN}\n\n{text}\n{END}{after}"
