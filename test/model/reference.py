@@ -1,0 +1,611 @@
+"""One sample of a robot in plain NumPy, by the equation numbers of docs/model.md.
+
+Written to be read beside that page and to be compared with the compiled kernels.  It uses nothing
+of them: derivatives are complex steps, the balance is solved by a dense Newton method from another
+first guess, lengths and wraps of cables in the plane are computed here.  The geometry of cables in
+space is given by the caller.  Speed does not matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.robot.description import Cable, Frame, Profile, Pulley, Robot, Winch
+
+Vector = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+STEP = 1e-100
+"""Imaginary step of a derivative; its square vanishes."""
+
+EPSILON = 1e-9
+"""epsilon of (34) [N]."""
+
+SMALLEST_TRANSMISSION = 1e-3
+"""Lower limit of every eta [-]."""
+
+RIGID = 1e9
+"""sigma0 of the laws with rigid bristles [N/m]."""
+
+DRUM_SPACING, DRUM_POINTS = 0.1, 64
+"""Smallest distance [rad] of the points of (E3) at first, and how many of them are kept."""
+
+
+# --- geometry, section 3 -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """All cables in one pose."""
+
+    length: Vector
+    """L_i [m], shape (elements,)."""
+    by_joint: NDArray[np.float64]
+    """dL_i / dq_j, shape (elements, joints)."""
+    wrap: Vector
+    """beta [rad], shape (pulleys,)."""
+    direction: NDArray[np.float64]
+    """u_i of cables given by positions, shape (elements, 3)."""
+
+
+def geometry(robot: Robot, q: Vector) -> Geometry:
+    """(E4) to (E6) or the sums of tables; dL/dq by a complex step of q, one joint at a time."""
+    columns, plain = [], _shape(robot, q.astype(complex))
+    for j in range(q.size):
+        moved = q.astype(complex)
+        moved[j] += 1j * STEP
+        columns.append(_shape(robot, moved)[0].imag / STEP)
+    by_joint = np.stack(columns, axis=1) if columns else np.zeros((plain[0].size, 0))
+    return Geometry(plain[0].real, by_joint, plain[1].real, plain[2].real)
+
+
+def _shape(robot: Robot, q: Complex) -> tuple[Complex, Complex, Complex]:
+    """Lengths, wraps and directions of all cables."""
+    parts = [
+        _positions(robot, cable, q) if cable.routed else _tables(robot, cable, q)
+        for cable in robot.cables
+    ]
+    length, wrap, direction = zip(*parts, strict=True)
+    return np.concatenate(length), np.concatenate(wrap), np.concatenate(direction)
+
+
+def _tables(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex, Complex]:
+    """Sums of functions of single joints, and the arcs of (E6)."""
+    joints = {joint.name: k for k, joint in enumerate(robot.joints)}
+
+    def total(profiles: tuple[Profile, ...]) -> complex:
+        return sum((_profile(p, q[joints[p.joint]] if p.joint else 0j) for p in profiles), 0j)
+
+    span = np.array([total(span) for span in cable.spans])
+    wrap = np.array([total(pulley.wrap) for pulley in cable.pulleys])
+    return _with_arcs(cable, span, wrap), wrap, np.zeros((span.size, 3), complex)
+
+
+def _profile(profile: Profile, q: complex) -> complex:
+    """Cubic Hermite interpolation of values and slopes."""
+    if profile.joint is None:
+        return complex(profile.value[0])
+    grid, value, slope = profile.angle, profile.value, profile.slope
+    h = grid[1] - grid[0]
+    k = int(np.clip((q.real - grid[0]) / h, 0, grid.size - 2))
+    u = (q - grid[0]) / h - k
+    return complex(
+        (1 + 2 * u) * (1 - u) ** 2 * value[k]
+        + u * (1 - u) ** 2 * h * slope[k]
+        + u**2 * (3 - 2 * u) * value[k + 1]
+        + u**2 * (u - 1) * h * slope[k + 1]
+    )
+
+
+def _with_arcs(cable: Cable, span: Complex, wrap: Complex) -> Complex:
+    """(E6): half of a pulley's arc belongs to each element beside it."""
+    half = 0.5 * np.array([pulley.radius for pulley in cable.pulleys]) * wrap
+    length = span.copy()
+    length[:-1] += half
+    length[1:] += half
+    return length
+
+
+def _positions(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex, Complex]:
+    """(E4) to (E6) for a path of directed circles."""
+    reference = np.array([joint.reference_angle for joint in robot.joints], complex)
+    _, angle_0, turned_0 = _tangents(robot, cable, reference)
+    span, angle, turned = _tangents(robot, cable, q)
+    turn = np.array([node.place.turn for node in cable.nodes])
+    reach = turn * np.array([node.radius for node in cable.nodes])
+    middle = np.mod((turn[1:-1] * np.diff(angle_0)).real, 2 * np.pi)
+    wrap = middle + _principal(turn[1:-1] * np.diff(angle) - middle)  # (E5)
+    length = _with_arcs(cable, span, wrap)
+    # an end with a radius: the whole arc, less the turn of its frame
+    length[0] += reach[0] * (_principal(angle[0] - angle_0[0]) - turned[0] + turned_0[0])
+    length[-1] -= reach[-1] * (_principal(angle[-1] - angle_0[-1]) - turned[-1] + turned_0[-1])
+    direction = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    return length, wrap, direction
+
+
+def _tangents(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex, Complex]:
+    """(E4): spans and directions of all elements, and the turns of the nodes' frames."""
+    pose = _frames(robot, q)
+    centre, turned = [], []
+    for node in cable.nodes:
+        x, y, angle = pose[node.place.frame]
+        c, s = np.cos(angle), np.sin(angle)
+        centre.append((x + c * node.place.x - s * node.place.y,
+                       y + s * node.place.x + c * node.place.y))  # fmt: skip
+        turned.append(angle)
+    (dx, dy) = np.diff(np.array(centre), axis=0).T
+    h = np.diff([node.place.turn * node.radius for node in cable.nodes])
+    span = np.sqrt(dx * dx + dy * dy - h * h)
+    return span, _angle(dx, dy) - _angle(span, h + 0j), np.array(turned)
+
+
+def _frames(robot: Robot, q: Complex) -> dict[str, tuple[complex, complex, complex]]:
+    """Origin and orientation of every frame in the base; parents come first."""
+    joints = {joint.name: k for k, joint in enumerate(robot.joints)}
+    pose: dict[str, tuple[complex, complex, complex]] = {}
+    for frame in robot.frames:
+        px, py, pa = pose[frame.parent] if frame.parent else (0j, 0j, 0j)
+        x, y, turn = _motion(frame, q[joints[frame.joint]] if frame.joint else 0j)
+        c, s = np.cos(frame.angle), np.sin(frame.angle)
+        x, y = frame.x + c * x - s * y, frame.y + s * x + c * y
+        c, s = np.cos(pa), np.sin(pa)
+        pose[frame.name] = px + c * x - s * y, py + s * x + c * y, pa + frame.angle + turn
+    return pose
+
+
+def _motion(frame: Frame, q: complex) -> tuple[complex, complex, complex]:
+    """Displacement in the frame at rest, and turn; two equal circles roll on each other."""
+    if frame.motion == "revolute":
+        return 0j, 0j, q
+    if frame.motion == "prismatic":
+        return q * frame.direction[0], q * frame.direction[1], 0j
+    if frame.motion == "rolling":
+        reach = 2 * frame.rolling_radius
+        return reach * np.cos(q), reach * np.sin(q), 2 * q
+    return 0j, 0j, 0j
+
+
+def _angle(x: Complex, y: Complex) -> Complex:
+    """atan2(y, x) with its derivative in the imaginary part."""
+    change = (x.real * y.imag - y.real * x.imag) / (x.real**2 + y.real**2)
+    return np.asarray(np.arctan2(y.real, x.real) + 1j * change)
+
+
+def _principal(angle: Complex) -> Complex:
+    """The same angle in [-pi, pi)."""
+    return np.asarray(angle - 2 * np.pi * np.floor((angle.real + np.pi) / (2 * np.pi)))
+
+
+# --- friction, section 4 -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Friction of one cable's pulleys in one sample, arrays of shape (pulleys,)."""
+
+    law: str
+    loss: Vector
+    """1 - eta at the lagging speed [-]."""
+    share: Vector
+    """e^{-(v_f / v_s)^2} [-]."""
+    drag: Vector
+    """tau_b / r [N]."""
+    stiffness: Vector
+    """sigma0 [N/m]."""
+    damping: Vector
+    """sigma1 [N s/m]."""
+    viscous: Vector
+    """sigma2 [N s/m]."""
+    breakaway: Vector
+    """b of (E9) [-]."""
+
+
+def contacts(cable: Cable, wrap: Vector, lagged_speed: Vector) -> Contacts:
+    """(37), (41), the blend and (E10) for all pulleys of a cable."""
+    law, pulleys = cable.law, cable.pulleys
+    rigid = law in ("euler", "steady")
+    friction = [pulley.friction for pulley in pulleys]
+    cells = np.array([pulley.cells for pulley in pulleys], float)
+    speed = np.array([f.stribeck_speed or np.inf for f in friction])
+    share = np.exp(-((lagged_speed / speed) ** 2))
+    fast, rest = np.array(
+        [_losses(law, pulley, beta) for pulley, beta in zip(pulleys, wrap, strict=True)]
+    ).reshape(-1, 2).T  # fmt: skip
+    drag = [p.bearing_torque / p.radius if p.radius and law != "euler" else 0.0 for p in pulleys]
+
+    def constant(name: str, limit: float) -> Vector:
+        return np.array([limit if rigid else getattr(f, name) for f in friction], float)
+
+    return Contacts(
+        law, fast + (rest - fast) * share, share, np.array(drag) / cells,
+        constant("bristle_stiffness", RIGID) / cells, constant("bristle_damping", 0.0) / cells,
+        constant("viscous", 0.0) / cells, constant("breakaway", 1.0),
+    )  # fmt: skip
+
+
+def _losses(law: str, pulley: Pulley, wrap: float) -> tuple[float, float]:
+    """1 - eta of one cell of a pulley at high slip speed and at rest."""
+    f, beta = pulley.friction, wrap * pulley.cells
+    rho, mu_s = (1.0, f.mu_c) if law == "euler" else (f.rho, f.mu_s)
+    sliding = 1 - np.exp(-f.mu_c * beta)  # (37)
+    if f.stribeck == "capstan":
+        sliding_at_rest = 1 - np.exp(-mu_s * beta)
+    else:
+        sliding_at_rest = sliding * mu_s / f.mu_c if f.mu_c > 0 else 0.0
+    ratio = f.bearing_friction * pulley.bearing_diameter / pulley.radius if pulley.radius else 0.0
+    # (40) is (1 - eta)^2 = (1 + eta^2 - 2 eta cos beta) / alpha^2; with m + 1 the half sum of eta
+    # and 1 / eta, its solution (41) is
+    m = 2 * ratio**2 * np.sin(beta / 2) ** 2 / (1 - ratio**2)
+    bearing = np.sqrt(m * (m + 2)) - m
+    most = 1 - SMALLEST_TRANSMISSION
+    fast = min(rho * sliding + (1 - rho) * bearing, most)
+    rest = min(rho * sliding_at_rest + (1 - rho) * bearing, most)
+    root = 1 / pulley.cells
+    return 1 - (1 - fast) ** root, 1 - (1 - rest) ** root
+
+
+def bristle_force(c: Contacts, before: Vector, slip: Complex, bound: Complex) -> Complex:
+    """(33) or (E9), integrated over the slip at constant bound."""
+    way = np.where(slip.real >= 0, 1.0, -1.0)
+    x, f, sigma = way * slip, way * before, c.stiffness
+    if c.law == "lugre":
+        return np.asarray(way * (bound + (f - bound) * np.exp(-sigma * x / bound)))
+    f = np.where(f > bound.real, bound, np.where(f < -bound.real, -bound, f))
+    knee = c.breakaway * bound
+    elastic = np.clip((knee - f).real / sigma, 0, None)  # slip up to the knee
+    bent = x.real > elastic
+    reach = np.where(c.breakaway < 1, (1 - c.breakaway) * bound / sigma, 1.0)
+    start = np.where(f.real < knee.real, knee, f)
+    remaining = np.where(f.real < knee.real, x - (knee - f) / sigma, x)
+    decay = np.where(c.breakaway < 1, np.exp(-np.where(bent, remaining, 0) / reach), 0)
+    return np.asarray(way * np.where(bent, bound - (bound - start) * decay, f + sigma * x))
+
+
+# --- one cable, sections 2 and 5 -----------------------------------------------------------------
+
+
+@dataclass
+class Chain:
+    """One cable in one sample: what is given, and (E11) as a function of the slips."""
+
+    axial_stiffness: float
+    length: Vector
+    """L_i now [m]."""
+    before: Vector
+    """l_i at the sample before [m]."""
+    bristle: Vector
+    """f_i at the sample before [N]."""
+    contacts: Contacts
+    entered: float
+    """s_1 of the sample: material from the first node's drum [m]."""
+    left: float
+    """s_n of the sample: material onto the last node's drum [m]."""
+    dt: float
+
+    def material(self, slips: Complex) -> Complex:
+        """(E2), with s from one sample to the next; slips have the shape (..., pulleys)."""
+        edge = slips[..., :1] * 0
+        s = np.concatenate([edge + self.entered, slips, edge + self.left], axis=-1)
+        return np.asarray(self.before + s[..., :-1] - s[..., 1:])
+
+    def tension(self, slips: Complex) -> Complex:
+        """(E1)."""
+        strain = self.length / self.material(slips) - 1.0
+        return np.asarray(self.axial_stiffness * np.where(strain.real > 0, strain, 0))
+
+    def friction(self, slips: Complex) -> tuple[Complex, Complex]:
+        """Friction with its viscous parts, and the bristle force alone [N]; bound by (E8)."""
+        c = self.contacts
+        if c.law == "none":
+            return slips * 0, slips * 0
+        t = self.tension(slips)
+        pull = np.where(t[..., :-1].real > t[..., 1:].real, t[..., :-1], t[..., 1:])
+        force = bristle_force(c, self.bristle, slips, c.loss * pull + c.drag + EPSILON)
+        if self.dt == 0:
+            return force, force
+        rate = c.damping * c.share * (force - self.bristle) / (c.stiffness * self.dt)
+        return force + rate + c.viscous * slips / self.dt, force
+
+    def imbalance(self, slips: Complex) -> Complex:
+        """(E11) [N]."""
+        return np.asarray(np.diff(self.tension(slips), axis=-1) - self.friction(slips)[0])
+
+
+def solve(chain: Chain) -> tuple[Vector, float]:
+    """Slips that balance a cable, to rounding, and the largest imbalance left [N].
+
+    Dense Newton with a complex-step Jacobian.  Where it does not descend, every pulley in turn is
+    balanced alone by repeated subdivision: its imbalance falls with its own slip.
+    """
+    n = chain.bristle.size
+    x = chain.entered + np.cumsum(chain.before)[:-1] - np.cumsum(
+        chain.length * (chain.before.sum() + chain.entered - chain.left) / chain.length.sum()
+    )[:-1]  # one tension throughout  # fmt: skip
+    if n == 0:
+        return x, 0.0
+    worst, floor = np.inf, 8 * np.finfo(float).eps * chain.axial_stiffness
+    for _ in range(40):
+        x, worst = _newton(chain, x, floor)
+        idle = not chain.tension(x + 0j).any()  # only the friction epsilon of (34) is left
+        if worst <= floor or (idle and worst <= 2 * EPSILON):
+            break
+        for i in range(n):
+            x[i] = _balanced_alone(chain, x, i)
+    return x, worst
+
+
+def _newton(chain: Chain, x: Vector, floor: float) -> tuple[Vector, float]:
+    """Newton's method while it descends; one step more where it has arrived, for the last digit."""
+    n = x.size
+    steps = np.concatenate([1j * STEP * np.eye(n), np.zeros((1, n))])
+    worst, last = np.inf, False
+    for _ in range(30):
+        value = chain.imbalance(x + steps)
+        now = np.abs(value[-1].real).max()
+        if not now < worst:
+            break
+        best, worst = x, now
+        if last:
+            break
+        last = worst <= floor
+        slope = value[:-1].imag.T / STEP
+        step = np.linalg.lstsq(slope, -value[-1].real, rcond=1e-13)[0]
+        for _ in range(20):
+            trial = x + step
+            if (chain.material(trial) > 0).all() and (
+                np.abs(chain.imbalance(trial + 0j)).max() < worst
+            ):
+                break
+            step = 0.5 * step
+        x = trial
+    return best.copy(), float(worst)
+
+
+def _balanced_alone(chain: Chain, x: Vector, i: int) -> float:
+    """Slip of pulley i that balances it while all others keep theirs, by subdivision."""
+    material = chain.material(x)
+    low, high = x[i] - 0.999 * material[i + 1], x[i] + 0.999 * material[i]
+    for _ in range(13):
+        points = np.linspace(low, high, 65)
+        trial = np.tile(x, (65, 1))
+        trial[:, i] = points
+        value = chain.imbalance(trial + 0j)[:, i].real
+        k = int(np.clip(np.count_nonzero(value > 0), 1, 64))
+        low, high = points[k - 1], points[k]
+    return 0.5 * (low + high)
+
+
+# --- drum (E3) -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Drum:
+    """Material on a drum as a piecewise linear function of the wound angle."""
+
+    angle: Vector
+    """[rad], increasing."""
+    material: Vector
+    """[m]."""
+    rate_below: float
+    """[m/rad] below the first point."""
+    spacing: float = DRUM_SPACING
+    """[rad]."""
+
+
+def turn(drum: Drum, angle: float, rate: float) -> Drum:
+    """(E3): the last point is the present one; winding writes at ``rate``, unwinding reads."""
+    if angle >= drum.angle[-1]:
+        material = drum.material[-1] + rate * (angle - drum.angle[-1])
+        kept, spacing = drum.angle.size, drum.spacing
+        index = np.arange(kept)
+        if kept > 1 and angle - drum.angle[-2] <= spacing:
+            index = index[:-1]
+        elif kept == DRUM_POINTS:
+            index, spacing = np.append(index[:-1:2], kept - 1), 2 * spacing
+    else:
+        spacing = drum.spacing
+        index = np.flatnonzero(drum.angle < angle)
+        material = float(np.interp(angle, drum.angle, drum.material))
+        if index.size == 0:
+            material = drum.material[0] + drum.rate_below * (angle - drum.angle[0])
+    return Drum(
+        np.append(drum.angle[index], angle), np.append(drum.material[index], material),
+        drum.rate_below, spacing,
+    )  # fmt: skip
+
+
+# --- one sample of the robot, sections 2 and 6 ---------------------------------------------------
+
+
+@dataclass(frozen=True)
+class History:
+    """What one sample hands on to the next, all cables one after another."""
+
+    length: Vector
+    material: Vector
+    bristle: Vector
+    slip_speed: Vector
+    lagged_speed: Vector
+    angle: Vector
+    """Of motors, then joints."""
+    bearing: Vector
+    """Friction torque of motors, then joints [N m]."""
+    drums: tuple[Drum | None, ...]
+    """Of both ends of every cable; None where there is no winch."""
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Results of one sample, section 6."""
+
+    tension: Vector
+    force: NDArray[np.float64]
+    """Shape (pulleys, 3)."""
+    magnitude: Vector
+    friction: Vector
+    slip_speed: Vector
+    motor_effort: Vector
+    joint_effort: Vector
+    imbalance: Vector
+    """Largest of every cable [N]."""
+
+
+def sample(
+    robot: Robot,
+    rest: Geometry,
+    pose: Geometry,
+    history: History | None,
+    motor: Vector,
+    joint: Vector,
+    dt: float,
+    slips: Vector | None = None,
+) -> tuple[History, Outputs]:
+    """One sample.
+
+    Args:
+        robot: the description.
+        rest, pose: geometry in the reference pose and now.
+        history: None for the first sample.
+        motor, joint: angles [rad] or [m].
+        dt: time since the sample before [s].
+        slips: of all pulleys [m], where (E11) is to be evaluated instead of solved.
+
+    Takes 8 arguments because the geometry of robots in space comes from elsewhere.
+    """
+    chains, drums = [], []
+    for c in range(len(robot.cables)):
+        chain, ends = _prepared(robot, c, rest, pose, history, motor, dt)
+        chains.append(chain)
+        drums.extend(ends)
+    solved = []
+    for c, chain in enumerate(chains):
+        _, pulleys = parts(robot, c)
+        if history is None:
+            solved.append((np.zeros(chain.bristle.size), 0.0))
+        elif slips is None:
+            solved.append(solve(chain))
+        else:
+            x = slips[pulleys]
+            solved.append((x, float(np.abs(chain.imbalance(x + 0j)).max(initial=0.0))))
+    x = np.concatenate([s for s, _ in solved])
+    material = np.concatenate([k.material(s) for k, (s, _) in zip(chains, solved, strict=True)])
+    tension = np.concatenate(
+        [k.tension(s + 0j).real for k, (s, _) in zip(chains, solved, strict=True)]
+    )
+    bristle = np.concatenate(
+        [k.friction(s + 0j)[1].real for k, (s, _) in zip(chains, solved, strict=True)]
+    )
+    if history is None:
+        bristle = 0 * bristle
+    speed = x / dt if dt > 0 else 0 * x
+    lag = np.array([p.friction.stribeck_lag for cable in robot.cables for p in cable.pulleys])
+    lagged = history.lagged_speed if history else 0 * x
+    angle, bearing, passive = _axes(robot, history, motor, joint)
+    after = History(
+        pose.length, material, bristle, speed, (lag * lagged + dt * speed) / (lag + dt),
+        angle, bearing, tuple(drums),
+    )  # fmt: skip
+    residual = np.array([worst for _, worst in solved])
+    return after, _outputs(robot, pose, tension, speed, passive, residual)
+
+
+def parts(robot: Robot, c: int) -> tuple[slice, slice]:
+    """Elements and pulleys of cable c among all of the robot."""
+    first = sum(len(cable.nodes) for cable in robot.cables[:c])
+    n = len(robot.cables[c].nodes)
+    return slice(first - c, first - c + n - 1), slice(first - 2 * c, first - 2 * c + n - 2)
+
+
+def _prepared(
+    robot: Robot,
+    c: int,
+    rest: Geometry,
+    pose: Geometry,
+    history: History | None,
+    motor: Vector,
+    dt: float,
+) -> tuple[Chain, list[Drum | None]]:
+    """A cable's chain, its drums turned; without a history, one tension throughout."""
+    cable = robot.cables[c]
+    elements, pulleys = parts(robot, c)
+    length, stretch = pose.length[elements], 1 + cable.preload / cable.axial_stiffness
+    lagged = history.lagged_speed[pulleys] if history else 0 * pose.wrap[pulleys]
+    friction = contacts(cable, pose.wrap[pulleys], lagged)
+    drums: list[Drum | None] = []
+    given = [0.0, 0.0]
+    for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
+        if not isinstance(node, Winch):
+            drums.append(None)
+            continue
+        m = [motor.name for motor in robot.motors].index(node.motor)
+        angle = node.winding * (motor[m] - robot.motors[m].reference_angle)
+        if history is None:
+            rate = node.radius / stretch
+            drums.append(Drum(np.array([angle]), np.array([rate * angle]), rate))
+            given[end] = -rate * angle
+        else:
+            e, old = (elements.start, elements.stop - 1)[end], history.drums[2 * c + end]
+            assert old is not None
+            strained = max(history.length[e] / history.material[e], 1.0)
+            new = turn(old, angle, node.radius / strained)
+            drums.append(new)
+            given[end] = old.material[-1] - new.material[-1]
+    if history is None:
+        total = rest.length[elements].sum() / stretch + sum(given)  # (E2)
+        before, bristle, given = length * total / length.sum(), 0 * lagged, [0.0, 0.0]
+    else:
+        before, bristle = history.material[elements], history.bristle[pulleys]
+    chain = Chain(cable.axial_stiffness, length, before, bristle, friction, given[0], -given[1], dt)
+    return chain, drums
+
+
+def _axes(
+    robot: Robot, history: History | None, motor: Vector, joint: Vector
+) -> tuple[Vector, Vector, Vector]:
+    """(E13): angles, friction torques and passive torques of motors and joints."""
+    angle = np.concatenate([motor, joint])
+    passive = [axis.passive for axis in robot.axes]
+    most = np.array([p.bearing_torque for p in passive])
+    bearing = np.zeros(angle.size)
+    if history is not None:
+        stiffness = np.array([p.bearing_stiffness for p in passive])
+        bearing = np.clip(history.bearing + stiffness * (angle - history.angle), -most, most)
+    spring = np.array([p.spring_stiffness for p in passive])
+    rest = np.array([p.spring_rest for p in passive])
+    return angle, bearing, -bearing - spring * (angle - rest)
+
+
+def _outputs(
+    robot: Robot, pose: Geometry, tension: Vector, speed: Vector, passive: Vector, residual: Vector
+) -> Outputs:
+    """Nodal forces and their magnitudes (38), efforts (E12)."""
+    names = [motor.name for motor in robot.motors]
+    motor_effort, forces, magnitudes, frictions = np.zeros(len(names)), [], [], []
+    for c, cable in enumerate(robot.cables):
+        elements, pulleys = parts(robot, c)
+        t, beta = tension[elements], pose.wrap[pulleys]
+        before, behind = t[:-1], t[1:]
+        for node, pull in ((cable.nodes[0], t[0]), (cable.nodes[-1], t[-1])):
+            if isinstance(node, Winch):
+                motor_effort[names.index(node.motor)] -= node.winding * node.radius * pull
+        if cable.routed or cable.spatial:
+            along = t[:, None] * pose.direction[elements]
+            force = np.diff(along, axis=0)
+            magnitudes.append(np.linalg.norm(force, axis=1))
+        else:  # along the bisector, and across it
+            force = np.stack([(before + behind) * np.sin(beta / 2),
+                              (behind - before) * np.cos(beta / 2), 0 * beta], axis=1)  # fmt: skip
+            squared = (behind - before) ** 2 + 4 * before * behind * np.sin(beta / 2) ** 2
+            magnitudes.append(np.sqrt(squared))  # (38)
+        forces.append(force)
+        frictions.append(behind - before)
+    sign = np.array([axis.effort_sign for axis in robot.axes], float)
+    cables = np.concatenate([motor_effort, -tension @ pose.by_joint])  # (E12)
+    effort = sign * (cables + passive)
+    return Outputs(
+        tension, np.concatenate(forces), np.concatenate(magnitudes), np.concatenate(frictions),
+        speed, effort[: len(names)], effort[len(names) :], residual,
+    )  # fmt: skip

@@ -1,0 +1,331 @@
+"""Every sample of ``step`` equals the plain NumPy reference, all robots and all friction laws.
+
+The reference starts every sample from the estimator's own history, so that deviations do not
+accumulate and every part of the new history is compared.  There are two comparisons:
+
+*The equations.*  With the estimator's slips, the reference's tensions, forces, efforts, histories
+and imbalances equal the estimator's to 1e-12 of the cable's largest tension, plus the rounding of
+(E1), 8 EA times the machine epsilon: an element of 4 m of the cable robot does not resolve less.
+
+*The solution.*  The reference solves (E11) by itself, down to rounding.  The estimator stops at
+1e-8 N + 1e-14 EA, so its tensions may differ by what the imbalance r that it reports explains:
+every pulley adds at most r, and passes on what comes from others at most 1/eta times larger.
+Where Newton's last step left r at rounding, the tensions are equal to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from model import reference
+from model.reference import Drum, Geometry, History, Outputs
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
+from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.model.state import state_views
+from cdrj_ros.model.status import OK, SLACK
+from cdrj_ros.robot.description import LAWS, Law, Node, PassiveTorque, Pulley, Robot, Winch
+from cdrj_ros.robot.reader import load_robot
+
+Vector = NDArray[np.float64]
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+FILES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
+STEP_NS = 5_000_000
+EPSILON = float(np.finfo(float).eps)
+LARGE, SMALL, HELD, OUT = 18, 8, 6, 7
+"""Samples of large and of small reversals, at rest, and with the winches paid out."""
+NEWTON_ALONE = 80
+"""Iterations of two attempts; more where a sample was divided into substeps."""
+MOST_DIVIDED = 4
+"""Samples of a motion that may be divided into substeps.  They are not compared: the reference
+solves a sample as one step.  Only ``euler`` on the prototypes has such samples."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """A motion of a robot and its geometry, which no friction law changes."""
+
+    motor: Vector
+    joint: Vector
+    rest: Geometry
+    poses: list[Geometry]
+
+
+def motion(robot: Robot, model: Model) -> tuple[Vector, Vector]:
+    """Motor and joint angles: large reversals, small ones, rest, slack, and taut again."""
+    large = np.sin(4 * np.pi * np.arange(LARGE) / LARGE)
+    small = large[-1] + 2e-3 * np.sin(4 * np.pi * np.arange(SMALL) / SMALL)
+    still = np.full(HELD + OUT, small[-1])
+    wave = np.concatenate([large, small, still, 0.8 * large])
+    joints = []
+    for k, joint in enumerate(robot.joints):
+        room = min(joint.upper - joint.reference_angle, joint.reference_angle - joint.lower)
+        middle = joint.reference_angle if room > 0 else 0.5 * (joint.lower + joint.upper)
+        swing = 0.25 * (room if room > 0 else 0.5 * (joint.upper - joint.lower))
+        joints.append(middle + swing * (1 - 0.3 * (k % 3)) * wave)
+    joint = np.array(joints).T.reshape(wave.size, -1)
+    pull = 0.8 + 0.4 * np.concatenate([np.cos(3 * large), 1 + 0.1 * small, still, large[::-1]])
+    out = LARGE + SMALL + HELD
+    pull[out : out + OUT] = 0.2, -0.4, -1.0, -1.0, -1.0, -0.4, 0.2
+    return _winding(robot, model, joint, pull), joint
+
+
+def _winding(robot: Robot, model: Model, joint: Vector, pull: Vector) -> Vector:
+    """Motor angles that follow the cables' lengths and give shares of the preload."""
+    length = np.array([shape_at(model, q).length for q in joint])
+    rest = shape_at(model, reference_angles(robot)).length
+    motor = np.zeros((pull.size, len(robot.motors)))
+    for m, drive in enumerate(robot.motors):
+        for c, cable in enumerate(robot.cables):
+            winch = cable.nodes[0]
+            if not isinstance(winch, Winch) or winch.motor != drive.name:
+                continue
+            elements, _ = reference.parts(robot, c)
+            now, first = length[:, elements].sum(axis=1), rest[elements].sum()
+            tension = pull * (cable.preload or 30.0)
+            wound = first - now + (now * tension - first * cable.preload) / cable.axial_stiffness
+            motor[:, m] = drive.reference_angle + winch.winding * wound / winch.radius
+            break  # a further cable on the motor has to follow
+    return motor
+
+
+def reference_angles(robot: Robot) -> Vector:
+    return np.array([joint.reference_angle for joint in robot.joints])
+
+
+def with_law(robot: Robot, law: Law) -> Robot:
+    return replace(robot, cables=tuple(replace(cable, law=law) for cable in robot.cables))
+
+
+@cache
+def shipped(file: str) -> tuple[Robot, Course]:
+    robot = load_robot(ROBOTS / f"{file}.yaml")
+    return robot, course(robot)
+
+
+def course(robot: Robot) -> Course:
+    model = prepare(robot, check_range=False)
+    motor, joint = motion(robot, model)
+    poses = [geometry(robot, model, q) for q in joint]
+    return Course(motor, joint, geometry(robot, model, reference_angles(robot)), poses)
+
+
+def geometry(robot: Robot, model: Model, joint: Vector) -> Geometry:
+    """The reference's own in the plane, the estimator's in space."""
+    found = shape_at(model, joint)
+    given = Geometry(found.length, found.length_by_joint, found.wrap, found.direction)
+    if robot.spatial_frames:
+        return given
+    own = reference.geometry(robot, joint)
+    for name, one in vars(own).items():
+        other = getattr(given, name)
+        if name == "direction" and not any(cable.routed for cable in robot.cables):
+            continue
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=2e-14, err_msg=name)
+    return own
+
+
+def history_of(model: Model, state: State) -> History | None:
+    """The estimator's state in the words of the reference."""
+    views = state_views(model.sizes, state.values)
+    if not views.started[0]:
+        return None
+    rows: Any = views.drums
+    drums = [
+        Drum(row["angle"][:n], row["material"][:n], row["rate_below"], row["spacing"])
+        if (n := int(row["points"]))
+        else None
+        for row in rows
+    ]
+    return History(
+        views.length, views.material, views.bristle, views.slip_speed, views.lagged_speed,
+        views.angle, views.bearing_friction, tuple(drums),
+    )  # fmt: skip
+
+
+class Comparison:
+    """Compares samples and keeps the largest deviations, each as a share of what is allowed."""
+
+    def __init__(self, robot: Robot, model: Model) -> None:
+        self.robot, self.layout = robot, model.layout
+        self.worst: dict[str, float] = {}
+        self.exact = 0
+        """Samples of cables that the estimator solved to rounding."""
+
+    def note(self, name: str, one: Any, other: Any, allowed: Any) -> None:
+        share = np.abs(np.asarray(one) - other) / allowed
+        assert not np.isnan(share).any(), name
+        self.worst[name] = max(self.worst.get(name, 0.0), float(np.max(share, initial=0.0)))
+
+    def rounding(self, c: int, estimate: Estimate) -> float:
+        """1e-12 of the largest tension of a cable, and the rounding of (E1) [N]."""
+        elements, _ = reference.parts(self.robot, c)
+        largest = float(estimate.tension[elements].max())
+        return 1e-12 * largest + 8 * EPSILON * self.robot.cables[c].axial_stiffness
+
+    def equations(
+        self, history: History, outputs: Outputs, kept: History, estimate: Estimate
+    ) -> None:
+        """All results and the whole new history, the slips given."""
+        residual = estimate.values[self.layout.residual]
+        for c in range(len(self.robot.cables)):
+            elements, pulleys = reference.parts(self.robot, c)
+            most = self.rounding(c, estimate)
+            self.note("tension", outputs.tension[elements], estimate.tension[elements], most)
+            self.note("friction", outputs.friction[pulleys], estimate.friction[pulleys], most)
+            self.note("bristle", history.bristle[pulleys], kept.bristle[pulleys], most)
+            self.note("imbalance", outputs.imbalance[c], residual[c], most)
+            self.note("magnitude", outputs.magnitude[pulleys], estimate.nodal_force[pulleys], most)
+            for k, force in enumerate((estimate.force_x, estimate.force_y, estimate.force_z)):
+                self.note(f"force {k}", outputs.force[pulleys, k], force[pulleys], most)
+        for name in ("material", "length"):
+            one, other = getattr(history, name), getattr(kept, name)
+            self.note(name, one, other, 1e-12 * other)
+        for name in ("slip_speed", "lagged_speed", "angle", "bearing"):
+            one, other = getattr(history, name), getattr(kept, name)
+            self.note(name, one, other, 1e-12 * max(1e-3, np.abs(other).max(initial=0.0)))
+        most = sum(self.rounding(c, estimate) for c in range(len(self.robot.cables)))
+        self.note("motor effort", outputs.motor_effort, estimate.motor_effort, most)
+        self.note("joint effort", outputs.joint_effort, estimate.joint_effort, most)
+        self._drums(history, kept)
+
+    def _drums(self, history: History, kept: History) -> None:
+        for one, other in zip(history.drums, kept.drums, strict=True):
+            assert (one is None) == (other is None)
+            if one is None or other is None:
+                continue
+            assert (one.angle.size, one.spacing) == (other.angle.size, other.spacing)
+            self.note("drum", one.angle, other.angle, 1e-12 * max(1.0, np.abs(other.angle).max()))
+            # taken from the angle by the radius: rounding of a metre of cable
+            self.note("drum", one.material, other.material, 1e-15)
+
+    def solution(self, outputs: Outputs, pose: Geometry, kept: History, estimate: Estimate) -> None:
+        """Tensions, solved by the reference; ``kept`` is the history before the sample."""
+        residual = estimate.values[self.layout.residual]
+        for c, cable in enumerate(self.robot.cables):
+            elements, pulleys = reference.parts(self.robot, c)
+            rounding = self.rounding(c, estimate)
+            friction = reference.contacts(
+                cable, pose.wrap[pulleys], kept.lagged_speed[pulleys]
+            )  # fmt: skip
+            gain = max(1, len(cable.pulleys))
+            if cable.law != "none":
+                gain /= float(np.prod(1 - friction.loss))
+            idle = not outputs.tension[elements].any()
+            floor = rounding + (2 * reference.EPSILON if idle else 0.0)
+            self.note("reference", outputs.imbalance[c], 0.0, floor)
+            most = gain * (rounding + residual[c] + outputs.imbalance[c])
+            self.note("solution", outputs.tension[elements], estimate.tension[elements], most)
+            self.exact += int(residual[c] <= rounding and not idle)
+
+
+def compare(
+    robot: Robot, course: Course, described: Robot | None = None
+) -> tuple[Comparison, dict[str, int]]:
+    """Step a robot through a motion beside the reference; deviations, and what occurred.
+
+    ``described`` is the reference's robot where it is not the same.
+    """
+    model = prepare(robot, check_range=False)
+    comparison, seen = Comparison(robot, model), {"slack": 0, "taut": 0, "stuck": 0, "sliding": 0}
+    state, divided = initial_state(model), 0
+    for k, pose in enumerate(course.poses):
+        before, dt = history_of(model, state), STEP_NS * 1e-9 if k else 0.0
+        reading = Sample((k + 1) * STEP_NS, course.motor[k], course.joint[k])
+        state, estimate = step(model, state, reading)
+        after = history_of(model, state)
+        assert after is not None
+        assert estimate.solved
+        if (estimate.values[model.layout.iterations] > NEWTON_ALONE).any():
+            divided += 1
+            continue
+        given = (
+            described or robot,
+            course.rest,
+            pose,
+            before,
+            course.motor[k],
+            course.joint[k],
+            dt,
+        )
+        comparison.equations(*reference.sample(*given, estimate.slip_speed * dt), after, estimate)
+        if before is not None:
+            comparison.solution(reference.sample(*given)[1], pose, before, estimate)
+        for c, cable in enumerate(robot.cables):
+            elements, _ = reference.parts(robot, c)
+            t, status = estimate.tension[elements], estimate.status[elements].astype(int)
+            assert ((status & SLACK != 0) == (t <= cable.slack_tension)).all()
+            seen["slack"] += int((t == 0).any())
+            seen["taut"] += int((status == OK).all())
+        moved = np.abs(estimate.slip_speed * dt)
+        seen["stuck"] += int((moved < 1e-9).sum()) if k else 0
+        seen["sliding"] += int((moved > 1e-4).sum())
+    assert divided <= MOST_DIVIDED
+    return comparison, seen
+
+
+def check(robot: Robot, course: Course) -> None:
+    comparison, seen = compare(robot, course)
+    excess = {name: share for name, share in comparison.worst.items() if not share <= 1.0}
+    assert not excess
+    assert min(seen.values()) > 0, seen
+    assert comparison.exact > 0, "some samples are equal to rounding"
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("file", FILES)
+def test_every_sample_equals_the_reference(file: str, law: Law) -> None:
+    robot, course = shipped(file)
+    check(with_law(robot, law), course)
+
+
+def with_everything(robot: Robot) -> Robot:
+    """The prototype with every term of sections 4 and 6 that the shipped files leave at zero."""
+
+    def changed(k: int, node: Node) -> Node:
+        if not isinstance(node, Pulley):
+            return node if isinstance(node, Winch) else Winch("winch", 0.002, 1)
+        friction = replace(
+            node.friction, breakaway=0.6, bristle_damping=300.0, viscous=150.0, mu_s=0.17,
+            stribeck="capstan", stribeck_lag=0.03, stribeck_speed=0.1,
+        )  # fmt: skip
+        return replace(node, friction=friction, cells=1 + k % 3, bearing_torque=1e-4)
+
+    def axis(axis: Any, size: float) -> Any:
+        passive = PassiveTorque(0.05 * size, 3.0 * size, 0.2 * size, 0.1)
+        return replace(axis, effort_sign=-1, passive=passive, reference_angle=0.05)
+
+    upper, lower = robot.cables
+    nodes = tuple(changed(k, node) for k, node in enumerate(upper.nodes))
+    return replace(
+        robot,
+        cables=(replace(upper, nodes=nodes), lower),
+        motors=tuple(axis(motor, 1.0) for motor in robot.motors),
+        joints=tuple(axis(joint, 2.0) for joint in robot.joints),
+    )
+
+
+@pytest.mark.parametrize("law", ["none", "lugre", "elastoplastic"])
+def test_terms_that_no_shipped_robot_has(law: Law, prototype: Robot) -> None:
+    robot = with_law(with_everything(prototype), law)
+    check(robot, course(robot))
+
+
+@pytest.mark.parametrize("file", ["prototype", "finger"])
+def test_the_comparison_sees_a_small_difference(file: str) -> None:
+    """1e-10 of the axial stiffness is far more than what is allowed."""
+    robot, course = shipped(file)
+    softer = tuple(
+        replace(cable, axial_stiffness=cable.axial_stiffness * (1 + 1e-10))
+        for cable in robot.cables
+    )
+    comparison, _ = compare(robot, course, replace(robot, cables=softer))
+    assert comparison.worst["tension"] > 10.0
