@@ -9,6 +9,7 @@ quadratically.  The result depends on the pose alone, not on the samples before 
 from __future__ import annotations
 
 from math import atan2, pi
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,11 @@ SETTLED = 4e-15
 
 ACCEPTED = 1e-12
 """As ``SETTLED``, after the last sweep; above, the path is reported as impossible."""
+
+# Typed numbers, for which numba compiles a function once, not once for every literal.
+FIRST: Final[Any] = np.int64(0)
+NEXT: Final[Any] = np.int64(1)
+PREVIOUS: Final[Any] = np.int64(-1)
 
 LEAST_SHARE = 1e-3
 """Smallest share of a straight line between a node that it misses and the next [-]."""
@@ -113,8 +119,8 @@ def _sweep(
             continue
         touch = touches[k]
         centre = load(touch.centre)
-        came = load(touches[_neighbour(touches, k, -1)].exit) if k > 0 else centre
-        goes = load(touches[_neighbour(touches, k, 1)].entry) if k < last else came
+        came = load(touches[_neighbour(touches, k, PREVIOUS)].exit) if k > 0 else centre
+        goes = load(touches[_neighbour(touches, k, NEXT)].entry) if k < last else came
         if k == 0:
             came = goes
         store(touch.before, rotated(touch.basis, minus(came, centre)))
@@ -216,9 +222,9 @@ def _measure_cable(
     """Lengths without the arcs of ends, wraps and directions; False where one is impossible."""
     possible = True
     last = len(nodes) - 1
-    p = 0
+    p = FIRST
     while p < last:
-        q = _neighbour(touches, p, 1)
+        q = _neighbour(touches, p, NEXT)
         unit, line = _line(touches, p, q)
         possible &= line > 0.0
         _share_line(touches, p, q)
@@ -265,8 +271,8 @@ def _sweep_by(
         if kind in (POINT, SHEATH) or touch.touching == 0.0:
             continue
         twist = twists[plans[k].frame, joint]
-        came = _neighbour(touches, k, -1) if k > 0 else 1
-        goes = _neighbour(touches, k, 1) if k < last else came
+        came = _neighbour(touches, k, PREVIOUS) if k > 0 else 1
+        goes = _neighbour(touches, k, NEXT) if k < last else came
         a_by = _seen(touch, twist, load(touches[came].exit), load(touches[came].exit_by))
         b_by = _seen(touch, twist, load(touches[goes].entry), load(touches[goes].entry_by))
         if k == 0:
@@ -334,9 +340,9 @@ def _lengths_by(
 ) -> None:
     """Derivatives of the lengths of all elements by one joint, arcs included."""
     last = len(touches) - 1
-    p = 0
+    p = FIRST
     while p < last:
-        q = _neighbour(touches, p, 1)
+        q = _neighbour(touches, p, NEXT)
         line_by = _line_by(touches, p, q, direction)
         line = _line(touches, p, q)[1]
         begin, begin_by = 0.0, 0.0
@@ -358,7 +364,7 @@ def _seen_by_end(
     frame: int, touches: Rows[Touch], twists: Grid[SpatialTwist], k: int, joint: int
 ) -> Vector3:
     """Velocity of the point to which the cable leads from an end, in the end's own axes."""
-    other = touches[_neighbour(touches, k, 1 if k == 0 else -1)]
+    other = touches[_neighbour(touches, k, NEXT if k == 0 else PREVIOUS)]
     twist = twists[frame, joint]
     if k == 0:
         return _seen(touches[k], twist, load(other.entry), load(other.entry_by))

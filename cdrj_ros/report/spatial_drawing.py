@@ -18,6 +18,7 @@ from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.model.prepared import paths_in_space
 from cdrj_ros.report.drawing_style import FONT_SIZE, INK, MUTED, cable_colour
 from cdrj_ros.report.scale_drawing import GHOST, ghost_poses, poses_text
+from cdrj_ros.robot.description import Robot
 
 Points = NDArray[np.float64]
 
@@ -58,6 +59,28 @@ def draw_in_space(inspection: Inspection, size: tuple[float, float] | None = Non
         _draw_contacts(axes, inspection, paths)
         _number(axes, paths)
         _dress(axes, title, box, k)
+    rows = _add_legend(figure, robot)
+    unrolled = [cable.name for cable in robot.cables if not cable.spatial]
+    figure.text(
+        16.0 / width, 1.0 - 12.0 / height, robot.name, fontsize=FONT_SIZE + 3, color=INK,
+        weight="bold", va="top", parse_math=False,
+    )  # fmt: skip
+    said = poses_text(robot, width)
+    if unrolled:
+        said += f"; not drawn, since given by spans: {', '.join(unrolled)}"
+    figure.text(
+        16.0 / width, 1.0 - 34.0 / height, said, fontsize=FONT_SIZE - 1, color=MUTED, va="top",
+        parse_math=False,
+    )  # fmt: skip
+    figure.subplots_adjust(
+        left=0.0, right=1.0, top=1.0 - 62.0 / height, bottom=(16.0 + 20.0 * rows) / height,
+        wspace=0.02, hspace=0.14,
+    )  # fmt: skip
+    return figure
+
+
+def _add_legend(figure: Figure, robot: Robot) -> int:
+    """Add a legend of the cables and contacts; returns its number of rows."""
     handles = [
         Line2D([], [], color=cable_colour(c), linewidth=2.2, label=cable.name)
         for c, cable in enumerate(robot.cables)
@@ -75,26 +98,9 @@ def draw_in_space(inspection: Inspection, size: tuple[float, float] | None = Non
         handles=handles, loc="lower center", ncols=min(len(handles), 6), frameon=False,
         fontsize=FONT_SIZE - 1,
     )  # fmt: skip
-    unrolled = [cable.name for cable in robot.cables if not cable.spatial]
     for text in legend.get_texts():
         text.set_parse_math(False)
-    figure.text(
-        16.0 / width, 1.0 - 12.0 / height, robot.name, fontsize=FONT_SIZE + 3, color=INK,
-        weight="bold", va="top", parse_math=False,
-    )  # fmt: skip
-    said = poses_text(robot, width)
-    if unrolled:
-        said += f"; not drawn, since given by spans: {', '.join(unrolled)}"
-    figure.text(
-        16.0 / width, 1.0 - 34.0 / height, said, fontsize=FONT_SIZE - 1, color=MUTED, va="top",
-        parse_math=False,
-    )  # fmt: skip
-    rows = -(-len(handles) // min(len(handles), 6))
-    figure.subplots_adjust(
-        left=0.0, right=1.0, top=1.0 - 62.0 / height, bottom=(16.0 + 20.0 * rows) / height,
-        wspace=0.02, hspace=0.14,
-    )  # fmt: skip
-    return figure
+    return -(-len(handles) // min(len(handles), 6))
 
 
 def _line(pieces: list[Points]) -> Points:

@@ -249,7 +249,7 @@ def test_every_robot_of_the_package_performs_the_default_motion(
     told = capsys.readouterr().out
     assert "slack for" not in told
     usual = name.startswith("prototype")
-    assert ("default motion" in told) != (usual or name == "parallel")
+    assert ("default motion" in told) != (usual or name in ("cdpr", "parallel"))
     if usual:
         assert np.degrees(np.abs(angle).max()) == pytest.approx(38.0, abs=0.2)
 
