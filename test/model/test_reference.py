@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 import pytest
 from model import reference
-from model.reference import Drum, Geometry, History, Outputs
+from model.reference import Drum, History, Outputs
+from model.reference_geometry import Geometry, plane
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
@@ -124,7 +125,7 @@ def geometry(robot: Robot, model: Model, joint: Vector) -> Geometry:
     given = Geometry(found.length, found.length_by_joint, found.wrap, found.direction)
     if robot.spatial_frames:
         return given
-    own = reference.geometry(robot, joint)
+    own = plane(robot, joint)
     for name, one in vars(own).items():
         other = getattr(given, name)
         if name == "direction" and not any(cable.routed for cable in robot.cables):

@@ -1,0 +1,161 @@
+"""Lengths, wraps and directions of cables in the plane, by section 3 of docs/model.md.
+
+In plain NumPy, without the compiled kernels.  The derivatives are complex steps instead of (E7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.robot.description import Cable, Frame, Profile, Robot
+
+Vector = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+STEP = 1e-100
+"""Imaginary step of a derivative; its square vanishes."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """All cables in one pose."""
+
+    length: Vector
+    """L_i [m], shape (elements,)."""
+    by_joint: NDArray[np.float64]
+    """dL_i / dq_j, shape (elements, joints)."""
+    wrap: Vector
+    """beta [rad], shape (pulleys,)."""
+    direction: NDArray[np.float64]
+    """u_i of cables given by positions, shape (elements, 3)."""
+
+
+def plane(robot: Robot, q: Vector) -> Geometry:
+    """(E4) to (E6) or the sums of tables; dL/dq by a complex step of q, one joint at a time."""
+    columns, plain = [], _shape(robot, q.astype(complex))
+    for j in range(q.size):
+        moved = q.astype(complex)
+        moved[j] += 1j * STEP
+        columns.append(_shape(robot, moved)[0].imag / STEP)
+    by_joint = np.stack(columns, axis=1) if columns else np.zeros((plain[0].size, 0))
+    return Geometry(plain[0].real, by_joint, plain[1].real, plain[2].real)
+
+
+def _shape(robot: Robot, q: Complex) -> tuple[Complex, Complex, Complex]:
+    """Lengths, wraps and directions of all cables."""
+    parts = [
+        _positions(robot, cable, q) if cable.routed else _tables(robot, cable, q)
+        for cable in robot.cables
+    ]
+    length, wrap, direction = zip(*parts, strict=True)
+    return np.concatenate(length), np.concatenate(wrap), np.concatenate(direction)
+
+
+def _tables(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex, Complex]:
+    """Sums of functions of single joints, and the arcs of (E6)."""
+    joints = {joint.name: k for k, joint in enumerate(robot.joints)}
+
+    def total(profiles: tuple[Profile, ...]) -> complex:
+        return sum((_profile(p, q[joints[p.joint]] if p.joint else 0j) for p in profiles), 0j)
+
+    span = np.array([total(span) for span in cable.spans])
+    wrap = np.array([total(pulley.wrap) for pulley in cable.pulleys])
+    return _with_arcs(cable, span, wrap), wrap, np.zeros((span.size, 3), complex)
+
+
+def _profile(profile: Profile, q: complex) -> complex:
+    """Cubic Hermite interpolation of values and slopes."""
+    if profile.joint is None:
+        return complex(profile.value[0])
+    grid, value, slope = profile.angle, profile.value, profile.slope
+    h = grid[1] - grid[0]
+    k = int(np.clip((q.real - grid[0]) / h, 0, grid.size - 2))
+    u = (q - grid[0]) / h - k
+    return complex(
+        (1 + 2 * u) * (1 - u) ** 2 * value[k]
+        + u * (1 - u) ** 2 * h * slope[k]
+        + u**2 * (3 - 2 * u) * value[k + 1]
+        + u**2 * (u - 1) * h * slope[k + 1]
+    )
+
+
+def _with_arcs(cable: Cable, span: Complex, wrap: Complex) -> Complex:
+    """(E6): half of a pulley's arc belongs to each element beside it."""
+    half = 0.5 * np.array([pulley.radius for pulley in cable.pulleys]) * wrap
+    length = span.copy()
+    length[:-1] += half
+    length[1:] += half
+    return length
+
+
+def _positions(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex, Complex]:
+    """(E4) to (E6) for a path of directed circles."""
+    reference = np.array([joint.reference_angle for joint in robot.joints], complex)
+    _, angle_0, turned_0 = _tangents(robot, cable, reference)
+    span, angle, turned = _tangents(robot, cable, q)
+    turn = np.array([node.place.turn for node in cable.nodes])
+    reach = turn * np.array([node.radius for node in cable.nodes])
+    middle = np.mod((turn[1:-1] * np.diff(angle_0)).real, 2 * np.pi)
+    wrap = middle + _principal(turn[1:-1] * np.diff(angle) - middle)  # (E5)
+    length = _with_arcs(cable, span, wrap)
+    # an end with a radius: the whole arc, less the turn of its frame
+    length[0] += reach[0] * (_principal(angle[0] - angle_0[0]) - turned[0] + turned_0[0])
+    length[-1] -= reach[-1] * (_principal(angle[-1] - angle_0[-1]) - turned[-1] + turned_0[-1])
+    direction = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    return length, wrap, direction
+
+
+def _tangents(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex, Complex]:
+    """(E4): spans and directions of all elements, and the turns of the nodes' frames."""
+    pose = _frames(robot, q)
+    centre, turned = [], []
+    for node in cable.nodes:
+        x, y, angle = pose[node.place.frame]
+        c, s = np.cos(angle), np.sin(angle)
+        centre.append((x + c * node.place.x - s * node.place.y,
+                       y + s * node.place.x + c * node.place.y))  # fmt: skip
+        turned.append(angle)
+    (dx, dy) = np.diff(np.array(centre), axis=0).T
+    h = np.diff([node.place.turn * node.radius for node in cable.nodes])
+    span = np.sqrt(dx * dx + dy * dy - h * h)
+    return span, _angle(dx, dy) - _angle(span, h + 0j), np.array(turned)
+
+
+def _frames(robot: Robot, q: Complex) -> dict[str, tuple[complex, complex, complex]]:
+    """Origin and orientation of every frame in the base; parents come first."""
+    joints = {joint.name: k for k, joint in enumerate(robot.joints)}
+    pose: dict[str, tuple[complex, complex, complex]] = {}
+    for frame in robot.frames:
+        px, py, pa = pose[frame.parent] if frame.parent else (0j, 0j, 0j)
+        x, y, turn = _motion(frame, q[joints[frame.joint]] if frame.joint else 0j)
+        c, s = np.cos(frame.angle), np.sin(frame.angle)
+        x, y = frame.x + c * x - s * y, frame.y + s * x + c * y
+        c, s = np.cos(pa), np.sin(pa)
+        pose[frame.name] = px + c * x - s * y, py + s * x + c * y, pa + frame.angle + turn
+    return pose
+
+
+def _motion(frame: Frame, q: complex) -> tuple[complex, complex, complex]:
+    """Displacement in the frame at rest, and turn; two equal circles roll on each other."""
+    if frame.motion == "revolute":
+        return 0j, 0j, q
+    if frame.motion == "prismatic":
+        return q * frame.direction[0], q * frame.direction[1], 0j
+    if frame.motion == "rolling":
+        reach = 2 * frame.rolling_radius
+        return reach * np.cos(q), reach * np.sin(q), 2 * q
+    return 0j, 0j, 0j
+
+
+def _angle(x: Complex, y: Complex) -> Complex:
+    """atan2(y, x) with its derivative in the imaginary part."""
+    change = (x.real * y.imag - y.real * x.imag) / (x.real**2 + y.real**2)
+    return np.asarray(np.arctan2(y.real, x.real) + 1j * change)
+
+
+def _principal(angle: Complex) -> Complex:
+    """The same angle in [-pi, pi)."""
+    return np.asarray(angle - 2 * np.pi * np.floor((angle.real + np.pi) / (2 * np.pi)))
