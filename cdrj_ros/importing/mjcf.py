@@ -45,7 +45,7 @@ def load_mujoco() -> ModuleType:
         UsageError: it is not installed.
     """
     try:
-        import mujoco  # type: ignore[import-untyped,unused-ignore]
+        import mujoco
     except ImportError as error:
         raise UsageError(
             "reading MJCF needs the package mujoco, which is not installed: pip install mujoco"
