@@ -2,8 +2,8 @@
 
 A cable of n nodes has n - 1 elements and n - 2 pulleys.  Arrays count elements and pulleys from 0:
 pulley ``i`` lies between elements ``i`` and ``i + 1``.  The unknowns are the slips of the pulleys:
-the unstretched material that moves past each towards the last node.  docs/model.md, sections 2 to
-4.
+the unstretched material that moves past each towards the last node.
+See docs/model.md, sections 2 to 4.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class PulleyNumbers:
     viscous: float
     """sigma2 [N s/m]."""
     breakaway: float
-    """Share of the bound up to which pre-sliding is elastic [-]."""
+    """Fraction of the bound up to which pre-sliding is elastic [-]."""
     cells: float
-    """Equal contact cells of which this is one, a whole number."""
+    """Number of equal contact cells of the whole pulley, of which this is one; a whole number."""
     wrap: float
     """Constant part of the wrap angle [rad]."""
     kinetic_loss: float
@@ -114,19 +114,19 @@ SMALLEST_SHRINK: Final = 0.25
 
 @lean
 def tolerance(axial_stiffness: float) -> float:
-    """Largest force imbalance at a pulley that counts as solved [N]; rounding sets the floor."""
+    """Largest force imbalance of a solved pulley [N]; the second term allows for rounding."""
     return 1e-8 + 1e-14 * axial_stiffness
 
 
 @lean
 def acceptable(axial_stiffness: float) -> float:
-    """Largest force imbalance with which a sample may be used [N]; above, it is not solved."""
+    """Largest force imbalance of a usable sample [N]; with a larger one it counts as unsolved."""
     return 1e-4 + 1e-14 * axial_stiffness
 
 
 @lean
 def element_tension(axial_stiffness: float, length: float, material: float) -> float:
-    """t = EA max(L / l - 1, 0) [N]; exact for large winding, (11) is its linearisation."""
+    """t = EA max(L / l - 1, 0) [N]; exact for any amount of winding; (11) is its linearisation."""
     return max(axial_stiffness * (length / material - 1.0), 0.0)
 
 
@@ -136,7 +136,7 @@ def _friction(
 ) -> tuple[float, float, float]:
     """Friction of a pulley [N], its derivatives by the slip [N/m] and by the pull side's tension.
 
-    Writes bristle force and bound of the contact.
+    The function writes the bristle force and the bound of the contact.
     """
     bound = contact.loss * pull + pulley.drag + BOUND_FLOOR
     stiffness = pulley.bristle_stiffness
@@ -150,7 +150,7 @@ def _friction(
     if dt > 0.0:
         damping = pulley.bristle_damping
         if damping != 0.0:
-            # sigma1 dz/dt, fading with speed: constant, it costs LuGre its passivity
+            # sigma1 dz/dt; sigma1 fades with speed: with a constant one LuGre is not passive
             rate = damping * contact.static_share / (stiffness * dt)
             force += rate * (force - bristle_before)
             by_slip *= 1.0 + rate
@@ -174,8 +174,8 @@ def _balance(
 ) -> float:
     """Force imbalance of every pulley at its trial slip; returns the largest magnitude [N].
 
-    Residual i is (t_{i+1} - t_i) - friction_i.  Fills material and tension of the elements, and
-    bristle force, bound, residual and the derivatives of friction of the contacts.
+    Residual i is (t_{i+1} - t_i) - friction_i.  The function writes material and tension of the
+    elements, and bristle force, bound, residual and derivatives of friction of the contacts.
     """
     n = len(contacts)
     worst = 0.0
@@ -219,15 +219,15 @@ def _matrix_row(
 ) -> tuple[float, float, float]:
     """Derivatives of a residual by the slips of the pulley before, this one and the next [N/m].
 
-    The bound of friction depends on the pull side, so its derivative is in a neighbour's column
-    too.
+    The bound of friction depends on the tension on the pull side, so its derivative also adds to
+    the column of a neighbouring pulley.
 
     Args:
         contact: the pulley.
         k_left, k_right: stiffness of the elements before and after it [N/m].
         pulled_after: whether the element after it is on the pull side.
-        slack: stiffness in place of a slack element's [N/m].  In the matrix, not in the residual,
-            it keeps a taut element between slack ones from making the system singular.
+        slack: stiffness [N/m] that replaces that of a slack element in the matrix, not in the
+            residual.  Without it a taut element between slack ones makes the system singular.
     """
     lower, upper = k_left, k_right
     diagonal = -(k_left + k_right) - contact.by_slip
@@ -251,7 +251,7 @@ def _newton_step(
     """Solve the tridiagonal system J step = -residual (Thomas), O(n).
 
     Returns:
-        Share in (0, 1] of the step that leaves every element some material.
+        Fraction in (0, 1] of the step that leaves every element some material.
     """
     n = len(contacts)
     k_left = _element_stiffness(axial_stiffness, elements[0])
@@ -279,7 +279,13 @@ def _newton_step(
 
 @lean
 def _shortened(share: float, change: float, material: float) -> float:
-    """The share of a step that leaves an element some material [m]; ``change`` is the step's."""
+    """Limit the fraction of a step so that an element keeps some material.
+
+    Args:
+        share: fraction of the step so far.
+        change: change of the element's material by the whole step [m].
+        material: the element's material [m].
+    """
     most = (SMALLEST_SHRINK - 1.0) * material
     return min(share, most / change) if change < most else share
 
@@ -288,11 +294,11 @@ def _shortened(share: float, change: float, material: float) -> float:
 def _try_step(
     contacts: Rows[Contact], pulleys: Rows[PulleyNumbers], law: int, share: float
 ) -> None:
-    """Write slip + share * step into the trial column, stopping inside a stick that is crossed.
+    """Write slip + share * step into ``trial``; stop a step that crosses the elastic range.
 
-    Between sliding forward and sliding back lies the elastic range of the bristles.  A step that
-    jumps over it would flip the friction from one bound to the other, and back in the next
-    iteration; it is stopped where the bristle force is zero.
+    The elastic range of the bristles lies between sliding forward and sliding back.  A step across
+    all of it would switch the friction from one bound to the other, and the next iteration would
+    switch it back; such a step ends where the bristle force is zero.
     """
     for i in range(len(contacts)):
         slip = contacts[i].slip
@@ -304,7 +310,7 @@ def _try_step(
             bound = contacts[i].bound
             if (old > bound and new < -bound) or (old < -bound and new > bound):
                 trial = -before / stiffness
-        elif law == LUGRE and slip * trial < 0.0:  # the slope jumps where the slip turns
+        elif law == LUGRE and slip * trial < 0.0:  # the slope jumps where the slip reverses
             trial *= 0.3
         contacts[i].trial = trial
 
@@ -313,9 +319,9 @@ def _try_step(
 def _predict(
     contacts: Rows[Contact], elements: Rows[SolverElement], first_slip: float, last_slip: float
 ) -> None:
-    """Slips that keep every element's strain, the winch's demand spread in proportion to length.
+    """Slips that scale the stretch L / l of every element by one factor, which fits the material.
 
-    Starting from the previous slips instead can shrink short elements to zero length.
+    A start from the previous slips instead can shrink short elements to zero length.
     """
     n = len(contacts)
     kept = 0.0
@@ -343,7 +349,11 @@ def _newton(
     law: int,
     dt: float,
 ) -> tuple[int, float]:
-    """Newton's method with a line search from the slips in ``contacts``; (iterations, residual)."""
+    """Newton's method with a line search from the slips in ``contacts``.
+
+    Returns:
+        Iterations and the largest remaining force imbalance [N].
+    """
     n = len(contacts)
     enough = tolerance(axial_stiffness)
     for i in range(n):
@@ -397,10 +407,10 @@ def solve_cable(
 
     Args:
         axial_stiffness: EA [N].
-        elements: shape (n + 1,); given are the lengths before and now and the material before,
-            written are material and tension.
-        contacts: shape (n,); given are a first guess of the slip, the bristle force before, the
-            loss and the share of static friction in it, written are slip and bristle force; the
+        elements: shape (n + 1,); the lengths before and now and the material before are given;
+            material and tension are written.
+        contacts: shape (n,); a first guess of the slip, the bristle force before, the loss and the
+            share of static friction in it are given; slip and bristle force are written; the
             rest is scratch.
         pulleys: constants of the pulleys, shape (n,).
         first_slip, last_slip: material that enters at the first and leaves at the last node [m].
@@ -408,8 +418,9 @@ def solve_cable(
         dt: duration of the sample [s]; 0 where unknown (speeds then count as zero).
 
     Returns:
-        Newton iterations in all and the largest remaining force imbalance [N].  The sample is
-        solved where that is within ``acceptable``; otherwise the caller must report it.
+        Total number of Newton iterations and the largest remaining force imbalance [N].  The
+        sample is solved if the imbalance is within ``acceptable``; otherwise the caller must
+        report it.
     """
     n = len(contacts)
     if n == 0:
@@ -419,7 +430,7 @@ def solve_cable(
         return 0, 0.0
     enough = tolerance(axial_stiffness)
 
-    # The given guess is better in steady motion, the predictor in all other cases.
+    # In steady motion the given guess is better; in all other cases the predictor is.
     iterations = 0
     if _guess_is_usable(contacts, elements, first_slip, last_slip):
         iterations, worst = _newton(
@@ -432,7 +443,7 @@ def solve_cable(
         axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
     )
     iterations += count
-    pieces: Any = np.int64(4)  # the literal has a type of its own: _walk would be compiled twice
+    pieces: Any = np.int64(4)  # a literal has its own type: numba would compile _walk twice
     while not worst <= enough and pieces <= MAX_SUBSTEPS:
         count, worst = _walk(
             pieces, axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt

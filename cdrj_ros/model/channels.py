@@ -16,7 +16,7 @@ EFFORT: Final = "effort"
 
 
 def channel_columns(layout: Layout) -> dict[str, int]:
-    """Column of every channel in the estimate: tensions, nodal forces, motor and joint efforts."""
+    """Columns of tensions, nodal forces, motor and joint efforts in an estimate, by channel."""
     named: dict[str, int] = {}
     for prefix, names, where in (
         (TENSION, layout.elements, layout.tension),

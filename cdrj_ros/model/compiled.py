@@ -24,7 +24,7 @@ _FOLDER = Path(__file__).parent
 
 
 def source_digest(*more: Path) -> str:
-    """Digest of every source file of the model and ``more``: the stamp of the kernel cache."""
+    """Digest of every source file of the model and of ``more``; it stamps the kernel cache."""
     digest = hashlib.sha256()
     for path in sorted({*_FOLDER.glob("*.py"), *more}):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
@@ -33,7 +33,7 @@ def source_digest(*more: Path) -> str:
 
 @lru_cache
 def _stamp(file: str) -> str:
-    """Stamp of the kernels in a file; without its cache, a start would read every source often."""
+    """Stamp of the kernels in a file, cached so that a start reads every source once per file."""
     return source_digest(Path(file))
 
 
@@ -51,21 +51,21 @@ def compiled(function: F) -> F:
 
 
 def lean(function: F) -> F:
-    """As ``compiled``, for a kernel that allocates nothing: numba rejects it otherwise.
+    """As ``compiled``, for a kernel that allocates nothing; numba rejects a kernel that does.
 
-    Arrays are then passed without reference counts, which took a fifth of the time of a sample.
-    They stay alive because the caller holds them.
+    Arrays are passed without reference counts, whose updates took a fifth of the time of a sample.
+    The caller keeps the arrays alive.
     """
     return _compile(function, _nrt=False)
 
 
 def stage(function: F) -> F:
-    """As ``lean``, for a part of a larger kernel: it is compiled into each of its callers."""
+    """As ``lean``, for a part of a larger kernel; it is inlined into each of its callers."""
     return _compile(function, _nrt=False, forceinline=True)
 
 
 def usable_in_kernels(function: F) -> F:
-    """Let kernels call ``function``, compiled into them; Python calls it uncompiled."""
+    """Let kernels inline ``function``; Python calls it uncompiled."""
     usable: F = register_jitable(forceinline=True, _nrt=False)(function)
     return usable
 
@@ -82,11 +82,11 @@ def _compile(function: F, **options: bool) -> F:
 
 
 def direct(kernel: F, *arguments: Any) -> F:
-    """A kernel to be called without numba's dispatcher, which takes longer than some kernels.
+    """Entry point of a kernel, without numba's dispatcher, which is slower than some kernels.
 
-    The dispatcher looks at the types of all arguments at every call.  What is returned looks at
-    none: a call with other types than those of ``arguments`` reads memory that it must not read.
-    Use it only with arrays that the caller has made itself and keeps.
+    The dispatcher checks the types of all arguments at every call; the entry point checks none.
+    A call with other types than those of ``arguments`` reads invalid memory.  Use the entry point
+    only with arrays that the caller has created itself and keeps alive.
     """
     if not hasattr(kernel, "overloads"):  # compilation is switched off
         return kernel
@@ -101,8 +101,8 @@ def direct(kernel: F, *arguments: Any) -> F:
 def kernels_are_compiled(*kernels: Callable[..., Any]) -> bool:
     """Whether the machine code of kernels is on disk, so that their first call does not compile.
 
-    Nothing is loaded.  Name the outermost kernels: those that they call are compiled with them.
-    Where compilation is switched off, kernels are plain functions and count as compiled.
+    The check loads no kernel.  Name the outermost kernels; the kernels that they call are compiled
+    with them.  If compilation is switched off, kernels are plain functions and count as compiled.
     """
     caches = [kernel._cache for kernel in kernels if hasattr(kernel, "_cache")]
     return all(isinstance(cache, KernelCache) and cache.is_filled() for cache in caches)

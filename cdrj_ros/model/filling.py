@@ -1,4 +1,4 @@
-"""From the description of a robot to ``plan`` and ``numbers``, the vectors that kernels read."""
+"""Pack the description of a robot into ``plan`` and ``numbers``, the vectors of the kernels."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ from cdrj_ros.robot.space import CONTACT_KINDS
 Vector = NDArray[np.float64]
 
 NEVER_SLIDES: Final = 1e9
-"""Stribeck speed [m/s] that stands for 'no Stribeck effect'."""
+"""Stribeck speed [m/s] that stands for 'no Stribeck effect'; no slip reaches it."""
 
 
 def pack(robot: Robot) -> tuple[Indices, Vector]:
     """Plan and numbers of a robot.
 
-    Quantities that follow from the reference pose are left at their initial values: unstretched
-    lengths, and the angles about which the arcs of routed cables are continuous.
+    Quantities that follow from the reference pose keep their initial values: unstretched lengths,
+    and the angles about which the arcs of routed cables are continuous.
     """
     sizes = _sizes(robot)
     plan, numbers = empty_robot(sizes)
@@ -83,7 +83,7 @@ def _sizes(robot: Robot) -> Sizes:
 
 
 def _profiles(cable: Cable) -> Iterator[Profile]:
-    """All functions of which the cable's wraps and spans are sums."""
+    """All profiles whose sums are the cable's wraps and spans."""
     for pulley in cable.pulleys:
         yield from pulley.wrap
     for span in cable.spans:
@@ -91,7 +91,7 @@ def _profiles(cable: Cable) -> Iterator[Profile]:
 
 
 def _fill(rows: Any, place: int, **fields: float | tuple[float, ...]) -> None:
-    """Set all fields of one row of a structured array, by name; vectors as tuples."""
+    """Set all fields of one row of a structured array by name; vectors are given as tuples."""
     rows[place] = tuple(fields.pop(name) for name in rows.dtype.names)
     if fields:
         raise TypeError(f"no such fields: {', '.join(fields)}")
@@ -111,7 +111,7 @@ class _Rows:
         self._term = 0
 
     def axes(self) -> None:
-        """Motors, joints, and the passive torques of both."""
+        """Fill the rows of motors, of joints, and of the passive torques of both."""
         for k, motor in enumerate(self._robot.motors):
             _fill(self._numbers.motors, k, reference_angle=motor.reference_angle)
         for k, joint in enumerate(self._robot.joints):
@@ -122,7 +122,7 @@ class _Rows:
             _fill(self._numbers.axes, k, effort_sign=sign, **asdict(axis.passive))
 
     def frames(self) -> None:
-        """Frames, parents first."""
+        """Fill the rows of planar frames, parents first."""
         for k, frame in enumerate(self._robot.frames):
             _fill(
                 self._plan.frames,
@@ -143,7 +143,7 @@ class _Rows:
             )
 
     def spatial_frames(self) -> None:
-        """Frames in space, parents first."""
+        """Fill the rows of frames in space, parents first."""
         for k, frame in enumerate(self._robot.spatial_frames):
             _fill(
                 self._plan.spatial_frames,
@@ -164,7 +164,7 @@ class _Rows:
             )
 
     def cable(self, c: int) -> None:
-        """One cable with its ends, pulleys, elements and nodes; call it in the cables' order."""
+        """Fill the rows of one cable and its parts; call this in the order of the cables."""
         cable = self._robot.cables[c]
         element, pulley = self._node - c, self._node - 2 * c
         _fill(
@@ -235,7 +235,7 @@ class _Rows:
         )
 
     def _add_node(self, node: Node) -> None:
-        """Frame and circle; the angle of an arc is pi until the reference pose is known."""
+        """Fill frame and circle of a node; the arc angle is pi until the reference is known."""
         place, k = node.place, self._node
         self._node += 1
         _fill(self._plan.nodes, k, frame=self._frames[place.frame] if place else -1)
@@ -254,7 +254,7 @@ class _Rows:
             self._add_spatial_node(k, node)
 
     def _add_spatial_node(self, k: int, node: Node) -> None:
-        """Body of a node; the reference of an arc is pi until the reference pose is known."""
+        """Fill the body of a node; a pulley's arc reference is pi until the pose is known."""
         place = node.space
         if place is None:
             _fill(self._plan.spatial_nodes, k, kind=0, frame=-1, exit_frame=-1)
@@ -287,7 +287,7 @@ class _Rows:
     def _add_profiles(
         self, profiles: tuple[Profile, ...], adds_to_wrap: bool, target: int
     ) -> float:
-        """Add tables of functions of joint angles; returns the sum of the constants."""
+        """Add the tables of functions of joint angles; returns the sum of the constants."""
         constant = 0.0
         for profile in profiles:
             if profile.joint is None:
@@ -305,7 +305,7 @@ class _Rows:
 
 
 def _basis(axis: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Right-handed unit vectors by rows, the last of them the axis; exact along z."""
+    """Right-handed unit vectors by rows; the last is the axis.  The result is exact along z."""
     z = np.array(axis)
     helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]
     x = helper - z * (helper @ z)
@@ -314,18 +314,18 @@ def _basis(axis: tuple[float, float, float]) -> NDArray[np.float64]:
 
 
 def _stribeck(cable: Cable) -> int:
-    """Code of the cable's Stribeck form; its pulleys share one."""
+    """Code of the cable's Stribeck form, which all of its pulleys share."""
     forms = {pulley.friction.stribeck for pulley in cable.pulleys} or {"printed"}
     return STRIBECK_FORMS.index(forms.pop())
 
 
 def friction_numbers(pulley: Pulley, law: int) -> dict[str, float]:
-    """Friction constants of one pulley; the simpler laws are limits of the full one."""
+    """Friction constants of one pulley; the simpler laws are limiting cases of the full one."""
     friction = pulley.friction
     if law == EULER:  # sliding alone, without static friction
         friction = replace(friction, rho=1.0, mu_s=friction.mu_c)
     rigid = law in (EULER, STEADY)
-    cells = float(pulley.cells)  # parallel springs to the ground share stiffness and drag
+    cells = float(pulley.cells)  # the cells share stiffness and drag equally
     drag = 0.0 if law == EULER else bearing_drag(pulley)
     return {
         "rho": friction.rho,

@@ -17,7 +17,7 @@ Vector = NDArray[np.float64]
 def impose_friction(
     plan: Indices, numbers: Vector, share: Vector, state: Vector, scratch: Vector
 ) -> None:
-    """Impose a friction history on a robot that has just been started; elongations are kept.
+    """Impose a friction history on a robot that has just been started; keep the elongations.
 
     It branches more than other kernels because the ratios of the tensions, their common factor and
     the material all follow from one walk along each cable.
@@ -46,7 +46,7 @@ def impose_friction(
         mean = stiffness * (span / total - 1.0)
         if not mean > 0.0:
             continue
-        # the tensions' ratios first, then the common factor that keeps the elongation
+        # compute the ratios of the tensions, then the common factor that keeps the elongation
         ratio = 1.0
         weighted = 0.0
         for e in range(first, last):

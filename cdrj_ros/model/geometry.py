@@ -1,8 +1,8 @@
-"""From joint angles to lengths, wraps and directions: planar tangents and arcs, and tables.
+"""Lengths, wraps and directions at given joint angles: planar tangents and arcs, and tables.
 
 A cable is a path of directed circles: radius r and turn sigma = +1 where the cable goes round it
 counter-clockwise on its way from the first node to the last, -1 clockwise.  Points are circles of
-radius 0.  docs/model.md, section 3.
+radius 0.  See docs/model.md, section 3.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 MOTIONS: Final[tuple[FrameMotion, ...]] = get_args(FrameMotion)
-"""How a frame moves in its parent, in the order of the codes."""
+"""Types of a frame's motion relative to its parent, in the order of the codes."""
 
 FIXED, REVOLUTE, PRISMATIC, ROLLING = range(len(MOTIONS))
 
 
 class FramePlan:
-    """How a frame hangs in the tree; parents come first."""
+    """Place of a frame in the tree of frames; parents come first."""
 
     parent: int
-    """Frame, -1 for the base."""
+    """Index of the parent frame; -1 for the base."""
     motion: int
     """Code of the motion."""
     joint: int
-    """Joint that moves it; -1 for a fixed frame."""
+    """Index of the joint that moves the frame; -1 for a fixed frame."""
 
 
 class FrameNumbers:
-    """Where a frame lies in its parent at joint angle 0."""
+    """Pose of a frame in its parent at joint angle 0."""
 
     x: float
     """Origin [m]."""
@@ -62,7 +62,7 @@ class NodePlan:
 
 
 class NodeNumbers:
-    """Circle of a node in its frame, and the angle about which its arc is continuous."""
+    """Circle of a node in its frame, and the reference of its arc."""
 
     x: float
     """Centre [m]."""
@@ -73,15 +73,15 @@ class NodeNumbers:
     turn: float
     """sigma: +1 counter-clockwise, -1 clockwise, 0 for a point."""
     arc_reference: float
-    """Of an end: direction of its element in the reference pose [rad]."""
+    """For an end: direction of its element in the reference pose [rad]."""
     arc_angle: float
-    """Of a pulley: wrap in the reference pose, about which the wrap is continuous within half a
-    turn.  Of an end with a radius, which winds cable as its frame turns: arc in the reference pose,
-    less the turn of its frame [rad]."""
+    """For a pulley: wrap in the reference pose [rad]; the wrap is continuous within half a turn of
+    it.  For an end with a radius, which winds cable as its frame turns: angle of the frame in the
+    reference pose [rad], with the sign that makes the arc 0 there."""
 
 
 class Pose:
-    """Where a frame is in the base."""
+    """Pose of a frame in the base."""
 
     x: float
     """Origin [m]."""
@@ -134,7 +134,8 @@ def tangent(
 
     Returns the length between the tangent points [m], NaN where no such line exists, its
     direction [rad], and the offset h = sigma2 r2 - sigma1 r1 [m].  With u at the angle
-    phi + gamma, phi the direction of the centres: sin gamma = -h / D, length^2 = D^2 - h^2.
+    phi + gamma, where phi is the direction of the line of centres: sin gamma = -h / D,
+    length^2 = D^2 - h^2.
     """
     dx = x2 - x1
     dy = y2 - y1
@@ -259,7 +260,7 @@ def route(
         dx, dy = x2 - x1, y2 - y1
         square = dx * dx + dy * dy
         direction[e, 0], direction[e, 1] = cos(angle), sin(angle)
-        # half of the arcs at both ends; the whole arc at an end that winds cable itself
+        # half of the arc at a pulley; the whole arc at an end, which winds cable itself
         turn_at_start = 0.0
         if e == 0:
             turn_at_start = wrap_to_pi(angle - nodes[0].arc_reference)
@@ -285,7 +286,7 @@ def route(
             along = dx * vx + dy * vy  # D dD
             span_by = along / span
             angle_by = (dx * vy - dy * vx) / square + h * along / (square * span)
-            # arcs: r1 turns with the departing direction, r2 against the arriving one
+            # the arc on r1 grows with the angle of the element, the arc on r2 shrinks
             share1, share2 = 0.5 * r1, 0.5 * r2
             length_by_joint[e, j] += span_by
             if e == 0:
@@ -306,7 +307,7 @@ def route(
 
 @lean
 def table_value(cubic: Cubic, share: float) -> tuple[float, float]:
-    """Value of a cubic and its derivative by ``share``, the place u in the interval."""
+    """Value of a cubic and its derivative by ``share``, the position u in the interval."""
     c1, c2, c3 = cubic.c1, cubic.c2, cubic.c3
     value = cubic.c0 + share * (c1 + share * (c2 + share * c3))
     return value, c1 + share * (2.0 * c2 + 3.0 * share * c3)
@@ -321,7 +322,7 @@ def hermite_table(values: Vector, slopes: Vector, step: float) -> Table:
         step: distance of the points.
 
     Returns:
-        Shape (k, 4): powers of the share u in [0, 1] of each interval.
+        Coefficients of the powers of u in [0, 1], one row per interval, shape (k, 4).
     """
     y0, y1 = values[:-1], values[1:]
     d0, d1 = slopes[:-1] * step, slopes[1:] * step

@@ -4,7 +4,7 @@ Two equal circles of radius R roll on each other; the link's centre lies at 2R (
 the link turns by 2q.  The load sits L_d beyond it, at 2R (cos q, sin q) + L_d (cos 2q, sin 2q).
 
 The printed equations differ from these (docs/paper_slips.md).  ``form`` selects ``corrected``, or
-``published`` to reproduce the source's curves.
+``published``, which reproduces the source's curves.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""The cache of compiled kernels on disk; a failing disk does not stop a kernel.
+"""The cache of compiled kernels on disk; kernels run even if the disk fails.
 
-A kernel is looked up beside its source, where the build leaves it, and then in the folder that this
-user can write.  Both hold the machine code of one processor and one version of numba; code of
-another is never loaded.  Numba assumes that a folder can be written and that the files in it are
-intact.  Here a kernel that cannot be written to disk is compiled in memory, a damaged one is
-compiled anew, and the log says so once.
+A kernel is looked up beside its source, where the build leaves it, and then in a folder that this
+user can write.  Machine code of another processor or another version of numba is never loaded.
+Numba assumes that the folder can be written and that its files are intact.  Here a kernel that
+cannot be written to disk is compiled in memory, a damaged one is compiled anew, and each of these
+problems is logged once.
 """
 
 from __future__ import annotations
@@ -67,29 +67,29 @@ class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
     _impl_class = _Implementation
 
     def __init__(self, function: Callable[..., Any], stamp: str) -> None:
-        """Find the folders.
+        """Find the folders of the kernel.
 
         Args:
             function: the function to be compiled.
-            stamp: of the sources that it is compiled from.
+            stamp: digest of the sources that it is compiled from.
 
         Raises:
-            RuntimeError, OSError: there is no folder that can be used.
+            RuntimeError, OSError: no folder can be used.
         """
         super().__init__(function)
         self._cache_file._source_stamp = stamp
         self._built: Any = None
-        """The files beside the source, if another folder is written; None otherwise."""
+        """Files beside the source if kernels are written to another folder; otherwise None."""
         beside = str(Path(inspect.getfile(function)).parent / "__pycache__")
-        # NUMBA_CACHE_DIR is meant to be the only folder
+        # with NUMBA_CACHE_DIR set, no other folder is searched
         if beside != self.cache_path and not _config.CACHE_DIR:
             self._built = _caching.IndexDataCacheFile(beside, self._impl.filename_base, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load the kernel from disk; None, so that it is compiled, if missing or damaged.
+        """Load the kernel from disk; None if it is missing or damaged and has to be compiled.
 
-        Numba's own method loads everything that a compilation needs, which takes 0.2 s and 20 MB.
-        Code from disk needs the run-time system only.
+        Numba's own method also loads what a compilation needs, which takes 0.2 s and 20 MB.
+        Machine code from disk needs only the run-time system.
         """
         _runtime.rtsys.initialize(target_context)
         if self._built is not None:
@@ -109,7 +109,7 @@ class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
         return found
 
     def _load_from(self, files: Any, sig: Any, target_context: Any) -> tuple[Any, bool]:
-        """The kernel in one folder or None, and whether it is damaged."""
+        """The kernel in one folder, or None, and whether its files are damaged."""
         try:
             data = files.load(self._index_key(sig, target_context.codegen()))
             return (None if data is None else self._impl.rebuild(target_context, data)), False
@@ -124,7 +124,7 @@ class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
             return None, True
 
     def _say_why_not(self, sig: Any, processor: Any) -> None:
-        """Log why kernels left by the build are not used."""
+        """Log why the kernels found on disk cannot be used."""
         files = self._built or self._cache_file
         version = _version_of(files)
         processors = {key[1] for key in _index(files) if key[0] == sig}
@@ -158,7 +158,7 @@ class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
             )
 
     def is_filled(self) -> bool:
-        """Whether a kernel of the present sources and this processor is on disk; none is loaded."""
+        """Whether the kernel, compiled from these sources for this processor, is on disk."""
         processor = _registry.cpu_target.target_context.codegen().magic_tuple()
         places = (self._cache_file,) if self._built is None else (self._built, self._cache_file)
         return any(key[1] == processor for files in places for key in _index(files))
@@ -168,7 +168,7 @@ def _index(files: Any) -> dict[Any, Any]:
     """Signatures and processors of the kernels in a folder; empty if it cannot be read."""
     try:
         found: dict[Any, Any] = files._load_index()
-    except Exception:  # noqa: BLE001 - as in load_overload
+    except Exception:  # noqa: BLE001 - as in _load_from
         return {}
     return found
 
@@ -178,7 +178,7 @@ def _version_of(files: Any) -> object:
     try:
         with open(files._index_path, "rb") as file:  # noqa: PTH123 - numba's paths are texts
             return pickle.load(file)  # noqa: S301 - as numba does
-    except Exception:  # noqa: BLE001 - as in load_overload
+    except Exception:  # noqa: BLE001 - as in _load_from
         return None
 
 

@@ -1,4 +1,4 @@
-"""From a robot file, or the name of an installed one, to a prepared robot."""
+"""Loading of robot files, by path or by the name of an installed one."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model
     Args:
         path: the file, or the name of an installed robot.
         preload: preload of every cable [N], as numbers or as comma-separated text; None or empty
-            for those in the file.
+            keeps the preloads of the file.
 
     Raises:
-        CdrjError: the file or the preloads are wrong; one line says how.
+        CdrjError: the file or the preloads are invalid; the message is one line.
     """
     document, source = load_document(robot_path(path))
     if not preload:

@@ -1,7 +1,7 @@
 """One sample of a whole robot, compiled: geometry, friction bounds, every cable, all outputs.
 
-Few flat arrays keep the call cheap and views give their parts names; nothing is allocated per
-sample, unless a cable has to be solved in pieces.
+A call with few flat arrays is cheap; views give their parts names.  A sample allocates nothing
+unless a cable has to be solved in pieces.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Table = NDArray[np.float64]
 
 
 class Step(NamedTuple):
-    """Everything that one sample reads and writes."""
+    """Views of everything that one sample reads and writes."""
 
     plan: Plan
     numbers: Numbers
@@ -50,7 +50,7 @@ class Step(NamedTuple):
 
 @usable_in_kernels
 def _step_views(plan: Indices, numbers: Vector, before: Vector, out: Vector) -> Step:
-    """Names for the arguments of ``advance``."""
+    """Views of the arguments of ``advance``."""
     parts = plan_views(plan)
     sizes = parts.sizes
     estimate = state_size(sizes)
@@ -69,11 +69,11 @@ def _step_views(plan: Indices, numbers: Vector, before: Vector, out: Vector) -> 
 def friction_losses(
     plan: Plan, numbers: Numbers, wrap: Vector, lagged_speed: Vector, contacts: Rows[Contact]
 ) -> None:
-    """(37), (41) and their blend for every pulley; wraps that never change cost nothing.
+    """(37), (41) and their blend for every pulley; constant wraps use losses computed beforehand.
 
-    Static friction fades with the slip speed as it was, lagging by ``stribeck_lag`` (frictional
-    memory).  The speed of the sample itself would make friction fall while the cable slips, so
-    that a massless cable has several solutions or none: it would jump from sample to sample.
+    Static friction fades with the slip speed delayed by ``stribeck_lag`` (frictional memory).
+    With the speed of the sample itself, friction would fall while the cable slips; a massless
+    cable then has several solutions or none, and would jump from sample to sample.
     """
     for p in range(len(contacts)):
         pulley = numbers.pulleys[p]
@@ -95,10 +95,10 @@ def friction_losses(
 
 @stage
 def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
-    """A cable without friction history: one tension throughout, set by the material it has.
+    """Start a cable without friction history: its material determines one tension throughout.
 
     Returns:
-        False where no material is left: the cable is wound in entirely.
+        False if no material is left because the cable is wound in entirely.
     """
     cable, numbers = step.plan.cables[c], step.numbers
     constants, after, tension = numbers.cables[c], step.after, step.estimate.tension
@@ -147,7 +147,7 @@ def _turn_drums(step: Step, c: int, motor_angle: Vector) -> tuple[float, float]:
 
 @stage
 def _move_cable(step: Step, c: int, motor_angle: Vector, dt: float) -> bool:
-    """Advance a cable with a history; False where its slips could not be solved."""
+    """Advance a cable with a friction history; False if its slips could not be solved."""
     cable, before, after = step.plan.cables[c], step.before, step.after
     stiffness = step.numbers.cables[c].axial_stiffness
     first, last = cable.first_element, cable.first_element + cable.elements
@@ -196,7 +196,7 @@ def _has_material(elements: Rows[SolverElement]) -> bool:
 
 @lean
 def _spread_evenly(axial_stiffness: float, elements: Rows[SolverElement], entered: float) -> None:
-    """Distribute a cable's elongation evenly where its slips were not solved."""
+    """Distribute the elongation of a cable evenly, because its slips were not solved."""
     total = entered
     span = 0.0
     for e in range(len(elements)):
@@ -252,7 +252,7 @@ def advance(
     Args:
         plan, numbers: the prepared robot.
         before: state, shape (state_size,); not changed.
-        motor_angle, joint_angle: encoder readings [rad], in the robot's order.
+        motor_angle, joint_angle: angles [rad], of prismatic joints [m], in the robot's order.
         dt: time since the state [s]; 0 for the first sample or where it is unknown.
         out: new state, estimate and scratch, shape (state + estimate + scratch,), written.
 
@@ -296,12 +296,12 @@ def advance_all(
     dt: Vector,
     estimates: Table,
 ) -> None:
-    """Call ``advance`` for many samples without returning to Python; the same bits.
+    """Call ``advance`` for many samples without returning to Python; results agree bit for bit.
 
     Args:
         plan, numbers: the prepared robot.
-        state: shape (state_size,), replaced by the last one.
-        motor_angles, joint_angles: [rad], shapes (samples, motors) and (samples, joints).
+        state: shape (state_size,), replaced by the state after the last sample.
+        motor_angles, joint_angles: [rad] or [m], shapes (samples, motors) and (samples, joints).
         dt: time since the sample before [s], shape (samples,).
         estimates: shape (samples, estimate_size), written.
     """

@@ -1,4 +1,4 @@
-"""From tensions to what is reported: status, nodal forces and efforts."""
+"""Status, nodal forces and efforts from tensions."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def _force_on_pulley(
 ) -> tuple[float, float, float]:
     """Components of a cable's force on a pulley [N], from the tensions before and after it.
 
-    In the base frame for a routed cable.  Otherwise x lies along the bisector of the cable's two
-    directions and y across it.
+    The components of a routed cable are in the base frame.  For other cables x lies along the
+    bisector of the cable's two directions and y across it.
     """
     if routed != 0:
         e = plan.pulleys[p].element
@@ -55,15 +55,15 @@ def report_cable(
     scratch: ScratchViews,
     estimate: EstimateViews,
 ) -> None:
-    """From one cable's tensions to status, nodal forces and its share of the efforts.
+    """Write status, nodal forces and the share in the efforts of one cable from its tensions.
 
     Args:
         plan, numbers: the prepared robot.
         c: the cable.
         solved: whether its slips were solved; otherwise its elements are ``INVALID``.
         slip_speed: of every pulley [m/s], shape (pulleys,).
-        scratch: wraps, directions and derivatives of the lengths at these joint angles.
-        estimate: the cable's tensions are given; the rest is written, efforts are added to.
+        scratch: wraps, directions and derivatives of the lengths at the present joint angles.
+        estimate: the cable's tensions are given; its efforts are added, the rest is written.
     """
     cable, constants = plan.cables[c], numbers.cables[c]
     first, last = cable.first_element, cable.first_element + cable.elements
@@ -104,8 +104,8 @@ def report_cable(
 def nodal_force_magnitude(before: Table, after: Table, cosine: Table) -> Table:
     """(38), phi = pi - beta: force of a cable on a pulley [N], from its tensions and cos beta.
 
-    The law of cosines, for arrays.  ``report_cable`` knows the components of the force and needs
-    only their magnitude.
+    This is the law of cosines, for arrays.  ``report_cable`` computes the magnitude from the
+    components of the force instead.
     """
     squared = before**2 + after**2 - 2.0 * before * after * cosine
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
@@ -115,7 +115,7 @@ def nodal_force_magnitude(before: Table, after: Table, cosine: Table) -> Table:
 def passive_torque(
     axis: AxisNumbers, friction_before: float, turned: float, angle: float
 ) -> tuple[float, float]:
-    """Torque of an axis without its cables, and the friction in it [N m], (E13).
+    """Torque of an axis without its cables, and the friction torque in it [N m], (E13).
 
     Args:
         axis: its constants.

@@ -1,8 +1,8 @@
-"""A prepared robot as two flat vectors, and the names of everything in them.
+"""A prepared robot as two flat vectors, and named views of their parts.
 
-``plan`` holds integers: how many of each thing there are, and how they are connected.  ``numbers``
-holds reals; the members of an ensemble differ in numbers only and share one plan.  Two arguments
-keep the call of a kernel cheap; ``plan_views`` and ``number_views`` give their parts names, in
+``plan`` holds integers: the numbers of all parts and their connections.  ``numbers`` holds reals;
+the members of an ensemble differ only in ``numbers`` and share one plan.  A kernel with only two
+such arguments is cheap to call.  ``plan_views`` and ``number_views`` return the named views, in
 kernels and in Python alike.
 """
 
@@ -46,7 +46,7 @@ Indices = NDArray[np.int64]
 
 
 class Sizes(NamedTuple):
-    """How many of each thing a robot has: the beginning of a plan."""
+    """Numbers of the parts of a robot; a plan begins with them."""
 
     motors: int
     joints: int
@@ -56,7 +56,7 @@ class Sizes(NamedTuple):
     frames: int
     nodes: int
     terms: int
-    """Functions of a joint angle that add to a span or a wrap."""
+    """Tabulated functions of a joint angle that are added to a span or a wrap."""
     spatial_frames: int
     """0 for a robot described in the plane."""
     spatial_nodes: int
@@ -85,7 +85,7 @@ class EndPlan:
 
 
 class PulleyPlan:
-    """How a pulley's friction is evaluated."""
+    """Place of a pulley in its cable, and the form of its friction."""
 
     element: int
     """The element before it."""
@@ -112,11 +112,11 @@ class CableNumbers:
     preload: float
     """Tension in the reference pose [N]."""
     maximum_tension: float
-    """Above this an element is overloaded [N]."""
+    """An element with a higher tension is overloaded [N]."""
     wound_tension: float
-    """Tension at which the cable on its drums was wound [N]."""
+    """Tension at which the cable was wound onto its drums [N]."""
     slack_tension: float
-    """At or below this an element is slack [N]."""
+    """An element with this tension or a lower one is slack [N]."""
 
 
 class EndNumbers:
@@ -154,14 +154,14 @@ class JointNumbers:
 
 
 class AxisNumbers:
-    """Constants of a motor or joint itself, without its cables, (E13)."""
+    """Constants of the passive torque of a motor or joint, (E13); N for N m at prismatic joints."""
 
     effort_sign: float
     """+1 or -1, see ``cdrj_ros.robot.description.Motor``."""
     bearing_torque: float
     """Coulomb friction [N m]."""
     bearing_stiffness: float
-    """Its slope where the motion turns [N m/rad]."""
+    """Slope of the friction where the motion reverses [N m/rad]."""
     spring_stiffness: float
     """[N m/rad]."""
     spring_rest: float
@@ -193,12 +193,12 @@ _SPATIAL_FRAME, _SPATIAL_NODE = words(SPATIAL_FRAME), words(SPATIAL_NODE)
 
 
 class Plan(NamedTuple):
-    """How a robot is connected: views of ``plan``, in its order."""
+    """Connections of a robot: views of ``plan``, in its order."""
 
     sizes: Sizes
     cables: Rows[CablePlan]
     ends: Rows[EndPlan]
-    """Of cable c the first end at 2 c, the last at 2 c + 1, shape (2 cables,)."""
+    """Shape (2 cables,); cable c has its first end at 2 c and its last end at 2 c + 1."""
     pulleys: Rows[PulleyPlan]
     frames: Rows[FramePlan]
     nodes: Rows[NodePlan]
@@ -223,7 +223,7 @@ class Numbers(NamedTuple):
     axes: Rows[AxisNumbers]
     """All motors, then all joints."""
     tables: Rows[Cubic]
-    """Of every term ``TABLE_INTERVALS`` cubics, shape (terms * TABLE_INTERVALS,)."""
+    """``TABLE_INTERVALS`` cubics for every term, shape (terms * TABLE_INTERVALS,)."""
     spatial_frames: Rows[SpatialFrameNumbers]
     spatial_nodes: Rows[SpatialNodeNumbers]
 
@@ -244,7 +244,7 @@ def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int]:
 
 @usable_in_kernels
 def plan_views(plan: Indices) -> Plan:
-    """Names for the parts of a plan, which begins with its sizes."""
+    """Named views of the parts of a plan."""
     sizes = Sizes(
         plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6], plan[7], plan[8], plan[9]
     )
@@ -287,11 +287,12 @@ def _number_ends(
 
 @usable_in_kernels
 def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
-    """Names for the parts of the numbers.
+    """Named views of the parts of the numbers.
 
     Args:
         sizes: of the robot.
-        numbers: shape (numbers,); in Python also (robots, numbers), and so the views.
+        numbers: shape (numbers,); in Python also (robots, numbers), and the views then have the
+            same first axis.
     """
     (
         cables, ends, pulleys, elements, frames, nodes, motors, joints, axes, tables,

@@ -1,4 +1,4 @@
-"""A robot prepared for the compiled kernels: two flat arrays and the places of every result."""
+"""A robot prepared for the compiled kernels: two flat arrays and the layout of the results."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ from cdrj_ros.robot.description import Robot
 Vector = NDArray[np.float64]
 
 ARC_POINTS: Final = 24
-"""Points per half turn of an arc that is drawn."""
+"""Number of points per half turn of a drawn arc."""
 
 RANGE_CHECKS: Final = 41
-"""Poses over the joint ranges in which the geometry is checked."""
+"""Number of poses per joint in which the geometry is checked."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Places of all results in the estimate, and the names of their entries."""
+    """Slices of all results in the estimate, and the names of their entries."""
 
     elements: tuple[str, ...]
     """``cable/element``, the order of ``tension`` and ``status``."""
@@ -54,7 +54,7 @@ class Layout:
     joints: tuple[str, ...]
     cables: tuple[str, ...]
     element_before: NDArray[np.intp] = field(compare=False, repr=False)
-    """Of every pulley the element before it; the one after it comes next.  Read-only."""
+    """Index of the element before every pulley; the next index is the one after it.  Read-only."""
     size: int
     """Floats of one estimate."""
     tension: slice
@@ -76,14 +76,14 @@ class Layout:
     motor_effort: slice
     """[N m]."""
     joint_effort: slice
-    """[N m]."""
+    """[N m], of a prismatic joint [N]."""
     iterations: slice
     """Newton iterations of every cable."""
     residual: slice
     """Largest force imbalance at a pulley of every cable [N]."""
 
     def pulley_status(self, status: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Flags of pulleys, shape (..., pulleys): those of both elements that meet there.
+        """Flags of pulleys, shape (..., pulleys): the union of those of both adjacent elements.
 
         Args:
             status: flags of the elements, shape (..., elements).
@@ -98,18 +98,18 @@ class Model:
 
     robot: Robot
     plan: NDArray[np.int64]
-    """How it is connected, see ``cdrj_ros.model.packing``; read-only."""
+    """Connections of its parts, see ``cdrj_ros.model.packing``; read-only."""
     numbers: Vector
     """Its constants, see ``cdrj_ros.model.packing``; read-only."""
     sizes: Sizes
-    """How many of each thing it has."""
+    """Numbers of its parts."""
     layout: Layout
     state_size: int
     out_size: int
-    """State, estimate and the kernel's scratch."""
+    """Floats of state, estimate and the kernel's scratch together."""
     state_part: slice
     estimate_part: slice
-    """Where state and estimate lie in what the kernel writes."""
+    """This slice and ``state_part`` locate estimate and state in the kernel's output."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Shape:
     """Geometry of all cables in one pose."""
 
     length: Vector
-    """Of every element, with its share of the arcs [m]."""
+    """Length of every element, with its share of the arcs [m]."""
     length_by_joint: NDArray[np.float64]
     """Derivatives by the joint angles, shape (elements, joints)."""
     wrap: Vector
@@ -164,12 +164,12 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
 
 
 def shape_at(model: Model, joint_angle: Vector) -> Shape:
-    """Lengths, wraps and directions at the joint angles [rad], shape (joints,)."""
+    """Lengths, wraps and directions at the joint angles [rad] or [m], shape (joints,)."""
     return _shape(model, joint_angle)[0]
 
 
 def _shape(model: Model, joint_angle: Vector) -> tuple[Shape, ScratchViews]:
-    """``shape_at``, with the poses of the frames."""
+    """As ``shape_at``; the second result is the scratch, with the poses of the frames."""
     length, scratch = np.empty(model.sizes.elements), np.zeros(scratch_size(model.sizes))
     possible = shape(
         model.plan,
@@ -191,7 +191,7 @@ def read_only(array: Vector) -> Vector:
 
 
 def _model(robot: Robot) -> Model:
-    """The robot without the numbers that follow from its reference pose."""
+    """Pack a robot; the numbers that follow from its reference pose are not yet set."""
     plan, numbers = pack(robot)
     plan.flags.writeable = False
     sizes = Sizes(*(int(count) for count in plan_views(plan).sizes))
@@ -210,7 +210,7 @@ def _model(robot: Robot) -> Model:
 
 
 def _layout(robot: Robot, plan: Indices, sizes: Sizes) -> Layout:
-    """Names and places; ``EstimateViews`` has the order of the slices."""
+    """Layout of the estimate; its slices have the order of ``EstimateViews``."""
     elements = tuple(name for cable in robot.cables for name in cable.element_names)
     pulleys = tuple(name for cable in robot.cables for name in cable.pulley_names)
     size = estimate_size(sizes)
@@ -232,7 +232,7 @@ def _layout(robot: Robot, plan: Indices, sizes: Sizes) -> Layout:
 
 
 def _set_routed_references(model: Model, reference: Vector) -> None:
-    """Wraps about which pulleys are continuous, and the directions from which ends wind."""
+    """Set the reference wraps of pulleys and the reference directions of ends of routed cables."""
     _, rest = _shape(model, reference)
     plan, numbers = plan_views(model.plan), number_views(model.sizes, model.numbers)
     for cable in (plan.cables[c] for c in range(len(plan.cables))):
@@ -254,7 +254,7 @@ def _set_routed_references(model: Model, reference: Vector) -> None:
 def _set_spatial_references(
     model: Model, cable: CablePlan, rest: ScratchViews, reference: Vector
 ) -> None:
-    """As ``_set_routed_references``, of one cable in space."""
+    """As ``_set_routed_references``, for one cable in space."""
     plan, numbers = plan_views(model.plan), number_views(model.sizes, model.numbers)
     twists: Any = rest.spatial_twist
     for k in range(cable.elements + 1):
@@ -276,7 +276,7 @@ def _check_range(model: Model) -> None:
     share = np.linspace(0.0, 1.0, RANGE_CHECKS)
     if len(joints) == 1:
         shares = share[:, None]
-    else:  # every joint alone about the reference, then all together along a dense path
+    else:  # both ends of all ranges, then random poses
         generator = np.random.default_rng(0)
         shares = generator.random((RANGE_CHECKS * len(joints), len(joints)))
         shares[0], shares[1] = 0.0, 1.0
@@ -289,7 +289,7 @@ def _check_range(model: Model) -> None:
 
 
 def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
-    """One line that names the impossible node or element and the joint angles."""
+    """Error message of one line that names the impossible node or element and the joint angles."""
     robot, first_node = model.robot, 0
     pose = ", ".join(
         f"{joint.name} = {a:.4g}" for joint, a in zip(robot.joints, angle, strict=True)
@@ -330,16 +330,17 @@ def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
 
 
 def paths_in_space(model: Model, joint_angle: Vector) -> list[list[NDArray[np.float64]]]:
-    """Paths of the cables in space: of every cable one piece for every node.
+    """Points at which the cables in space touch their nodes.
 
     Args:
         model: the robot.
         joint_angle: [rad] or [m], shape (joints,).
 
     Returns:
-        For every cable, for every node, the points at which the cable touches it in the base [m],
-        shape (points, 3): one for a point, an arc for a round body, none where it has lifted off.
-        A cable that is not described in space has no pieces.
+        For every cable a list with one array per node, the points of contact in the base [m], shape
+        (points, 3): one for a point or an end, both ends of a sheath, an arc for a pulley or a
+        round body, none where the cable does not touch the node.  The list of a cable that is not
+        described in space is empty.
     """
     touches: Any = _shape(model, joint_angle)[1].touches
     paths, node_at = [], 0

@@ -1,4 +1,4 @@
-"""Geometry of all cables at given joint angles: lengths, wraps, directions, one after another."""
+"""Lengths, wraps and directions of all cables at given joint angles."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Vector = NDArray[np.float64]
 def _tabulated_shape(
     plan: Plan, numbers: Numbers, joint_angle: Vector, length: Vector, scratch: ScratchViews
 ) -> None:
-    """Spans and wraps from constants and tables over joint angle, arcs not yet added."""
+    """Spans and wraps from constants and tables over joint angle; arcs are added later."""
     wrap, length_by_joint = scratch.wrap, scratch.length_by_joint
     for e in range(len(numbers.elements)):
         length[e] = numbers.elements[e].span
@@ -48,7 +48,7 @@ def _tabulated_shape(
             length_by_joint[target, joint] += slope / grid.interval
         else:
             wrap[target] += value
-            # half of the arc belongs to either neighbour
+            # each neighbouring element has half of the arc
             half = 0.5 * numbers.pulleys[target].radius * slope / grid.interval
             element = plan.pulleys[target].element
             length_by_joint[element, joint] += half
@@ -59,14 +59,14 @@ def _tabulated_shape(
 def place_cables(
     plan: Plan, numbers: Numbers, joint_angle: Vector, length: Vector, scratch: ScratchViews
 ) -> bool:
-    """Geometry of all cables at the joint angles; False where a cable cannot run so.
+    """Geometry of all cables at the joint angles; False if the path of a cable is impossible.
 
     Args:
         plan, numbers: the prepared robot.
         joint_angle: [rad] or [m], shape (joints,).
         length: of every element, arcs included [m], shape (elements,), written.
-        scratch: its derivatives, wraps, directions and frames are written; directions of routed
-            elements only.
+        scratch: derivatives of the lengths, wraps, poses of frames and, for routed elements only,
+            directions are written.
     """
     possible = True
     _tabulated_shape(plan, numbers, joint_angle, length, scratch)
@@ -122,7 +122,7 @@ def place_cables(
 def shape(
     plan: Indices, numbers: Vector, joint_angle: Vector, length: Vector, scratch: Vector
 ) -> bool:
-    """``place_cables`` to be called from Python; ``scratch`` has the shape (scratch_size,)."""
+    """``place_cables`` for calls from Python; ``scratch`` has the shape (scratch_size,)."""
     parts = plan_views(plan)
     constants = number_views(parts.sizes, numbers)
     return place_cables(parts, constants, joint_angle, length, scratch_views(parts.sizes, scratch))

@@ -1,9 +1,9 @@
-"""What a cable does at one node, given where it comes from and where it goes: points and arc.
+"""Points of contact and arc of a cable at one node, between given neighbouring points.
 
-All vectors are in the node's own axes: z is the axis of a round body, the origin its centre.
-``before`` is the point a from which the cable comes, ``after`` the point b to which it goes.  Every
-rule has a second function with the derivative along given velocities of a and b.
-docs/geometry.md, section 2.
+All vectors are in the node's own axes: z is the axis of a round body and the origin its centre.
+``before`` is the point a from which the cable comes, ``after`` the point b to which it goes.  The
+functions with names in ``_by`` compute the derivatives along given velocities of a and b.
+See docs/geometry.md, section 2.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Z: Vector3 = (0.0, 0.0, 1.0)
 
 @stage
 def flat(a: Vector3) -> Vector3:
-    """The part of a vector across the axis."""
+    """Component of a vector normal to the axis z."""
     return a[0], a[1], 0.0
 
 
@@ -48,8 +48,8 @@ def flat(a: Vector3) -> Vector3:
 def tangent_normal(a: Vector3, axis: Vector3, radius: float, sense: float) -> tuple[Vector3, float]:
     """Unit normal where a line from ``a`` becomes tangent to a circle, and the line's length.
 
-    ``a`` lies in the plane of the circle, which has its centre in the origin: (G4).  With the
-    opposite sense, the normal where a line to ``a`` leaves the circle.
+    ``a`` lies in the plane of the circle, whose centre is the origin: (G4).  With the opposite
+    sense, the result is the normal where a line to ``a`` leaves the circle.
     """
     square = dot(a, a)
     length = sqrt(max(square - radius * radius, 0.0))
@@ -68,7 +68,7 @@ def tangent_normal_by(
     a_by: Vector3,
     axis_by: Vector3,
 ) -> tuple[Vector3, float]:
-    """Derivatives of ``tangent_normal``: of the normal, and of the length."""
+    """Derivatives of both results of ``tangent_normal``, the normal and the length."""
     square = dot(a, a)
     outwards = dot(a, a_by)
     length_by = outwards / length
@@ -104,7 +104,7 @@ def _lines_cross(a: Vector3, b: Vector3, c: Vector3, d: Vector3, axis: Vector3) 
 def _goodness(
     a: Vector3, b: Vector3, axis: Vector3, radius: float, sense: float, side: Vector3
 ) -> float:
-    """How well one way round lies on a side; below -1 where its two lines cross."""
+    """Cosine of the angle between one way's arc and the side point; -2 if its two lines cross."""
     first, _ = tangent_normal(a, axis, radius, sense)
     last, _ = tangent_normal(b, axis, radius, -sense)
     if _lines_cross(a, scaled(radius, first), b, scaled(radius, last), axis):
@@ -119,7 +119,8 @@ def way_round(
 ) -> tuple[bool, float]:
     """Whether a cable from a to b, both in the plane of a circle, touches it, and in which sense.
 
-    It touches where the straight line passes through the circle, or on the wrong side of it.
+    It touches if the straight line from a to b passes through the circle, or passes it on the side
+    opposite to the one that ``turn`` or ``side`` demands.
     """
     way = minus(b, a)
     square = dot(way, way)
@@ -154,7 +155,7 @@ def _meet_circle(node: SpatialNodeNumbers, touch: Touch, a: Vector3, b: Vector3)
 
 @stage
 def _meet_swivel(node: SpatialNodeNumbers, touch: Touch, b: Vector3) -> bool:
-    """Angle of the arc on a pulley whose plane holds its axis and the leaving cable: (G7)."""
+    """Angle of the arc on a pulley whose plane contains its axis and the leaving cable: (G7)."""
     out = hypot(b[0], b[1])
     x, y = out - node.radius, b[2]
     square = x * x + y * y
@@ -176,7 +177,7 @@ def _meet_body(node: SpatialNodeNumbers, kind: int, touch: Touch, a: Vector3, b:
         size = norm(axis)
         if size > PARALLEL * norm(a) * norm(b):
             axis = scaled(1.0 / size, axis)
-        else:  # through the centre, or away from it: any plane will do
+        else:  # a, b and the centre lie on one line: choose any plane through it
             axis = cross(a, (1.0, 0.0, 0.0) if abs(a[0]) < 0.5 * norm(a) else (0.0, 1.0, 0.0))
             axis = scaled(1.0 / norm(axis), axis)
         side = combined(1.0, side, -dot(side, axis), axis)
@@ -201,7 +202,7 @@ def meet(node: SpatialNodeNumbers, kind: int, touch: Touch) -> tuple[bool, Vecto
     """Find where a cable touches a node; ``before`` and ``after`` are given.
 
     Returns:
-        False where it cannot run so, and the first and last point of contact in the node's own
+        Whether the contact is possible, and the first and last point of contact in the node's own
         axes.
     """
     a, b, radius = load(touch.before), load(touch.after), node.radius
@@ -227,7 +228,7 @@ def meet(node: SpatialNodeNumbers, kind: int, touch: Touch) -> tuple[bool, Vecto
 
 @stage
 def measure(node: SpatialNodeNumbers, kind: int, touch: Touch) -> None:
-    """Angle, length and wrap of the arc, once the points of contact are known: (G5) to (G7)."""
+    """Angle, length and wrap of the arc from the points of contact: (G5) to (G7)."""
     radius = node.radius
     if kind == PULLEY:
         first, last = load(touch.entry_normal), load(touch.exit_normal)
@@ -326,7 +327,7 @@ def _cylinder_by(
 def meet_by(
     node: SpatialNodeNumbers, kind: int, touch: Touch, a_by: Vector3, b_by: Vector3
 ) -> tuple[Vector3, Vector3]:
-    """Derivatives of the first and last point of contact, and of the arc.
+    """Derivatives of the first and last point of contact; that of the arc is written.
 
     Args:
         node, kind, touch: as ``meet`` and ``measure`` left them.

@@ -1,4 +1,4 @@
-"""Poses and velocities of frames in space; docs/geometry.md, section 1."""
+"""Poses and velocities of frames in space; see docs/geometry.md, section 1."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Vector = NDArray[np.float64]
 
 @stage
 def point_velocity(twist: SpatialTwist, point: Vector3) -> Vector3:
-    """Velocity of a point that moves with a frame, both in the base."""
+    """Velocity of a point that moves with a frame; both vectors are in the base."""
     return plus(load(twist.linear), cross(load(twist.angular), point))
 
 
@@ -46,7 +46,7 @@ def _turn(twist: SpatialTwist, axis: Vector3, origin: Vector3) -> None:
 
 @stage
 def _multiply_columns(pose: SpatialPose, left: Vector, right: Vector) -> None:
-    """Rotation of a pose: the product of two rotations stored by rows."""
+    """Set the rotation of a pose to the product of two rotations stored by rows."""
     for i in range(3):
         for k in range(3):
             pose.rotation[3 * i + k] = (
@@ -71,7 +71,7 @@ def _turn_pose(pose: SpatialPose, axis: Vector3, angle: float) -> None:
 def _start_frame(
     parent: int, frame: SpatialFrameNumbers, f: int, poses: Rows[SpatialPose]
 ) -> Vector3:
-    """Pose of an unmoved frame in the base; returns its origin."""
+    """Write the rotation of an unmoved frame in the base; returns its origin in the base [m]."""
     pose = poses[f]
     if parent >= 0:
         carrier = poses[parent]
@@ -98,8 +98,8 @@ def place_spatial_frames(
         poses: shape (f,), written.
         twists: shape (f, j), written.
 
-    A rolling frame follows two equal circles of radius R as in the plane (eq. 5): about its z axis,
-    from its x axis.
+    A rolling frame follows two equal circles of radius R as in the plane (eq. 5).  It rolls about
+    its z axis and starts on its x axis.
     """
     for f in range(len(frames)):
         frame, plan, pose = frames[f], plans[f], poses[f]

@@ -1,4 +1,4 @@
-"""Points of a cable on what it touches, for drawing."""
+"""Points of contact of cables in space, for drawing."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def arc_in_space(node: Node, touch: Any, count: int) -> Points:
         local = [node.radius * (cos(a) * first + sin(a) * across) for a in shares * touch.angle]
     basis = touch.basis.reshape(3, 3)
     points: Points = touch.centre + np.array(local) @ basis
-    if place.kind == "cylinder":  # the helix rises along the axis
+    if place.kind == "cylinder":  # the cable is a helix that rises along the axis
         rise = (ends - touch.centre) @ basis[2]
         points += np.outer(rise[0] + shares * (rise[1] - rise[0]), basis[2])
     return points

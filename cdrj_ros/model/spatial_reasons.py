@@ -1,4 +1,4 @@
-"""Why a cable in space cannot run in some pose, in words."""
+"""Error messages for cables in space whose path is impossible."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cdrj_ros.robot.description import Cable
 
 
 def spatial_reason(cable: Cable, index: int, first_node: int, views: ScratchViews) -> str:
-    """The node at which a cable in space is impossible, for a message; empty if it is possible.
+    """Message that names the node at which a cable in space is impossible; empty if none is.
 
     Args:
         cable: a cable in space.
         index: its place in the robot file.
         first_node: place of its first node in the robot.
-        views: of the scratch in that pose.
+        views: views of the scratch in the pose.
     """
     touches: Any = views.touches
     path, last = f"cables[{index}].nodes", len(cable.nodes) - 1

@@ -1,4 +1,4 @@
-"""Records of the geometry in space: constants of frames and nodes, and one pose of them."""
+"""Records of the geometry in space: constants of frames and nodes, and their values in a pose."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ POINT, PULLEY, SWIVEL, CYLINDER, SPHERE, SHEATH = range(len(CONTACT_KINDS))
 
 
 class SpatialFramePlan:
-    """How a frame hangs in the tree; parents come first."""
+    """Place of a frame in the tree of frames; parents come first."""
 
     parent: int
-    """Frame, -1 for the base."""
+    """Index of the parent frame; -1 for the base."""
     motion: int
     """Code of the motion."""
     joint: int
-    """Joint that moves it; -1 for a fixed frame."""
+    """Index of the joint that moves the frame; -1 for a fixed frame."""
 
 
 class SpatialFrameNumbers:
-    """Where a frame lies in its parent."""
+    """Pose of a frame in its parent, and its motion."""
 
     origin: Vector
     """[m], shape (3,)."""
     rotation: Vector
-    """Orientation in the parent when not moved, by rows, shape (9,)."""
+    """Orientation in the parent without motion, by rows, shape (9,)."""
     axis: Vector
     """Unit vector of its motion, in the frame, shape (3,)."""
     rolling_radius: float
@@ -54,7 +54,7 @@ class SpatialNodePlan:
 
 
 class SpatialNodeNumbers:
-    """A node in its frame.  Its own axes x, y, z have z along the axis of a round body."""
+    """A node in its frame.  The z axis of its own axes is the axis of a round body."""
 
     centre: Vector
     """Centre, point or entry [m], shape (3,)."""
@@ -75,14 +75,15 @@ class SpatialNodeNumbers:
     length: float
     """Length of a sheath [m]."""
     arc_reference: float
-    """Of a pulley: wrap about which its wrap is continuous within half a turn [rad].  Of an end
-    that winds cable: angle of its tangent point in the reference pose, plus ``turn_reference``."""
+    """For a pulley: wrap in the reference pose [rad]; the wrap is continuous within half a turn of
+    it.  For an end that winds cable: angle of its tangent point in the reference pose, plus
+    ``turn_reference`` [rad]."""
     turn_reference: float
-    """Of an end: turn of its frame about its axis in the reference pose [rad]."""
+    """For an end: turn of its frame about its axis in the reference pose [rad]."""
 
 
 class SpatialPose:
-    """Where a frame is in the base."""
+    """Pose of a frame in the base."""
 
     rotation: Vector
     """By rows, shape (9,)."""
@@ -100,7 +101,7 @@ class SpatialTwist:
 
 
 class Touch:
-    """Where a cable meets a node in one pose, and how that changes with one joint."""
+    """Contact of a cable with a node in one pose, and its derivatives by one joint."""
 
     centre: Vector
     """In the base [m], shape (3,)."""
@@ -119,7 +120,8 @@ class Touch:
     entry_normal: Vector
     """Unit vector to the first point of contact, normal to the axis of the arc, shape (3,)."""
     exit_normal: Vector
-    """Unit vector to the last point of contact, normal to the axis of the arc, shape (3,)."""
+    """Unit vector to the last point of contact, normal to the axis of the arc, shape (3,); for a
+    swivel pulley, the direction of its plane."""
     before_length: float
     """Free length before the contact, in the plane of the arc [m]."""
     after_length: float
@@ -135,7 +137,7 @@ class Touch:
     arc: float
     """Length of cable on the node [m]."""
     share: float
-    """Where the cable does not touch: place of the node on the straight line past it [-]."""
+    """If the cable does not touch: position of the node along the straight line past it [-]."""
     entry_by: Vector
     """Derivative of ``entry`` by one joint, shape (3,)."""
     exit_by: Vector

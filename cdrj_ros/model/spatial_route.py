@@ -1,9 +1,9 @@
-"""Lengths, wraps and directions of one cable in space; docs/geometry.md, section 3.
+"""Lengths, wraps and directions of one cable in space; see docs/geometry.md, section 3.
 
-The points of contact of neighbouring round bodies depend on each other.  They are found by sweeping
-along the cable, each node with the points of its neighbours, until nothing moves any more.  A point
-that moves along a tangent does not move the tangent, so that two circles in a plane converge
-quadratically.  The result depends on the pose alone, not on the samples before it.
+The points of contact of neighbouring round bodies depend on each other.  Sweeps along the cable
+recompute each node from the points of its neighbours until no point moves any more.  A point that
+moves along a tangent does not move the tangent, so two circles in a plane converge quadratically.
+The result depends on the pose alone, not on the samples before it.
 """
 
 from __future__ import annotations
@@ -46,21 +46,21 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 MOST_SWEEPS = 200
-"""Sweeps after which a path counts as not found."""
+"""Largest number of sweeps for a path, and for its derivatives by one joint."""
 
 SETTLED = 4e-15
-"""Motion of the points of contact that counts as none, relative to the size of the cable."""
+"""Motion of the points of contact, relative to the size of the cable, at which sweeps stop."""
 
 ACCEPTED = 1e-12
-"""As ``SETTLED``, after the last sweep; above, the path is reported as impossible."""
+"""Largest such motion in the last sweep; with a larger one the path counts as impossible."""
 
-# Typed numbers, for which numba compiles a function once, not once for every literal.
+# Typed numbers: for them numba compiles a function once, for literals once per value.
 FIRST: Final[Any] = np.int64(0)
 NEXT: Final[Any] = np.int64(1)
 PREVIOUS: Final[Any] = np.int64(-1)
 
 LEAST_SHARE = 1e-3
-"""Smallest share of a straight line between a node that it misses and the next [-]."""
+"""Smallest distance of neighbouring nodes along a line that misses some, over its length [-]."""
 
 
 @stage
@@ -70,7 +70,7 @@ def _place_nodes(
     poses: Rows[SpatialPose],
     touches: Rows[Touch],
 ) -> float:
-    """Nodes in the base, every one touched at its centre; returns the size of the cable [m]."""
+    """Place all nodes in the base, with contact at the centres; returns the cable's size [m]."""
     size = 0.0
     for k in range(len(nodes)):
         node, touch, pose = nodes[k], touches[k], poses[plans[k].frame]
@@ -98,7 +98,7 @@ def _place_nodes(
 
 @stage
 def _neighbour(touches: Rows[Touch], k: int, step: int) -> int:
-    """The next node in a direction that the cable touches."""
+    """Index of the next node that the cable touches, in the direction of ``step``."""
     k += step
     while touches[k].touching == 0.0:
         k += step
@@ -109,7 +109,7 @@ def _neighbour(touches: Rows[Touch], k: int, step: int) -> int:
 def _sweep(
     plans: Rows[SpatialNodePlan], nodes: Rows[SpatialNodeNumbers], touches: Rows[Touch]
 ) -> tuple[bool, float]:
-    """Meet every node once; whether all are possible, and the largest motion of a point [m]."""
+    """Compute every contact once; returns whether all are possible and the largest motion [m]."""
     possible = True
     moved = 0.0
     last = len(nodes) - 1
@@ -148,8 +148,8 @@ def _find_path(
     touches: Rows[Touch],
     size: float,
 ) -> bool:
-    """Points of contact of all nodes; False where a tangent does not exist."""
-    coupled = False  # with points on both sides of every round body, one sweep is exact
+    """Find the points of contact of all nodes; False if a tangent does not exist."""
+    coupled = False  # one sweep is exact if both neighbours of every round body are points
     for k in range(1, len(nodes)):
         coupled |= not (plans[k].kind in (POINT, SHEATH) or plans[k - 1].kind in (POINT, SHEATH))
     possible, moved = _sweep(plans, nodes, touches)
@@ -169,7 +169,7 @@ def _end_arc(node: SpatialNodeNumbers, touch: Touch, first: bool, twisted: float
     Args:
         node, touch: the end.
         first: whether it is the first node.
-        twisted: turn of its frame about its axis, for the sum to be continuous [rad].
+        twisted: turn of its frame about its axis [rad]; with it the result is continuous.
     """
     normal = touch.exit_normal if first else touch.entry_normal
     touch.angle = atan2(normal[1], normal[0])
@@ -180,7 +180,7 @@ def _end_arc(node: SpatialNodeNumbers, touch: Touch, first: bool, twisted: float
 
 @stage
 def _twisted(frame: int, twists: Grid[SpatialTwist], touch: Touch, joint_angle: Vector) -> float:
-    """Turn of a frame about an end's axis by all joints, exact for parallel axes [rad]."""
+    """Turn of a frame about an end's axis by all joints [rad]; exact for parallel axes."""
     axis = (touch.basis[6], touch.basis[7], touch.basis[8])
     turned = 0.0
     for j in range(joint_angle.size):
@@ -198,7 +198,7 @@ def _line(touches: Rows[Touch], p: int, q: int) -> tuple[Vector3, float]:
 
 @stage
 def _share_line(touches: Rows[Touch], p: int, q: int) -> None:
-    """Places of the nodes between p and q, which the line misses, in order along it: (G9)."""
+    """Set positions along the line from p to q of the nodes between, which it misses: (G9)."""
     begin = load(touches[p].exit)
     way = minus(load(touches[q].entry), begin)
     least = 0.0
@@ -219,7 +219,7 @@ def _measure_cable(
     wrap: Vector,
     direction: Table,
 ) -> bool:
-    """Lengths without the arcs of ends, wraps and directions; False where one is impossible."""
+    """Compute lengths without the arcs of ends, wraps and directions; False if impossible."""
     possible = True
     last = len(nodes) - 1
     p = FIRST
@@ -263,7 +263,7 @@ def _sweep_by(
     twists: Grid[SpatialTwist],
     joint: int,
 ) -> float:
-    """Derivatives of all points of contact once; returns the largest change of one."""
+    """Recompute the derivatives of all points of contact once; returns their largest change."""
     last = len(nodes) - 1
     changed = 0.0
     for k in range(last + 1):
@@ -291,7 +291,7 @@ def _sweep_by(
 
 @stage
 def _seen(touch: Touch, twist: SpatialTwist, point: Vector3, point_by: Vector3) -> Vector3:
-    """Velocity of a point as seen from a node, in the node's own axes."""
+    """Velocity of a point relative to a node, in the node's own axes."""
     return rotated(touch.basis, minus(point_by, point_velocity(twist, point)))
 
 
@@ -299,7 +299,7 @@ def _seen(touch: Touch, twist: SpatialTwist, point: Vector3, point_by: Vector3) 
 def _start_by(
     plans: Rows[SpatialNodePlan], touches: Rows[Touch], twists: Grid[SpatialTwist], joint: int
 ) -> None:
-    """Derivatives of all points of contact as if they were fixed to their nodes."""
+    """Start the derivatives of all points of contact as if they were fixed to their nodes."""
     for k in range(len(touches)):
         touch = touches[k]
         twist = twists[plans[k].frame, joint]
@@ -312,7 +312,7 @@ def _start_by(
 
 @stage
 def _line_by(touches: Rows[Touch], p: int, q: int, direction: Table) -> float:
-    """Derivative of the length of the line from p to q, and of the shares of what it misses."""
+    """Derivative of the length of the line from p to q; writes those of the nodes' shares."""
     unit = (direction[p, 0], direction[p, 1], direction[p, 2])
     begin, begin_by = load(touches[p].exit), load(touches[p].exit_by)
     way = minus(load(touches[q].entry), begin)
@@ -320,7 +320,7 @@ def _line_by(touches: Rows[Touch], p: int, q: int, direction: Table) -> float:
     square = dot(way, way)
     for k in range(p + 1, q):
         touch = touches[k]
-        # the centre's velocity is in entry_by: what is missed is fixed to its frame
+        # a missed node is fixed to its frame: entry_by is the velocity of its centre
         from_begin = minus(load(touch.centre), begin)
         share = dot(from_begin, way) / square
         share_by = dot(minus(load(touch.entry_by), begin_by), way) + dot(from_begin, way_by)
@@ -373,7 +373,7 @@ def _seen_by_end(
 
 @stage
 def _end_arc_by(node: SpatialNodeNumbers, touch: Touch, seen: Vector3, first: bool) -> float:
-    """Derivative of ``_end_arc``: the tangent point moves as the far point is seen to move."""
+    """Derivative of ``_end_arc`` from the velocity ``seen`` of the far point."""
     normal = load(touch.exit_normal) if first else load(touch.entry_normal)
     span = touch.after_length if first else touch.before_length
     return -node.radius * dot(normal, seen) / span
@@ -406,7 +406,7 @@ def route_in_space(  # noqa: PLR0913, PLR0917
         direction: unit vector of every element in the base, (n - 1, 3), written.
 
     Returns:
-        False where the cable cannot run so: a tangent does not exist, a point lies inside a body, a
+        False if the path is impossible: a tangent does not exist, a point lies inside a body, a
         wrap on a pulley is negative, or the path was not found.
 
     Takes 10 arguments because every part of the result is a view of a flat vector.

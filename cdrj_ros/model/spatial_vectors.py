@@ -1,4 +1,4 @@
-"""Vectors of three numbers as tuples, for the kernels of the geometry in space."""
+"""Operations on vectors of three numbers, kept as tuples, for the geometry in space."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Names for the parts of state, estimate and scratch, which one sample reads and writes.
+"""Named views of state, estimate and scratch, which one sample reads and writes.
 
-``advance`` writes one vector: the new state, the estimate, then its scratch.  Their layout is
-defined in this file only.
+``advance`` writes one vector: the new state, the estimate, then its scratch.  Only this file
+defines their layout.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ _SPATIAL_POSE, _SPATIAL_TWIST, _TOUCH = words(SPATIAL_POSE), words(SPATIAL_TWIST
 
 
 class StateViews(NamedTuple):
-    """What a robot remembers from one sample to the next: views of a state, in its order."""
+    """State of a robot between two samples: views of a state, in its order."""
 
     started: Vector
-    """0 until a first sample has been seen, then 1, shape (1,)."""
+    """0 before the first sample, then 1, shape (1,)."""
     length: Vector
     """Geometric length of every element with its share of the arcs [m], shape (elements,)."""
     material: Vector
@@ -49,11 +49,11 @@ class StateViews(NamedTuple):
     slip_speed: Vector
     """Material passing every pulley towards the last node [m/s], shape (pulleys,)."""
     lagged_speed: Vector
-    """Slip speed behind the sample's own, on which static friction depends [m/s], (E10)."""
+    """Delayed slip speed, on which static friction depends [m/s], (E10), shape (pulleys,)."""
     angle: Vector
-    """Of every motor, then every joint [rad] or [m], shape (axes,)."""
+    """Angles of motors, then joints [rad] or [m], shape (axes,)."""
     bearing_friction: Vector
-    """Of every motor and joint [N m], shape (axes,)."""
+    """Friction torques of motors, then joints [N m], of prismatic joints [N], shape (axes,)."""
     drums: Rows[Drum]
     """Of both ends of every cable, shape (2 cables,)."""
 
@@ -80,7 +80,7 @@ class EstimateViews(NamedTuple):
     motor_effort: Vector
     """[N m], shape (motors,)."""
     joint_effort: Vector
-    """[N m], shape (joints,)."""
+    """[N m], of prismatic joints [N], shape (joints,)."""
     iterations: Vector
     """Newton iterations of every cable, shape (cables,)."""
     residual: Vector
@@ -133,11 +133,12 @@ def state_size(sizes: Sizes) -> int:
 
 @usable_in_kernels
 def state_views(sizes: Sizes, state: Vector) -> StateViews:
-    """Names for the parts of a state.
+    """Named views of the parts of a state.
 
     Args:
         sizes: of the robot.
-        state: shape (state_size,) or longer; in Python also (states, state_size), and so the views.
+        state: shape (state_size,) or longer; in Python also (states, state_size), and the views
+            then have the same first axis.
     """
     (
         length, material, bristle, slip_speed, lagged_speed, angle, bearing_friction, drums,
@@ -164,7 +165,7 @@ def estimate_size(sizes: Sizes) -> int:
 
 @usable_in_kernels
 def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
-    """Names for the parts of an estimate, shape (estimate_size,) or longer."""
+    """Named views of the parts of an estimate, shape (estimate_size,) or longer."""
     status = 2 * sizes.elements
     force_x = status + sizes.pulleys
     force_y = force_x + sizes.pulleys
@@ -218,7 +219,7 @@ def scratch_size(sizes: Sizes) -> int:
 
 @usable_in_kernels
 def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
-    """Names for the parts of the scratch, shape (scratch_size,)."""
+    """Named views of the parts of the scratch, shape (scratch_size,)."""
     (
         by_joint, direction, wrap, elements, contacts, pose, twist,
         spatial_pose, spatial_twist, end,

@@ -1,4 +1,4 @@
-"""Status of an element: bit flags; the same values stand in cdrj_msgs/CableTensions."""
+"""Bit flags of an element's status; cdrj_msgs/CableTensions defines the same values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stiffness of a cable over pulleys: (11)-(28), with the blocks that the source leaves out.
+"""Stiffness of a cable over pulleys: (11)-(28), with the blocks that the source omits.
 
 A cable of n nodes in space has n - 1 elements; element i runs from node i to node i + 1 along the
 unit vector u_i.  The unknowns are the displacements of all nodes and the slips of the n - 2
@@ -10,7 +10,7 @@ pull of the cable on node i and the imbalance at pulley i are
     r_i = eta_i t_i - t_{i-1}    where it slips towards the last node
 
 and K = -d(F, r) / d(displacement, slip), so that (27) reads (T - F, T_0) = K (Delta, S).
-docs/model.md, section 9; examples/paper.py.
+See docs/model.md, section 9, and examples/paper.py.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def stiffness_matrix(
         transmission: eta of the pulleys in (0, 1], shape (n - 2,); 1 where not given.
         direction: of the pulleys' slip, +1 towards the last node, -1 towards the first (the
             source's case (24)), shape (n - 2,); -1 where not given.
-        geometric: include the turning of the elements, t / L (I - u u^T), which makes K the
+        geometric: include the rotation of the elements, t / L (I - u u^T), which makes K the
             negative derivative of the forces; without it K is (19) as in the source.
 
     Raises:
@@ -166,7 +166,7 @@ def stiffness_matrix(
         matrix[ends, ends] -= np.outer(pull, by_node)  # k_DD of (19)
         if geometric:
             matrix[ends, ends] += _turning(u, t[i] / length[i])
-        # slip of the pulley at the first node adds material, of the one at the last removes it
+        # the slip of the pulley at the first node adds material, that at the last node removes it
         pulleys = [
             (d * n + p, sign, weight[p])
             for p, sign, weight in ((i - 1, -1.0, ahead), (i, 1.0, -behind))
@@ -189,7 +189,7 @@ def imbalance(tension: Vector, transmission: Vector, direction: Vector) -> Vecto
 
 
 def _weights(transmission: Vector, direction: Vector) -> tuple[Vector, Vector]:
-    """Factors of the tensions after and before a pulley in (24): eta is on the pulling side."""
+    """Factors of the tensions after and before a pulley in (24); eta is on the pulling side."""
     forward = direction > 0.0
     return np.where(forward, transmission, 1.0), np.where(forward, 1.0, transmission)
 
@@ -227,7 +227,7 @@ def _pulleys(
 
 
 def _turning(u: Vector, tension_by_length: float) -> Table:
-    """g of (E15) for both ends [N/m]: stiffness against turning, t / L (I - u u^T)."""
+    """g of (E15) for both ends [N/m]: stiffness against rotation, t / L (I - u u^T)."""
     across = tension_by_length * (np.eye(u.size) - np.outer(u, u))
     return np.kron([[1.0, -1.0], [-1.0, 1.0]], across).astype(np.float64)
 

@@ -1,8 +1,8 @@
 """Views of parts of one flat vector, which holds numbers and rows of several kinds.
 
-Nothing is copied.  Python calls these functions as they are.  Inside kernels a view is an address
-and a shape: bounds are not checked and references not counted, which would cost more than the
-sample itself.  The vector must outlive the view, as an argument of the kernel does.
+Nothing is copied.  Python runs these functions as written.  Inside kernels a view is an address
+and a shape; checking bounds and counting references would take longer than the sample itself, so
+neither is done.  The vector must outlive the view, as an argument of the kernel does.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ _lower: Final[Any] = lower_builtin
 
 
 def part(vector: NDArray[Any], begin: int, end: int) -> NDArray[Any]:
-    """The part of a vector from ``begin`` to ``end``; in Python also of every row of a table."""
+    """The part of a vector, or in Python of every row of a table, from ``begin`` to ``end``."""
     return vector[..., begin:end]
 
 
 def rows(vector: NDArray[Any], begin: int, end: int, record: Any) -> Any:
-    """The same part as rows of a record type, whose fields take 8 bytes each."""
+    """That part as rows of a record type, whose fields take 8 bytes each."""
     return vector[..., begin:end].view(record)
 
 
@@ -47,7 +47,7 @@ def grid(vector: NDArray[Any], begin: int, height: int, width: int, record: Any)
 
 @usable_in_kernels
 def copy_part(source: NDArray[Any], begin: int, target: NDArray[Any]) -> None:
-    """Fill ``target`` with ``source`` from ``begin`` on; neither is part of the other.
+    """Fill ``target`` with ``source`` from ``begin`` on; the two must not overlap.
 
     An assignment of slices takes five times as long, because numba allows for an overlap.
     """
@@ -56,7 +56,7 @@ def copy_part(source: NDArray[Any], begin: int, target: NDArray[Any]) -> None:
 
 
 def _view_type(vector: Any, dimensions: int, record: Any = None) -> Any:
-    """Type of a view in a kernel; None, which numba rejects, for all but flat vectors."""
+    """Type of a view in a kernel; for anything but a flat vector None, which numba rejects."""
     if not isinstance(vector, types.Array) or vector.ndim != 1 or vector.layout != "C":
         return None
     dtype = vector.dtype if record is None else record.dtype
