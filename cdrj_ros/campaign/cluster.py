@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster: one per recording, on machines that see the same files."""
+"""Tasks on a Dask cluster: one per recording, on machines with access to the same files."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ CONNECT_S: Final = 10.0
 """Time within which the scheduler must answer [s]."""
 
 CLOSE_S: Final = 1.0
-"""Time for an orderly end of the connection [s]."""
+"""Time allowed for closing the connection [s]."""
 
 
 def on_cluster(work: Work[T, R], address: str, report: Progress) -> list[R | Failed]:
     """Process tasks on the cluster of a scheduler; otherwise as ``in_this_process``.
 
-    The scheduler gives the task of a worker that died to another one, as often as its setting
-    ``distributed.scheduler.allowed-failures`` says (3 unless changed).
+    The scheduler repeats the task of a worker that died on another worker, as often as its setting
+    ``distributed.scheduler.allowed-failures`` allows (3 by default).
 
     Args:
         work: the tasks.
@@ -39,7 +39,7 @@ def on_cluster(work: Work[T, R], address: str, report: Progress) -> list[R | Fai
     try:
         return _gathered(client, work, report)
     finally:
-        client.close(timeout=CLOSE_S)  # the scheduler forgets the tasks of a client that left
+        client.close(timeout=CLOSE_S)  # the scheduler drops the tasks of a closed client
 
 
 def _connected(address: str) -> Any:
@@ -74,10 +74,10 @@ def _gathered(client: Any, work: Work[T, R], report: Progress) -> list[R | Faile
             suspects.append(k)
             continue
         found[k] = _result(future, work.names[k])
-        future.release()  # the workers need not keep it
+        future.release()  # lets the workers drop the result
         done += work.sizes[k]
         report(done)
-    for k in suspects:  # alone: the scheduler blames all tasks of a dead worker, also waiting ones
+    for k in suspects:  # one at a time: a worker's death counts against its waiting tasks too
         (future,) = client.map(call, [work.tasks[k]], [work.names[k]], pure=False)
         found[k] = _result(future, work.names[k])
         done += work.sizes[k]
@@ -92,7 +92,7 @@ def _killed_its_workers(future: Any) -> bool:
 
 
 def _result(future: Any, name: str) -> Any:
-    """What a task returned, or why there is nothing."""
+    """Result of a task, or its ``Failed``."""
     try:
         return future.result()
     except Exception as error:  # noqa: BLE001  a worker or the scheduler died, not the task
@@ -119,7 +119,11 @@ def _unheard(share: float) -> None:
 
 
 def check_address(address: str) -> None:
-    """Refuse an address that no scheduler can have."""
+    """Check the form of a scheduler's address.
+
+    Raises:
+        UsageError: no scheduler can have this address.
+    """
     scheme, _, rest = address.rpartition("://")
     host, _, port = rest.rpartition(":")
     if scheme not in ("", "tcp", "tls", "ws", "wss", "ucx") or not host or not port.isdecimal():

@@ -1,4 +1,4 @@
-"""Tasks in several processes of this machine, each of which may die without the others' loss."""
+"""Tasks in several processes of this machine; the death of one does not affect the others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 ATTEMPTS: Final = 2
-"""Number of processes that one task may cost."""
+"""A task is given up when this many processes have died while processing it."""
 
 Kind = str
 SHARE: Final[Kind] = "share"
@@ -28,8 +28,8 @@ RESULT: Final[Kind] = "result"
 def in_processes(work: Work[T, R], jobs: int, report: Progress) -> list[R | Failed]:
     """Process tasks in ``jobs`` processes; arguments and results as for ``in_this_process``.
 
-    Each process holds one task at a time, so that a death is blamed on the right one.  A task whose
-    process died is given to another process once.
+    Each process holds one task at a time, so a death is attributed to the right task.  A task whose
+    process died is repeated once in another process.
     """
     return _Pool(work, jobs, report).results()
 
@@ -48,7 +48,7 @@ class _Worker:
         self.task: int | None = None
 
     def end(self) -> None:
-        """End the process, whatever it does."""
+        """Kill the process and close its connection."""
         self.process.kill()
         self.process.join()
         self.connection.close()
@@ -96,10 +96,10 @@ class _Pool(Generic[T, R]):
                 try:
                     worker.connection.send((self._work.tasks[worker.task], self._name(worker.task)))
                 except OSError:
-                    continue  # it died while idle; its connection is at its end
+                    continue  # it died while idle; ``wait`` reports its connection next
 
     def _receive(self, worker: _Worker) -> None:
-        """Take one message of a process, or note its death."""
+        """Receive one message of a process, or handle its death."""
         try:
             kind, value = worker.connection.recv()
         except (EOFError, OSError):
@@ -113,7 +113,7 @@ class _Pool(Generic[T, R]):
         worker.task = None
 
     def _bury(self, worker: _Worker) -> None:
-        """Give the task of a dead process to another one, or give it up."""
+        """Remove a dead process; queue its task again, or give the task up."""
         self._workers.remove(worker)
         worker.process.join(1.0)
         code = worker.process.exitcode
@@ -151,7 +151,7 @@ def _death(code: int | None) -> str:
 
 
 def _serve(connection: Connection, function: Callable[[Any, Progress], Any]) -> None:
-    """Process tasks until the parent process is done or gone."""
+    """Process tasks until the parent process closes the connection or dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process decides when to stop
     threading.Thread(target=_end_with_the_parent, name="parent", daemon=True).start()
 
@@ -167,7 +167,7 @@ def _serve(connection: Connection, function: Callable[[Any, Progress], Any]) -> 
 
 
 def _end_with_the_parent() -> None:
-    """End this process with its parent, also in the middle of a kernel: no orphan computes on."""
+    """End this process when its parent ends, even while a kernel runs."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])

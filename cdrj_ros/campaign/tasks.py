@@ -1,7 +1,7 @@
 """One task per recording, run here, in processes of this machine, or on a Dask cluster.
 
-Wherever it runs, a task has the same input and the results keep the order of the tasks, so they are
-the same to the last digit.  A task that fails leaves a ``Failed`` in the place of its result.
+A task has the same input wherever it runs, and the results keep the order of the tasks; they are
+therefore identical to the last digit.  The result of a task that fails is a ``Failed``.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ R = TypeVar("R")
 Progress = Callable[[float], None]
 
 WORTH_PROCESSES: Final = 16 * 1024 * 1024
-"""Total size of recordings from which further processes save more than their start costs [B]."""
+"""Total size of recordings above which additional processes save time despite their start [B]."""
 
 
 @dataclass(frozen=True)
 class Failed:
-    """What stands in the place of a result."""
+    """Result of a task that failed."""
 
     name: str
     """Of the task."""
@@ -72,7 +72,7 @@ def attempt(function: Callable[[T, Progress], R], task: T, name: str, on: Progre
     """Process one task; an exception becomes its ``Failed``."""
     try:
         return function(task, on)
-    except Exception as error:  # noqa: BLE001  the other tasks must not be lost to this one
+    except Exception as error:  # noqa: BLE001  one failure must not stop the other tasks
         return Failed(name, reason_of(error))
 
 

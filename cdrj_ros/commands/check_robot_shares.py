@@ -1,4 +1,4 @@
-"""What ``check_robot`` says about the uncertainty of the tensions."""
+"""Output of ``check_robot`` on the uncertainty of the tensions."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def print_shares(model: Model, shares: Shares, console: Console) -> None:
 
 
 def shares_document(model: Model, shares: Shares | None) -> dict[str, Any] | None:
-    """The same for programs, without omissions."""
+    """All shares as plain values for JSON, without omissions."""
     if shares is None:
         return None
     names = model.layout.elements

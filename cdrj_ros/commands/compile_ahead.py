@@ -1,8 +1,8 @@
 """Compilation of all numerical kernels ahead of use.
 
 A build ends with ``python -m cdrj_ros.commands.compile_ahead``, so that no start has to compile.
-The machine code is for the processor of the machine that builds, which usually is the robot's: it
-is faster than code for any processor.  On another processor the first start compiles, as it does
+The machine code is specific to the processor of the building machine, usually the robot's, and
+faster than generic code.  On another processor the first start compiles the kernels, as it does
 after the installation of a wheel.
 """
 
@@ -37,7 +37,7 @@ def _samples(model: Model) -> Samples:
 
 
 def _compile_step() -> None:
-    """What every start needs, and what the other parts are built on."""
+    """Compile the kernels of every start, which the other parts use too."""
     model = load_model(ROBOT)
     samples = _samples(model)
     step(model, initial_state(model), samples.at(0))
@@ -45,7 +45,7 @@ def _compile_step() -> None:
 
 
 def _compile_deviations() -> None:
-    """Standard deviations, live and of recordings."""
+    """Compile the kernels of standard deviations, live and of recordings."""
     model = load_model(ROBOT)
     samples = _samples(model)
     live = LiveEstimator(model)
@@ -54,7 +54,7 @@ def _compile_deviations() -> None:
 
 
 def _compile_recordings() -> None:
-    """Estimates of whole recordings, and the simulated rig."""
+    """Compile the kernels of whole recordings and of the simulated rig."""
     from cdrj_ros.rig.follow import follow_joints
     from cdrj_ros.rig.prescribed import follow
 
@@ -71,11 +71,11 @@ PARTS: Final[dict[str, Callable[[], None]]] = {
     "deviations": _compile_deviations,
     "recordings": _compile_recordings,
 }
-"""What is compiled in one process each; the first alone, the others side by side."""
+"""Parts that are compiled in one process each; the first alone, then the others in parallel."""
 
 
 def compile_kernels() -> bool:
-    """Compile every kernel that estimating and simulating need and keep it; False if one failed."""
+    """Compile and store every kernel of estimation and simulation; False if one failed."""
     first, *others = PARTS
     if _run(first).wait() != 0:
         return False

@@ -23,11 +23,11 @@ KINDS: Final = ("effort/", "tension/")
 def model_errors(
     model: Model, unseen: Sequence[BagComparison], topics: Topics, channels: Sequence[str]
 ) -> dict[str, float]:
-    """Errors of the model by channel [N] or [N m]; none where the numbers explain the residuals.
+    """Errors of the model by channel [N] or [N m], without channels that the numbers explain.
 
     Args:
         model: the fitted robot, with the standard deviations of its numbers alone.
-        unseen: bags beside estimates that were not fitted to them.
+        unseen: comparisons of bags with estimates that were not fitted to them.
         topics: topics of the bags.
         channels: the references that were fitted.
     """

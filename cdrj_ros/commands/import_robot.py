@@ -1,4 +1,4 @@
-"""``import_robot``: turn a model of another program into a robot file."""
+"""``import_robot``: convert a model of another program to a robot file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Running of a command: exit codes, error lines, and little else to import."""
+"""Running of a command: exit codes and error lines.  The module imports little."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BAD_INPUT: Final = 2
 
 
 class CommandParser(argparse.ArgumentParser):
-    """A parser whose errors escape control characters: a path may contain any."""
+    """A parser that escapes control characters in its errors, since paths may contain them."""
 
     def error(self, message: str) -> NoReturn:
         """Print usage and the message, then exit with code 2."""

@@ -1,4 +1,4 @@
-"""One channel, a motor or a joint: turns readings into angles and refuses impossible ones."""
+"""Gate of one channel, a motor or a joint: converts readings to angles, refuses impossible ones."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SPEED_WINDOW_NS: Final = 20_000_000
 
 
 Complaint = Literal["", "out_of_range", "implausible"]
-"""Why a reading cannot be the next one of its channel; empty where it can."""
+"""Cause for refusing a reading as the next one of its channel; empty if it is acceptable."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Limits:
     bandwidth: float = 0.0
     """Bandwidth of the tracking filter between counts [Hz]; 0 for no filter."""
     start: float = 0.0
-    """A first reading that may mean several angles is taken for the one nearest to this [rad]."""
+    """An ambiguous first reading stands for the possible angle nearest to this one [rad]."""
 
     def first_turn(self, reading: float, near: float | None = None) -> int:
         """Number of periods to add to a first reading: angle in range and nearest to ``near``.
@@ -95,7 +95,7 @@ class Limits:
         return max(abs(sensor.scale) * hypot(count, sensor.noise), UNSEEN_FLOOR)
 
     def motion(self) -> Motion:
-        """Motion estimate of an axis without any readings yet."""
+        """Motion estimate of an axis before its first reading."""
         return Motion(self.band, self.negligible)
 
 
@@ -141,17 +141,17 @@ def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]
 
 @dataclass
 class Doubt:
-    """A time in which the readings of a channel may be those of a sensor that has stepped."""
+    """Period in which the readings of a channel may come from a sensor that has stepped."""
 
     after_ns: int
-    """Stamp of the last good reading before it [ns]; -1 where there is none."""
+    """Stamp of the last good reading before the period [ns]; -1 if there is none."""
     until_ns: int = EVER_NS
-    """Stamp of the first good reading after it [ns]."""
+    """Stamp of the first good reading after the period [ns]."""
 
 
 @dataclass
 class Channel:
-    """Gate of one channel, and its readings that wait for other channels."""
+    """Gate of one channel, with the readings that wait for other channels."""
 
     limits: Limits
     last_stamp: int = -1
@@ -162,13 +162,13 @@ class Channel:
     See ``Motion.curvature``.  The first reading is the newest at or before the last sample.
     """
     motion: Motion = field(init=False)
-    """Speed and acceleration of the axis so far."""
+    """Estimates of the axis's speed and acceleration."""
     leap: Leap | None = None
-    """A change of reading that may yet prove to be a step of the sensor."""
+    """A change of reading that may turn out to be a step of the sensor."""
     usual_ns: int = 0
     """Longest of the latest intervals between readings [ns]; 0 before the second reading."""
     held: list[tuple[int, float]] = field(default_factory=list)
-    """Stamps [ns] and readings [rad] after what may be a jump of the clock."""
+    """Stamps [ns] and readings [rad] held after a possible jump of the clock."""
     last_reading: float | None = None
     """Last accepted reading, before unwrapping [rad]."""
     turns: int = 0
@@ -186,30 +186,30 @@ class Channel:
     agreeing: int = 0
     """Number of consecutive implausible readings that are plausible relative to each other."""
     step: float = 0.0
-    """Difference of the first of these and the last accepted reading [rad]."""
+    """Difference of the first of these readings and the last accepted one [rad]."""
     step_ns: int = -1
-    """Stamp of the first of these [ns]."""
+    """Stamp of the first of these readings [ns]."""
     displaced: float = 0.0
     """Sum of all steps of the sensor since the last reset [rad]."""
     stepped: bool = False
-    """Whether its sensor has stepped since the last reset, however often and wherever to."""
+    """Whether the sensor has stepped since the last reset, even if the steps add up to 0."""
     doubt: Doubt | None = None
-    """Time in which its readings may be those of a sensor that has stepped, while it lasts."""
+    """The current period of doubt; None outside one."""
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
     """Stamps [ns] and angles [rad] from which the velocity is computed."""
     memory: Vector = field(default_factory=new_track)
     """State of the tracking filter between counts."""
     left_behind: int = -1
-    """Last stamp before the clock went back [ns]; -1 where it did not."""
+    """Last stamp before the clock went back [ns]; -1 if it did not."""
     stragglers: int = 0
-    """Number of readings from before that jump that arrived after it."""
+    """Number of readings from before this jump that arrived after it."""
 
     def __post_init__(self) -> None:
-        """Begin without any estimate of the motion."""
+        """Start without an estimate of the motion."""
         self.motion = self.limits.motion()
 
     def take_over(self, earlier: Channel) -> None:
-        """Keep what a change of the clock leaves as it is: the axis's motion, the sensor's steps.
+        """Take over what a change of the clock does not affect: the motion and the sensor's steps.
 
         Args:
             earlier: the channel before the change.
@@ -219,7 +219,7 @@ class Channel:
 
     @property
     def patience_ns(self) -> int:
-        """Readings further apart than this have a gap between them [ns]."""
+        """Longest interval between readings that is not a gap [ns]."""
         return max(MAX_GAP_NS, LATE_INTERVALS * self.usual_ns)
 
     def follows(self, stamp: int) -> bool:
@@ -258,7 +258,7 @@ class Channel:
         return reading
 
     def complaint(self, stamp: int, reading: float) -> Complaint:
-        """Why a reading cannot be the next one, a key of ``REFUSALS``; empty where it can."""
+        """Cause for refusing a reading, a key of ``REFUSALS``; empty if it is acceptable."""
         limits = self.limits
         if not -LARGEST <= reading <= LARGEST:
             return "implausible" if limits.upper == float("inf") else "out_of_range"
@@ -278,7 +278,7 @@ class Channel:
             self.turns, self.last_reading = before.turns, before.last_reading
 
     def note_implausible(self, stamp: int, reading: float) -> None:
-        """Record a reading that is further away than the axis can be: a glitch or a step."""
+        """Record a reading that the axis cannot have reached: a glitch or a step."""
         if not abs(reading) <= LARGEST:
             self.agreeing = 0
             return
@@ -291,10 +291,10 @@ class Channel:
         self.refused_stamp, self.refused_value = stamp, value
 
     def note_plausible(self, stamp: int, value: float) -> bool:
-        """Look for a step of the sensor before an accepted angle; True where one is confirmed.
+        """Look for a step of the sensor before an accepted angle; True if one is confirmed.
 
-        Either the readings before it were refused and it continues them, or an accepted reading
-        was too far away for the time between (``Motion.leap``) and later ones stay there.
+        A step is confirmed if the angle continues the refused readings before it, or if an accepted
+        reading was too far away for the interval (``Motion.leap``) and later readings stay there.
         """
         if self.last_stamp < 0:
             return False

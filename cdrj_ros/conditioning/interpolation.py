@@ -1,4 +1,4 @@
-"""A channel's angle between its readings, or shortly after the last one, and how uncertain it is.
+"""A channel's angle between its readings or shortly after the last one, and its uncertainty.
 
 Equations (C3) and (C4) of docs/conditioning.md.
 """
@@ -16,7 +16,7 @@ from cdrj_ros.conditioning.tracking import Vector
 
 
 def value_at(readings: deque[tuple[int, float, float]], stamp: int) -> float:
-    """Interpolate linearly, and drop the readings that no later sample needs."""
+    """Interpolate linearly; drop the readings that no later sample needs."""
     while len(readings) > 1 and readings[1][0] <= stamp:
         readings.popleft()
     before, value, _ = readings[0]

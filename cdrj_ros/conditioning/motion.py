@@ -1,4 +1,4 @@
-"""Speed and acceleration of an axis so far, and what they allow between two readings.
+"""Speed and acceleration of an axis, and the motion that they allow between two readings.
 
 Equations (C2) to (C5) of docs/conditioning.md.
 """
@@ -16,13 +16,14 @@ Stamps = NDArray[np.int64]
 Vector = NDArray[np.float64]
 
 WINDOW_NS: Final = 100_000_000
-"""Speed and acceleration are taken over at least this time [ns]."""
+"""Speed and acceleration are averaged over at least this time [ns]."""
 
 MEMORY_S: Final = 10.0
-"""Time constant with which earlier speeds and accelerations are forgotten [s]."""
+"""Time constant with which the weight of earlier speeds and accelerations decays [s]."""
 
 CHORDS: Final = 1.5
-"""Correction of accelerations from readings a third of a period apart, which are too small."""
+"""Correction factor for accelerations from readings a third of a period apart; these would be
+too small."""
 
 EVER_NS: Final = 1 << 62
 """Longer than any interval [ns]."""
@@ -40,20 +41,20 @@ LEAP_FLOOR: Final = 0.02
 """Smallest leap [rad]."""
 
 JITTER_NS: Final = 5_000_000
-"""Error of the stamps that is allowed for [ns]."""
+"""Error of the stamps that the thresholds allow for [ns]."""
 
 LEAP_WITHIN_NS: Final = 100_000_000
-"""Longest interval over which a leap is told from a motion [ns]."""
+"""Longest interval over which a leap can be distinguished from a motion [ns]."""
 
 SETTLED_NS: Final = 50_000_000
 """A leap that lasts for this long is a step of the sensor [ns]."""
 
 TRAVEL: Final = 1.0
-"""Leaps are looked for only after an axis has travelled this far in all [rad]."""
+"""Leaps are looked for only after an axis has travelled this far in total [rad]."""
 
 
 LASTING: Final = ("speed", "acceleration", "fastest", "hardest", "travelled")
-"""What is known of an axis's motion whatever the clock of its readings: fields of ``Motion``."""
+"""Fields of ``Motion`` that do not depend on the clock of the readings."""
 
 Verdict = Literal["", "glitch", "motion", "step"]
 """What a leap was; empty while undecided."""
@@ -92,7 +93,7 @@ class Motion:
     begin_ns: int = -1
     """Stamp of the first reading of the current window [ns]; -1 before the first reading."""
     begin: float = 0.0
-    """Angle at the begin of the window [rad]."""
+    """Angle at the beginning of the window [rad]."""
     span_s: float = 0.0
     """Length of the last window [s]."""
     velocity: float = 0.0
@@ -119,7 +120,7 @@ class Motion:
             self.begin_ns, self.begin = stamp, angle
 
     def elsewhen(self) -> Motion:
-        """What stays known of the axis when the clock of its readings changes: all but the time."""
+        """Copy the fields ``LASTING``, which stay valid when the clock of the readings changes."""
         known = {name: getattr(self, name) for name in LASTING}
         later = Motion(self.band, self.negligible, **known)
         later.seen_ns = later._seen()
@@ -133,7 +134,7 @@ class Motion:
         if self.span_s > 0.0:
             change = max(abs(velocity - self.velocity) - 2.0 * self.band / span_s, 0.0)
             acceleration = change / (0.5 * (span_s + self.span_s))
-        else:  # the first window of a slow channel: nothing better is known
+        else:  # the first window of a slow channel gives no better estimate
             acceleration = speed / span_s if span_s > 2e-9 * WINDOW_NS else 0.0
         if span_s > 2e-9 * WINDOW_NS:
             acceleration *= CHORDS
@@ -207,14 +208,14 @@ class Motion:
 
 
 def _faded(before: float, now: float, keep: float) -> float:
-    """Weighted root mean square of the former and the new value; ``keep`` weighs the former."""
+    """Weighted root mean square of the old and the new value; ``keep`` weighs the old one."""
     return sqrt(before * before * keep + now * now * (1.0 - keep))
 
 
 def curvatures(motion: Motion, stamps: Stamps, angles: Vector) -> Vector | None:
-    """``Motion.curvature`` before every reading of a channel, shape (n,); None if any one leaps.
+    """``Motion.curvature`` before every reading of a channel, shape (n,); None if there is a leap.
 
-    The same numbers, bit for bit, as ``leap``, ``take`` and ``curvature`` reading by reading.
+    The results equal those of ``leap``, ``take`` and ``curvature`` reading by reading, bit for bit.
     """
     result = np.zeros(stamps.size)
     if stamps.size == 0:
@@ -237,7 +238,7 @@ def curvatures(motion: Motion, stamps: Stamps, angles: Vector) -> Vector | None:
 
 
 def _leaps(motion: Motion, spans: Stamps, moved: Vector) -> bool:
-    """Whether ``Motion.leap`` finds one within a window, in which the motion does not change."""
+    """Whether ``Motion.leap`` finds a leap within a window; there ``motion`` is constant."""
     if motion.travelled < TRAVEL:
         return False
     seconds = spans * 1e-9

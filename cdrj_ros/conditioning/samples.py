@@ -30,13 +30,13 @@ class Sample(NamedTuple):
     joint_angle: Vector
     """[rad], shape (joints,), in the robot's order."""
     unseen: Vector = ALL_SEEN
-    """Standard deviations for lack of readings, of motors, then joints [rad], shape (2, axes).
+    """Standard deviations due to sparse readings, of motors, then joints [rad], shape (2, axes).
 
     Row 0: at the sample's time.  Row 1: midway between the sample before and this one.  Shape
     (0, 0) where all are zero.
     """
     doubtful: bool = False
-    """Whether an axis may be elsewhere than its sensor says: the readings have stepped."""
+    """Whether an angle may be wrong because the readings of its sensor have stepped."""
 
 
 @dataclass(frozen=True)

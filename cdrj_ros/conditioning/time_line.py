@@ -1,8 +1,8 @@
-"""The gates that readings must pass, and the time line on which ``step()`` gets its samples.
+"""Gates that check the readings, and the common time line of the samples for ``step()``.
 
 Every motor and joint is a channel with a gate of its own.  Accepted readings are brought to one
 time line: the union of all stamps, with every channel interpolated linearly between its own
-readings.  An estimate therefore waits for the slowest channel; holding the last joint angle while
+readings.  An estimate therefore waits for the slowest channel: holding the last joint angle while
 the motor moves on would add a sawtooth to the tensions.  The result does not depend on the order in
 which different topics arrive.  Where waiting costs too much, ``predict`` extrapolates the slower
 channels instead.  See docs/conditioning.md.
@@ -51,7 +51,7 @@ REFUSALS: Final[Mapping[str, str]] = {
     "out_of_range": "joint angle outside its range",
     "implausible": "further from the last reading than max_speed allows, or than any angle",
 }
-"""Causes for which a reading is refused, and what they mean."""
+"""Causes for which a reading is refused, and their meaning."""
 
 WHOLE: Final = ("malformed", "empty", "unstamped")
 """Causes for which a message is refused whole and counted once, however many names it has."""
@@ -67,13 +67,13 @@ STRAGGLERS: Final = 100
 
 Mode = Literal["wait", "predict"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
-"""While a channel lags: wait for it, or extrapolate it with its velocity."""
+"""How a lagging channel is handled: wait for it, or extrapolate it with its velocity."""
 
 HORIZON_NS: Final = 20_000_000
 """A channel is predicted at most this far beyond its last reading [ns]."""
 
 Timing = Literal["", "repeated", "late", "another time"]
-"""Of a stamp: usable, a cause of refusal, or to be held until later readings confirm it."""
+"""Result for a stamp: usable, a cause of refusal, or held until later readings confirm it."""
 
 
 class Conditioner:
@@ -91,7 +91,7 @@ class Conditioner:
         Args:
             robot: names, sensors and limits.
             mode: one of ``MODES``.
-            horizon_ns: how far to predict at most [ns].
+            horizon_ns: longest time to predict [ns].
             tracking: see ``limits_of``.
         """
         if mode not in MODES:
@@ -114,11 +114,11 @@ class Conditioner:
         self.crowded = 0
         """Accepted readings dropped because they had waited too long for another channel."""
         self.clock_jumps = 0
-        """Number of times that the clock went back and everything started anew."""
+        """Number of times that the clock went back and conditioning restarted."""
         self.gaps = 0
         """Number of times that a channel was silent for longer than ``Channel.patience_ns``."""
         self.steps = 0
-        """Number of steps of a sensor: readings moved further than the axis can, and stayed."""
+        """Number of steps of sensors: the readings moved further than the axis can, and stayed."""
         self.lag_ns = 0
         """Lag of the last sample behind the newest reading [ns]."""
         self._channels: list[Channel] = []
@@ -143,9 +143,9 @@ class Conditioner:
         """Forget all readings; the counters stay.
 
         Args:
-            keep_turns: keep how fast the axes have moved so far, and the count of turns of every
-                sensor with a ``period``, however late the next reading; otherwise the count only
-                where it follows within ``MAX_GAP_NS``.
+            keep_turns: keep the motion estimates of the axes and the count of turns of every sensor
+                with a ``period``.  Otherwise only the count is kept, and only if the next reading
+                follows within ``MAX_GAP_NS``.
         """
         before = self._channels
         self._begin()
@@ -165,7 +165,7 @@ class Conditioner:
         self._missing = len(self._channels)
 
     def memory(self) -> dict[str, NDArray[np.float64]]:
-        """What a restart leaves as it is, to be given to ``recall`` later: see ``LASTING``."""
+        """Values that outlast a restart, for ``recall``: ``LASTING`` and the sensors' steps."""
         rows = [
             (*(getattr(c.motion, name) for name in LASTING), c.displaced) for c in self._channels
         ]
@@ -173,7 +173,7 @@ class Conditioner:
         return {"axes": np.array(rows), "stepped": np.array(stepped)}
 
     def recall(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Take up what ``memory`` gave; nothing changes where it does not fit."""
+        """Restore the values of ``memory``; ignore them if shapes or values are invalid."""
         rows, stepped = arrays.get("axes"), arrays.get("stepped")
         shape = (len(self._channels), len(LASTING) + 1)
         if rows is None or stepped is None or rows.shape != shape or stepped.shape != shape[:1]:
@@ -254,7 +254,7 @@ class Conditioner:
         return self._complete_samples() if news else []
 
     def _admit(self, k: int, stamp: int, reading: float) -> bool:
-        """Apply the gate; True where the reading, or held ones before it, joined the channel."""
+        """Apply the gate; True if the reading, or a held one before it, joined the channel."""
         channel = self._channels[k]
         stamp += channel.limits.sensor.clock_offset_ns
         cause: str = _unusable(stamp, reading)
@@ -292,7 +292,7 @@ class Conditioner:
         return "late"
 
     def _is_straggler(self, channel: Channel, stamp: int) -> bool:
-        """Whether the first reading after the clock went back is still from before the jump.
+        """Whether the first reading after the clock went back has a stamp from before the jump.
 
         The last messages of one topic may arrive after the first messages of another topic that
         carry the new time.
@@ -349,7 +349,7 @@ class Conditioner:
         channel.held.clear()
 
     def _hold(self, k: int, stamp: int, reading: float) -> bool:
-        """Hold a reading of another time; once enough others follow it, use them all."""
+        """Hold a reading with a distant stamp; use all held ones once enough have followed."""
         channel = self._channels[k]
         held = channel.held
         if held and not channel.follows(stamp):
@@ -386,7 +386,7 @@ class Conditioner:
         return self.accepted > before
 
     def _jump_back(self) -> None:
-        """Start anew, with what every channel already holds from the new time."""
+        """Restart with the held readings of every channel that have the new time."""
         self.clock_jumps += 1
         held = [
             channel.held if channel.held and channel.held[0][0] < channel.last_stamp else []
@@ -406,7 +406,7 @@ class Conditioner:
             self._append_held(channel, kept)
 
     def _complete_samples(self) -> list[Sample]:
-        """Samples at all stamps up to the newest that every channel has reached, or predicted."""
+        """Samples at all stamps that every channel has reached, then a predicted one if enabled."""
         if self._missing:
             return []
         until = newest = self._channels[0].last_stamp
@@ -467,13 +467,13 @@ class Conditioner:
         return Sample(stamp, values[:motors], values[motors:], unseen, doubtful)
 
     def _is_doubtful(self, stamp: int) -> bool:
-        """Whether some sensor may have stepped before a sample; forgets what is over."""
+        """Whether some sensor may have stepped before a sample; drops doubts that have ended."""
         self._doubts = [doubt for doubt in self._doubts if doubt.until_ns > stamp]
         return any(doubt.after_ns < stamp for doubt in self._doubts)
 
 
 def _unusable(stamp: int, reading: float) -> Literal["", "not_finite", "late", "future"]:
-    """Why a reading can be refused whatever its channel; empty where it cannot."""
+    """Cause for refusing a reading on any channel; empty if there is none."""
     if reading - reading != 0.0:  # NaN and both infinities
         return "not_finite"
     if not 0 < stamp < END_OF_TIME_NS:

@@ -1,4 +1,4 @@
-"""Condition a whole recording: the same samples as message by message, in vector operations."""
+"""Conditioning of a whole recording by vector operations; samples as message by message."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Conditioned:
     """The samples of a whole recording, and how many readings were refused."""
 
     segments: tuple[Samples, ...]
-    """One, or several where the clock went back between them."""
+    """One segment, or several if the clock went back between them."""
     refused: Mapping[str, int]
     accepted: int
     clock_jumps: int
@@ -43,12 +43,12 @@ def condition(
     joints: Mapping[str, Series],
     mode: Mode = "wait",
 ) -> Conditioned:
-    """Condition a recording; the same samples, bit for bit, as feeding it message by message.
+    """Condition a recording; the samples equal those of single messages bit for bit.
 
     Args:
         robot: names, sensors and limits of the channels.
-        motors: readings by name; every motor of the robot must be there.
-        joints: readings by name; every joint of the robot must be there.
+        motors: readings by name, of every motor of the robot.
+        joints: readings by name, of every joint of the robot.
         mode: one of ``MODES``.
 
     Returns:
@@ -72,7 +72,7 @@ def condition(
 
 
 def _at_once(robot: Robot, channels: Sequence[Series]) -> Samples | None:
-    """All samples without a loop over them; None unless the gates would accept every reading."""
+    """All samples without a loop over them; None if a reading would be refused or leaps."""
     if not all(np.all(np.abs(readings.value) <= LARGEST) for readings in channels):
         return None
     limits = limits_of(robot)
@@ -89,7 +89,7 @@ def _at_once(robot: Robot, channels: Sequence[Series]) -> Samples | None:
 
 
 def _angles(readings: Series, limits: Limits) -> Series:
-    """Readings as angles, as ``Channel.angle_at`` makes them."""
+    """Angles of readings, as by ``Channel.angle_at``."""
     stamps, value, sensor = readings.stamp_ns, readings.value, limits.sensor
     if sensor.clock_offset_ns:
         stamps = stamps + sensor.clock_offset_ns
@@ -162,7 +162,7 @@ def _merge(
 
 def _union(one: Stamps, two: Stamps) -> Stamps:
     """All stamps of two sorted rows, once each; 60 times as fast as ``np.union1d``."""
-    both = np.sort(np.concatenate([one, two]), kind="stable")  # merges what is sorted already
+    both = np.sort(np.concatenate([one, two]), kind="stable")  # a stable sort merges sorted parts
     return both[np.concatenate([[True], both[1:] != both[:-1]])]
 
 
@@ -172,7 +172,7 @@ def _unseen(
     limits: Sequence[Limits],
     stamps: Stamps,
 ) -> NDArray[np.float64]:
-    """``Samples.unseen``, in the arithmetic of the time line."""
+    """``Samples.unseen``, with the arithmetic of the time line."""
     found = []
     for k, (readings, curvature, limit) in enumerate(zip(channels, curved, limits, strict=True)):
         if not np.any(curvature):
@@ -208,7 +208,7 @@ def _interpolated(channels: Sequence[Series], stamps: Stamps) -> NDArray[np.floa
 
 
 def _values_at(readings: Series, stamps: Stamps) -> Vector:
-    """``_value_at`` for many stamps, in the same arithmetic."""
+    """``interpolation.value_at`` for many stamps, with the same arithmetic."""
     own, value = readings.stamp_ns, readings.value
     at = np.searchsorted(own, stamps, side="right") - 1
     after = np.minimum(at + 1, own.size - 1)
@@ -221,7 +221,7 @@ def _values_at(readings: Series, stamps: Stamps) -> Vector:
 def _replay(
     robot: Robot, motors: Mapping[str, Series], joints: Mapping[str, Series], mode: Mode
 ) -> Conditioned:
-    """Reading by reading, in order of arrival."""
+    """Condition reading by reading, in order of arrival."""
     conditioner = Conditioner(robot, mode)
     sources = [(conditioner.feed_motors, (name,), r) for name, r in motors.items()]
     sources += [(conditioner.feed_joints, (name,), r) for name, r in joints.items()]
@@ -258,10 +258,10 @@ def _replay(
 
 
 class _Segment:
-    """Samples that follow one another, as plain numbers: an hour of ``Sample`` takes 4 GB."""
+    """Consecutive samples as plain numbers; an hour of ``Sample`` objects would take 4 GB."""
 
     def __init__(self, motor_count: int, joint_count: int) -> None:
-        """Begin with no sample."""
+        """Start without a sample."""
         self._counts = motor_count, joint_count
         self._stamps = array("q")
         self._motors = array("d")

@@ -1,7 +1,7 @@
-"""Standard deviations that no member of the ensemble shows.
+"""Standard deviations that the spread of the ensemble does not contain.
 
 These are the error of the model itself, which ``identify`` finds from residuals of recordings that
-were not fitted, and the tension that a cable may have although the estimate calls it slack.
+were not fitted, and the tension that a cable may have although its status is SLACK.
 See docs/uncertainty.md.
 """
 
@@ -19,15 +19,16 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 LEAST_ARM: Final = 0.05
-"""Moment arms below this fraction of the largest one do not turn a joint effort into a tension."""
+"""Moment arms below this fraction of the largest are not used to turn an effort into a tension."""
 
 
 def unmodelled(model: Model) -> Table:
-    """What is added to the spread of the members, by column of ``spread_columns``.
+    """Standard deviations to add to the spread of the members, by column of ``spread_columns``.
 
     Returns:
-        Shape (2, columns): variance of the model's error (U5), and the standard deviation of a
-        quantity whose magnitude is at most as large, because its cables count as slack (U6).
+        Shape (2, columns).  Row 0: variance of the model's error (U5).  Row 1: smallest standard
+        deviation (U6) of a quantity whose magnitude does not exceed it, so that its cables count
+        as slack.
     """
     robot = model.robot
     shape = shape_at(model, np.array([joint.reference_angle for joint in robot.joints]))
@@ -73,8 +74,8 @@ def _joint_arms(shape: Shape, joint: int) -> Vector:
 def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vector:
     """Model error of every tension [N]: (U5), shape (elements,).
 
-    An error of an effort is shared by the cables that act on it; between the places where errors
-    are given it is interpolated along the cable, and constant beyond.
+    The cables that act on an effort share its error.  Along a cable the error is interpolated
+    between the elements with given errors, and constant beyond them.
     """
     parts = _parts(robot)
     sources: list[dict[int, float]] = [{} for _ in parts]
@@ -103,7 +104,7 @@ def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vect
 
 
 def _through(robot: Robot, shape: Shape, tension: Vector) -> Vector:
-    """Standard deviations of all columns from those of the tensions, cable by cable."""
+    """Standard deviations of all columns from those of the tensions; cables are independent."""
     parts = _parts(robot)
     forces = []
     at = 0

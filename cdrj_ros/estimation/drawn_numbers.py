@@ -1,10 +1,10 @@
-"""Numbers of all members at once, where only preloads, stiffness and friction are drawn.
+"""Numbers of all members at once, if only preloads, stiffness and friction are drawn.
 
-A member is a robot file with other numbers.  To read 32 of them one by one takes 35 ms, for which
-the estimate would stop at every change of a parameter.  Neither preload nor stiffness nor friction
-changes the geometry, so the members' numbers are the robot's own but for a few columns.  What a
-robot file may not say is checked here too; then, and for other parameters, they are read one by
-one.  A test holds both ways to the same bits.
+A member is a robot file with other numbers.  Reading 32 of them one by one takes 35 ms, which would
+interrupt the estimate at every change of a parameter.  Preload, stiffness and friction do not
+change the geometry, so the members' numbers differ from the robot's own in a few columns only.  If
+other parameters are drawn, or a member violates the rules of a robot file, which are checked here
+too, the members are read one by one.  A test requires both ways to agree bit for bit.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FIELDS: Final = frozenset(one.name for one in fields(Friction) if one.name != "s
 
 @dataclass
 class _Layer:
-    """Friction of a robot, a cable or a pulley by key: one number, or that of every member."""
+    """Friction of a robot, a cable or a pulley by key: one number, or one for every member."""
 
     given: dict[str, Any] = field(default_factory=dict)
 
@@ -44,8 +44,8 @@ def drawn_numbers(model: Model, drawn: Mapping[str, Vector]) -> Table | None:
         drawn: values of every member, within the schema's ranges, by path [SI].
 
     Returns:
-        The same as reading every member like a robot file and preparing it, bit for bit.  None
-        where other parameters are drawn, or where some member would be no robot.
+        The same as reading and preparing every member as a robot file, bit for bit.  None if other
+        parameters are drawn, or if the numbers of some member are not allowed.
     """
     members = len(next(iter(drawn.values())))
     numbers = np.repeat(model.numbers[None, :], members, axis=0)
@@ -72,7 +72,7 @@ def drawn_numbers(model: Model, drawn: Mapping[str, Vector]) -> Table | None:
 
 
 class _CableDraw:
-    """What is drawn of one cable."""
+    """Drawn parameters of one cable."""
 
     def __init__(self, cable: Cable, entry: Mapping[str, Any]) -> None:
         self.cable, self._entry = cable, entry
@@ -82,7 +82,7 @@ class _CableDraw:
         self._pulleys = [_Layer(dict(node.get("friction", {}))) for node in entry["nodes"][1:-1]]
 
     def take(self, rest: Sequence[str], values: Vector) -> bool:
-        """Take a parameter by the rest of its path; False where it is none of those known here."""
+        """Take a parameter by the rest of its path; False if it is not supported here."""
         match rest:
             case ["preload"]:
                 self._preload = values
@@ -104,7 +104,7 @@ class _CableDraw:
         return True
 
     def write(self, model: Model, numbers: Table, c: int, common: _Layer, lengths: Vector) -> bool:
-        """Write the cable's numbers; False where some member would be no robot."""
+        """Write the cable's numbers; False if those of some member are not allowed."""
         plan = plan_views(model.plan).cables[c]
         views: Any = number_views(model.sizes, numbers)
         views.cables["axial_stiffness"][:, c] = self._stiffness
@@ -133,9 +133,9 @@ class _CableDraw:
 
 
 def _friction(pulley: Pulley, *layers: _Layer) -> Friction | None:
-    """Friction of a pulley, of which some values are those of all members; None where it cannot be.
+    """Friction of a pulley, with arrays for drawn values; None if a member's is not allowed.
 
-    As ``CableReader`` merges and checks it.
+    The rules for merging and checking are those of ``CableReader``.
     """
     merged: dict[str, Any] = {}
     for layer in layers:
@@ -153,7 +153,7 @@ def _friction(pulley: Pulley, *layers: _Layer) -> Friction | None:
 
 
 def _losses(row: Any, stribeck: int) -> Table:
-    """Kinetic and static loss of a pulley of every member, shape (members, 2)."""
+    """Kinetic and static loss of a pulley for every member, shape (members, 2)."""
     names = ("rho", "mu_c", "mu_s", "wrap", "bearing_ratio", "cells")
     columns: Iterable[list[float]] = (row[name].tolist() for name in names)
     return np.array(

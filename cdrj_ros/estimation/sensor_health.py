@@ -1,6 +1,7 @@
 """Which sensors correct the estimate: on trial first, then trusted, dropped if they fail.
 
-The thresholds follow from what a good sensor gives by chance; docs/uncertainty.md has the rates.
+The thresholds follow from the rates at which a good sensor fails by chance; docs/uncertainty.md has
+these rates.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ JUDGED: Final = 50
 TOO_FAR: Final = 9.0
 """A sensor is dropped if its squared residuals divided by their variance exceed this on average.
 
-Outliers are left out.  Even if one error lasts over all readings, a good sensor exceeds three
-standard deviations in 0.3 % of such errors; if they are independent, never (1e-65)."""
+Outliers are left out.  If one error lasts over all readings, a good sensor exceeds three standard
+deviations with a chance of 0.3 %; if the errors are independent, with a chance of 1e-65."""
 
 OUTLIER: Final = 100.0
 """A reading is refused if its squared residual divided by its variance exceeds this."""
@@ -29,7 +30,7 @@ OUTLIER: Final = 100.0
 MANY: Final = 13
 """A sensor is dropped for this many outliers among the readings over which it is checked.
 
-One that is good but for a reading in 50 or in 20 has as many with a chance of 1e-11 or 8e-7."""
+A sensor with one bad reading in 50 or in 20 has as many with a chance of 1e-11 or 8e-7."""
 
 STIFF: Final = 4.0
 """A sensor is frozen if its reading is constant while the estimate moves by more standard
@@ -44,7 +45,7 @@ RESPONSE: Final = (0.3, 3.0)
 CERTAIN: Final = 5.0
 """Standard errors of the slope by which it must lie within ``RESPONSE``.
 
-Readings that do not follow the estimate at all come that far with a chance of 3e-7 a reading."""
+Readings that do not follow the estimate at all meet this with a chance of 3e-7 per reading."""
 
 TRIAL_STEP: Final = 0.25
 """Between readings on trial the estimate must move by this fraction of their standard deviation."""
@@ -157,7 +158,7 @@ class SensorHealth:
 
 
 def _to_and_fro(estimates: Vector) -> float:
-    """The lesser of the greatest rise and the greatest fall: a drift only goes one way."""
+    """The smaller of the greatest rise and the greatest fall; it is small for a mere drift."""
     rise = float(np.max(estimates - np.minimum.accumulate(estimates)))
     fall = float(np.max(np.maximum.accumulate(estimates) - estimates))
     return min(rise, fall)
@@ -168,7 +169,7 @@ def _slope(estimates: Vector, readings: Vector, own: float) -> tuple[float, floa
 
     Args:
         estimates, readings: in pairs, shape (n,), n > 2.
-        own: variance of a reading that is expected; that about the line counts where it is more.
+        own: expected variance of a reading; the variance about the line is used if it is larger.
     """
     moved, said = estimates - estimates.mean(), readings - readings.mean()
     spread = float(moved @ moved)

@@ -15,7 +15,8 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 UNSURE_SHARE: Final = 0.1
-"""An element is ``UNSURE`` where its standard deviation exceeds this share of its tension."""
+"""An element is ``UNSURE`` if its standard deviation exceeds this fraction of its tension or of
+its cable's preload, whichever is larger."""
 
 
 def preload_of_elements(robot: Robot) -> Vector:
@@ -28,10 +29,10 @@ def preload_of_elements(robot: Robot) -> Vector:
 
 @lean
 def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -> None:
-    """Set ``UNSURE`` where a standard deviation exceeds a share of the tension or the preload.
+    """Set ``UNSURE`` where the standard deviation is too large for tension and preload.
 
     Args:
-        values: an estimate: tensions, then status of all elements, then the rest; changed.
+        values: an estimate (tensions, then status of all elements, then the rest); changed.
         preload: see ``preload_of_elements`` [N].
         stddev: of the tensions, then the rest [N].
         share: see ``UNSURE_SHARE``.

@@ -1,8 +1,8 @@
 """The model's own error, from residuals of recordings that were not fitted.
 
 A fit absorbs part of the model's error in its numbers, so residuals of fitted recordings are too
-small.  What residuals of other recordings have beyond the sensor's noise is what the next recording
-will have.  See (I5) in docs/identification.md.
+small.  Residuals of other recordings, less the noise of the sensor, show the error to expect in the
+next recording.  See (I5) in docs/identification.md.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cdrj_ros.identification.standard_errors import white_power
 Vector = NDArray[np.float64]
 
 ENOUGH: Final = 0.92
-"""Share within two standard deviations from which the numbers' spread explains the residuals."""
+"""Smallest share of residuals within two standard deviations that the numbers then explain."""
 
 ENOUGH_OF_A_RUN: Final = 0.8
 """The same for a single recording."""

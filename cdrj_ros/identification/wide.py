@@ -22,10 +22,10 @@ from cdrj_ros.robot.parameters import find_number
 ALONG: Final = (
     "preload", "EA", "drum_radius", "joints.{*}.reference_angle", "pulley_bearing_torque",
 )  # fmt: skip
-"""Numbers that are fitted along, as in ``--fit``."""
+"""Numbers to fit in addition, in the notation of ``--fit``."""
 
 ALIKE: Final = 1e-9
-"""Largest relative difference of numbers that are fitted as one."""
+"""Largest relative difference of numbers that are fitted as one unknown."""
 
 
 def fitted_along(
@@ -36,7 +36,7 @@ def fitted_along(
     Args:
         document: content of the robot file.
         known: the robot's uncertainty; numbers that it states or that are exact stay fixed.
-        unknowns: those that were asked for.
+        unknowns: those that the user requested.
     """
     if known is None or len(known.parameters) == known.stated:
         return ()

@@ -1,4 +1,4 @@
-"""Spatial tendons of a MuJoCo model, as the cables of a robot file.
+"""Conversion of the spatial tendons of a MuJoCo model to the cables of a robot file.
 
 Importing this module does not import MuJoCo, which only ``read_mjcf`` needs.
 """
@@ -90,7 +90,7 @@ class _Import:
         self._taken: dict[str, int] = {"base": 1}
 
     def run(self, wanted: list[str] | None) -> Imported:
-        """All wanted tendons; those that cannot be represented are named."""
+        """Convert all wanted tendons; remarks name those that cannot be represented."""
         cables: list[Document] = []
         motors: list[Document] = []
         for tendon in self._tendons(wanted):
@@ -132,7 +132,7 @@ class _Import:
         return found or f"{kind.lower()}_{index}"
 
     def _name(self, wanted: str) -> str:
-        """A name that a robot file allows and that is not taken."""
+        """Unused name that a robot file allows, as close to ``wanted`` as possible."""
         name = re.sub(r"[^A-Za-z0-9_]", "_", wanted)
         name = name if name[:1].isalpha() else f"m_{name}"
         count = self._taken.get(name, 0)
@@ -154,7 +154,7 @@ class _Import:
         return [k for k, name in enumerate(names) if not wanted or name in wanted]
 
     def _branches(self, tendon: int) -> list[tuple[str, list[tuple[int, int, float]], float]]:
-        """Name, path and divisor of every branch of a spatial tendon; none of a fixed one."""
+        """Name, path and divisor of every branch of a spatial tendon; empty for a fixed tendon."""
         model, kinds = self._model, self._mujoco.mjtWrap
         first = int(model.tendon_adr[tendon])
         steps = range(first, first + int(model.tendon_num[tendon]))
@@ -175,7 +175,7 @@ class _Import:
         return [(self._name(f"{label}_{k + 1}"), *path) for k, path in enumerate(paths)]
 
     def _nodes(self, name: str, path: list[tuple[int, int, float]]) -> list[Document] | None:
-        """Nodes of a branch, the ends without their types; None where one is impossible."""
+        """Nodes of a branch, the ends without their types; None if one cannot be represented."""
         kinds = self._mujoco.mjtWrap
         nodes: list[Document] = []
         for kind, target, parameter in path:
@@ -193,7 +193,7 @@ class _Import:
         return nodes
 
     def _body(self, name: str, round_bar: bool, geom: int, side: int) -> Document | None:
-        """A wrapping cylinder or sphere."""
+        """Node of a wrapping cylinder or sphere; None if it cannot be represented."""
         model, label = self._model, self._label("GEOM", geom)
         body = int(model.geom_bodyid[geom])
         point = self._point(name, body, model.geom_pos[geom])
@@ -223,14 +223,14 @@ class _Import:
         return node
 
     def _point(self, name: str, body: int, position: Any) -> Document | None:
-        """Frame and position of a point of a body; None where no frame can carry it."""
+        """Frame and position of a point of a body; None if the body cannot become a frame."""
         if not self._carry(name, body):
             return None
         frame, origin = self._bodies[body]
         return {"frame": frame, "position": _numbers(position + origin)}
 
     def _carry(self, name: str, body: int) -> bool:
-        """Add the frames of a body and of all that carry it."""
+        """Add the frames of a body and of its ancestors; False if a ball joint prevents it."""
         if body in self._bodies:
             return True
         model = self._model
@@ -256,7 +256,7 @@ class _Import:
         return True
 
     def _add_frames(self, body: int, parent: int, joints: list[int]) -> None:
-        """One frame for every joint of a body, or a fixed one."""
+        """Add one frame for every joint of a body, or a fixed frame if it has none."""
         model = self._model
         carrier, origin = self._bodies[parent]
         label = self._label("BODY", body)

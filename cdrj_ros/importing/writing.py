@@ -1,4 +1,4 @@
-"""The text of a robot file from a document, with its assumptions marked."""
+"""Text of a robot file from a document, with comments that mark assumed values."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ ASSUMED: Final = {
     "preload": "assumed: tension [N] at rest in the reference pose",
     "mu_c": "assumed: Coulomb coefficient of the cable on what it touches",
 }
-"""Comments of keys that models of other programs do not have."""
+"""Comments on keys that models of other programs do not have."""
 
 
 def robot_text(document: Document, remarks: Sequence[str], source: str) -> str:
-    """YAML text of a robot file, every number with all of its digits.
+    """YAML text of a robot file, with numbers at full precision.
 
     Args:
         document: as the reader takes it, in SI.
-        remarks: lines to begin with.
+        remarks: comment lines at the beginning.
         source: name of the model.
     """
     lines = [f"# Imported from {printable(source)} by import_robot.  Values marked as assumed are"]
@@ -53,7 +53,7 @@ def _assumed(key: str, value: float, indent: str) -> str:
 
 
 def _flow(value: Any) -> str:
-    """A value in YAML's flow style; floats always with a point, as YAML 1.1 needs them."""
+    """A value in YAML's flow style; floats have a decimal point, which YAML 1.1 requires."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {_flow(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list):

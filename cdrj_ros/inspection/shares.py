@@ -1,6 +1,6 @@
-"""Shares of the unknown numbers in the spread of every tension, and what would reduce them.
+"""Shares of the uncertain numbers in the spread of every tension, and how to reduce them.
 
-Every cause of error deviates by one standard deviation while all joints move through their ranges
+Each cause of error deviates by one standard deviation while all joints move through their ranges
 and the motors follow.  The change of a tension is the cause's contribution (U7).
 """
 
@@ -39,9 +39,9 @@ class Cause:
     """One cause of uncertainty and its effect on every tension."""
 
     what: str
-    """The number's path if the file states its accuracy; otherwise words."""
+    """Path of the number if the file states its accuracy; otherwise a description."""
     measure: str
-    """Cheapest measurement that would at least halve it."""
+    """Cheapest measurement that would at least halve the error."""
     share: Vector
     """Share in the variance of every tension [-], shape (elements,); adds up to 1 over causes."""
 
@@ -108,7 +108,7 @@ def _effects(model: Model, causes: Sequence[Tolerance]) -> NDArray[np.float64]:
 
 
 def _deviating(model: Model, cause: Tolerance) -> Model | None:
-    """The robot with one cause deviating by a standard deviation, in a possible direction."""
+    """The robot with one cause deviating by a standard deviation; None if neither sign works."""
     document: Any = model.robot.document
     for sign in (1.0, -1.0):
         values = {}

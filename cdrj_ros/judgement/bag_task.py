@@ -32,7 +32,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class BagTask:
-    """The work on one bag; everything that another process needs to know of it."""
+    """The work on one bag, with everything that another process needs for it."""
 
     path: str
     """The bag, as the user named it."""
@@ -43,13 +43,13 @@ class BagTask:
     """Preloads that replace those of the robot file."""
     window: Window = WHOLE
     outputs: tuple[str, str, str] = OUTPUTS
-    """Topics of the estimates in the bag that is written."""
+    """Topics of the estimates in the written bag."""
     spread: bool = False
     """Whether standard deviations are computed."""
     written: str = ""
     """Bag to write with the original messages and the estimates; empty for none."""
     folder: str = ""
-    """Where the paths begin, for a process that was started elsewhere."""
+    """Folder from which relative paths start, for a process with another working folder."""
 
 
 prepared_model = cache(load_model)
@@ -79,14 +79,14 @@ def validate_bag(
     *,
     spread: bool = False,
 ) -> BagComparison:
-    """``compare_bag`` with a model at hand; ``spread``: with standard deviations."""
+    """``compare_bag`` with a given model; ``spread`` requests standard deviations."""
     return compare_bag_with(model, BagTask(path, topics, spread=spread), progress)
 
 
 def compare_bag_with(
     model: Model, task: BagTask, progress: Progress | None = None
 ) -> BagComparison:
-    """``compare_bag`` with a model at hand."""
+    """``compare_bag`` with a given model."""
     begin = perf_counter()
     path = str(Path(task.folder, task.path)) if task.folder else task.path
     recording = read_inputs(path, task.topics, model)

@@ -106,7 +106,7 @@ def read_spatial_frames(
 
 
 def _check_keys(path: str, entry: Document, refuse: Refusal) -> None:
-    """Refuse keys that do not belong to a frame in space, or not to its motion."""
+    """Refuse keys that belong to no frame in space, or to another motion."""
     motion = entry["motion"]
     if motion == "fixed":
         for key in ("joint", "axis", "multiplier", "offset"):
@@ -132,16 +132,16 @@ IN_SPACE: Final = "for this robot is described in space (some frame or node is)"
 
 
 def vector(numbers: Sequence[float]) -> Vector3:
-    """Three numbers of the file."""
+    """Vector of three numbers of the file."""
     x, y, z = numbers
     return float(x), float(y), float(z)
 
 
 def unit_vector(path: str, numbers: Sequence[float], refuse: Refusal) -> Vector3:
-    """The direction of three numbers of the file.
+    """Unit vector in the direction of three numbers of the file.
 
     Raises:
-        RobotFileError: all are zero.
+        RobotFileError: their length is not between 1e-12 and 1e12.
     """
     x, y, z = vector(numbers)
     norm = sqrt(x * x + y * y + z * z)
@@ -221,7 +221,11 @@ class PlaceReader:
         )
 
     def _check_axis(self, path: str, entry: Document, kind: ContactKind) -> None:
-        """Check that what turns has an axis and a sense, and that nothing else has."""
+        """Check axis and turn.
+
+        A pulley needs both, a swivel only the axis; a cylinder needs the axis and may have a turn.
+        Other nodes have neither.
+        """
         if (kind == "pulley") != ("turn" in entry) and kind != "cylinder":
             raise self.refuse(
                 f"{path}.turn",
@@ -247,7 +251,7 @@ class PlaceReader:
         return name
 
     def _side(self, path: str, entry: Document, axis: Vector3) -> Vector3 | None:
-        """The side point from the centre, without its part along the axis."""
+        """Vector from the centre to the side point, without its component along the axis."""
         if "side" not in entry:
             return None
         x, y, z = (a - b for a, b in zip(entry["side"], entry["position"], strict=True))

@@ -1,8 +1,8 @@
-"""Standard deviations of numbers whose accuracy a robot file does not state.
+"""Default standard deviations of numbers whose accuracy a robot file does not state.
 
-A number in a file comes from a drawing, a catalogue, a spring scale or the eye.  Unless the block
-``uncertainty`` states its standard deviation, or says ``others: exact``, the number has the one
-below.  docs/uncertainty.md has the same table with reasons.
+A number in a file comes from a drawing, a catalogue, a spring scale or a judgement by eye.  Unless
+the block ``uncertainty`` states its standard deviation or contains ``others: exact``, its standard
+deviation is the one below.  docs/uncertainty.md has the same table with reasons.
 """
 
 from __future__ import annotations
@@ -21,68 +21,71 @@ from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space_reader import is_spatial
 
 ZERO_BY_EYE: Final = pi / 180.0
-"""Zero of a joint that was set by eye or against a mark [rad]."""
+"""Error of the zero of a joint set by eye or against a mark [rad]."""
 
 POSITION_BY_EYE: Final = 1e-3
-"""Zero of a prismatic joint that was set by eye [m]."""
+"""Error of the zero of a prismatic joint set by eye [m]."""
 
 SPRING_SCALE: Final = 0.1
-"""Preload: read on a spring scale, and changed by creep since then, as a fraction of it."""
+"""Error of a preload that was read on a spring scale and has crept since, as a fraction."""
 
 SPRING_SCALE_NOW: Final = 0.03
-"""The same for a preload that was measured just now, as a fraction of it."""
+"""Error of a preload that was measured just now, as a fraction."""
 
 CATALOGUE_STIFFNESS: Final = 0.1
-"""EA from a catalogue's modulus or from that of steel, as a fraction; contains the lengths."""
+"""Error of EA from a catalogue or from the modulus of steel, as a fraction; it includes the
+error of the lengths."""
 
 DRAWN_RADIUS: Final = 2.5e-4
-"""Radius from a drawing to the cable's centre line, and all other drawn dimensions [m]."""
+"""Error of a drawn radius to the cable's centre line, and of all other drawn dimensions [m]."""
 
 LARGEST_RADIUS_SHARE: Final = 0.03
 """Largest standard deviation of a drawn dimension as a fraction of it."""
 
 TABLE_SHARE: Final = 0.01
-"""Changes of a tabulated length over the joint's range, as a fraction."""
+"""Error of the changes of a tabulated length over the joint's range, as a fraction."""
 
 FRAME_ANGLE: Final = 0.2 * pi / 180.0
-"""Orientation of a frame from a drawing [rad]."""
+"""Error of a frame's orientation from a drawing [rad]."""
 
 HANDBOOK_FRICTION: Final = 0.2
-"""Coefficients of friction from a handbook, as a fraction; contains the wrap angles."""
+"""Error of coefficients of friction from a handbook, as a fraction; it includes the error of
+the wrap angles."""
 
 UNSTATED_FRICTION: Final = 0.05
-"""Coefficient of friction of a cable for which the file has none."""
+"""Standard deviation of the coefficient of friction if the file has none."""
 
 BLEND: Final = 0.1
-"""Share rho of sliding friction that was not identified."""
+"""Error of a share rho of sliding friction that was not identified."""
 
 HANDBOOK_REST: Final = 0.3
-"""Bearing friction, bristle stiffness, Stribeck speed, springs and bearings of axes, fraction."""
+"""Error of bearing friction, bristle stiffness, Stribeck speed, and of the springs and bearings
+of axes, as a fraction."""
 
 SPRING_REST: Final = 0.1
-"""Angle at which an axis's spring is relaxed [rad]."""
+"""Error of the angle at which the spring of an axis is relaxed [rad]."""
 
 DRAG: Final = 0.03
 """Load-independent friction of a pulley whose bearing and seal were not measured, as a fraction of
 the cable's preload."""
 
 TURNING: Final = ("pulley", "swivel")
-"""Nodes that turn in a bearing."""
+"""Types of nodes that turn in a bearing."""
 
 Vector = NDArray[np.float64]
 
 Factor = dict[str, float]
-"""Standard deviations by path [SI] of numbers that deviate together; a sign for the direction."""
+"""Standard deviations by path [SI] of numbers that deviate together, signed by direction."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Numbers with one cause of error."""
+    """Numbers with a common cause of error."""
 
     what: str
     """The cause in the file's terms: ``zero of joint elbow``."""
     measure: str
-    """Cheapest measurement that reduces it at least by half."""
+    """Cheapest measurement that at least halves the error."""
     factor: Factor
 
 
@@ -133,7 +136,7 @@ def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
     """The robot's uncertainty after reference angles and preloads were set at run time.
 
     A tare reads the reference angles from the sensors, whose errors are drawn separately.  A
-    preload that is set was measured just now.  Neither makes a number less certain.
+    preload set at run time counts as measured just now.  Neither increases an uncertainty.
 
     Args:
         robot: the robot with the changed numbers.
@@ -155,8 +158,8 @@ def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
 def within_range(document: Document, path: str, changes: Vector) -> Vector:
     """A number after each of several changes, limited to what the schema allows.
 
-    A reference angle stays within its joint's range, if need be by the opposite change.  A change
-    beyond an exclusive bound is not made.
+    A change that takes a reference angle out of its joint's range is reversed, then clipped to the
+    range.  A change beyond an exclusive bound is not made.
 
     Args:
         document: content of the robot file.
@@ -181,8 +184,8 @@ def within_range(document: Document, path: str, changes: Vector) -> Vector:
 def _unstated(factor: Factor, known: tuple[str, ...]) -> Factor:
     """A factor without the numbers whose accuracy the file states.
 
-    The static coefficient stays where it is if the Coulomb coefficient is stated, because it must
-    not fall below it.
+    If the file states one number of a factor, its static coefficients of friction are left out
+    too: the static coefficient must not fall below the Coulomb coefficient.
     """
     rest = {path: stddev for path, stddev in factor.items() if path not in known}
     if len(rest) < len(factor):
@@ -222,7 +225,7 @@ def _axes(document: Document) -> Iterator[Tolerance]:
 def _friction(
     document: Document, at: str, holder: Mapping[str, Any], name: str = "all pulleys"
 ) -> Iterator[Tolerance]:
-    """Friction numbers that one level of the file gives; the robot's also those left out."""
+    """Friction numbers that one level of the file gives; at robot level also omitted ones."""
     given: Mapping[str, Any] = holder.get("friction", {})
     path = f"{at}friction."
     yield Tolerance(
@@ -319,7 +322,7 @@ def _position(path: str, entry: Mapping[str, Any], name: str) -> Iterator[Tolera
 
 
 def _drums(document: Document) -> Iterator[Tolerance]:
-    """Drums of one motor, which are turned on one lathe."""
+    """Drum radii by motor; the drums of one motor share their error (turned on one lathe)."""
     by_motor: dict[str, Factor] = {}
     for cable in document["cables"]:
         for k, node in enumerate(cable["nodes"]):
@@ -334,7 +337,7 @@ def _drums(document: Document) -> Iterator[Tolerance]:
 
 
 def _terms(document: Document) -> Iterator[Tolerance]:
-    """Moment arms and tables of the spans; the strands over one joint share their dimensions."""
+    """Moment arms and tables of spans by joint; the strands over a joint share their error."""
     arms: dict[str, Factor] = {}
     for cable in document["cables"]:
         for k, span in enumerate(cable.get("spans", ())):

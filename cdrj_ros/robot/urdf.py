@@ -35,13 +35,13 @@ class UrdfJoint:
 
 
 def with_urdf_frames(document: Document, source: str) -> Document:
-    """The document with the frames of the URDF that it names, and the limits of its joints.
+    """Add the frames and joint limits of the URDF that a document names.
 
-    Only links that carry nodes, and those that carry them, become frames.
+    Only links with nodes, and the links between them and the root, become frames.
 
     Args:
         document: a robot file in SI, not yet validated.
-        source: name of the robot file; a relative path of the URDF begins there.
+        source: path of the robot file; a relative path of the URDF starts from its folder.
 
     Raises:
         RobotFileError: the URDF cannot be read, or cannot be represented.
@@ -72,7 +72,7 @@ def with_urdf_frames(document: Document, source: str) -> Document:
 
 
 def _find(path: str, source: str) -> Path:
-    """The file; ``package://NAME/...`` is looked up in the ament index."""
+    """Path of the URDF; ``package://NAME/...`` is looked up below AMENT_PREFIX_PATH."""
     if path.startswith("package://"):
         package, _, rest = path.removeprefix("package://").partition("/")
         for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
@@ -87,7 +87,7 @@ def _find(path: str, source: str) -> Path:
 
 
 def _read(path: Path, source: str) -> list[UrdfJoint]:
-    """All joints, parents before children."""
+    """All joints of a URDF, parents before children."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:
@@ -158,7 +158,7 @@ def _values(text: str, count: int, where: str) -> list[float]:
 
 
 def _ordered(links: list[str], joints: list[UrdfJoint], path: Path) -> list[UrdfJoint]:
-    """Joints with parents before children; a tree of links, with one root."""
+    """Sort the joints so that parents come first; check that the links form one tree."""
     names: set[str] = set()
     by_parent: dict[str, list[UrdfJoint]] = {}
     children: set[str] = set()
@@ -208,7 +208,7 @@ def _check_measured(measured: Any, joints: list[UrdfJoint], path: Path, source: 
 
 
 def _needed(document: Document, joints: list[UrdfJoint]) -> set[str]:
-    """Links that carry nodes, and those that carry them."""
+    """Links with nodes, and all links between them and the root."""
     used: set[str] = set()
     for cable in document.get("cables") or ():
         for node in (cable.get("nodes") if isinstance(cable, dict) else None) or ():
@@ -228,7 +228,7 @@ def _needed(document: Document, joints: list[UrdfJoint]) -> set[str]:
 def _frames(
     joints: list[UrdfJoint], kept: set[str], measured: set[str], path: Path
 ) -> list[Document]:
-    """Frames of the kept links; joints that are not measured stand at 0."""
+    """Frames of the kept links; joints that are not measured are fixed at 0."""
     frames: list[Document] = []
     for joint in joints:
         if joint.child not in kept:
@@ -250,7 +250,7 @@ def _frames(
 
 
 def _joints(given: Any, measured: list[str], joints: list[UrdfJoint], source: str) -> list[Any]:
-    """Joints of the robot file with the URDF's limits where they give no range."""
+    """Joints of the robot file, with the URDF's limits for those without a range."""
     entries = [dict(entry) if isinstance(entry, dict) else entry for entry in given or ()]
     names = [entry.get("name") for entry in entries if isinstance(entry, dict)]
     entries += [{"name": name} for name in measured if name not in names]
