@@ -36,7 +36,7 @@ class Section(NamedTuple):
     said: str
     """Text of its progress line."""
     limit_s: float
-    """Time after which it is given up."""
+    """Time after which the section is given up [s]."""
 
 
 SECTIONS = {
@@ -73,7 +73,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _alone(name: str) -> list[Row]:
-    """Measure a section in a process of its own, with all that it starts.
+    """Measure a section in a process group of its own, which is killed afterwards.
 
     Raises:
         RuntimeError: it failed, or took longer than its limit.
@@ -112,7 +112,7 @@ def machine() -> str:
 
 
 def load() -> str:
-    """Processes that compete for the machine, before the benchmark adds its own."""
+    """Load average of the machine before the benchmark starts its own processes."""
     return f"load average {os.getloadavg()[0]:.1f} at the start"
 
 

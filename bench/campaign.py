@@ -1,4 +1,4 @@
-"""Time of ``validate`` over many bags, on one core and on all, and of a fit to a long bag."""
+"""Duration of ``validate`` for many bags, on one core and on all, and of a fit to a long bag."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MANY_S = 60.0
 FIT_S = 40.0
 """Time for the rounds of ``identify``."""
 EIGHT = "rho,preload,EA,f_d"
-"""Two numbers each, one for each of the prototype's cables."""
+"""Numbers to fit: four keys with a number for each of the prototype's two cables."""
 
 
 def _run(command: str, *arguments: object) -> None:

@@ -51,11 +51,11 @@ class Row:
     ratio: Spread | None = None
     """Ours over theirs, taken between neighbouring rounds."""
     aim: str = ""
-    """Such as ``≤ 1.15``, for the ratio or, without a peer, for our value."""
+    """Aim, such as ``≤ 1.15``, for the ratio or, without a peer, for our value."""
 
     @property
     def missed(self) -> bool:
-        """Whether the median does not reach the aim; False without a number to reach."""
+        """Whether the median misses the aim; False if the aim is not a number."""
         found = re.match(r"([<≤≥]) ([0-9.]+)", self.aim)
         if not found:
             return False
@@ -64,7 +64,7 @@ class Row:
         return value < bound if found[1] == "≥" else value > bound
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values for ``--json``."""
+        """Convert the row to plain values for ``--json``."""
         return asdict(self)
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Time of ``validate`` on a long recording, compared with rosbags only deserialising it."""
+"""Time of ``validate`` on a long recording, compared with deserialisation by rosbags."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def prolonged(series: Series, begin_ns: int, end_ns: int) -> Series:
 
 
 def _columns(channels: Mapping[str, Series], prefix: str, recording: Recording) -> dict[str, Any]:
-    """Arguments of a ``write_…`` for the channels of one topic."""
+    """Arguments of a ``BagWriter.write_…`` method for the channels of one topic."""
     longer = {
         name.removeprefix(prefix): prolonged(series, recording.start_ns, recording.end_ns)
         for name, series in channels.items()
@@ -64,7 +64,7 @@ def _columns(channels: Mapping[str, Series], prefix: str, recording: Recording) 
 
 
 def write_long_bag(path: Path, recording: Recording) -> None:
-    """The sample recording, prolonged."""
+    """Write the sample recording, prolonged to ``DURATION_S``."""
     topics = Topics()
 
     def given(channels: Mapping[str, Series], prefix: str, array: str) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def measure() -> list[Row]:
 
 
 def _sqlite3(path: Path, copy: Path) -> list[Row]:
-    """The same messages in rosbag2's older storage."""
+    """Measure reading the same messages from rosbag2's older storage."""
     from rosbags.highlevel import AnyReader
     from rosbags.rosbag2 import StoragePlugin, Writer
 

@@ -31,7 +31,7 @@ LIMITS = {
     ),
     "10 000 whole pulleys": "Newton's method needs hundreds of iterations and often gives up",
 }
-"""What limits a figure according to earlier profiles, by the beginning of its row's name."""
+"""Limits of the figures according to earlier profiles, by the beginning of the row's name."""
 
 MISSED = (
     "**Aims missed.** The limits are those of earlier profiles; this run does not measure them."
@@ -88,7 +88,7 @@ def written(rows: Sequence[Row], machine: str, compared: str, failed: Sequence[s
 
 
 def renewed(page: str, text: str) -> str:
-    """The page with another text between the markers.
+    """Replace the text between the markers of the page.
 
     Raises:
         ValueError: the page does not have both markers, in order.

@@ -120,7 +120,7 @@ class Caller:
 
 @dataclass(frozen=True)
 class Called:
-    """A node in a process of its own, with who calls it."""
+    """A node in a process of its own, with its caller."""
 
     caller: Caller
     messages: Messages

@@ -51,7 +51,13 @@ def _constant(value: float) -> tuple[Profile]:
 
 
 def chain(pulleys: int, length: float = LENGTH, stiffness: float | None = None) -> Model:
-    """One cable from a winch over equal pulleys of a bristle stiffness to an anchor."""
+    """One cable from a winch over equal pulleys to an anchor.
+
+    Args:
+        pulleys: number of pulleys, which share ``WRAP``.
+        length: of the cable [m].
+        stiffness: bristle stiffness of each pulley [N/m]; None for its share of ``BRISTLES``.
+    """
     friction = Friction(
         mu_c=0.15, mu_s=0.2, stribeck_speed=0.05, bristle_stiffness=stiffness or BRISTLES / pulleys
     )
@@ -83,7 +89,10 @@ def _running(model: Model, samples: Samples, times: int) -> Callable[[], None]:
 
 
 def _whole() -> list[Row]:
-    """Share of solved samples [%] and time per sample [s] of many whole pulleys on a long cable."""
+    """Share of solved samples [%] and time per sample [s] of a long cable over many pulleys.
+
+    Each pulley has the bristle stiffness of a whole one; together they have the wrap ``WRAP``.
+    """
     model = chain(PULLEYS[-1], WHOLE_LENGTH, WHOLE_BRISTLES)
     state = initial_state(model)
     amplitude = WHOLE_SPEED * SAMPLES * 1e-3 / (2.0 * pi) / DRUM

@@ -1,4 +1,4 @@
-"""Update of the prototype described by positions: in the plane, and as cables in space."""
+"""Time of an update of the prototype with positions in the plane and in space."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def in_space(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def spatial(path: Path) -> Model:
-    """Model of a planar robot file whose cables are described in space."""
+    """Model of a planar robot file after its conversion to positions in space."""
     document = yaml.safe_load(path.read_text(encoding="utf-8"))
     return prepare(parse_robot(yaml.safe_dump(in_space(document))))
 

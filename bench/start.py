@@ -1,4 +1,4 @@
-"""Time from the start of a process until its node works, and the memory that it takes then.
+"""Time from the start of a process until its node works, and its memory at that time.
 
 A node counts as started when its log says so, after all its topics and services exist.  Discovery
 by other nodes depends on the middleware, is the same for every node and is not included.
@@ -26,14 +26,14 @@ FIRST_S = 30.0
 
 
 class Started(NamedTuple):
-    """What the start of a node took."""
+    """Durations and memory of one start of a node."""
 
     line_s: float
-    """Until its first line [s]."""
+    """Time until its first line of output [s]."""
     ready_s: float
-    """Until its log reports that it works [s]."""
+    """Time until its log reports that it works [s]."""
     memory_mb: float
-    """Resident memory then [MB]."""
+    """Resident memory at that time [MB]."""
 
 
 def started(command: list[str], said: bytes, variables: Mapping[str, str] | None = None) -> Started:
@@ -67,17 +67,17 @@ def _resident_mb(process: int) -> float:
 
 
 def _other_user(folder: Path) -> dict[str, str]:
-    """Variables of a user who has never started the node; the installed kernels are there."""
+    """Variables of a user who has never started the node; the installed kernels are available."""
     return {"HOME": str(folder), "XDG_CACHE_HOME": str(folder / "cache")}
 
 
 def _nobody(folder: Path) -> dict[str, str]:
-    """Variables with which no kernel is compiled."""
+    """Variables of a user with an empty kernel cache, so that every kernel has to be compiled."""
     return {**_other_user(folder), "NUMBA_CACHE_DIR": str(folder / "kernels")}
 
 
 def _first_starts() -> list[Row]:
-    """First starts beside second ones, each pair as a user of their own."""
+    """Compare first with second starts; each pair runs as a new user."""
     ready, rows = b"pulleys", []
     estimator = estimator_command("info")
     pairs: dict[str, list[tuple[Started, Started]]] = {"built": [], "nothing": []}

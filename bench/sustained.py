@@ -22,7 +22,7 @@ def _answered(called: Called) -> int:
 
 
 def _drain(called: Called) -> None:
-    """Wait until a node that fell behind sends nothing any more, five seconds at most."""
+    """Wait until a node that fell behind has stopped sending, at most five seconds."""
     deadline = perf_counter() + 5.0
     total, since = -1, perf_counter()
     while perf_counter() < min(deadline, since + DRAIN_S):
@@ -32,7 +32,7 @@ def _drain(called: Called) -> None:
 
 
 def holds(called: Called, rate_hz: float) -> bool:
-    """Whether every sample of a trial at this rate is answered in time by all three messages."""
+    """Whether all three messages answer every sample of a trial at this rate in time."""
     caller, count = called.caller, int(rate_hz * TRIAL_S)
     _drain(called)
     awaited = {topic: heard + count for topic, heard in caller.heard.items()}

@@ -59,7 +59,7 @@ def stepping(
 
 
 def in_bulk(model: Model, motion: Samples, ensemble: Ensemble) -> Callable[[], None]:
-    """All samples in one call, standard deviations included."""
+    """Run all samples in one call, with standard deviations."""
 
     def ran() -> None:
         ensemble.reset()
@@ -109,7 +109,7 @@ def reeving(model: Model, motion: Samples, count: int) -> Callable[[], None]:
 
 
 def measure() -> list[Row]:
-    """Microseconds per sample: one by one beside the peers, in bulk, and both with spreads."""
+    """Time per sample [µs]: step by step beside the peers, in bulk, and both with deviations."""
     model = load_model(str(ROBOT))
     motion = recorded_motion(model)
     many = Samples(

@@ -42,11 +42,11 @@ WRONG: dict[str, dict[str, float]] = {
         f"cables.{name}.nodes.{k}.bearing_torque": 0.0048 for name in CABLES for k in range(2, 9)
     },
 }
-"""True numbers that the file has wrong."""
+"""True values of the numbers that are wrong in the file, by path."""
 
 
 def motion(seconds: float) -> Samples:
-    """Angles of motor and joint."""
+    """Made-up angles of motor and joint at ``RATE``."""
     time = np.arange(round(seconds * RATE)) / RATE
     joint = 0.6 * np.sin(0.2 * np.pi * time)
     motor = 8.0 * np.sin(joint) + 0.08 * np.sin(1.7 * time)
@@ -55,7 +55,7 @@ def motion(seconds: float) -> Samples:
 
 
 def errors(wrong: dict[str, float], seconds: float, *, wide: bool) -> NDArray[np.float64]:
-    """Mean error of every tension after the fit, over its mean, shape (elements,)."""
+    """Mean error of every tension after the fit, divided by its mean, shape (elements,)."""
     whole: Any = load_document(ROBOT)[0]
     document = {key: value for key, value in whole.items() if key != "uncertainty"}
     samples = motion(seconds)

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Compute which sensor of the prototype sees which change of the machine.
+"""Compute the effect of changes of the prototype on the readings of its sensors.
 
 python tools/seen_by.py                print the table of docs/uncertainty.md
 
 The motion is that of bags/prototype_preload_36_26.  A change acts on the truth; the estimate keeps
-the file's numbers.  Each figure is the change of a reading that the sensor alone reveals.
+the file's numbers.  Each figure is the deviation of a sensor's reading from this estimate.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ CHANGES = (
 
 
 def readings_of(model: Model, wrong: wrong_files.Wrong, motion: Samples) -> Table:
-    """Motor effort, joint effort, upper/8 and lower/8 of the real machine, shape (n, 4)."""
+    """Motor effort, joint effort [N m], upper/8 and lower/8 [N] of the changed machine, (n, 4)."""
     real = prepare(wrong_files.reality(model, wrong), check_range=False)
     layout = real.layout
     if wrong.zero:  # the true angle is less than the reading

@@ -155,7 +155,7 @@ def true_tensions(model: Model, wrong: Wrong, motion: Samples) -> Table:
 
 
 def readings(model: Model, motion: Samples, zero: float) -> Samples:
-    """What the encoders read."""
+    """Encoder readings of a motion; ``zero`` is the error of the joint's reading [rad]."""
     columns = []
     for axis, angle, error in zip(
         model.robot.axes, (motion.motor_angle, motion.joint_angle), (0.0, zero), strict=True
@@ -191,13 +191,13 @@ def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
 
 
 def fresh_model(model: Model) -> Model:
-    """The robot whose file states no uncertainty."""
+    """The robot without the uncertainty that its file states."""
     document: Any = {k: v for k, v in model.robot.document.items() if k != "uncertainty"}
     return prepare(build_robot(document, model.robot.source))
 
 
 def row(wrong: Wrong, motion: Samples) -> list[Outcome]:
-    """Figures of a fresh file, after a tare, with its preloads set too, and of an exact file."""
+    """Figures of a fresh file, of a tared one, of one with preloads set too, of an exact one."""
     exact = load_model(ROBOT)
     model = fresh_model(exact)
     true = true_tensions(model, wrong, motion)

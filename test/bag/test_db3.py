@@ -1,4 +1,4 @@
-"""Bags in rosbag2's older sqlite3 storage are read like MCAP bags."""
+"""Reading of bags in rosbag2's older sqlite3 storage."""
 
 import sqlite3
 from contextlib import closing

@@ -1,8 +1,8 @@
 """One sample of a robot in plain NumPy, by the equation numbers of docs/model.md.
 
-Written to be read beside that page and to be compared with the compiled kernels.  It uses nothing
-of them: derivatives are complex steps, and the balance is solved by a dense Newton method from
-another first guess.  Lengths and wraps are given; ``reference_geometry`` computes them in the
+The module follows that page and is compared with the compiled kernels.  It shares no code with
+them: derivatives are complex steps, and a dense Newton method solves the balance from another first
+guess.  Lengths and wraps are given; ``reference_geometry`` computes them in the
 plane.  Speed does not matter.
 """
 
@@ -170,8 +170,8 @@ class Chain:
 def solve(chain: Chain) -> tuple[Vector, float]:
     """Slips that balance a cable, to rounding, and the largest imbalance left [N].
 
-    Dense Newton with a complex-step Jacobian.  Where it does not descend, every pulley in turn is
-    balanced alone by repeated subdivision: its imbalance falls with its own slip.
+    Dense Newton with a complex-step Jacobian.  If it does not descend, every pulley in turn is
+    balanced alone by repeated subdivision, since its imbalance falls with its own slip.
     """
     n = chain.bristle.size
     x = chain.entered + np.cumsum(chain.before)[:-1] - np.cumsum(
@@ -191,7 +191,7 @@ def solve(chain: Chain) -> tuple[Vector, float]:
 
 
 def _newton(chain: Chain, x: Vector, floor: float) -> tuple[Vector, float]:
-    """Newton's method while it descends; one step more where it has arrived, for the last digit."""
+    """Newton's method while it descends; one more step after convergence, for the last digit."""
     n = x.size
     steps = np.concatenate([1j * STEP * np.eye(n), np.zeros((1, n))])
     worst, last = np.inf, False
@@ -275,7 +275,7 @@ def turn(drum: Drum, angle: float, rate: float) -> Drum:
 
 @dataclass(frozen=True)
 class History:
-    """What one sample hands on to the next, all cables one after another."""
+    """State between two samples, all cables one after another."""
 
     length: Vector
     material: Vector
@@ -381,7 +381,7 @@ def _prepared(
     motor: Vector,
     dt: float,
 ) -> tuple[Chain, list[Drum | None]]:
-    """A cable's chain, its drums turned; without a history, one tension throughout."""
+    """A cable's chain and its turned drums; without a history, one tension throughout."""
     cable = robot.cables[c]
     elements, pulleys = parts(robot, c)
     length, stretch = pose.length[elements], 1 + cable.preload / cable.axial_stiffness

@@ -17,7 +17,7 @@ from cdrj_ros.model.compiled import source_digest
 
 MODEL = Path(cdrj_ros.model.__file__).resolve().parent
 
-# (37) in friction.py, called by a kernel of mechanism.py
+# a kernel of mechanism.py calls (37) in friction.py
 PROGRAM = """
 import numpy as np
 from cdrj_ros.model.cable import CONTACT
@@ -320,7 +320,7 @@ def test_without_compilation_nothing_is_left_to_compile(copied: Path) -> None:
     assert done.stdout.splitlines()[0].split()[1:] == ["True", "True"], done.stderr
 
 
-# everything that runs kernels while estimating, in one process and with nothing on disk
+# runs every kernel of estimation in one process, with an empty cache on disk
 EVERYTHING = """
 import sys
 import numpy as np
@@ -362,7 +362,7 @@ for name, signatures in kernels.items():
 
 
 def test_every_kernel_is_compiled_for_one_signature(tmp_path: Path) -> None:
-    environment = {  # optimised or not, types are the same
+    environment = {  # optimisation does not change the types
         "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": "0", "PYTHONWARNINGS": "ignore",
     }  # fmt: skip
     done = run_program(MODEL.parents[1], EVERYTHING, **environment)

@@ -112,7 +112,7 @@ def test_the_matrix_is_symmetric_exactly_where_every_transmission_is_one() -> No
 
 
 def test_the_exact_law_is_symmetric_up_to_the_strain() -> None:
-    # a slip counts unstretched material, a displacement stretched length: a factor 1 + t / EA
+    # a slip is unstretched material, a displacement stretched length; they differ by 1 + t / EA
     chain = Chain(5)
     whole = chain.matrix()
     gap = np.abs(whole.node_by_slip.T - whole.slip_by_node).max()
@@ -170,7 +170,7 @@ def test_a_rotation_turns_the_forces_and_gives_none() -> None:
     pull = blocks.node_by_node @ turned.ravel()
     np.testing.assert_allclose(pull, -np.cross(spin, force).ravel(), atol=1e-9)
     np.testing.assert_allclose(blocks.slip_by_node @ turned.ravel(), 0.0, atol=1e-9)
-    # without the geometric part elements do not turn: no force of any kind
+    # without the geometric part a rotation causes no force at all
     still = chain.matrix(chain.transmission, geometric=False)
     np.testing.assert_allclose(still.node_by_node @ turned.ravel(), 0.0, atol=1e-9)
 
@@ -224,7 +224,7 @@ def test_the_linear_tension_is_the_exact_one_to_first_order() -> None:
     chain = Chain(11)
     n = chain.shape[0]
     generator = np.random.default_rng(2)
-    # material is counted unstretched: its first-order share carries 1 + t / EA
+    # material is unstretched: its first-order term has a factor 1 + t / EA
     elongation, slip = generator.normal(size=n - 1) * 3e-5, generator.normal(size=n) * 3e-5
     by_length, by_material = exact_stiffness(EA, chain.length, chain.tension)
     left, nominal = [], []
@@ -281,7 +281,7 @@ def solved_chain(
 
 
 def test_slips_of_the_solver_follow_the_slip_block() -> None:
-    # wind in s_1 at a frictionless cable: K_ss S = k_1 s_1 in the first row
+    # wind in s_1 of a frictionless cable: K_ss S = k_1 s_1 in the first row
     length = np.array([0.2, 0.1, 0.15, 0.08, 0.05])
     tension = np.full(5, 30.0)
     material = length / (1.0 + tension / EA)
