@@ -60,7 +60,7 @@ def play(figures: Path) -> int:
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
     estimator = subprocess.Popen(
-        [EXECUTABLES / "estimator", "--ros-args", "-p", f"robot:={ROBOT}"],
+        [EXECUTABLES / "estimator", "--supervised", "--ros-args", "-p", f"robot:={ROBOT}"],
         cwd=ROOT,
         env=environment,
     )

@@ -326,7 +326,7 @@ def main() -> int:
 
     executable = Path(get_package_prefix("cdrj_ros"), "lib", "cdrj_ros", "estimator")
     process = subprocess.Popen(
-        [executable, "--ros-args", "-p", f"robot:={ROBOT}", "-p", "timeout:=3600.0"]
+        [executable, "--supervised", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "timeout:=3600.0"]
     )
     rclpy.init(args=[])
     feeder = Feeder(arguments.rate)
