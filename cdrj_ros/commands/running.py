@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, NoReturn
 
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
+from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption, was_interrupted
 from cdrj_ros.foundation.output import lasting_output
 from cdrj_ros.foundation.text import printable
 
@@ -35,12 +35,14 @@ def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[
         try:
             return body(sys.argv[1:] if argv is None else argv)
         except CdrjError as error:
-            print(printable(f"{name}: {error}"), file=sys.stderr)
-            return BAD_INPUT
+            words: str | None = str(error)
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
-            print(printable(f"{name}: {where}{error.strerror or error}"), file=sys.stderr)
-            return BAD_INPUT
+            words = f"{where}{error.strerror or error}"
         except KeyboardInterrupt:
+            words = None
+        if words is None or was_interrupted():
             announce_interruption(name)
             return INTERRUPTED
+        print(printable(f"{name}: {words}"), file=sys.stderr)
+        return BAD_INPUT

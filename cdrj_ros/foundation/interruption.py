@@ -38,6 +38,8 @@ class _Phase:
     def __init__(self) -> None:
         self.loading = False
         """The command is being imported, so that no cleanup is needed."""
+        self.interrupted = False
+        """Whether an interrupt has been raised as KeyboardInterrupt."""
         self.deferred = 0
         """Nesting depth of ``deferring``."""
         self.restore: Callable[[], None] | None = None
@@ -60,6 +62,15 @@ def announce_interruption(name: str) -> None:
         shown = SHOW_CURSOR if os.isatty(2) else ""
         with suppress(OSError):  # standard error may be closed
             os.write(2, f"{shown}{name}: interrupted\n".encode())
+
+
+def was_interrupted() -> bool:
+    """Whether Ctrl-C has been pressed; an error after it may be its consequence.
+
+    A library may catch KeyboardInterrupt, as numba's compiler does, and fail later for the lack of
+    what it was about to make.
+    """
+    return _PHASE.interrupted
 
 
 @contextmanager
@@ -94,6 +105,7 @@ def run_interruptibly(name: str, load: Callable[[], Callable[[], int]]) -> NoRet
     def on_interrupt(_number: int, _frame: FrameType | None) -> None:
         if _PHASE.loading:
             _end(name)
+        _PHASE.interrupted = True
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGINT, on_interrupt)
@@ -105,6 +117,11 @@ def run_interruptibly(name: str, load: Callable[[], Callable[[], int]]) -> NoRet
         _PHASE.loading = False
         code = main()
     except KeyboardInterrupt:
+        announce_interruption(name)
+        code = INTERRUPTED
+    except Exception:
+        if not _PHASE.interrupted:
+            raise
         announce_interruption(name)
         code = INTERRUPTED
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -64,3 +64,49 @@ run_interruptibly("blocked", lambda: print)
         check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "blocked: interrupted\n")
+
+
+@pytest.mark.parametrize(
+    "failure", ["RobotFileError('no object')", "OSError('no object')", "KeyError(1)"]
+)
+def test_an_error_after_a_swallowed_interrupt_counts_as_the_interrupt(failure: str) -> None:
+    """numba's compiler catches KeyboardInterrupt; the use of what it did not make fails later."""
+    script = f"""
+import os, signal
+from cdrj_ros.commands.running import run_command
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.interruption import run_interruptibly
+
+def body(_):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        sum(range(1000))
+    except BaseException:
+        pass
+    raise {failure}
+
+run_interruptibly("swallowing", lambda: lambda: run_command("swallowing", body, []))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "swallowing: interrupted\n")
+
+
+def test_without_an_interrupt_an_error_stays_an_error() -> None:
+    script = """
+from cdrj_ros.commands.running import run_command
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.interruption import run_interruptibly
+
+def body(_):
+    raise UsageError("")
+
+run_interruptibly("failing", lambda: lambda: run_command("failing", body, []))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (2, "failing: \n")
