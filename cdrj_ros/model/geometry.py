@@ -235,8 +235,8 @@ def route(
         length: geometric length of every element with its share of the arcs [m], (n - 1,), written.
         length_by_joint: its derivative by every joint, (n - 1, j), written.
         wrap: wrap angle of every pulley [rad], (n - 2,), written.
-        direction: unit vector of every element from its first to its last node, (n - 1, 2),
-            written.
+        direction: unit vector of every element from its first to its last node, (n - 1, 3); x and y
+            are written.
 
     Returns:
         False where a common tangent does not exist or a wrap is negative.
