@@ -6,6 +6,7 @@ This module is independent of ROS: a node converts messages, calls it and publis
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -194,6 +195,25 @@ class LiveEstimator:
         self.taught = set(taught)
         if motor is not None and joint is not None:
             self.conditioner.expect(np.concatenate([motor, joint]), state.stamp_ns)
+
+    def suspend(self) -> None:
+        """Discard waiting readings; the next sample continues as after a restart of the process.
+
+        If the robot moves in the meantime, its friction history is unknown, see ``resume``.
+        Nothing happens before the first sample.
+        """
+        if self.sample is None:
+            return
+        state, unaided, taught = self.state, self.unaided, self.taught
+        angles = {"motor_angle": self.sample.motor_angle, "joint_angle": self.sample.joint_angle}
+        known = self.conditioner.memory()
+        members = None if self.spread is None else deepcopy(self.spread.memory())
+        self.conditioner.reset()
+        self._restart()
+        self.conditioner.recall(known)
+        if self.spread is not None and members is not None:
+            self.spread.recall(members)
+        self.resume(state, angles, unaided.values, taught)
 
     def _take_up(self, sample: Sample) -> None:
         """Continue an earlier run's state at the first sample of this one."""

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from cdrj_msgs.msg import CableTensions, NodalForces
 from cdrj_msgs.srv import SetPreload
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -48,7 +48,7 @@ from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
 from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
 from cdrj_ros.nodes.qos import default_profile
-from cdrj_ros.nodes.settings import SIMULATED, changed_options, declare, in_force, meant
+from cdrj_ros.nodes.settings import SIMULATED, changed_options, declare, in_force, meant, read
 from cdrj_ros.nodes.silence import Silence, stale_before_ns
 from cdrj_ros.nodes.spinning import starting
 from cdrj_ros.nodes.thinning import Thinning
@@ -67,8 +67,10 @@ DIAGNOSIS_S: Final = 1.0
 class EstimatorNode(Node):
     """Subscribes to the inputs, steps the estimator and publishes the estimates."""
 
+    live: LiveEstimator
+
     def __init__(self, state_file: Path | None = None, **options: Any) -> None:
-        """Read the parameters and the robot file, then open topics and services.
+        """Declare the parameters and start.
 
         Args:
             state_file: read at the start and updated every second; not a parameter, so that no
@@ -80,8 +82,28 @@ class EstimatorNode(Node):
         """
         self.clock_refused = 0
         """Number of invalid times received on /clock."""
+        self.configured = False
+        """Whether the robot is loaded, and outputs and services are open."""
+        self._showing = False
         super().__init__("estimator", namespace=NAMESPACE, **options)
-        started = declare(self)
+        self._state_file = state_file
+        self._start()
+
+    def _start(self) -> None:
+        """Estimate from now on."""
+        declare(self)
+        self._configure()
+        self._listen()
+        self._diagnose()
+        self._watch_parameters()
+
+    def _configure(self) -> None:
+        """Read the parameters and the robot file, prepare the estimator, open outputs and services.
+
+        Raises:
+            CdrjError: a parameter or the robot file is missing or invalid.
+        """
+        started = read(self)
         if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
         self.timeout_s, self.same_clock_s = started.timeout_s, started.same_clock_s
@@ -92,15 +114,19 @@ class EstimatorNode(Node):
         if started.friction:
             self.live.set_numbers(started.friction)
         self._warm_up()
-        self._state_file = state_file
-        if state_file is not None:
-            self._read_state(state_file)
+        if self._state_file is not None:
+            self._read_state(self._state_file)
         self.encoder = EstimateEncoder(
             model.layout, started.frame_id, uncertain=self.live.spread is not None
         )
         self._thinning = Thinning(model.robot, started.output, started.max_rate_hz)
-        self._begin()
+        self.output: Output | None = None
+        self.times = StepTimes()
+        self.silence = Silence(self.timeout_s, bool(self.get_parameter(SIMULATED).value))
+        self._published = self._diagnosed = 0
+        self._diagnosed_ns = self._now_ns()
         self._open()
+        self.configured = True
         self._show_in_force()
         gc.collect()
         gc.freeze()  # exclude objects that live as long as the node from later collections
@@ -111,18 +137,8 @@ class EstimatorNode(Node):
             f"{counted(len(layout.pulleys), 'pulley')}"
         )
 
-    def _begin(self) -> None:
-        """Initialise the state of the node itself."""
-        self.output: Output | None = None
-        self.times = StepTimes()
-        self.silence = Silence(self.timeout_s, bool(self.get_parameter(SIMULATED).value))
-        self._published = 0
-        self._diagnosed = 0
-        self._diagnosed_ns = self._now_ns()
-        self._showing = False
-
     def _open(self) -> None:
-        """Open topics, services and timers."""
+        """Open outputs and services."""
         overridable = QoSOverridingOptions.with_default_policies()
 
         def publisher(message: Any, topic: str) -> Any:
@@ -136,19 +152,35 @@ class EstimatorNode(Node):
         self.efforts_stddev = (
             publisher(JointState, "efforts_stddev") if self.live.spread is not None else None
         )
-        self.diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, FEW)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(Trigger, "~/tare", self._on_tare)
-        self.create_service(SetPreload, "~/set_preload", self._on_set_preload)
+        self._offered = [
+            self.create_service(Trigger, "~/reset", self._on_reset),
+            self.create_service(Trigger, "~/tare", self._on_tare),
+            self.create_service(SetPreload, "~/set_preload", self._on_set_preload),
+        ]
+
+    def _listen(self) -> None:
+        """Subscribe to the inputs and check them regularly."""
         self._subscribe()
+        period_s = self.timeout_s / WATCHES
         # a simulated clock may stand still or be set back, so timers run on a steady clock as well
         steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._checks = [
+            self.create_timer(min(period_s, WATCH_S), self._on_watch, clock=steady),
+            self.create_timer(period_s, self._on_watch),
+        ]
+
+    def _diagnose(self) -> None:
+        """Publish diagnostics regularly."""
+        self._diagnosed_s = monotonic()
+        self.diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, FEW)
         self.create_timer(DIAGNOSIS_S, self._on_diagnostics)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSIS_S / 2.0, self._on_steady, clock=steady)
-        period_s = self.timeout_s / WATCHES
-        self.create_timer(min(period_s, WATCH_S), self._on_watch, clock=steady)
-        self.create_timer(period_s, self._on_watch)
-        self.add_pre_set_parameters_callback(lambda changes: meant(self.live, changes))
+
+    def _watch_parameters(self) -> None:
+        self.add_pre_set_parameters_callback(
+            lambda changes: meant(self.live if self.configured else None, changes)
+        )
         self.add_on_set_parameters_callback(self._on_parameters)
 
     def _subscribe(self) -> None:
@@ -215,7 +247,7 @@ class EstimatorNode(Node):
 
     def write_state(self) -> None:
         """Write the state file, if there is one."""
-        if self._state_file is None:
+        if self._state_file is None or not self.configured:
             return
         try:
             write_state(self.live, self._state_file)
@@ -299,21 +331,23 @@ class EstimatorNode(Node):
 
     def _on_steady(self) -> None:
         """Publish diagnostics if the timer on the node's clock has not done so."""
-        if monotonic() - self.watch.looked_s > 1.5 * DIAGNOSIS_S:
+        if monotonic() - self._diagnosed_s > 1.5 * DIAGNOSIS_S:
             self._on_diagnostics()
 
     def _on_diagnostics(self) -> None:
+        self._diagnosed_s = monotonic()
+        status = self._status(self.get_fully_qualified_name().lstrip("/"))
+        self.diagnostics.publish(diagnostic_array(self.get_clock().now().to_msg(), status))
+        self.write_state()
+
+    def _status(self, name: str) -> DiagnosticStatus:
         now = self._now_ns()
         elapsed = (now - self._diagnosed_ns) * 1e-9
         rate = (self._published - self._diagnosed) / elapsed if elapsed > 0.0 else 0.0
         self._diagnosed, self._diagnosed_ns = self._published, now
         health = self.watch.health(self.output, rate, self.clock_refused)
         self.watch.warn(health)
-        status = status_of(
-            self.get_fully_qualified_name().lstrip("/"), self.live, self.output, health, self.times
-        )
-        self.diagnostics.publish(diagnostic_array(self.get_clock().now().to_msg(), status))
-        self.write_state()
+        return status_of(name, self.live, self.output, health, self.times)
 
     def _forget(self) -> None:
         """Republish the last estimate as STALE, then discard it."""

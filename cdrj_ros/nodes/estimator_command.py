@@ -25,13 +25,18 @@ from cdrj_ros.nodes.spinning import (
 def _arguments(arguments: list[str]) -> argparse.Namespace:
     parser = OneLineParser(
         prog="estimator",
-        usage="estimator [--state-file FILE] [--supervised] --ros-args -p robot:=FILE "
+        usage="estimator [--managed] [--state-file FILE] [--supervised] --ros-args -p robot:=FILE "
         "[-p timeout:=S] [-r FROM:=TO] ...",
         description="Tension of every cable element and force on every pulley from motor encoders "
         "and joint angles. Topics in the namespace /cdrj: in motor_states, joint_states, "
         "tension_sensors; out tensions, nodal_forces, efforts; /diagnostics. Services: ~/reset, "
         "~/tare, ~/set_preload.",
     )
+    parser.add_argument(
+        "--managed", action="store_true",
+        help="start as a lifecycle node, unconfigured: configure loads the robot, activate "
+        "starts estimating",
+    )  # fmt: skip
     parser.add_argument(
         "--state-file", type=Path, metavar="FILE",
         help="file to which the state is written every second; the next start continues from it",
@@ -44,6 +49,14 @@ def _arguments(arguments: list[str]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+def _node(own: argparse.Namespace) -> EstimatorNode:
+    if own.managed:
+        from cdrj_ros.nodes.managed import ManagedEstimator
+
+        return ManagedEstimator(own.state_file)
+    return EstimatorNode(own.state_file)
+
+
 def _body(argv: Sequence[str]) -> int:
     arguments = ["estimator", *argv]
     with starting():
@@ -53,7 +66,7 @@ def _body(argv: Sequence[str]) -> int:
         return DONE
     with ros_context(arguments) as stop:
         with starting():
-            node = EstimatorNode(own.state_file)
+            node = _node(own)
         spin_until_stopped(node, stop, node.write_state)
     return exit_code("estimator", stop, supervised=own.supervised)
 

@@ -48,6 +48,10 @@ class InputTopic:
             self._message, self._topic, self._callback, profile, raw=True, **options
         )
 
+    def close(self) -> None:
+        """Unsubscribe."""
+        self._node.destroy_subscription(self._subscription)
+
     @property
     def reliability(self) -> ReliabilityPolicy:
         """Reliability that the subscription currently requests."""

@@ -46,20 +46,31 @@ class Started(NamedTuple):
     """Common friction values that replace those of the robot file, by path."""
 
 
-def declare(node: Node) -> Started:
-    """Declare every parameter and read it.
+def declare(node: Node, *, fixed: bool = True) -> None:
+    """Declare every parameter.
 
-    Raises:
-        UsageError: a value is not allowed; ROS itself checks types and ranges.
+    Args:
+        node: the node.
+        fixed: whether those that cannot change while the estimator runs are read-only for ROS.
     """
     overrides = node._parameter_overrides  # rclpy has no public access to the given values
-    values: dict[str, Any] = {}
     for setting in settings():
         given = overrides.get(setting.name)
         if given is not None:
             overrides[setting.name] = as_double(given, setting)
         kind: Any = Parameter.Type.DOUBLE_ARRAY if setting.default is None else setting.default
-        value = node.declare_parameter(setting.name, kind, _descriptor(setting)).value
+        node.declare_parameter(setting.name, kind, _descriptor(setting, fixed=fixed))
+
+
+def read(node: Node) -> Started:
+    """Read every parameter.
+
+    Raises:
+        UsageError: a value is not allowed; ROS itself checks types and ranges.
+    """
+    values: dict[str, Any] = {}
+    for setting in settings():
+        value = node.get_parameter_or(setting.name).value
         if setting.choices and value not in setting.choices:
             raise UsageError(
                 f"{setting.name} must be one of {', '.join(setting.choices)}, got {value!r}"
@@ -87,11 +98,11 @@ def declare(node: Node) -> Started:
     )
 
 
-def _descriptor(setting: Setting) -> ParameterDescriptor:
+def _descriptor(setting: Setting, *, fixed: bool) -> ParameterDescriptor:
     limits = [FloatingPointRange(from_value=setting.low, to_value=setting.high)]
     return ParameterDescriptor(
         description=setting.words,
-        read_only=not setting.changeable,
+        read_only=fixed and not setting.changeable,
         floating_point_range=limits if setting.bounded else [],
     )
 
@@ -148,18 +159,19 @@ def in_force(live: LiveEstimator) -> list[Parameter]:
     ]
 
 
-def meant(live: LiveEstimator, changes: Sequence[Parameter]) -> list[Parameter]:
+def meant(live: LiveEstimator | None, changes: Sequence[Parameter]) -> list[Parameter]:
     """The changes with the values that they stand for.
 
     Integers become doubles. ``UNSET`` of ``friction.*`` becomes the robot file's value, so that the
-    parameter shows the value in use.
+    parameter shows the value in use; not without an estimator.
     """
     by_name = {setting.name: setting for setting in settings()}
     found = []
     for change in changes:
         setting = by_name.get(change.name)
         one = change if setting is None else as_double(change, setting)
-        if one.name.startswith("friction.") and one.value == UNSET and setting is not None:
+        unset = one.name.startswith("friction.") and one.value == UNSET
+        if live is not None and unset and setting is not None:
             one = Parameter(
                 one.name, value=float(number_at(dict(live.started.robot.document), one.name))
             )

@@ -336,6 +336,27 @@ def test_a_restart_with_a_state_file_continues_without_a_difference(
     assert [p.name for p in tmp_path.iterdir()] == ["state"]  # no temporary file is left
 
 
+@pytest.mark.parametrize("last", [1500, 1900])
+def test_after_a_suspension_the_estimates_are_those_after_a_restart(
+    model: Model, readings: Samples, tmp_path: Path, last: int
+) -> None:
+    path = tmp_path / "state"
+    live = LiveEstimator(model)
+    live.suspend()  # does nothing yet
+    for k in range(1500):
+        live.take(_sample(readings, k))
+    write_state(live, path)
+    live.suspend()
+    assert live.sample is None
+    again = LiveEstimator(model)
+    read_state(again, path)
+    for k in range(last, last + 100):
+        one, other = live.take(_sample(readings, k)), again.take(_sample(readings, k))
+        assert np.array_equal(one.estimate.values, other.estimate.values)
+        assert one.stddev is not None
+        assert np.array_equal(one.stddev, other.stddev)
+
+
 def test_a_motion_during_a_restart_increases_the_standard_deviation(
     model: Model, readings: Samples, tmp_path: Path
 ) -> None:

@@ -51,8 +51,8 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     from rclpy.node import Node
     from rclpy.parameter import Parameter
 
-    from cdrj_ros.nodes.estimator import EstimatorNode
     from cdrj_ros.nodes.feed import Choice
+    from cdrj_ros.nodes.managed import ManagedEstimator
     from cdrj_ros.nodes.markers import MarkersNode
     from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
     from cdrj_ros.nodes.rig import RigNode
@@ -60,7 +60,11 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     from cdrj_ros.nodes.watch import WatchNode
 
     given = {"robot": ROBOT, "tension_sensors": True, "use_sim_time": True}
-    estimator = EstimatorNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
+    estimator = ManagedEstimator(
+        parameter_overrides=[Parameter(k, value=v) for k, v in given.items()]
+    )
+    estimator.trigger_configure()
+    estimator.trigger_activate()
     replay = ReplayNode(Wiring(clock_hz=10.0))
     offer_services(replay, MagicMock(), MagicMock())  # the services are not called
     clock = [Parameter("use_sim_time", value=True)]
@@ -150,9 +154,9 @@ def test_the_state_file_is_named_on_the_command_line_and_nowhere_else() -> None:
     made = [
         [ast.unparse(argument) for argument in call.args]
         for name, call in calls(PACKAGE / "nodes" / "estimator_command.py")
-        if name == "EstimatorNode"
+        if name in ("EstimatorNode", "ManagedEstimator")
     ]
-    assert made == [["own.state_file"]]
+    assert made == [["own.state_file"]] * 2
     written = [
         ast.unparse(call)
         for path in (PACKAGE / "nodes").glob("*.py")

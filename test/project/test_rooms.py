@@ -28,6 +28,7 @@ ROS = (
     "rosgraph_msgs",
     "rcl_interfaces",
     "builtin_interfaces",
+    "lifecycle_msgs",
     "visualization_msgs",
     "launch",
 )
