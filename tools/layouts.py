@@ -4,7 +4,8 @@
     python tools/layouts.py --robot R.yaml --out DIR
 
 Names of elements and axes are the robot's, so a layout fits one robot. PlotJuggler and Foxglove
-show an array by index: `tension[k]` is the k-th element, in the order of the robot file.
+show an array by index: `tension[k]` is the k-th element, in the order of the robot file. The
+curves by name in PlotJuggler need the estimator's parameter `tension_states`.
 """
 
 import argparse
@@ -17,6 +18,7 @@ from cdrj_ros.model.loading import load_model
 
 TENSIONS, FORCES = "/cdrj/tensions", "/cdrj/nodal_forces"
 EFFORTS, DIAGNOSTICS = "/cdrj/efforts", "/diagnostics"
+STATES = "/cdrj/tension_states"  # of the estimator with the parameter tension_states
 
 COLOURS = (
     "#1f77b4", "#d62728", "#2ca02c", "#ff7f0e", "#9467bd", "#17becf", "#bcbd22", "#8c564b",
@@ -75,6 +77,11 @@ def plotjuggler(layout):
         window.append(_tab(tab, areas))
     axes = [f"{EFFORTS}/{name}/effort" for name in (*layout.motors, *layout.joints)]
     window.append(_tab("efforts", [("motors and joints [N m]", axes)]))
+    by_name = [
+        (cable, [f"{STATES}/{name}/effort" for _, name in _numbers(layout.elements, cable)])
+        for cable in layout.cables
+    ]
+    window.append(_tab("tensions by name", by_name))
     ElementTree.SubElement(window, "currentTabIndex", index="0")
     ElementTree.SubElement(root, "use_relative_time_offset", enabled="1")
     ElementTree.SubElement(root, "streaming_buffer_size", value="30")
@@ -87,7 +94,7 @@ def plotjuggler(layout):
         ("max_array_size", "1000"),
         ("boolean_strings_to_number", "false"),
         ("remove_suffix_from_strings", "false"),
-        ("selected_topics", f"{TENSIONS};{FORCES};{EFFORTS}"),
+        ("selected_topics", f"{TENSIONS};{FORCES};{EFFORTS};{STATES}"),
     ):
         ElementTree.SubElement(plugin, setting, value=value)
     ElementTree.SubElement(root, "previouslyLoaded_Streamer", name=streamer)

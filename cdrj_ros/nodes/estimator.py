@@ -6,7 +6,7 @@ import gc
 from collections.abc import Callable
 from pathlib import Path
 from time import monotonic, perf_counter
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from cdrj_msgs.msg import CableTensions, NodalForces
@@ -44,15 +44,27 @@ from cdrj_ros.messages.topics import (
 )
 from cdrj_ros.model.compiled import kernels_are_compiled
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
 from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
 from cdrj_ros.nodes.qos import default_profile
-from cdrj_ros.nodes.settings import SIMULATED, changed_options, declare, in_force, meant, read
+from cdrj_ros.nodes.settings import (
+    SIMULATED,
+    Started,
+    changed_options,
+    declare,
+    in_force,
+    meant,
+    read,
+)
 from cdrj_ros.nodes.silence import Silence, stale_before_ns
 from cdrj_ros.nodes.spinning import starting
 from cdrj_ros.nodes.thinning import Thinning
 from cdrj_ros.nodes.words import TopicHeard
+
+if TYPE_CHECKING:
+    from cdrj_ros.nodes.extra_outputs import ExtraOutputs
 
 WATCHES: Final = 4
 """Number of checks of the inputs per timeout."""
@@ -126,6 +138,9 @@ class EstimatorNode(Node):
         self._published = self._diagnosed = 0
         self._diagnosed_ns = self._now_ns()
         self._open()
+        self._extra: ExtraOutputs | None = None
+        if started.tension_states or started.wrenches:
+            self._open_extra(model, started)
         self.configured = True
         self._show_in_force()
         gc.collect()
@@ -157,6 +172,18 @@ class EstimatorNode(Node):
             self.create_service(Trigger, "~/tare", self._on_tare),
             self.create_service(SetPreload, "~/set_preload", self._on_set_preload),
         ]
+
+    def _open_extra(self, model: Model, started: Started) -> None:
+        """Open the outputs on request."""
+        from cdrj_ros.nodes.extra_outputs import ExtraOutputs
+
+        self._extra = ExtraOutputs(
+            self,
+            model,
+            started.frame_id,
+            tension_states=started.tension_states,
+            wrenches=started.wrenches,
+        )
 
     def _listen(self) -> None:
         """Subscribe to the inputs and check them regularly."""
@@ -314,6 +341,8 @@ class EstimatorNode(Node):
         on_efforts = self.efforts_stddev
         if on_efforts is not None and stddev is not None and on_efforts.get_subscription_count():
             on_efforts.publish(self.encoder.efforts_stddev(estimate, stddev))
+        if self._extra is not None:
+            self._extra.publish(estimate)
         self._published += 1
 
     def _on_tensions(self, payload: bytes) -> None:

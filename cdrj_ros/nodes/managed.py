@@ -135,6 +135,8 @@ class ManagedEstimator(EstimatorNode, LifecycleNodeMixin):
         for publisher in (self.tensions, self.forces, self.efforts, self.efforts_stddev):
             if publisher is not None:
                 self.destroy_publisher(publisher)
+        if self._extra is not None:
+            self._extra.close()
         for service in self._offered:
             self.destroy_service(service)
         del self.live, self.encoder

@@ -106,6 +106,16 @@ def settings() -> tuple[Setting, ...]:
             "computed in any case",
             "Hz", 0.0, 1e5,
         ),
+        Setting(
+            "tension_states", False,
+            "Whether to publish the tensions on the topic tension_states too, as efforts of a "
+            "JointState, which PlotJuggler and rqt show by name",
+        ),
+        Setting(
+            "wrenches", False,
+            "Whether to publish the force on every pulley as geometry_msgs/WrenchStamped on "
+            "wrenches/<cable>_<node>",
+        ),
         Setting("uncertainty", True, "Whether to estimate standard deviations"),
         Setting(
             "unsure_share", UNSURE_SHARE,

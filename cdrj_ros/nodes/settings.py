@@ -41,6 +41,9 @@ class Started(NamedTuple):
     output: OutputMode
     max_rate_hz: float
     """Maximum rate of published estimates [Hz]; 0: no limit."""
+    tension_states: bool
+    wrenches: bool
+    """Whether to publish these outputs too."""
     options: Options
     friction: dict[str, float]
     """Common friction values that replace those of the robot file, by path."""
@@ -93,6 +96,8 @@ def read(node: Node) -> Started:
         list(values["preload"] or ()) or None,
         values["output"],
         values["max_rate"],
+        values["tension_states"],
+        values["wrenches"],
         options,
         _given_friction(values),
     )

@@ -21,10 +21,12 @@ FOLDER = ROOT / "config" / "layouts"
 LAYOUT = load_model(str(ROOT / "config" / "robots" / "prototype.yaml")).layout
 AXES = (*LAYOUT.motors, *LAYOUT.joints)
 MESSAGES = {f"/cdrj/{kind.topic}": kind.message for kind in KINDS}
+MESSAGES["/cdrj/tension_states"] = JOINT_STATE
 NAMES = {
     "/cdrj/tensions": LAYOUT.elements,
     "/cdrj/nodal_forces": LAYOUT.pulleys,
     "/cdrj/efforts": AXES,
+    "/cdrj/tension_states": LAYOUT.elements,
 }
 
 
@@ -45,14 +47,14 @@ def element_shown(topic: str, field: str, index: str) -> str:
 
 
 def curve_of_plotjuggler(name: str) -> str:
-    """Element shown by a PlotJuggler curve: an array entry, or the effort of an axis by name."""
+    """Element shown by a PlotJuggler curve: an array entry, or the effort of an entry by name."""
     if match := re.fullmatch(r"(/cdrj/\w+)/(\w+)\[(\d+)\]", name):
         return element_shown(*match.groups())
-    match = re.fullmatch(r"(/cdrj/\w+)/(\w+)/(\w+)", name)
+    match = re.fullmatch(r"(/cdrj/\w+)/([\w/]+)/(\w+)", name)
     assert match, name
-    topic, axis, field = match.groups()
+    topic, entry, field = match.groups()
     assert MESSAGES[topic] is JOINT_STATE
-    return element_shown(topic, field, str(AXES.index(axis)))
+    return element_shown(topic, field, str(NAMES[topic].index(entry)))
 
 
 def curve_of_foxglove(path: str) -> str:
