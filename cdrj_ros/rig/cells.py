@@ -42,7 +42,6 @@ CHECKED_POSES: Final = 64
 """Number of random poses in which tables are compared with positions."""
 
 _EMPTY: Final[Vector] = np.empty(0)
-_NO_SPAN = (Profile(None, _EMPTY, np.zeros(1), _EMPTY),)
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,8 @@ class Divided:
 def divide_contacts(robot: Robot, cells: int) -> Robot:
     """The same robot with every pulley cut into ``cells`` equal contact cells.
 
-    Pulleys that the cable nearly leaves, and cables given by positions that depend on several
-    joints at once, stay whole: see ``divide``.
+    Points, pulleys that the cable nearly leaves, and cables given by positions that depend on
+    several joints at once, stay whole: see ``divide``.
     """
     return divide(robot, cells).robot
 
@@ -76,17 +75,20 @@ def divide(robot: Robot, cells: int) -> Divided:
         if cable.routed or cable.spatial:
             tabulated = _tabulated(model, index) if model else None
         counts = [1] * len(cable.pulleys)
+        inside = [_length_inside(pulley) for pulley in cable.pulleys]
         if tabulated is None:
             if cells > 1:
                 whole.append(f"{cable.name}: its spans depend on several joints at once")
             tabulated = cable
         elif cells > 1:
             for p, pulley in enumerate(tabulated.pulleys):
-                if sum(float(profile.value.min()) for profile in pulley.wrap) >= SMALLEST_WRAP:
+                if not (pulley.radius or inside[p]):
+                    whole.append(f"{cable.pulley_names[p]}: a point has no arc to divide")
+                elif sum(float(profile.value.min()) for profile in pulley.wrap) >= SMALLEST_WRAP:
                     counts[p] = cells
                 else:
                     whole.append(f"{cable.pulley_names[p]}: the cable nearly leaves it")
-        cables.append(_cut(tabulated, counts))
+        cables.append(_cut(tabulated, counts, inside))
         columns += [at + before for before in np.cumsum([0, *counts]).tolist()]
         at += sum(counts) + 1
     return Divided(
@@ -94,19 +96,29 @@ def divide(robot: Robot, cells: int) -> Divided:
     )
 
 
-def _cut(cable: Cable, counts: list[int]) -> Cable:
+def _length_inside(pulley: Pulley) -> float:
+    """Length of a sheath [m], which the elements on its two sides share; 0 for other nodes."""
+    return pulley.space.length if pulley.space and pulley.space.kind == "sheath" else 0.0
+
+
+def _cut(cable: Cable, counts: list[int], inside: list[float]) -> Cable:
     if all(count == 1 for count in counts):
         return cable
     nodes: list[Node] = [cable.nodes[0]]
     spans = [cable.spans[0]]
-    for pulley, span, cells in zip(cable.pulleys, cable.spans[1:], counts, strict=True):
+    cuts = zip(cable.pulleys, cable.spans[1:], counts, inside, strict=True)
+    for pulley, span, cells, length in cuts:
         wrap = tuple(
             replace(profile, value=profile.value / cells, slope=profile.slope / cells)
             for profile in pulley.wrap
         )
         cell: Pulley = replace(pulley, wrap=wrap, cells=cells)
         nodes += [cell] * cells
-        spans += [_NO_SPAN] * (cells - 1) + [span]
+        # Half of a sheath's length belongs to the span on either side: what the outer cells do not
+        # need of it goes to the spans between the cells.
+        moved = (_constant(-0.5 * length * (1.0 - 1.0 / cells)),) if length else ()
+        spans[-1] += moved
+        spans += [(_constant(length / cells),)] * (cells - 1) + [span + moved]
     nodes.append(cable.nodes[-1])
     return replace(cable, nodes=tuple(nodes), spans=tuple(spans))
 

@@ -11,9 +11,9 @@ import pytest
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.rig.assembly import Truth
-from cdrj_ros.rig.cells import divide_contacts
+from cdrj_ros.rig.cells import divide, divide_contacts
 from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -114,3 +114,57 @@ def test_only_robots_that_the_rig_can_move_are_simulated() -> None:
     time = np.arange(10) * 1e-3
     with pytest.raises(UsageError, match="at least one motor and one joint"):
         simulate(half_turn("euler"), time, np.zeros(10), np.zeros(10))
+
+
+@pytest.mark.parametrize(
+    "path", sorted(PROTOTYPE.parent.glob("*.yaml")), ids=lambda path: path.stem
+)
+def test_every_robot_of_the_package_keeps_its_lengths_when_divided(path: Path) -> None:
+    robot = load_robot(path)
+    divided = divide(robot, 8)
+    whole, fine = prepare(robot), prepare(divided.robot)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        pose = np.array([rng.uniform(joint.lower, joint.upper) for joint in robot.joints])
+        told, found = shape_at(whole, pose), shape_at(fine, pose)
+        for cable, parts in _elements(robot, divided.robot):
+            assert found.length[parts].sum() == pytest.approx(told.length[cable].sum(), rel=1e-6)
+
+
+def _elements(robot: Robot, divided: Robot) -> list[tuple[slice, slice]]:
+    """Elements of every cable, in the robot and in the divided robot."""
+    pairs, at, fine = [], 0, 0
+    for cable, cut in zip(robot.cables, divided.cables, strict=True):
+        count, cells = len(cable.nodes) - 1, len(cut.nodes) - 1
+        pairs.append((slice(at, at + count), slice(fine, fine + cells)))
+        at, fine = at + count, fine + cells
+    return pairs
+
+
+def test_a_sheath_is_divided_and_an_eyelet_is_not() -> None:
+    robot = parse_robot("""
+        name: guided
+        motors: [{name: m}]
+        joints: []
+        friction: {law: euler, mu_c: 0.2}
+        cables:
+          - name: c
+            axial_stiffness: 5000
+            preload: 20
+            nodes:
+              - {type: winch, motor: m, winding: 1, radius: 0.02, position: [0, 0, 0]}
+              - {type: sheath, position: [0.1, 0.02, 0], exit: [0.3, 0.02, 0], length: 0.4,
+                 bend_deg: 90}
+              - {type: eyelet, position: [0.5, 0.02, 0]}
+              - {type: anchor, position: [0.5, 0.3, 0]}
+        """)
+    divided = divide(robot, 5)
+    assert divided.whole == ("c/3: a point has no arc to divide",)
+    fine = prepare(divided.robot)
+    length = shape_at(fine, np.empty(0)).length
+    np.testing.assert_allclose(length[1:5], 0.4 / 5, rtol=1e-12)
+    assert length.sum() == pytest.approx(shape_at(prepare(robot), np.empty(0)).length.sum())
+    # pulled far enough at the winch, the whole sheath and the eyelet slide: one capstan in all
+    tension = wound(fine, np.linspace(0.0, 0.5, 4001)).values[-1, fine.layout.tension]
+    assert tension[5] / tension[0] == pytest.approx(exp(-0.2 * pi / 2), rel=1e-6)
+    assert tension[6] / tension[0] == pytest.approx(exp(-0.2 * pi), rel=1e-3)
