@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from time import monotonic
 from typing import Any, Final, Literal
 
@@ -22,8 +23,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import INVALID, SLACK, STALE, UNSURE
+from cdrj_ros.model.status import STALE
 from cdrj_ros.nodes.rig_declaring import declare_flag, declare_number, declare_text
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
@@ -33,24 +33,14 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
-from cdrj_ros.report.scene import Scene, scene_of, tension_colour
 from cdrj_ros.robot.description import Joint
+from cdrj_ros.view.looks import FORCE, Picture, dashes_of, middle_of, picture_of
+from cdrj_ros.view.snapshot import nothing_known, pulley_columns, tension_columns
 
 Namespace = Literal["cables", "wheels", "forces", "labels"]
 
 SILENCE_S: Final = 0.5
 """Time without tensions after which all cables are drawn as stale [s]."""
-
-SLIP_SPEED: Final = 1e-4
-"""Slip speed from which a pulley is drawn as slipping [m/s]."""
-
-SLIPPING: Final = (0.96, 0.55, 0.15)
-STICKING: Final = (0.72, 0.72, 0.70)
-UNKNOWN: Final = (0.55, 0.55, 0.55)
-FORCE: Final = (0.20, 0.20, 0.22)
-
-DASHES: Final = 12
-"""Number of dashes of an element whose tension must not be used."""
 
 
 class MarkersNode(Node):
@@ -76,7 +66,8 @@ class MarkersNode(Node):
             self, "force_scale", 0.0005, 0.0, 1.0, "Length of the arrow of a force [m/N]"
         )
         rate = declare_number(self, "rate", 30.0, 0.1, 30.0, "Rate of the pictures [Hz]")
-        self.angles = np.array([joint.reference_angle for joint in self.model.robot.joints])
+        self._unknown = nothing_known(self.model)
+        self.angles = self._unknown.angle.copy()
         self.tensions: CableTensions | None = None
         self.nodal_forces: NodalForces | None = None
         self._heard_s = -np.inf
@@ -114,10 +105,19 @@ class MarkersNode(Node):
 
     def picture(self) -> MarkerArray:
         """All markers of the current state."""
-        scene = scene_of(self.model, self.angles)
-        markers = [*self._cables(scene), *self._wheels(scene)]
+        layout = self.model.layout
+        tension, stddev, status = tension_columns(self.tensions, layout)
+        if monotonic() - self._heard_s > SILENCE_S:
+            status = status | np.uint8(STALE)
+        force, friction, slip_speed, pulley_status = pulley_columns(self.nodal_forces, layout)
+        shown = replace(
+            self._unknown, angle=self.angles, tension=tension, stddev=stddev, status=status,
+            force=force, friction=friction, slip_speed=slip_speed, pulley_status=pulley_status,
+        )  # fmt: skip
+        picture = picture_of(self.model, shown, force_scale=self._force_scale)
+        markers = [*self._cables(picture), *self._wheels(picture)]
         if self._forces:
-            markers += self._arrows(scene)
+            markers += self._arrows(picture)
         return MarkerArray(markers=markers)
 
     def _marker(self, space: Namespace, number: int, kind: int) -> Marker:
@@ -127,64 +127,44 @@ class MarkersNode(Node):
         marker.pose.orientation.w = 1.0
         return marker
 
-    def _cables(self, scene: Scene) -> Iterator[Marker]:
+    def _cables(self, picture: Picture) -> Iterator[Marker]:
         """One line per element, and its label."""
-        width = 0.1 * _typical_radius(scene)
-        values = _by_name(self.tensions, ("tension", "status"))
-        silent = monotonic() - self._heard_s > SILENCE_S
-        for e, (name, path) in enumerate(
-            zip(self.model.layout.elements, scene.elements, strict=True)
-        ):
-            tension, status = values.get(name, (0.0, INVALID))
-            flags = int(status) | (STALE if silent else 0)
-            usable = not flags & (STALE | INVALID)
-            marker = self._marker("cables", e, Marker.LINE_STRIP if usable else Marker.LINE_LIST)
-            marker.scale.x = width * (0.4 if flags & SLACK else 1.0)
-            cable = self.model.robot.cables[_cable_of(self.model, e)]
-            colour = tension_colour(tension, cable.preload, cable.maximum_tension)
-            marker.color = _rgba(colour if usable else UNKNOWN, 0.4 if flags & UNSURE else 1.0)
-            marker.points = _points(path if usable else _dashed(path))
+        for e, look in enumerate(picture.cables):
+            marker = self._marker(
+                "cables", e, Marker.LINE_LIST if look.dashed else Marker.LINE_STRIP
+            )
+            marker.scale.x = look.width
+            marker.color = _rgba(look.colour, look.opacity)
+            marker.points = _points(dashes_of(look.path) if look.dashed else look.path)
             yield marker
             if self._labels:
                 label = self._marker("labels", e, Marker.TEXT_VIEW_FACING)
-                label.pose.position = _points(
-                    path[len(path) // 2 - 1 : len(path) // 2 + 1].mean(0)
-                )[0]
-                label.scale.z = 5.0 * width
+                label.pose.position = _points(middle_of(look.path))[0]
+                label.scale.z = 5.0 * look.width
                 label.color = _rgba((0.1, 0.1, 0.1), 1.0)
-                label.text = f"{name} {tension:.1f} N" if usable else f"{name} ?"
+                label.text = look.label
                 yield label
 
-    def _wheels(self, scene: Scene) -> Iterator[Marker]:
+    def _wheels(self, picture: Picture) -> Iterator[Marker]:
         """One disc per winch, pulley and anchor; slipping pulleys in another colour."""
-        slips = _by_name(self.nodal_forces, ("slip_speed", "status"))
-        least = 0.3 * _typical_radius(scene)
-        for k, wheel in enumerate(scene.wheels):
+        for k, look in enumerate(picture.wheels):
             marker = self._marker("wheels", k, Marker.CYLINDER)
-            marker.pose.position = Point(x=wheel.centre[0], y=wheel.centre[1], z=wheel.centre[2])
-            size = 2.0 * max(wheel.radius, least)
-            marker.scale = Vector3(x=size, y=size, z=0.5 * least)
-            speed, status = slips.get(wheel.name, (0.0, INVALID))
-            slipping = abs(speed) > SLIP_SPEED and not int(status) & (STALE | INVALID)
-            marker.color = _rgba(SLIPPING if slipping else STICKING, 0.5)
+            x, y, z = look.centre
+            marker.pose.position = Point(x=x, y=y, z=z)
+            size = 2.0 * look.radius
+            marker.scale = Vector3(x=size, y=size, z=look.thickness)
+            marker.color = _rgba(look.colour, 0.5)
             yield marker
 
-    def _arrows(self, scene: Scene) -> Iterator[Marker]:
+    def _arrows(self, picture: Picture) -> Iterator[Marker]:
         """One arrow per pulley of the cables given by positions."""
-        forces = _by_name(self.nodal_forces, ("force_x", "force_y", "force_z", "status"))
-        placed = {cable.name for cable in self.model.robot.cables if cable.routed or cable.spatial}
-        for k, wheel in enumerate(scene.wheels):
-            if wheel.name.rpartition("/")[0] not in placed or wheel.kind != "pulley":
-                continue
-            *force, status = forces.get(wheel.name, (0.0, 0.0, 0.0, INVALID))
-            marker = self._marker("forces", k, Marker.ARROW)
-            if int(status) & (STALE | INVALID):
+        for look in picture.arrows:
+            marker = self._marker("forces", look.wheel, Marker.ARROW)
+            if np.isnan(look.end).any():
                 marker.action = Marker.DELETE
-            width = 0.05 * _typical_radius(scene)
-            marker.scale = Vector3(x=width, y=2.5 * width, z=0.0)
+            marker.scale = Vector3(x=look.width, y=2.5 * look.width, z=0.0)
             marker.color = _rgba(FORCE, 0.9)
-            tip = np.array(wheel.centre) + self._force_scale * np.array(force)
-            marker.points = _points(np.array([wheel.centre, tip]))
+            marker.points = _points(np.array([look.start, np.nan_to_num(look.end)]))
             yield marker
 
 
@@ -198,34 +178,8 @@ def shown_angle(joint: Joint, reading: float, before: float) -> float:
     return float(min(max(angle, joint.lower), joint.upper))
 
 
-def _by_name(message: Any, fields: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    """Entries of a message by name; empty if there is no message or its arrays do not match."""
-    if message is None or any(len(getattr(message, f)) != len(message.name) for f in fields):
-        return {}
-    columns = zip(*(getattr(message, field) for field in fields), strict=True)
-    return dict(zip(message.name, columns, strict=True))
-
-
-def _cable_of(model: Model, element: int) -> int:
-    counts = np.cumsum([len(cable.nodes) - 1 for cable in model.robot.cables])
-    return int(np.searchsorted(counts, element, side="right"))
-
-
-def _typical_radius(scene: Scene) -> float:
-    """Median radius of the wheels [m]."""
-    radii = [wheel.radius for wheel in scene.wheels if wheel.radius > 0.0]
-    return float(np.median(radii)) if radii else 0.01
-
-
 def _points(path: NDArray[np.float64]) -> list[Point]:
     return [Point(x=x, y=y, z=z) for x, y, z in np.atleast_2d(path).tolist()]
-
-
-def _dashed(path: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ends of dashes along a path, shape (2 * DASHES, 3)."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    at = np.linspace(0.0, along[-1], 2 * DASHES)
-    return np.column_stack([np.interp(at, along, path[:, k]) for k in range(3)])
 
 
 def _rgba(colour: tuple[float, float, float], opacity: float) -> ColorRGBA:

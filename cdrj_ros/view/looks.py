@@ -1,0 +1,196 @@
+"""How cables, wheels and forces are drawn: path, colour and width, for RViz and for the browser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.status import SLACK, UNSURE
+from cdrj_ros.report.live_table import SIGMAS
+from cdrj_ros.report.scene import Colour, Kind, Scene, scene_of, tension_colour
+from cdrj_ros.view.snapshot import Snapshot, usable
+
+Points = NDArray[np.float64]
+
+SLIP_SPEED: Final = 1e-4
+"""Slip speed from which a pulley is drawn as slipping [m/s]."""
+
+SLIPPING: Final[Colour] = (0.96, 0.55, 0.15)
+STICKING: Final[Colour] = (0.72, 0.72, 0.70)
+UNKNOWN: Final[Colour] = (0.55, 0.55, 0.55)
+FORCE: Final[Colour] = (0.20, 0.20, 0.22)
+
+DASHES: Final = 12
+"""Number of dashes of an element whose tension must not be used."""
+
+PALE: Final = 0.4
+"""Opacity of an element that is UNSURE."""
+
+THIN: Final = 0.4
+"""Width of a slack element, as a share of that of a taut one."""
+
+
+class CableLook(NamedTuple):
+    """One element."""
+
+    name: str
+    path: Points
+    """[m], shape (n, 3)."""
+    dashed: bool
+    """Whether its tension must not be used."""
+    width: float
+    """[m]."""
+    colour: Colour
+    opacity: float
+    label: str
+    """Name, tension and two standard deviations."""
+
+
+class WheelLook(NamedTuple):
+    """One winch, pulley or anchor."""
+
+    name: str
+    kind: Kind
+    centre: tuple[float, float, float]
+    """[m]."""
+    radius: float
+    """[m]."""
+    thickness: float
+    """[m]."""
+    colour: Colour
+
+
+class ArrowLook(NamedTuple):
+    """Force of a cable on a pulley."""
+
+    wheel: int
+    """Index of the pulley in ``Picture.wheels``."""
+    start: Points
+    """[m], shape (3,)."""
+    end: Points
+    """[m], shape (3,); NaN if the force is unknown."""
+    width: float
+    """[m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Everything that is drawn at one time."""
+
+    cables: tuple[CableLook, ...]
+    """In the order of ``Layout.elements``."""
+    wheels: tuple[WheelLook, ...]
+    """In the order of ``Scene.wheels``."""
+    arrows: tuple[ArrowLook, ...]
+    """Of the pulleys of cables given by positions."""
+
+
+def picture_of(model: Model, shown: Snapshot, *, force_scale: float = 0.0005) -> Picture:
+    """The picture of a snapshot.
+
+    Args:
+        model: the prepared robot.
+        shown: what to draw.
+        force_scale: length of an arrow [m/N].
+
+    Raises:
+        CdrjError: the cables have no path at these joint angles.
+    """
+    scene = scene_of(model, shown.angle)
+    return Picture(
+        tuple(_cables(model, scene, shown)),
+        tuple(_wheels(model, scene, shown)),
+        tuple(_arrows(model, scene, shown, force_scale)),
+    )
+
+
+def element_words(name: str, tension: float, stddev: float, known: bool) -> str:
+    """Name, tension and two standard deviations of an element."""
+    if not (known and np.isfinite(tension)):
+        return f"{name} ?"
+    spread = f" ± {SIGMAS * stddev:.1f}" if np.isfinite(stddev) else ""
+    return f"{name} {tension:.1f}{spread} N"
+
+
+def cable_numbers(model: Model) -> NDArray[np.intp]:
+    """Index of the cable of every element."""
+    counts = [len(cable.nodes) - 1 for cable in model.robot.cables]
+    return np.repeat(np.arange(len(counts)), counts)
+
+
+def typical_radius(scene: Scene) -> float:
+    """Median radius of the wheels [m]."""
+    radii = [wheel.radius for wheel in scene.wheels if wheel.radius > 0.0]
+    return float(np.median(radii)) if radii else 0.01
+
+
+def dashes_of(path: Points) -> Points:
+    """Ends of dashes along a path, shape (2 * DASHES, 3)."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    at = np.linspace(0.0, along[-1], 2 * DASHES)
+    return np.column_stack([np.interp(at, along, path[:, k]) for k in range(3)])
+
+
+def middle_of(path: Points) -> Points:
+    """The middle of the longest straight piece of a path [m], shape (3,)."""
+    longest = int(np.argmax(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    return path[longest : longest + 2].mean(axis=0)
+
+
+def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[CableLook]:
+    width = 0.1 * typical_radius(scene)
+    flags, known = shown.status, usable(shown.status)
+    looks = []
+    for e, (name, c) in enumerate(
+        zip(model.layout.elements, cable_numbers(model).tolist(), strict=True)
+    ):
+        cable, tension = model.robot.cables[c], float(shown.tension[e])
+        good = bool(known[e]) and np.isfinite(tension)
+        looks.append(
+            CableLook(
+                name,
+                scene.elements[e],
+                not good,
+                width * (THIN if flags[e] & SLACK else 1.0),
+                tension_colour(tension, cable.preload, cable.maximum_tension) if good else UNKNOWN,
+                PALE if flags[e] & UNSURE else 1.0,
+                element_words(name, tension, float(shown.stddev[e]), good),
+            )
+        )
+    return looks
+
+
+def _wheels(model: Model, scene: Scene, shown: Snapshot) -> list[WheelLook]:
+    known = usable(shown.pulley_status)
+    slipping = known & (np.abs(np.nan_to_num(shown.slip_speed)) > SLIP_SPEED)
+    slips = dict(zip(model.layout.pulleys, slipping.tolist(), strict=True))
+    least = 0.3 * typical_radius(scene)
+    return [
+        WheelLook(
+            wheel.name,
+            wheel.kind,
+            wheel.centre,
+            max(wheel.radius, least),
+            0.5 * least,
+            SLIPPING if slips.get(wheel.name) else STICKING,
+        )
+        for wheel in scene.wheels
+    ]
+
+
+def _arrows(model: Model, scene: Scene, shown: Snapshot, scale: float) -> list[ArrowLook]:
+    known = usable(shown.pulley_status)
+    forces = np.where(known[:, None], shown.force, np.nan)
+    by_name = dict(zip(model.layout.pulleys, forces, strict=True))
+    placed = {cable.name for cable in model.robot.cables if cable.routed or cable.spatial}
+    width = 0.05 * typical_radius(scene)
+    looks = []
+    for k, wheel in enumerate(scene.wheels):
+        if wheel.name.rpartition("/")[0] in placed and wheel.kind == "pulley":
+            start = np.array(wheel.centre)
+            looks.append(ArrowLook(k, start, start + scale * by_name[wheel.name], width))
+    return looks
