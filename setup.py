@@ -111,7 +111,7 @@ class InstallScripts(install_scripts):
 # `watch` would shadow the system's, and pip cannot install the ROS packages that the nodes import.
 AS_WHEEL = bool({"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv))
 
-NODES = ("estimator", "markers", "replay", "rig", "watch")
+NODES = ("estimator", "markers", "replay", "rig", "view", "watch")
 
 about = ElementTree.parse("package.xml").getroot()
 maintainer = about.find("maintainer")
@@ -128,6 +128,7 @@ setup(
     extras_require={
         "cluster": requirements("cluster"),  # for --scheduler
         "mujoco": ["mujoco<4"],  # for import_robot
+        "view": requirements("view"),
     },
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     # bag/msg is a link to the message definitions; a build copies the files themselves.
@@ -151,7 +152,7 @@ setup(
                 "simulate",
                 "validate",
             ),
-            *([] if AS_WHEEL else scripts("nodes", *NODES)),
+            *(scripts("commands", "view") if AS_WHEEL else scripts("nodes", *NODES)),
         ],
     },
     cmdclass={}

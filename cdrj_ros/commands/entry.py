@@ -72,3 +72,14 @@ def validate() -> NoReturn:
         return main
 
     run_interruptibly("validate", load)
+
+
+def view() -> NoReturn:
+    """Run ``view`` for a bag."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.commands.view import main
+
+        return main
+
+    run_interruptibly("view", load)

@@ -61,3 +61,14 @@ def markers() -> NoReturn:
         return main
 
     run_interruptibly("markers", load)
+
+
+def view() -> NoReturn:
+    """Run the view node, or show a bag."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.nodes.view import main
+
+        return main
+
+    run_interruptibly("view", load)

@@ -45,6 +45,23 @@ class Choice:
 
 
 @dataclass
+class Rate:
+    """The rate of a counter."""
+
+    looks: deque[tuple[float, int]] = field(default_factory=deque)
+    """Steady times [s] of recent calls, with the count at each."""
+
+    def hz(self, count: int) -> float | None:
+        """Rate since the oldest call within ``RATE_S`` [Hz]; None if that is too recent."""
+        now = monotonic()
+        while self.looks and now - self.looks[0][0] > RATE_S:
+            self.looks.popleft()
+        self.looks.append((now, count))
+        begin, before = self.looks[0]
+        return (count - before) / (now - begin) if now - begin > LEAST_S else None
+
+
+@dataclass
 class Feed:
     """One topic: its last message and its message rate."""
 
@@ -61,8 +78,7 @@ class Feed:
     heard_s: float = field(default_factory=monotonic)
     """Steady time of the last message, or of the construction before the first [s]."""
     count: int = 0
-    looks: deque[tuple[float, int]] = field(default_factory=deque)
-    """Steady times [s] of recent calls of ``rate_hz``, with the message count at each."""
+    rate: Rate = field(default_factory=Rate)
 
     def hear(self, payload: bytes) -> None:
         """Store a received message."""
@@ -71,13 +87,8 @@ class Feed:
         self.count += 1
 
     def rate_hz(self) -> float | None:
-        """Message rate since the oldest call within ``RATE_S`` [Hz]; None if that is too recent."""
-        now = monotonic()
-        while self.looks and now - self.looks[0][0] > RATE_S:
-            self.looks.popleft()
-        self.looks.append((now, self.count))
-        begin, before = self.looks[0]
-        return (self.count - before) / (now - begin) if now - begin > LEAST_S else None
+        """Message rate [Hz]; None if it is not known yet."""
+        return self.rate.hz(self.count)
 
     def silent(self) -> bool:
         """Whether no message has been received for ``SILENCE_S``."""

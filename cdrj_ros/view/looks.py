@@ -138,7 +138,7 @@ def dashes_of(path: Points) -> Points:
 def middle_of(path: Points) -> Points:
     """The middle of the longest straight piece of a path [m], shape (3,)."""
     longest = int(np.argmax(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-    return path[longest : longest + 2].mean(axis=0)
+    return np.asarray(0.5 * (path[longest] + path[longest + 1]))
 
 
 def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[CableLook]:

@@ -66,7 +66,7 @@ def nothing_known(model: Model) -> Snapshot:
 
 def usable(status: Flags) -> NDArray[np.bool_]:
     """Where a value may be used: it is neither STALE nor INVALID."""
-    return (status & (STALE | INVALID)) == 0
+    return np.asarray((status & (STALE | INVALID)) == 0)
 
 
 def columns_of(message: Any, fields: Sequence[str], names: Sequence[str]) -> dict[str, Vector]:

@@ -18,7 +18,7 @@ from ruamel.yaml import YAML
 import cdrj_ros
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = ("check_robot", "identify", "import_robot", "reproduce", "simulate", "validate")
+COMMANDS = ("check_robot", "identify", "import_robot", "reproduce", "simulate", "validate", "view")
 NOT_SOURCES = (
     ".git", ".venv", "build", "install", "log", "test", "bench", "docs", "__pycache__", ".*_cache",
 )  # fmt: skip
@@ -114,7 +114,11 @@ def test_the_wheel_contains_the_commands_and_requires_what_they_import(
         metadata = archive.read(about).decode().splitlines()
     wanted = [
         f"{line}{condition}"
-        for name, condition in (("runtime", ""), ("cluster", '; extra == "cluster"'))
+        for name, condition in (
+            ("runtime", ""),
+            ("cluster", '; extra == "cluster"'),
+            ("view", '; extra == "view"'),
+        )
         for line in (ROOT / "requirements" / f"{name}.txt").read_text().splitlines()
         if line and not line.startswith("#")
     ]

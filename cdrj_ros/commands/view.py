@@ -1,0 +1,89 @@
+"""The ``view`` command without ROS: show the estimates of a bag in a browser."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from cdrj_ros.commands.compilation import announce_compilation
+from cdrj_ros.commands.running import CommandParser, run_command
+from cdrj_ros.commands.shared import add_robot_option, add_topic_options, topics_of
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.output import say
+from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.model.loading import load_model
+
+
+def _parser() -> CommandParser:
+    parser = CommandParser(
+        prog="view",
+        description="Show the estimates of a bag in a browser, with a time line: the robot in "
+        "motion, its cables coloured by tension, and curves over time. The estimates are those of "
+        "validate. With ROS and without a BAG, ros2 run cdrj_ros view --ros-args -p robot:=FILE "
+        "shows a running estimator.",
+        epilog="Exit code: 2 bad input, 130 ended by Ctrl-C. Needs the package viser (the extra "
+        "view).",
+    )
+    parser.add_argument("bag", metavar="BAG", help="rosbag2 folder or file")
+    add_robot_option(parser)
+    add_topic_options(parser)
+    parser.add_argument(
+        "--host", default="localhost",
+        help="address to listen on; 0.0.0.0 for the network (default %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--port", type=int, default=8080, metavar="N",
+        help="TCP port, or the next free one; 0 for any (default %(default)s)",
+    )  # fmt: skip
+    parser.add_argument("--dark", action="store_true", help="begin with a dark page")
+    parser.add_argument(
+        "--no-uncertainty", action="store_true",
+        help="do not estimate standard deviations, which takes half of the time",
+    )  # fmt: skip
+    return parser
+
+
+def body(argv: Sequence[str]) -> int:
+    """Show a bag until Ctrl-C.
+
+    Raises:
+        CdrjError: bad input, or viser is not installed.
+    """
+    arguments = _parser().parse_args(argv)
+    if not 0 <= arguments.port <= 65535:
+        raise UsageError(f"--port must be from 0 to 65535, got {arguments.port}")
+    from cdrj_ros.view.server import load_viser
+
+    load_viser()
+    from cdrj_ros.view.film import film_of
+    from cdrj_ros.view.page import PICTURE_HZ, Page, Place
+    from cdrj_ros.view.player import Player
+
+    announce_compilation()
+    model = load_model(arguments.robot, arguments.preload)
+    recording = read_inputs(arguments.bag, topics_of(arguments), model)
+    conditioned = condition_recording(model, recording)
+    with progress_bar("estimating", 1.0) as report:
+        film = film_of(model, recording, conditioned, report, spread=not arguments.no_uncertainty)
+    place = Place(arguments.host, arguments.port, arguments.dark)
+    page = Page(model, place, f"cdrj_ros · {model.robot.name}", "time [s]")
+    try:
+        player = Player(page, film, Path(arguments.bag).name)
+        say(f"view: {page.address}", flush=True)
+        while True:
+            player.tick()
+            time.sleep(1.0 / PICTURE_HZ)
+    finally:
+        page.close()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return run_command("view", body, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

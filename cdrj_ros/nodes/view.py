@@ -1,0 +1,241 @@
+"""The ``view`` command: a page in the browser that shows the estimates live, or those of a bag."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from time import monotonic
+from typing import Any, Final
+
+import numpy as np
+from cdrj_msgs.msg import CableTensions, NodalForces
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import JointState
+
+from cdrj_ros.commands.running import run_command
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.output import say
+from cdrj_ros.messages import topics
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.status import STALE
+from cdrj_ros.nodes.markers import shown_angle
+from cdrj_ros.nodes.rig_declaring import (
+    declare_count,
+    declare_flag,
+    declare_names,
+    declare_number,
+    declare_text,
+)
+from cdrj_ros.nodes.spinning import (
+    OneLineParser,
+    add_supervised_option,
+    exit_code,
+    ros_context,
+    spin_until_stopped,
+    starting,
+)
+from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, knobs_of
+from cdrj_ros.nodes.view_words import Heard, words_of
+from cdrj_ros.view.controls import Controls
+from cdrj_ros.view.history import History
+from cdrj_ros.view.page import PICTURE_HZ, Page, Place
+from cdrj_ros.view.server import load_viser
+from cdrj_ros.view.snapshot import (
+    Snapshot,
+    nothing_known,
+    pulley_columns,
+    tension_columns,
+)
+
+SILENCE_S: Final = 0.5
+"""Time without tensions after which all of them are shown as STALE [s]."""
+
+REFERENCES: Final = (f"truth/{topics.TENSIONS}", "reference/tensions", "/reference/tensions")
+"""Topics of true or measured tensions, by default."""
+
+
+class ViewNode(Node):
+    """Shows the last messages on a page; subscribes only while a browser shows it."""
+
+    def __init__(self, **options: Any) -> None:
+        """Read the parameters and the robot file, then open the page.
+
+        Raises:
+            CdrjError: the robot file or a parameter is invalid, or viser is not installed.
+        """
+        super().__init__("view", namespace=topics.NAMESPACE, **options)
+        robot = declare_text(
+            self, "robot", "", "Robot file (YAML), or the name of an installed one"
+        )
+        if not robot:
+            raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
+        place = Place(
+            declare_text(self, "host", "localhost", "Address to listen on; 0.0.0.0: the network"),
+            declare_count(self, "port", 8080, 0, 65535, "TCP port, or the next free one; 0: any"),
+            declare_flag(self, "dark", False, "Whether the page is dark at first"),
+        )
+        rate = declare_number(self, "rate", PICTURE_HZ, 0.1, PICTURE_HZ, "Rate of pictures [Hz]")
+        estimator = declare_text(self, "estimator", "estimator", "Name of the estimator's node")
+        references = declare_names(self, "references", "Topics of true or measured tensions")
+        self._references = references or list(REFERENCES)
+        self.model = load_model(robot)
+        self.page = Page(self.model, place, f"cdrj_ros · {self.model.robot.name}", "s before now")
+        self.link = EstimatorLink(self, estimator, self.model)
+        self._add_controls()
+        self.history = History(self.model.layout)
+        self._shown = nothing_known(self.model)
+        self._angles = self._shown.angle.copy()
+        self._opened: list[Any] = []
+        self.heard = Heard(self.resolve_topic_name(topics.TENSIONS), self.link.name)
+        self._payloads: dict[str, bytes] = {}
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / rate, self._on_timer, clock=steady)
+        self.get_logger().info(f"open {self.page.address} in a browser")
+
+    def _add_controls(self) -> None:
+        """Fill the folder of the estimator."""
+        link, gui = self.link, self.page.gui
+        with self.page.below:
+            self.link.controls = Controls(
+                gui,
+                knobs_of(self.model),
+                link.change,
+                {name: (hint, link.press(name)) for name, hint in TRIGGERS.items()},
+            )
+        self.page.below.visible = True
+
+    # --- messages ---------------------------------------------------------------------------------
+
+    def _listen(self) -> None:
+        """Subscribe, because a browser shows the page."""
+        quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+        def keep(message: Any, topic: str) -> None:
+            def on_message(payload: bytes) -> None:
+                self._payloads[topic] = payload
+                if topic == topics.TENSIONS:
+                    self.heard.note()
+
+            one = self.create_subscription(message, topic, on_message, quality, raw=True)
+            self._opened.append(one)
+
+        keep(CableTensions, topics.TENSIONS)
+        keep(NodalForces, topics.NODAL_FORCES)
+        keep(JointState, topics.JOINT_STATES)
+        for topic in self._references:
+            keep(CableTensions, topic)
+        self._opened.append(
+            self.create_subscription(
+                DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, topics.FEW
+            )
+        )
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if "/" + status.name.lstrip("/") == self.link.name:
+                self.heard.diagnose(status)
+
+    def _leave(self) -> None:
+        """End the subscriptions, because no browser shows the page."""
+        for one in self._opened:
+            self.destroy_subscription(one)
+        self._opened.clear()
+        self._payloads.clear()
+        self.history.clear()
+
+    # --- time -------------------------------------------------------------------------------------
+
+    def _on_timer(self) -> None:
+        if self.page.watched != bool(self._opened):
+            if self._opened:
+                self._leave()
+            else:
+                self._listen()
+        if not self._opened:
+            return
+        there = self.link.poll()
+        try:
+            self._shown = self._snapshot()
+            if self.heard.fresh:
+                self.history.add(self._shown)
+            publishers = self.count_publishers(self.heard.topic)
+            words = words_of(self.heard, there, publishers, self.get_clock().now().nanoseconds)
+            self.page.show(self._shown, self.history.table(), words)
+        except CdrjError as error:
+            self.get_logger().warning(f"nothing drawn: {error}", throttle_duration_sec=5.0)
+
+    def _last(self, message: Any, topic: str) -> Any:
+        payload = self._payloads.get(topic)
+        return None if payload is None else deserialize_message(payload, message)
+
+    def _snapshot(self) -> Snapshot:
+        """The values of the last messages."""
+        layout = self.model.layout
+        tensions = self._last(CableTensions, topics.TENSIONS)
+        tension, stddev, status = tension_columns(tensions, layout)
+        if tensions is not None:
+            stamp = tensions.header.stamp
+            self.heard.stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        forces = pulley_columns(self._last(NodalForces, topics.NODAL_FORCES), layout)
+        force, friction, slip_speed, pulley_status = forces
+        self.heard.fresh = monotonic() - self.heard.last_s <= SILENCE_S
+        if not self.heard.fresh:
+            status, pulley_status = status | np.uint8(STALE), pulley_status | np.uint8(STALE)
+        reference = np.full(len(layout.elements), np.nan)
+        for topic in self._references:
+            measured, _, _ = tension_columns(self._last(CableTensions, topic), layout)
+            reference = np.where(np.isnan(reference), measured, reference)
+        self._take_angles(self._last(JointState, topics.JOINT_STATES))
+        return replace(
+            self._shown, stamp_ns=self.heard.stamp_ns, angle=self._angles.copy(), tension=tension,
+            stddev=stddev, status=status, force=force, friction=friction, slip_speed=slip_speed,
+            pulley_status=pulley_status, reference=reference,
+        )  # fmt: skip
+
+    def _take_angles(self, message: JointState | None) -> None:
+        if message is None:
+            return
+        given = dict(zip(message.name, message.position, strict=False))
+        for j, joint in enumerate(self.model.robot.joints):
+            reading = given.get(joint.name, np.nan)
+            if np.isfinite(reading):
+                self._angles[j] = shown_angle(joint, reading, self._angles[j])
+
+
+def _body(argv: Sequence[str]) -> int:
+    arguments = ["view", *argv]
+    own = remove_ros_args(arguments)[1:]
+    if any(not word.startswith("-") for word in own) or "--robot" in own:
+        from cdrj_ros.commands.view import body
+
+        return body(own)
+    parser = OneLineParser(
+        prog="view",
+        usage="view [--supervised] --ros-args -p robot:=FILE [-p NAME:=VALUE] ...\n"
+        "       view BAG --robot FILE [--help]",
+        description="The robot in a browser: cables coloured by tension, curves over time, sliders "
+        "for friction and preload. Topics in the namespace /cdrj: tensions, nodal_forces, "
+        "joint_states, truth/tensions; and /diagnostics. Parameters: robot, host, port, dark, "
+        "rate, estimator, references. With a BAG: the estimates of a recording.",
+    )
+    add_supervised_option(parser)
+    with starting():
+        given = parser.parse_args(own)
+    load_viser()
+    with ros_context(arguments) as stop:
+        with starting():
+            node = ViewNode()
+        say(f"view: {node.page.address}", flush=True)
+        spin_until_stopped(node, stop, node.page.close)
+    return exit_code("view", stop, supervised=given.supervised)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return run_command("view", _body, sys.argv[1:] if argv is None else argv)

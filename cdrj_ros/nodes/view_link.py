@@ -1,0 +1,192 @@
+"""The connection of the page to a running estimator: its parameters and services."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from queue import SimpleQueue
+from time import monotonic
+from typing import Any, Final
+
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.nodes.parameters import FRICTION, settings
+from cdrj_ros.view.controls import Controls, Knob
+
+READ_S: Final = 1.0
+"""Time between two readings of the parameters in force [s]."""
+
+PATIENCE_S: Final = 3.0
+"""Time after which a request that was not answered is given up [s]."""
+
+PRELOAD: Final = "preload"
+
+
+def knobs_of(model: Model) -> list[Knob]:
+    """Sliders for the preload of every cable and the common friction."""
+    knobs = []
+    for cable in model.robot.cables:
+        limit = min(cable.maximum_tension, max(4.0 * cable.preload, 20.0))
+        text = "Tension of the cable in the reference pose. A change restarts the estimate."
+        knobs.append(
+            Knob(f"{PRELOAD}/{cable.name}", f"preload {cable.name}", text, "N", 0.0, limit,
+                 min(cable.preload, limit))
+        )  # fmt: skip
+    described = {one.name: one for one in settings()}
+    pulleys = [pulley for cable in model.robot.cables for pulley in cable.pulleys]
+    for key in FRICTION:
+        largest = max((float(getattr(pulley.friction, key)) for pulley in pulleys), default=0.0)
+        one = described[f"friction.{key}"]
+        high = min(max(3.0 * largest, LEAST.get(key, 1.0)), one.high)
+        words = one.description.partition(" Common value")[0]
+        knobs.append(Knob(one.name, key.replace("_", " "), words, one.unit, 0.0, high, largest))
+    return knobs
+
+
+LEAST: Final[Mapping[str, float]] = {"mu_c": 0.5, "mu_s": 0.5, "rho": 2.0, "bearing_friction": 0.5}
+"""Smallest upper end of a slider."""
+
+
+class EstimatorLink:
+    """Requests to the estimator's services.
+
+    ``change`` and ``press`` may be called in any thread; everything else runs in that of the node.
+    """
+
+    def __init__(self, node: Node, name: str, model: Model) -> None:
+        """Create the clients.
+
+        Args:
+            node: the caller.
+            name: the estimator's node name.
+            model: gives the cables.
+        """
+        self.name = node.resolve_service_name(name)
+        self._cables = [cable.name for cable in model.robot.cables]
+        self._get = node.create_client(GetParameters, f"{self.name}/get_parameters")
+        self._set = node.create_client(SetParameters, f"{self.name}/set_parameters")
+        self._triggers = {
+            press: node.create_client(Trigger, f"{self.name}/{press}") for press in TRIGGERS
+        }
+        self._wishes: SimpleQueue[tuple[str, float | None]] = SimpleQueue()
+        self._wanted: dict[str, float] = {}
+        self._preload: list[float] = []
+        self._waiting: dict[str, tuple[Any, Any, float]] = {}
+        self._read_s = -READ_S
+        self.controls: Controls | None = None
+
+    def change(self, name: str, value: float) -> None:
+        """Ask for a value of a knob."""
+        self._wishes.put((name, value))
+
+    def press(self, name: str) -> Callable[[], None]:
+        """The function of a button that calls a service of ``TRIGGERS``."""
+        return lambda: self._wishes.put((name, None))
+
+    def poll(self) -> bool:
+        """Send what is wanted; returns whether the estimator is there."""
+        there = bool(self._set.service_is_ready())
+        if self.controls is None:
+            return there
+        self.controls.enable(there)
+        pressed = self._collect()
+        if not there:
+            self._wanted.clear()
+            self._preload = []
+            return False
+        self._give_up()
+        for name in pressed:
+            self._send(name, self._triggers[name], Trigger.Request(), self._on_trigger)
+        if self._wanted and "set" not in self._waiting:
+            self._send_wanted()
+        elif monotonic() - self._read_s > READ_S and "get" not in self._waiting:
+            self._read_s = monotonic()
+            names = [PRELOAD, *(f"friction.{key}" for key in FRICTION)]
+            self._send("get", self._get, GetParameters.Request(names=names), self._on_values)
+        return True
+
+    def _collect(self) -> list[str]:
+        """Take what the page asked for; of several values of one knob only the last counts."""
+        pressed = []
+        while not self._wishes.empty():
+            name, value = self._wishes.get()
+            if value is None:
+                pressed.append(name)
+            else:
+                self._wanted[name] = value
+        return pressed
+
+    def _send_wanted(self) -> None:
+        changes = []
+        preload = list(self._preload)
+        for name, value in self._wanted.items():
+            kind, _, cable = name.partition("/")
+            if kind == PRELOAD and preload:
+                preload[self._cables.index(cable)] = value
+            elif kind != PRELOAD:
+                changes.append(Parameter(name, value=value))
+        if preload and preload != self._preload:
+            changes.append(Parameter(PRELOAD, value=preload))
+        names, self._wanted = tuple(self._wanted), {}
+        messages: list[ParameterMessage] = [one.to_parameter_msg() for one in changes]
+        if messages:
+            request = SetParameters.Request(parameters=messages)
+            self._send("set", self._set, request, lambda reply: self._on_set(names, reply))
+
+    def _send(self, key: str, client: Any, request: Any, then: Callable[[Any], None]) -> None:
+        if key in self._waiting:
+            return
+
+        def on_reply(future: Any) -> None:
+            if self._waiting.pop(key, None) is not None and future.result() is not None:
+                then(future.result())
+
+        future = client.call_async(request)
+        self._waiting[key] = (client, future, monotonic())
+        future.add_done_callback(on_reply)
+
+    def _give_up(self) -> None:
+        """Forget requests that an estimator received that has ended since."""
+        for key, (client, future, since) in list(self._waiting.items()):
+            if monotonic() - since > PATIENCE_S:
+                del self._waiting[key]
+                client.remove_pending_request(future)
+                self._say(f"no answer from {self.name}")
+
+    def _on_trigger(self, reply: Any) -> None:
+        self._say(reply.message if reply.success else f"**refused:** {reply.message}")
+
+    def _on_set(self, names: tuple[str, ...], reply: Any) -> None:
+        reasons = [one.reason for one in reply.results if not one.successful]
+        if self.controls is not None and reasons:
+            for name in names:
+                self.controls.release(name)
+        self._say(f"**refused:** {reasons[0]}" if reasons else "")
+        self._read_s = -READ_S
+
+    def _on_values(self, reply: Any) -> None:
+        preload, *friction = reply.values
+        self._preload = list(preload.double_array_value)
+        values = {
+            f"{PRELOAD}/{cable}": value
+            for cable, value in zip(self._cables, self._preload, strict=False)
+        }
+        for key, value in zip(FRICTION, friction, strict=True):
+            values[f"friction.{key}"] = float(value.double_value)
+        if self.controls is not None:
+            self.controls.in_force(values)
+
+    def _say(self, words: str) -> None:
+        if self.controls is not None:
+            self.controls.answer(words)
+
+
+TRIGGERS: Final[Mapping[str, str]] = {
+    "tare": "Take the present pose, at rest, as the reference pose",
+    "reset": "Discard the friction history; the estimate restarts",
+}
+"""Services of the estimator that the page calls, with an explanation."""

@@ -1,0 +1,226 @@
+"""A picture as nodes of a viser scene, updated in place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.report.scene import Colour, scene_of
+from cdrj_ros.view.looks import CableLook, Picture, WheelLook, dashes_of, middle_of
+from cdrj_ros.view.tubes import dashed_tube, tube
+
+OnClick = Callable[[str], None]
+"""Called with what has been clicked, as ``history.place_of`` takes it."""
+
+Labels = Literal["none", "chosen", "all"]
+
+Vector = NDArray[np.float64]
+
+Bytes = tuple[int, int, int]
+
+CHOSEN: Final = 1.8
+"""Width of the element that is plotted, relative to the others."""
+
+SIZE: Final = 2.0
+"""Extent of a drawn robot in the units of the scene, whatever its size in metres."""
+
+ARROWS: Final[Colour] = (0.45, 0.45, 0.50)
+"""Colour of forces, visible on white and on black."""
+
+
+CLEAR: Final = 0.5
+"""Opacity of a wheel, so that cables behind it are visible."""
+
+LAYER: Final = 2.5
+"""Distance between the layers of two cables in the plane, in widths of a cable."""
+
+CORNERS: Final = (np.array([1.0, 1.0, 0.0]), np.array([-1.0, -1.0, 0.0]))
+
+
+def rgb(colour: Colour) -> Bytes:
+    """A colour with components from 0 to 255."""
+    red, green, blue = (round(255.0 * part) for part in colour)
+    return red, green, blue
+
+
+def extent_of(model: Model) -> tuple[Vector, Vector]:
+    """Lowest and highest corner of the robot [m], shape (3,), in its reference and end poses."""
+    joints = model.robot.joints
+    lower, upper = ([getattr(joint, end) for joint in joints] for end in ("lower", "upper"))
+    points: list[Vector] = []
+    for pose in ([joint.reference_angle for joint in joints], lower, upper):
+        if np.isfinite(pose).all():
+            with suppress(CdrjError):
+                scene = scene_of(model, np.array(pose, float))
+                points += scene.elements
+                points += [np.array(w.centre) + s * w.radius for w in scene.wheels for s in CORNERS]
+    if not points:
+        return np.full(3, -1.0), np.ones(3)
+    every = np.concatenate([np.atleast_2d(point) for point in points])
+    return every.min(axis=0), every.max(axis=0)
+
+
+def layers_of(model: Model) -> dict[str, int]:
+    """Layer of every cable: those in the plane are drawn one in front of the other."""
+    flat = [cable.name for cable in model.robot.cables if not cable.spatial]
+    layers = dict.fromkeys((cable.name for cable in model.robot.cables), 0)
+    return layers | {name: k for k, name in enumerate(flat)}
+
+
+class Drawing:
+    """The nodes of one robot in a scene."""
+
+    def __init__(self, scene: Any, model: Model, on_click: OnClick) -> None:
+        """Prepare the lights.
+
+        Args:
+            scene: of a viser server.
+            model: the prepared robot.
+            on_click: called with what has been clicked, in a thread of the server.
+        """
+        self._scene, self._model, self._on_click = scene, model, on_click
+        self.cables: dict[str, Any] = {}
+        """Mesh of every element, by name."""
+        self.wheels: dict[str, Any] = {}
+        """Disc or ball of every winch, pulley and anchor, by name."""
+        self._labels: dict[str, Any] = {}
+        self._dashed: dict[str, bool] = {}
+        self._arrows: Any = None
+        self._width = 0.0
+        """Of a taut cable [m]."""
+        self._flat = {cable.name for cable in model.robot.cables if not cable.spatial}
+        low, high = extent_of(model)
+        self._middle = 0.5 * (low + high)
+        self._scale = SIZE / float(np.linalg.norm(high - low))
+        self.size = self._scale * (high - low)
+        """Extent of the drawn robot in the units of the scene, shape (3,)."""
+        self._layers = layers_of(model)
+        scene.configure_default_lights(enabled=False)
+        scene.configure_environment_map(None)
+        scene.add_light_ambient("/lights/all", intensity=2.4)
+        scene.add_light_directional("/lights/front", intensity=1.1, position=(0.4, 0.6, 1.0))
+
+    def update(self, picture: Picture, chosen: str, labels: Labels, forces: bool) -> None:
+        """Show a picture; what has not changed is not sent.
+
+        Args:
+            picture: what to draw.
+            chosen: the element or pulley that is plotted, as ``history.place_of`` takes it.
+            labels: which elements have labels.
+            forces: whether to draw the forces on pulleys.
+        """
+        self._width = max(look.width for look in picture.cables)
+        for look in picture.cables:
+            self._draw_cable(look, f"element {look.name}" == chosen)
+            wanted = labels == "all" or (labels == "chosen" and chosen == f"element {look.name}")
+            self._draw_label(look, wanted)
+        for wheel in picture.wheels:
+            self._draw_wheel(wheel, f"pulley {wheel.name}" == chosen)
+        self._draw_arrows(picture, forces)
+
+    def _placed(self, name: str, points: Vector, width: float) -> Vector:
+        """Points [m] of a cable in the coordinates of the scene, whose origin is the middle.
+
+        Args:
+            name: of an element or wheel of the cable.
+            points: [m], shape (..., 3).
+            width: of a cable [m].
+        """
+        layer = self._layers[name.rpartition("/")[0]]
+        ahead = np.array([0.0, 0.0, LAYER * width * layer])
+        return np.asarray(self._scale * (points - self._middle + ahead))
+
+    def _draw_cable(self, look: CableLook, chosen: bool) -> None:
+        radius = self._scale * look.width * (CHOSEN if chosen else 1.0)
+        path = self._placed(look.name, look.path, self._width)
+        if look.dashed:
+            vertices, faces = dashed_tube(dashes_of(path), radius)
+        else:
+            vertices, faces = tube(path, radius)
+        handle = self.cables.get(look.name)
+        if handle is None or self._dashed[look.name] != look.dashed:
+            handle = self._scene.add_mesh_simple(
+                f"/cables/{look.name}", vertices.astype(np.float32), faces,
+                color=rgb(look.colour), opacity=look.opacity, side="double",
+                cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+            name = look.name
+            handle.on_click(lambda _: self._on_click(f"element {name}"))
+            self.cables[name], self._dashed[name] = handle, look.dashed
+            return
+        handle.vertices = vertices.astype(np.float32)
+        handle.color = rgb(look.colour)
+        handle.opacity = look.opacity
+
+    def _draw_label(self, look: CableLook, wanted: bool) -> None:
+        handle = self._labels.get(look.name)
+        if not wanted:
+            if handle is not None:
+                handle.visible = False
+            return
+        middle = self._placed(look.name, middle_of(look.path), self._width)
+        if handle is None:
+            self._labels[look.name] = self._scene.add_label(
+                f"/labels/{look.name}", look.label, position=middle,
+                anchor="bottom-center", font_screen_scale=0.8,
+            )  # fmt: skip
+            return
+        handle.visible = True
+        handle.text = look.label
+        if not np.array_equal(handle.position, middle):
+            handle.position = middle
+
+    def _draw_wheel(self, look: WheelLook, chosen: bool) -> None:
+        handle = self.wheels.get(look.name)
+        colour = rgb(look.colour)
+        if handle is None:
+            handle = self._add_wheel(look, colour)
+            self.wheels[look.name] = handle
+        handle.color = colour
+        handle.opacity = 1.0 if chosen else CLEAR
+        centre = self._placed(look.name, np.array(look.centre), self._width)
+        if not np.array_equal(handle.position, centre):
+            handle.position = centre
+
+    def _add_wheel(self, look: WheelLook, colour: Bytes) -> Any:
+        shared: dict[str, Any] = {
+            "color": colour, "opacity": CLEAR, "cast_shadow": False, "receive_shadow": False,
+        }  # fmt: skip
+        name = f"/wheels/{look.name}"
+        if look.name.rpartition("/")[0] in self._flat:
+            handle = self._scene.add_cylinder(
+                name, self._scale * look.radius, self._scale * look.thickness, **shared
+            )
+        else:
+            handle = self._scene.add_icosphere(name, self._scale * look.radius, **shared)
+        if look.kind == "pulley":
+            handle.on_click(lambda _: self._on_click(f"pulley {look.name}"))
+        return handle
+
+    def _draw_arrows(self, picture: Picture, wanted: bool) -> None:
+        known = [a for a in picture.arrows if wanted and not np.isnan(a.end).any()]
+        if self._arrows is not None:
+            self._arrows.visible = bool(known)
+        if not known:
+            return
+        ends: NDArray[np.float32] = np.array(
+            [
+                [self._placed(picture.wheels[a.wheel].name, end, self._width) for end in a[1:3]]
+                for a in known
+            ],
+            np.float32,
+        )
+        width = self._scale * known[0].width
+        if self._arrows is None or self._arrows.points.shape != ends.shape:
+            self._arrows = self._scene.add_arrows(
+                "/forces", ends, rgb(ARROWS), shaft_radius=width, head_radius=2.5 * width,
+                head_length=4.0 * width,
+            )  # fmt: skip
+        else:
+            self._arrows.points = ends

@@ -1,0 +1,170 @@
+"""The estimates of a recording, as many as a page can show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.bag import Recording, Series
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.whole_recording import Conditioned
+from cdrj_ros.estimation.estimator import Estimates
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.judgement.channels import stddev_channels
+from cdrj_ros.judgement.estimating import pieces_of
+from cdrj_ros.judgement.passes import BETWEEN_PASSES_NS, references_of_passes
+from cdrj_ros.judgement.validation import MAX_GAP_NS
+from cdrj_ros.model.channels import TENSION
+from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.view.history import Table
+from cdrj_ros.view.snapshot import Flags, Snapshot, usable
+
+Vector = NDArray[np.float64]
+
+MOST: Final = 20_000
+"""Maximum number of pictures of a recording; of longer ones every n-th estimate is kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Estimates of a recording over time."""
+
+    table: Table
+    """What is plotted; its stamps increase strictly, because later passes are shifted."""
+    angle: Vector
+    """Of the joints [rad] or [m], shape (n, joints)."""
+    status: Flags
+    """Shape (n, elements)."""
+    force: NDArray[np.float64]
+    """Shape (n, pulleys, 3) [N]."""
+    pulley_status: Flags
+    """Shape (n, pulleys)."""
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last picture [s]."""
+        return float(self.table.stamp_ns[-1] - self.table.stamp_ns[0]) * 1e-9
+
+    def at(self, time_s: float) -> Snapshot:
+        """The last picture at a time since the first one [s]; the first one before that."""
+        stamps, table = self.table.stamp_ns, self.table
+        wanted = int(stamps[0]) + round(time_s * 1e9)
+        k = max(int(np.searchsorted(stamps, wanted, side="right")) - 1, 0)
+        return Snapshot(
+            int(stamps[k]), self.angle[k], table.tension[k], table.stddev[k], table.reference[k],
+            self.status[k], self.force[k], table.friction[k], table.slip_speed[k],
+            self.pulley_status[k],
+        )  # fmt: skip
+
+
+def film_of(
+    model: Model,
+    recording: Recording,
+    conditioned: Conditioned,
+    progress: Callable[[float], None] | None = None,
+    *,
+    spread: bool = True,
+) -> Film:
+    """Estimate a recording as the validation does, and keep what is shown.
+
+    Args:
+        model: the prepared robot.
+        recording: its references are shown beside the estimates.
+        conditioned: the same recording; the estimator restarts for each of its segments.
+        progress: called with the completed fraction, from 0 to 1.
+        spread: whether to estimate standard deviations.
+
+    Raises:
+        BagError: there is no sample.
+    """
+    segments = conditioned.segments
+    total = sum(segment.stamp_ns.size for segment in segments)
+    if not total:
+        raise BagError(f"{recording.path} has no time at which every motor and joint is known")
+    every = 1 + total // MOST
+    tensions = {k: v for k, v in recording.references.items() if k.startswith(f"{TENSION}/")}
+    references = references_of_passes(tensions, recording, len(segments))
+    parts: list[Film] = []
+    done, shift = 0, 0
+    for segment, measured in zip(segments, references, strict=True):
+        if parts:
+            before = int(parts[-1].table.stamp_ns[-1])
+            shift = before + BETWEEN_PASSES_NS - int(segment.stamp_ns[0])
+        for piece in pieces_of(model, segment, spread=spread):
+            kept = slice((-done) % every, None, every)
+            samples = segment.part(slice(*_place(segment, piece)))
+            if part := _part(model.layout, piece, samples, kept, measured, shift):
+                parts.append(part)
+            done += piece.stamp_ns.size
+            if progress:
+                progress(done / total)
+    return _joined(parts)
+
+
+def _place(segment: Samples, piece: Estimates) -> tuple[int, int]:
+    first = int(np.searchsorted(segment.stamp_ns, piece.stamp_ns[0]))
+    return first, first + piece.stamp_ns.size
+
+
+def _part(
+    layout: Layout,
+    piece: Estimates,
+    samples: Samples,
+    kept: slice,
+    measured: Mapping[str, Series],
+    shift_ns: int,
+) -> Film | None:
+    """The kept pictures of one piece; None if there are none."""
+    stamps, values = piece.stamp_ns[kept], piece.values[kept]
+    if not stamps.size:
+        return None
+    nothing = np.full((stamps.size, len(layout.elements)), np.nan)
+    known = stddev_channels(layout, piece.stddev)
+    names = [f"{TENSION}/{name}" for name in layout.elements]
+    stddev = np.column_stack([known[name][kept] for name in names]) if known else nothing
+    reference = nothing.copy()
+    for e, name in enumerate(names):
+        if name in measured:
+            reference[:, e] = at_stamps(measured[name], stamps)
+    status = values[:, layout.status].astype(np.uint8)
+    pulley_status = layout.pulley_status(status)
+    fine, sure = usable(status), usable(pulley_status)
+    table = Table(
+        stamps + shift_ns,
+        np.where(fine, values[:, layout.tension], np.nan),
+        np.where(fine, stddev, np.nan),
+        reference,
+        np.where(sure, values[:, layout.friction], np.nan),
+        np.where(sure, values[:, layout.slip_speed], np.nan),
+    )
+    force = np.stack(
+        [values[:, where] for where in (layout.force_x, layout.force_y, layout.force_z)], axis=-1
+    )
+    return Film(table, samples.joint_angle[kept].copy(), status, force, pulley_status)
+
+
+def at_stamps(series: Series, stamps: NDArray[np.int64]) -> Vector:
+    """A reference at given stamps, interpolated; NaN outside of it and in its gaps."""
+    fine = np.isfinite(series.value)
+    times, first = np.unique(series.stamp_ns[fine], return_index=True)
+    if not times.size:
+        return np.full(stamps.size, np.nan)
+    zero = times[0]
+    values = np.interp(stamps - zero, times - zero, series.value[fine][first], np.nan, np.nan)
+    after = np.clip(np.searchsorted(times, stamps), 1, max(times.size - 1, 1))
+    if times.size > 1:
+        values[times[after] - times[after - 1] > MAX_GAP_NS] = np.nan
+    return np.asarray(values)
+
+
+def _joined(parts: Sequence[Film]) -> Film:
+    tables = [part.table for part in parts]
+    table = Table(*(np.concatenate(columns) for columns in zip(*tables, strict=True)))
+    columns = ("angle", "status", "force", "pulley_status")
+    return Film(
+        table, *(np.concatenate([getattr(part, name) for part in parts]) for name in columns)
+    )

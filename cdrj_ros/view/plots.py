@@ -1,0 +1,132 @@
+"""Curves over time beside the picture: tension with its band, friction and slip speed."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.report.live_table import SIGMAS
+from cdrj_ros.view.history import Curves
+
+TENSION: Final = "#2f9e44"
+BAND: Final = "rgba(47, 158, 68, 0.25)"
+REFERENCE: Final = "#868e96"
+FRICTION: Final = "#e8590c"
+SLIP: Final = "#1c7ed6"
+NOW: Final = "#e03131"
+
+HEIGHT: Final = 190
+"""Height of a plot [px]."""
+
+POINTS: Final = 900
+"""Maximum number of points of a curve; more are not visible."""
+
+EMPTY: Final = np.array([0.0, 1.0])
+
+MARGIN: Final = 0.08
+"""Space above and below the curves, as a share of their range."""
+
+
+class Plots:
+    """Three plots, of which those without values are hidden."""
+
+    def __init__(self, gui: Any, time_label: str) -> None:
+        """Add the plots where ``gui`` stands.
+
+        Args:
+            gui: of a viser server.
+            time_label: label of the time axis.
+        """
+        self._words = gui.add_markdown("")
+        line: dict[str, Any] = {"width": 2, "points": {"show": False}}
+        hidden: dict[str, Any] = {"stroke": "transparent", "width": 0, "points": {"show": False}}
+        time = {"label": "t"}
+        now = {"label": "now", "stroke": NOW, "width": 0, "points": {"show": True, "size": 8}}
+        self._tension = self._plot(
+            gui, time_label, "tension [N]",
+            (
+                time,
+                {"label": "+2σ", **hidden},
+                {"label": "-2σ", **hidden},
+                {"label": "reference", "stroke": REFERENCE, **line, "dash": (6, 4)},
+                {"label": "tension", "stroke": TENSION, **line},
+                now,
+            ),
+            bands=({"series": (1, 2), "fill": BAND},),
+        )  # fmt: skip
+        self._friction = self._plot(
+            gui, time_label, "friction [N]",
+            (time, {"label": "friction", "stroke": FRICTION, **line}, now),
+        )  # fmt: skip
+        self._slip = self._plot(
+            gui, time_label, "slip [mm/s]",
+            (time, {"label": "slip speed", "stroke": SLIP, **line}, now),
+        )  # fmt: skip
+
+    def _plot(
+        self, gui: Any, time_label: str, label: str, series: tuple[dict[str, Any], ...], **more: Any
+    ) -> Any:
+        axis: dict[str, Any] = {"labelSize": 18, "labelGap": 0, "size": 52}
+        return gui.add_uplot(
+            tuple(EMPTY for _ in series), series, height=HEIGHT,
+            scales={"x": {"time": False}, "y": {"range": (0.0, 1.0)}},
+            axes=({**axis, "label": time_label, "size": 28}, {**axis, "label": label}),
+            legend={"show": False}, visible=False, padding=(8, 12, 0, 0), **more,
+        )  # fmt: skip
+
+    def show(self, curves: Curves, now_s: float | None) -> None:
+        """Draw curves.
+
+        Args:
+            curves: what to draw.
+            now_s: time that is marked by a point [s]; None for none.
+        """
+        thin = slice(None, None, 1 + len(curves.time_s) // POINTS)
+        kept = Curves(curves.element, curves.pulley, *(column[thin] for column in curves[2:]))
+        if len(kept.time_s) < 2:
+            self._words.content = "Waiting for values."
+            self._tension.visible = self._friction.visible = self._slip.visible = False
+            return
+        self._tension.visible = True
+        at = None if now_s is None else int(np.argmin(np.abs(kept.time_s - now_s)))
+        t, spread = kept.time_s, SIGMAS * kept.stddev
+        beside = f" · friction and slip at pulley **{kept.pulley}**" if kept.pulley else ""
+        compared = " · dashed: reference" if np.isfinite(kept.reference).any() else ""
+        self._words.content = f"Element **{kept.element}** ± 2σ{compared}{beside}"
+        _show(self._tension, (
+            t, kept.tension + spread, kept.tension - spread, kept.reference, kept.tension,
+            _point(kept.tension, at),
+        ))  # fmt: skip
+        for plot, values in ((self._friction, kept.friction), (self._slip, 1e3 * kept.slip_speed)):
+            plot.visible = bool(kept.pulley)
+            if kept.pulley:
+                _show(plot, (t, values, _point(values, at)))
+
+
+def _show(plot: Any, data: tuple[NDArray[np.float64], ...]) -> None:
+    """Set the curves and, if they leave it or fill little of it, the range of the axis.
+
+    uPlot determines no range from values of which some are NaN.
+    """
+    plot.data = data
+    values = np.concatenate(data[1:])
+    values = values[np.isfinite(values)]
+    if values.size:
+        low, high = float(values.min()), float(values.max())
+        scales = dict(plot.scales)
+        before = scales["y"]["range"]
+        height = before[1] - before[0]
+        if not (before[0] <= low and high <= before[1] and high - low > 0.3 * height):
+            room = max(MARGIN * (high - low), 0.02 * abs(high), 0.1)
+            if (low - room, high + room) != before:
+                plot.scales = {**scales, "y": {"range": (low - room, high + room)}}
+
+
+def _point(values: NDArray[np.float64], at: int | None) -> NDArray[np.float64]:
+    """A curve of one point."""
+    point = np.full(len(values), np.nan)
+    if at is not None:
+        point[at] = values[at]
+    return point
