@@ -1,4 +1,4 @@
-"""A robot without hardware: rig, estimator and markers, and a controller if one is named.
+"""A robot without hardware: rig, estimator, markers and view, and a controller if one is named.
 
 ros2 launch cdrj_ros demo.launch.py
 ros2 launch cdrj_ros demo.launch.py controller:=tension_limiter wish:=0.5
@@ -10,6 +10,8 @@ from pathlib import Path
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch_ros.actions import Node
+
+from cdrj_ros.nodes.launching import PACKAGE, refuse_unknown, view_is_installed
 
 CONTROLLERS = {
     "tension_limiter": "velocity",
@@ -44,6 +46,13 @@ ARGUMENTS = [
         "published 50 times a second to the controller.",
     ),
     DeclareLaunchArgument(
+        "view",
+        default_value="true" if view_is_installed() else "false",
+        choices=["true", "false"],
+        description="Whether to serve the browser view; by default if the extra `view` is "
+        "installed.",
+    ),
+    DeclareLaunchArgument(
         "truth_rate", default_value="50.0", description="Rate of the rig's true tensions [Hz]."
     ),
 ]
@@ -51,6 +60,7 @@ ARGUMENTS = [
 
 def _nodes(context: LaunchContext) -> list[Node | ExecuteProcess]:
     given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
+    refuse_unknown(Path(__file__), context.argv, list(given))
     robot = {"robot": given["robot"]}
     controller, wish = given["controller"], given["wish"]
     kind = CONTROLLERS.get(controller, "")
@@ -61,13 +71,18 @@ def _nodes(context: LaunchContext) -> list[Node | ExecuteProcess]:
     rig = {**robot, "motion": motion, "truth_rate": float(given["truth_rate"])}
     started: list[Node | ExecuteProcess] = [
         Node(
-            package="cdrj_ros",
+            package=PACKAGE,
             executable=name,
             output="screen",
             arguments=["--supervised"],
             parameters=[parameters],
         )
-        for name, parameters in (("estimator", robot), ("rig", rig), ("markers", robot))
+        for name, parameters in (
+            ("estimator", robot),
+            ("rig", rig),
+            ("markers", robot),
+            *([("view", robot)] if given["view"] == "true" else []),
+        )
     ]
     examples = Path(__file__).resolve().parents[1] / "examples"
     if controller:

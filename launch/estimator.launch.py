@@ -1,16 +1,26 @@
 """Start the estimator: `ros2 launch cdrj_ros estimator.launch.py robot:=my_robot.yaml`."""
 
-import sys
-from difflib import get_close_matches
-from itertools import pairwise
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable
-from launch_ros.actions import Node
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+    SetEnvironmentVariable,
+)
+from launch.event_handlers import OnProcessStart
+from launch.events import matches_action
+from launch_ros.actions import LifecycleNode, Node
+from launch_ros.event_handlers import OnStateTransition
+from launch_ros.events.lifecycle import ChangeState
+from lifecycle_msgs.msg import Transition
+
+from cdrj_ros.nodes.launching import PACKAGE, refuse_unknown
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-PACKAGE = "cdrj_ros"
+YES = ("true", "True")
 
 ARGUMENTS = [
     DeclareLaunchArgument(
@@ -64,6 +74,19 @@ ARGUMENTS = [
         description="Lowest severity that is logged; info by default.",
     ),
     DeclareLaunchArgument(
+        "managed",
+        default_value="false",
+        choices=["true", "false", "True", "False"],
+        description="Whether to start a lifecycle node, which another program configures and "
+        "activates.",
+    ),
+    DeclareLaunchArgument(
+        "autostart",
+        default_value="true",
+        choices=["true", "false", "True", "False"],
+        description="Whether to configure and activate the managed node at once.",
+    ),
+    DeclareLaunchArgument(
         "discovery_range",
         default_value="",
         choices=["", "LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT"],
@@ -73,38 +96,17 @@ ARGUMENTS = [
 ]
 
 
-def _on_command_line(argv: list[str]) -> bool:
-    """Whether `ros2 launch` starts this file itself, not a file that includes it."""
-    here = Path(__file__)
-    return any(
-        Path(one).name == here.name and (before == PACKAGE or Path(one).resolve() == here.resolve())
-        for before, one in pairwise(argv)
-    )
-
-
 def _refuse_unknown(context: LaunchContext) -> None:
-    """Refuse unknown arguments, since launch would ignore a misspelt one silently."""
-    if not _on_command_line(sys.argv):
-        return
-    known = [argument.name for argument in ARGUMENTS]
-    for given in context.argv:
-        name, assigned, _ = given.partition(":=")
-        if assigned and name not in known:
-            close = get_close_matches(name, known, n=1)
-            nearest = f"did you mean {close[0]}? " if close else ""
-            raise RuntimeError(
-                f"there is no argument {name!r}: {nearest}There are {', '.join(known)}"
-            )
+    refuse_unknown(Path(__file__), context.argv, [argument.name for argument in ARGUMENTS])
 
 
-def _nodes(context: LaunchContext) -> list[SetEnvironmentVariable | Node]:
-    """The node, with only those arguments that the user has set."""
-    given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
+def _parameters(given: dict[str, str]) -> dict[str, object]:
+    """The parameters that the user has set."""
     parameters: dict[str, object] = {"robot": given["robot"]}
     if given["conditioning"]:
         parameters["conditioning"] = given["conditioning"]
     if given["use_sim_time"]:
-        parameters["use_sim_time"] = given["use_sim_time"].lower() == "true"
+        parameters["use_sim_time"] = given["use_sim_time"] in YES
     if given["preload"]:
         try:
             parameters["preload"] = [float(one) for one in given["preload"].strip("[] ").split(",")]
@@ -112,27 +114,55 @@ def _nodes(context: LaunchContext) -> list[SetEnvironmentVariable | Node]:
             raise RuntimeError(
                 f"preload must be numbers separated by commas, got {given['preload']!r}"
             ) from None
+    return parameters
+
+
+def _started(node: LifecycleNode) -> list[RegisterEventHandler]:
+    """Actions that configure and activate the node once its process runs."""
+
+    def change(transition: int) -> EmitEvent:
+        return EmitEvent(
+            event=ChangeState(lifecycle_node_matcher=matches_action(node), transition_id=transition)
+        )
+
+    configured = OnStateTransition(
+        target_lifecycle_node=node,
+        start_state="configuring",
+        goal_state="inactive",
+        entities=[change(Transition.TRANSITION_ACTIVATE)],
+    )
+    running = OnProcessStart(target_action=node, on_start=[change(Transition.TRANSITION_CONFIGURE)])
+    return [RegisterEventHandler(configured), RegisterEventHandler(running)]
+
+
+def _nodes(
+    context: LaunchContext,
+) -> list[SetEnvironmentVariable | RegisterEventHandler | Node]:
+    """The node, with only those arguments that the user has set."""
+    given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
     environment = []
     if given["discovery_range"]:
         environment.append(SetEnvironmentVariable(RANGE, given["discovery_range"]))
+    managed = given["managed"] in YES
     state = ["--state-file", given["state_file"]] if given["state_file"] else []
     files = [str(Path(given["params_file"]).resolve())] if given["params_file"] else []
-    return [
-        *environment,
-        Node(
-            package=PACKAGE,
-            executable="estimator",
-            namespace=given["namespace"],
-            output="screen",
-            arguments=["--supervised", *state],
-            ros_arguments=["--log-level", given["log_level"]] if given["log_level"] else [],
-            parameters=[*files, parameters],
-            remappings=[
-                ("motor_states", given["motor_states"]),
-                ("joint_states", given["joint_states"]),
-            ],
-        ),
-    ]
+    kind = LifecycleNode if managed else Node
+    node = kind(
+        package=PACKAGE,
+        executable="estimator",
+        name="estimator",
+        namespace=given["namespace"],
+        output="screen",
+        arguments=["--supervised", *(["--managed"] if managed else []), *state],
+        ros_arguments=["--log-level", given["log_level"]] if given["log_level"] else [],
+        parameters=[*files, _parameters(given)],
+        remappings=[
+            ("motor_states", given["motor_states"]),
+            ("joint_states", given["joint_states"]),
+        ],
+    )
+    starting = _started(node) if managed and given["autostart"] in YES else []
+    return [*environment, *starting, node]
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -1,4 +1,4 @@
-"""The launch file: required arguments, refused arguments, and the node it starts."""
+"""The launch files: required arguments, refused arguments, and the nodes they start."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ import pytest
 
 FILE = Path(__file__).parents[2] / "launch" / "estimator.launch.py"
 DEMO = FILE.with_name("demo.launch.py")
+CDRJ = FILE.with_name("cdrj.launch.py")
+VALIDATE = FILE.with_name("validate.launch.py")
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PATIENCE_S = 120.0
 
@@ -34,33 +36,36 @@ class Action(SimpleNamespace):
 @pytest.fixture
 def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Run the functions of the launch file with a replacement for launch."""
-    modules = {
-        name: ModuleType(name)
-        for name in ("launch", "launch.actions", "launch_ros", "launch_ros.actions")
-    }
-    for module, names in (
-        ("launch", ("LaunchContext", "LaunchDescription")),
-        (
-            "launch.actions",
-            (
-                "DeclareLaunchArgument",
-                "ExecuteProcess",
-                "OpaqueFunction",
-                "SetEnvironmentVariable",
-            ),
+    replaced = {
+        "launch": ("LaunchContext", "LaunchDescription"),
+        "launch.actions": (
+            "DeclareLaunchArgument", "EmitEvent", "ExecuteProcess", "IncludeLaunchDescription",
+            "OpaqueFunction", "RegisterEventHandler", "SetEnvironmentVariable",
         ),
-        ("launch_ros.actions", ("Node",)),
-    ):
-        for name in names:
-            setattr(modules[module], name, type(name, (Action,), {}))
-    for name, module in modules.items():
+        "launch.event_handlers": ("OnProcessStart",),
+        "launch.events": ("matches_action",),
+        "launch.launch_description_sources": ("PythonLaunchDescriptionSource",),
+        "launch.substitutions": ("LaunchConfiguration",),
+        "launch_ros": (),
+        "launch_ros.actions": ("LifecycleNode", "Node"),
+        "launch_ros.event_handlers": ("OnStateTransition",),
+        "launch_ros.events": (),
+        "launch_ros.events.lifecycle": ("ChangeState",),
+    }  # fmt: skip
+    for name, classes in replaced.items():
+        module = ModuleType(name)
+        for one in classes:
+            setattr(module, one, type(one, (Action,), {}))
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "cdrj_ros", FILE.name])
 
-    def run(*argv: str, file: Path = FILE) -> list[Any]:
+    def run(*argv: str, file: Path = FILE, included: Path | None = None) -> list[Any]:
         space = runpy.run_path(str(file))
         (entities,) = space["generate_launch_description"]().given
         arguments = {one.name: one for one in entities if hasattr(one, "description")}
+        if included is not None:
+            more = runpy.run_path(str(included))["ARGUMENTS"]
+            arguments |= {one.name: one for one in more}
         given = dict(one.split(":=") for one in argv)
         configurations = {
             name: given.get(name, getattr(one, "default_value", None))
@@ -131,15 +136,69 @@ def test_an_unknown_argument_is_refused_with_the_nearest_known_one(
     launched("robot:=r.yaml", "arm:=left")
 
 
+def test_a_managed_node_is_configured_and_activated_unless_another_program_does_it(
+    launched: Any,
+) -> None:
+    activate, configure, node = launched("robot:=r.yaml", "managed:=true")
+    assert type(node).__name__ == "LifecycleNode"
+    assert node.arguments == ["--supervised", "--managed"]
+    (event,) = configure.given[0].on_start
+    assert event.event.transition_id == 1
+    (event,) = activate.given[0].entities
+    assert event.event.transition_id == 3
+    (node,) = launched("robot:=r.yaml", "managed:=true", "autostart:=false")
+    assert node.arguments == ["--supervised", "--managed"]
+
+
+def test_the_launch_file_of_a_real_robot_adds_what_is_asked_for(
+    launched: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert launched("robot:=r.yaml", file=CDRJ, included=FILE) == []
+    (markers,) = launched("robot:=r.yaml", "markers:=true", file=CDRJ, included=FILE)
+    assert markers.executable == "markers"
+    assert markers.parameters == [{"robot": "r.yaml", "frame_id": "base"}]
+    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "cdrj_ros", CDRJ.name])
+    with pytest.raises(RuntimeError, match="'marker': did you mean markers"):
+        launched("robot:=r.yaml", "marker:=true", file=CDRJ, included=FILE)
+
+
+def test_validate_gets_the_arguments_and_its_failure_is_that_of_the_launch(launched: Any) -> None:
+    (process,) = launched(
+        "bag:=b", "robot:=r.yaml", "limits:=l.yaml", "options:=--start 3", file=VALIDATE
+    )
+    assert Path(process.cmd[0]).name == "validate"
+    wanted = ["b", "--robot", "r.yaml", "--limits", "l.yaml", "--start", "3"]
+    assert process.cmd[1:] == wanted
+    process.on_exit(SimpleNamespace(returncode=0), None)
+    with pytest.raises(RuntimeError, match="validate exited with 1"):
+        process.on_exit(SimpleNamespace(returncode=1), None)
+
+
+def test_the_choices_of_the_launch_files_are_those_of_the_parameters(launched: Any) -> None:
+    from cdrj_ros.conditioning.time_line import MODES
+    from cdrj_ros.rig.live_motion import MOTIONS
+
+    def choices(file: Path, name: str) -> list[str]:
+        (one,) = (a for a in runpy.run_path(str(file))["ARGUMENTS"] if a.name == name)
+        return [choice for choice in one.choices if choice]
+
+    assert choices(FILE, "conditioning") == list(MODES)
+    assert sorted(choices(DEMO, "motion")) == sorted(MOTIONS)
+
+
 def test_the_demonstration_starts_rig_estimator_and_markers_of_one_robot(launched: Any) -> None:
-    estimator, rig, markers = launched("robot:=finger", file=DEMO)
+    estimator, rig, markers = launched("robot:=finger", "view:=false", file=DEMO)
+    *_, view = launched("robot:=finger", "view:=true", file=DEMO)
+    assert view.executable == "view"
     assert [one.executable for one in (estimator, rig, markers)] == ["estimator", "rig", "markers"]
     assert {one.parameters[0]["robot"] for one in (estimator, rig, markers)} == {"finger"}
     assert rig.parameters[0]["motion"] == "sine"
 
 
 def test_the_demonstration_starts_a_controller_and_publishes_its_wish(launched: Any) -> None:
-    *nodes, controller, wish = launched("controller:=tension_limiter", "wish:=0.5", file=DEMO)
+    *nodes, controller, wish = launched(
+        "controller:=tension_limiter", "wish:=0.5", "view:=false", file=DEMO
+    )
     assert nodes[1].parameters[0]["motion"] == "none"
     script = Path(controller.cmd[1])
     assert script == DEMO.parents[1] / "examples" / "tension_limiter.py"
@@ -158,37 +217,91 @@ def test_the_demonstration_knows_every_controller_and_its_kind_of_wish(launched:
         assert f'"{path.stem}", "{known[path.stem]}",' in path.read_text()
 
 
-@pytest.mark.skipif(
-    shutil.which("ros2") is None, reason="ROS 2 launch is not installed: no command ros2"
-)
-def test_the_real_launch_starts_the_node_and_refuses_a_misspelt_argument() -> None:
-    def launch(*arguments: str) -> subprocess.Popen[str]:
-        return subprocess.Popen(
-            ["ros2", "launch", "cdrj_ros", FILE.name, *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )
+def launch(*arguments: str) -> subprocess.Popen[str]:
+    """Start the real `ros2 launch` of this package."""
+    return subprocess.Popen(
+        ["ros2", "launch", "cdrj_ros", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
 
-    wrong = {
-        (): "required argument 'robot'",
-        ("robots:=prototype",): "given: [robots]",
-        ("robot:=prototype", "name_space:=left"): "did you mean namespace",
-    }
-    for arguments, words in wrong.items():
-        output, _ = launch(*arguments).communicate(timeout=PATIENCE_S)
-        assert words in output
-    process = launch("robot:=prototype", "preload:=30,20", "namespace:=left")
+
+def until(process: subprocess.Popen[str], *words: str) -> str:
+    """Read the output until every word has occurred, then interrupt; returns the whole output."""
     said = ""
     try:
         assert process.stdout is not None
-        while "14 pulleys" not in said:
+        while not all(word in said for word in words):
             line = process.stdout.readline()
             assert line, said
             said += line
-        assert "left.estimator" in said
     finally:
         process.send_signal(signal.SIGINT)
         rest, _ = process.communicate(timeout=PATIENCE_S)
-    assert "process has finished cleanly" in rest
+    return said + rest
+
+
+with_launch = pytest.mark.skipif(
+    shutil.which("ros2") is None, reason="ROS 2 launch is not installed: no command ros2"
+)
+
+
+@with_launch
+@pytest.mark.parametrize(
+    ("file", "arguments", "words"),
+    [
+        (FILE, (), "required argument 'robot'"),
+        (FILE, ("robots:=prototype",), "given: [robots]"),
+        (FILE, ("robot:=prototype", "name_space:=left"), "did you mean namespace"),
+        (CDRJ, ("robot:=prototype", "marker:=true"), "did you mean markers"),
+        (DEMO, ("robots:=prototype",), "did you mean robot"),
+        (VALIDATE, ("robot:=prototype",), "required argument 'bag'"),
+        (VALIDATE, ("bag:=nowhere", "robot:=prototype"), "validate exited with 2"),
+    ],
+)
+def test_the_real_launch_refuses_wrong_arguments(
+    file: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    process = launch(file.name, *arguments)
+    output, _ = process.communicate(timeout=PATIENCE_S)
+    assert words in output
+    assert process.returncode == 1
+
+
+@with_launch
+def test_the_real_launch_starts_the_node() -> None:
+    said = until(
+        launch(FILE.name, "robot:=prototype", "preload:=30,20", "namespace:=left"),
+        "14 pulleys",
+        "no estimate: no reading of winch",
+    )
+    assert "left.estimator" in said
+    assert "process has finished cleanly" in said
+
+
+@with_launch
+def test_the_real_launch_activates_a_managed_node_and_starts_the_markers() -> None:
+    said = until(
+        launch(CDRJ.name, "robot:=prototype", "markers:=true", "managed:=true"),
+        "no estimate: no reading of winch",  # said by an active node only
+        "cdrj.markers",
+    )
+    assert said.count("process has finished cleanly") == 2
+
+
+@with_launch
+def test_the_real_launch_of_the_demonstration_estimates() -> None:
+    said = until(launch(DEMO.name, "robot:=prototype", "view:=false"), "first estimate")
+    assert said.count("process has finished cleanly") == 3
+
+
+@with_launch
+def test_the_real_launch_of_validate_succeeds() -> None:
+    bag = FILE.parents[1] / "bags" / "prototype_preload_36_26"
+    process = launch(
+        VALIDATE.name, f"bag:={bag}", "robot:=prototype", "options:=--duration 1 --quiet"
+    )
+    output, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, output
