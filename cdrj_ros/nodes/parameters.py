@@ -94,28 +94,7 @@ def settings() -> tuple[Setting, ...]:
             "What to do while a topic lags: wait for it, or predict it with its velocity",
             choices=tuple(MODES),
         ),
-        Setting(
-            "output", OUTPUT_MODES[0],
-            "Samples of which the estimate is published: all, or those at the stamps of motors. "
-            "Every sample is computed in any case",
-            choices=OUTPUT_MODES,
-        ),
-        Setting(
-            "max_rate", 0.0,
-            "Estimates published per second of the stamps at most; 0: no limit. Every sample is "
-            "computed in any case",
-            "Hz", 0.0, 1e5,
-        ),
-        Setting(
-            "tension_states", False,
-            "Whether to publish the tensions on the topic tension_states too, as efforts of a "
-            "JointState, which PlotJuggler and rqt show by name",
-        ),
-        Setting(
-            "wrenches", False,
-            "Whether to publish the force on every pulley as geometry_msgs/WrenchStamped on "
-            "wrenches/<cable>_<node>",
-        ),
+        *_output_settings(),
         Setting("uncertainty", True, "Whether to estimate standard deviations"),
         Setting(
             "unsure_share", UNSURE_SHARE,
@@ -139,6 +118,33 @@ def settings() -> tuple[Setting, ...]:
             "Hz", UNSET, FASTEST_HZ, changeable=True,
         ),
         *_friction_settings(),
+    )  # fmt: skip
+
+
+def _output_settings() -> tuple[Setting, ...]:
+    return (
+        Setting(
+            "output", OUTPUT_MODES[0],
+            "Samples of which the estimate is published: all, or those at the stamps of motors. "
+            "Every sample is computed in any case",
+            choices=OUTPUT_MODES,
+        ),
+        Setting(
+            "max_rate", 0.0,
+            "Estimates published per second of the stamps at most; 0: no limit. Every sample is "
+            "computed in any case",
+            "Hz", 0.0, 1e5,
+        ),
+        Setting(
+            "tension_states", False,
+            "Whether to publish the tensions on the topic tension_states too, as efforts of a "
+            "JointState, which PlotJuggler and rqt show by name",
+        ),
+        Setting(
+            "wrenches", False,
+            "Whether to publish the force on every pulley as geometry_msgs/WrenchStamped on "
+            "wrenches/<cable>_<node>",
+        ),
     )  # fmt: skip
 
 
