@@ -38,6 +38,8 @@ class _Phase:
     def __init__(self) -> None:
         self.loading = False
         """The command is being imported, so that no cleanup is needed."""
+        self.code = INTERRUPTED
+        """Exit code after an interrupt."""
         self.interrupted = False
         """Whether an interrupt has been raised as KeyboardInterrupt."""
         self.deferred = 0
@@ -93,14 +95,17 @@ def restoring(restore: Callable[[], None]) -> Iterator[None]:
         _PHASE.restore = before
 
 
-def run_interruptibly(name: str, load: Callable[[], Callable[[], int]]) -> NoReturn:
+def run_interruptibly(
+    name: str, load: Callable[[], Callable[[], int]], interrupted: int = INTERRUPTED
+) -> NoReturn:
     """Load and run a command, with Ctrl-C handled at any time, then exit.
 
     Args:
         name: name of the command, for the final line.
         load: function that imports the command and returns its ``main``.
+        interrupted: exit code after Ctrl-C where ``main`` does not return one.
     """
-    _PHASE.loading = True
+    _PHASE.loading, _PHASE.code = True, interrupted
 
     def on_interrupt(_number: int, _frame: FrameType | None) -> None:
         if _PHASE.loading:
@@ -118,12 +123,12 @@ def run_interruptibly(name: str, load: Callable[[], Callable[[], int]]) -> NoRet
         code = main()
     except KeyboardInterrupt:
         announce_interruption(name)
-        code = INTERRUPTED
+        code = interrupted
     except Exception:
         if not _PHASE.interrupted:
             raise
         announce_interruption(name)
-        code = INTERRUPTED
+        code = interrupted
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(code)
 
@@ -132,7 +137,7 @@ def _end(name: str) -> NoReturn:
     if _PHASE.restore is not None:
         _PHASE.restore()
     announce_interruption(name)
-    os._exit(INTERRUPTED)
+    os._exit(_PHASE.code)
 
 
 def _watch(name: str) -> None:

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import NoReturn
 
-from cdrj_ros.foundation.interruption import run_interruptibly
+from cdrj_ros.foundation.interruption import INTERRUPTED, run_interruptibly
+
+
+def _interrupted() -> int:
+    """Exit code after Ctrl-C of a node that takes ``--supervised``, also while it is imported."""
+    return 0 if "--supervised" in sys.argv[1:] else INTERRUPTED
 
 
 def estimator() -> NoReturn:
@@ -16,7 +22,7 @@ def estimator() -> NoReturn:
 
         return main
 
-    run_interruptibly("estimator", load)
+    run_interruptibly("estimator", load, _interrupted())
 
 
 def replay() -> NoReturn:
@@ -49,7 +55,7 @@ def rig() -> NoReturn:
 
         return main
 
-    run_interruptibly("rig", load)
+    run_interruptibly("rig", load, _interrupted())
 
 
 def markers() -> NoReturn:
@@ -60,7 +66,7 @@ def markers() -> NoReturn:
 
         return main
 
-    run_interruptibly("markers", load)
+    run_interruptibly("markers", load, _interrupted())
 
 
 def view() -> NoReturn:

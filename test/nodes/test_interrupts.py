@@ -39,7 +39,7 @@ INTERRUPT = 1 << signal.SIGINT - 1
 """Bit of SIGINT in the masks of /proc/PID/status."""
 
 Condition = Callable[[subprocess.Popen[bytes]], bool]
-Start = Callable[[str, Condition], subprocess.Popen[bytes]]
+Start = Callable[..., subprocess.Popen[bytes]]
 
 
 def status(process: subprocess.Popen[bytes], key: str) -> str:
@@ -66,13 +66,13 @@ def is_python(process: subprocess.Popen[bytes]) -> bool:
 
 @pytest.fixture
 def start(executables: Path, tmp_path: Path) -> Iterator[Start]:
-    """Start a command of ``COMMANDS`` and wait for a condition, without pause."""
+    """Start a command of ``COMMANDS`` with these options and wait for a condition, without pause."""
     started: list[subprocess.Popen[bytes]] = []
 
-    def one(name: str, until: Condition) -> subprocess.Popen[bytes]:
+    def one(name: str, until: Condition, *options: str) -> subprocess.Popen[bytes]:
         arguments = [argument.format(tmp=tmp_path) for argument in COMMANDS[name]]
         process = subprocess.Popen(
-            [executables / name, *arguments],
+            [executables / name, *options, *arguments],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
@@ -107,6 +107,12 @@ def test_an_interrupt_while_python_starts_is_one_line_and_code_130(start: Start)
 def test_an_interrupt_of_an_import_is_one_line_and_code_130(start: Start) -> None:
     for name in COMMANDS:
         assert interrupted(start(name, handles)) == (130, f"{name}: interrupted\n")
+
+
+def test_a_supervised_node_ends_with_code_0_also_while_it_is_imported(start: Start) -> None:
+    for name in ("estimator", "rig", "markers"):
+        process = start(name, handles, "--supervised")
+        assert interrupted(process) == (0, f"{name}: interrupted\n")
 
 
 def test_an_interrupt_at_a_random_moment_is_one_line_and_code_130(start: Start) -> None:
