@@ -66,7 +66,7 @@ def is_python(process: subprocess.Popen[bytes]) -> bool:
 
 @pytest.fixture
 def start(executables: Path, tmp_path: Path) -> Iterator[Start]:
-    """Start a command of ``COMMANDS`` with these options and wait for a condition, without pause."""
+    """Start a command of ``COMMANDS`` with options and wait for a condition, without pause."""
     started: list[subprocess.Popen[bytes]] = []
 
     def one(name: str, until: Condition, *options: str) -> subprocess.Popen[bytes]:
