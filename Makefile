@@ -3,6 +3,7 @@
 # make check   style, types and import directions only
 # make bench   speed, as ratios to comparable software
 # make figures renew every picture and number of README and docs; DAVINCI=DATA adds those of real recordings
+# make docs    the site of the documentation, in build/site
 # make soak    30 minutes at 1 kHz and two million hostile messages; MINUTES=10 for less
 #
 # All of them first make .venv and install/ if these are missing or out of date.
@@ -20,6 +21,7 @@ FLAVOUR := $(if $(AMENT_PREFIX_PATH),$(if $(filter jazzy,$(ROS_DISTRO)),system,w
 
 VENV := .venv/.$(FLAVOUR)-is-ready
 BENCH := .venv/.bench-is-ready
+DOCS := .venv/.docs-is-ready
 MESSAGES := install/.cdrj_msgs-is-built
 PACKAGE := install/.cdrj_ros-is-built
 IN_ENV := . tools/env.sh &&
@@ -28,7 +30,7 @@ IN_ENV := . tools/env.sh &&
 # files are listed while building; adding or removing one changes the date of its folder.
 INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/null)
 
-.PHONY: demo test check bench soak figures setup lock clean
+.PHONY: demo test check bench docs soak figures setup lock clean
 
 demo: setup
 	@$(IN_ENV) python tools/demo.py
@@ -48,6 +50,10 @@ check: setup
 
 bench: setup $(BENCH)
 	@$(IN_ENV) python -m bench
+
+docs: setup $(DOCS)
+	@$(IN_ENV) NO_MKDOCS_2_WARNING=1 mkdocs build --strict --quiet
+	@echo "build/site/index.html"
 
 MINUTES ?= 30
 soak: setup
@@ -69,6 +75,10 @@ $(VENV): requirements/constraints.txt requirements/ros.txt requirements/runtime.
 
 $(BENCH): $(VENV) requirements/bench.txt
 	@tools/setup_venv.sh bench
+	@touch $@
+
+$(DOCS): $(VENV) requirements/docs.txt
+	@tools/setup_venv.sh docs
 	@touch $@
 
 $(MESSAGES): $(VENV) tools/build.sh $(shell find msg_defs -print)

