@@ -127,7 +127,6 @@ setup(
     install_requires=requirements("runtime"),
     extras_require={
         "cluster": requirements("cluster"),  # for --scheduler
-        "docs": requirements("docs"),  # for make docs
         "mujoco": ["mujoco<4"],  # for import_robot
         "view": requirements("view"),
     },
