@@ -5,16 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cdrj_ros.commands.check_robot_shares import shares_document
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection
 from cdrj_ros.inspection.shares import Shares
 from cdrj_ros.inspection.suspicions import Suspicion
 from cdrj_ros.robot.description import Cable
-
-if TYPE_CHECKING:
-    pass
 
 
 def json_text(

@@ -343,7 +343,7 @@ def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
         if ratios and (min(ratios) > 1.0 + PRELOAD_DIFFERS or max(ratios) < 1.0 - PRELOAD_DIFFERS):
             notes.append(
                 f"Recorded tensions of cable {cable.name} are {100.0 * np.mean(ratios):.0f} % of "
-                f"the estimates on average; these assume a preload of {cable.preload:.4g} N. If "
+                f"the estimates on average; its preload is {cable.preload:.4g} N here. If "
                 "the recording had another one, give it with --preload."
             )
     return notes

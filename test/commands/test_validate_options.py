@@ -255,7 +255,7 @@ def test_every_bag_may_have_its_own_preloads(
     assert code == 0
     assert one["all"]["channels"]["tension/lower/8"]["mean_relative_error"] > 0.3
     (note,) = (note for note in one["bags"][1]["notes"] if "cable lower" in note)
-    assert "assume a preload of 26.26 N" in note
+    assert "its preload is 26.26 N here" in note
     assert not any("preload" in note for note in one["bags"][0]["notes"])
     preloads = ["--preload", "36.85,26.26", "--preload", "23.52,6.66"]
     code, both = run(tmp_path, short, low, *preloads)
