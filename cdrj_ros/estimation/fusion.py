@@ -11,32 +11,28 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.contest import Witness
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
+from cdrj_ros.estimation.preloads import DOUBT, SLOW_DRIFT, Preloads, standard
 from cdrj_ros.estimation.sensor_health import SensorHealth
-from cdrj_ros.model.packing import number_views, plan_views
-from cdrj_ros.model.prepared import Model, shape_at
-from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Winch
 
 Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 MODEL_ERROR: Final = 0.01
 """Standard deviation of the model's error, in addition to the sensor's noise, as a fraction of the
-measured value."""
+measured value: of a lasting error, and of another one in every reading."""
 
-SLOW_DRIFT: Final = 0.002
-"""Random-walk spread of a preload after 1 s with load cells, as a fraction of the preload."""
-
-FREE_DRIFT: Final = 0.02
-"""The same where the preload is tracked by a motor's effort."""
+HISTORY_ERROR: Final = 0.05
+"""Standard deviation of what follows from a sensor's first correction, as a fraction of it: the
+friction history was formed at another preload."""
 
 HISTORY_NS: Final = 200_000_000
 """Maximum age of a measurement [ns]."""
@@ -63,7 +59,7 @@ class Fusion:
         self.spread = spread
         self.model = model
         self._drift = drift
-        self._cables = [_CablePlaces(model, c) for c in range(len(robot.cables))]
+        self._preloads = Preloads(spread, drift)
         self._element_cable = {
             name: c for c, cable in enumerate(robot.cables) for name in cable.element_names
         }
@@ -79,10 +75,11 @@ class Fusion:
             for motor in layout.motors
         }
         self.health: dict[str, SensorHealth] = {}
+        self._witnesses: dict[str, Witness] = {}
+        """The trusted sensors whose readings have been used."""
         self._history: deque[tuple[int, Vector, Vector]] = deque(maxlen=KEPT)
         """Stamps, estimates, and the total correction of each column up to then."""
         self._corrected = np.zeros(spread.columns.size)
-        self._last_ns: dict[str, int] = {}
 
     def reset(self) -> None:
         """Discard all measurements; every sensor is on trial again."""
@@ -107,13 +104,19 @@ class Fusion:
     def forget(self) -> None:
         """Discard all measurements, but keep which sensors are trusted or dropped."""
         self._history.clear()
-        self._last_ns.clear()
+        self._preloads.forget()
+        self._witnesses.clear()
         self._corrected = np.zeros(self.spread.columns.size)
 
     @property
     def dropped(self) -> int:
         """Number of dropped sensors."""
         return sum(bool(one.dropped) for one in self.health.values())
+
+    @property
+    def contested(self) -> bool:
+        """Whether the last reading of a trusted sensor contradicts the estimate."""
+        return any(one.contested for one in self._witnesses.values())
 
     def remember(self, estimate: Estimate) -> None:
         """Store an estimate for late measurements."""
@@ -177,32 +180,100 @@ class Fusion:
             return state
         now = Estimate(sample.stamp_ns, self._history[-1][1], self.model.layout, True)
         spread.catch_up(sample, now)
-        self._let_drift(name, sample.stamp_ns, cables)
+        errors = [one.deviation for one in self._witnesses.values()]
+        self._preloads.drift(name, sample.stamp_ns, cables, errors)
+        own = noise**2 + (MODEL_ERROR * value) ** 2
+        witness = self._witnesses.get(name)
+        error = witness.error if witness is not None else 0.0
+        variance = self._variance(column, witness) + own
+        unaided = expected - float(self._corrected[column])
+        usable = health.judge(value, expected + error, unaided, variance, own)
+        if not health.trusted or health.dropped:
+            self._witnesses.pop(name, None)
+            return state
+        if witness is None:
+            history = HISTORY_ERROR * abs(value - expected)
+            witness = Witness(np.zeros(len(spread.states)), history=history)
+            self._witnesses[name] = witness
+        innovation = value - expected - witness.error
+        scale = self._preloads.scale(column, cables)
+        drift = (self._drift * scale) ** 2
+        answer = witness.weigh(sample.stamp_ns, innovation, variance, drift)
+        possible = abs(witness.surprise) <= DOUBT * scale
+        if answer == "changed" and possible:
+            self._open(witness, column, cables)
+        if not usable:  # counted already
+            return state
+        if answer == "contested" or (answer == "changed" and not possible):
+            health.refused += 1
+            return state
+        if (size := MODEL_ERROR * max(abs(value), health.largest)) > witness.share:
+            witness.deviation += np.sqrt(size**2 - witness.share**2) * self._draw()
+            witness.share = size
+        health.used += 1
+        state = self._teach(witness, state, column, cables, innovation, own)
+        health.dropped = witness.wrong
+        return state
+
+    def _variance(self, column: int, witness: Witness | None) -> float:
+        """Variance of a quantity and the lasting error of its sensor together."""
+        h = self.spread.deviation[:, column]
+        if witness is not None:
+            h = h + witness.deviation
+        return float(h @ h) / h.size
+
+    def _draw(self) -> Vector:
+        """Numbers for a lasting error, independent of those of all sensors, shape (members,)."""
+        spread = self.spread
+        known = [one.deviation for one in self._witnesses.values() if one.deviation.any()]
+        return standard(spread.generator, len(spread.states), known)
+
+    def _open(self, witness: Witness, column: int, cables: list[int]) -> None:
+        """Leave open whether readings have changed by an error of the sensor or by a preload's."""
+        size, spread = abs(witness.surprise), self.spread
+        known = [one.deviation for one in self._witnesses.values()]
+        self._preloads.loosen(size, column, cables, [*known, spread.deviation[:, column]])
+        known.append(spread.deviation[:, column])
+        witness.deviation += size * standard(spread.generator, len(spread.states), known)
+        for one in self._witnesses.values():
+            one.forget()
+
+    def _teach(
+        self,
+        witness: Witness,
+        state: State,
+        column: int,
+        cables: list[int],
+        innovation: float,
+        own: float,
+    ) -> State:
+        """Correct the state and the ensemble, (U2)."""
+        spread = self.spread
         deviation = spread.deviation
         members = len(deviation)
-        h = deviation[:, column].copy()
-        own = noise**2 + (MODEL_ERROR * value) ** 2
+        h = deviation[:, column] + witness.deviation
         variance = float(h @ h) / members + own
-        unaided = expected - float(self._corrected[column])
-        if not health.judge(value, expected, unaided, variance, own):
-            return state
         gain = deviation.T @ h / (members * variance)
         concerned = np.zeros(gain.size, dtype=bool)
         concerned[len(self.model.layout.elements) + len(self.model.layout.pulleys) :] = True
         for c in cables:
-            concerned[self._cables[c].elements] = True
-            concerned[self._cables[c].pulleys] = True
+            concerned[self._preloads.places[c].elements] = True
+            concerned[self._preloads.places[c].pulleys] = True
         gain[~concerned] = 0.0
-        errors = np.sqrt(own) * spread.generator.standard_normal(members)
-        errors -= errors.mean()
-        innovation = value - expected
-        change = (innovation - h + errors)[:, None] * gain
+        lasting = [one.deviation for one in self._witnesses.values()]
+        errors = np.sqrt(own) * standard(spread.generator, members, lasting)
+        differences = innovation - h + errors
+        change = differences[:, None] * gain
         values = state.values.copy()
         for c in cables:
-            places = self._cables[c]
+            places = self._preloads.places[c]
             shift = gain[places.elements] * innovation
             places.stretch(values[None, :], self.model.numbers[None, :], shift[None, :])
             places.stretch(spread.states, spread.numbers, change[:, places.elements])
+        own_gain = float(witness.deviation @ h) / (members * variance)
+        witness.learn(
+            differences * own_gain, own_gain * innovation, float(gain[column]) * innovation
+        )
         deviation += change - gain * innovation
         self._corrected = self._corrected + gain * innovation
         spread.variance[:] = (deviation**2).mean(axis=0)
@@ -231,67 +302,3 @@ class Fusion:
         before = history[after - 1][0]
         share = (stamp_ns - before) / (stamp - before)
         return then(after - 1) + share * (then(after) - then(after - 1))
-
-    def _let_drift(self, name: str, stamp_ns: int, cables: list[int]) -> None:
-        """Add a random walk to every member's preloads, since preloads are not constant."""
-        passed = (stamp_ns - self._last_ns.get(name, stamp_ns)) * 1e-9
-        self._last_ns[name] = stamp_ns
-        if passed <= 0.0:
-            return
-        spread = self.spread
-        for c in cables:
-            places = self._cables[c]
-            preload = max(self.model.robot.cables[c].preload, 1.0)
-            draw = self._drift * preload * np.sqrt(passed)
-            normal = spread.generator.standard_normal(len(spread.states))
-            shift = np.outer(draw * (normal - normal.mean()), np.ones(places.count))
-            places.stretch(spread.states, spread.numbers, shift)
-            spread.deviation[:, places.elements] += shift
-            spread.deviation[:, places.pulleys] += shift[:, :1] * places.lever
-            for column, arm in places.motors:
-                spread.deviation[:, column] += arm * shift[:, 0]
-        spread.variance[:] = (spread.deviation**2).mean(axis=0)
-
-
-class _CablePlaces:
-    """Indices of one cable's values in states, numbers and deviations."""
-
-    def __init__(self, model: Model, c: int) -> None:
-        robot, layout = model.robot, model.layout
-        cable = plan_views(model.plan).cables[c]
-        first, pulley = cable.first_element, cable.first_pulley
-        self.count = int(cable.elements)
-        elements = len(layout.elements)
-        self.elements = slice(first, first + cable.elements)
-        self.pulleys = slice(elements + pulley, elements + pulley + cable.pulleys)
-        self._sizes, self._cable = model.sizes, c
-        self._own_pulleys = slice(pulley, pulley + cable.pulleys)
-        wrap = np.array([_mean_wrap(model, pulley + k) for k in range(cable.pulleys)])
-        self.lever = 2.0 * np.sin(0.5 * wrap)
-        """Force on every pulley per newton of tension [-]."""
-        motors = {motor.name: k for k, motor in enumerate(robot.motors)}
-        offset = elements + len(layout.pulleys)
-        self.motors = [
-            (
-                offset + motors[node.motor],
-                -robot.motors[motors[node.motor]].effort_sign * node.winding * node.radius,
-            )
-            for node in (robot.cables[c].nodes[0], robot.cables[c].nodes[-1])
-            if isinstance(node, Winch)
-        ]
-
-    def stretch(self, states: Table, numbers: Table, shift: Table) -> None:
-        """Change the tensions in ``states`` by ``shift`` [N], shape (states, elements)."""
-        cables: Any = number_views(self._sizes, numbers).cables
-        stiffness = cables["axial_stiffness"][:, self._cable, None]
-        state = state_views(self._sizes, states)
-        length, material = state.length[:, self.elements], state.material[:, self.elements]
-        tension = stiffness * (length / material - 1.0) + shift
-        material[:] = length / (1.0 + tension / stiffness)
-        state.bristle[:, self._own_pulleys] = np.diff(np.maximum(tension, 0.0), axis=1)
-
-
-def _mean_wrap(model: Model, pulley: int) -> float:
-    """Wrap angle of a pulley in the reference pose [rad]."""
-    reference = np.array([joint.reference_angle for joint in model.robot.joints])
-    return float(shape_at(model, reference).wrap[pulley])

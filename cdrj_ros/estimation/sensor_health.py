@@ -69,9 +69,11 @@ class SensorHealth:
     used: int = 0
     """Readings used so far."""
     refused: int = 0
-    """Readings refused: not finite, too old, outliers, or from a dropped sensor."""
+    """Readings refused: not finite, too old, contested, or from a dropped sensor."""
     tried: int = 0
     """Readings on trial, which do not correct the estimate."""
+    largest: float = 0.0
+    """Largest magnitude of the readings on trial [N] or [N m]."""
     _squares: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     _last: float | None = None
     _equal: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
@@ -106,7 +108,6 @@ class SensorHealth:
         if self.dropped or self._squares[-1] > OUTLIER:
             self.refused += 1
             return False
-        self.used += 1
         return True
 
     def _fault(self, value: float, expected: float, variance: float) -> str:
@@ -135,6 +136,7 @@ class SensorHealth:
     def _try(self, value: float, unaided: float, own: float) -> bool:
         """Add a reading on trial; True once the readings follow the motion, (U4)."""
         self.tried += 1
+        self.largest = max(self.largest, abs(value))
         if self._trial and abs(unaided - self._trial[-1][1]) < TRIAL_STEP * own**0.5:
             return False
         self._trial.append((value, unaided))
@@ -152,7 +154,6 @@ class SensorHealth:
             )
         if self.trusted:
             self.tried -= 1
-            self.used += 1
             self._trial.clear()
         return self.trusted
 

@@ -17,8 +17,9 @@ from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import Conditioner, Mode
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
-from cdrj_ros.estimation.fusion import FREE_DRIFT, HISTORY_NS, SLOW_DRIFT, Fusion
+from cdrj_ros.estimation.fusion import HISTORY_NS, Fusion
 from cdrj_ros.estimation.member_kernels import MOVED, begin_sample, step_members
+from cdrj_ros.estimation.preloads import DOUBT, FREE_DRIFT, SLOW_DRIFT
 from cdrj_ros.estimation.rest import RestWatch
 from cdrj_ros.estimation.unsure import (
     UNSURE_SHARE,
@@ -39,10 +40,6 @@ Vector = NDArray[np.float64]
 
 EFFORT_INTERVAL_NS: Final = 50_000_000
 """Minimum interval between used efforts of a motor [ns]: their errors are correlated over time."""
-
-
-DOUBT: Final = 0.2
-"""Standard deviation of every preload, as a fraction of it, when tensions or efforts are used."""
 
 SMALLEST_NOISE: Final = 1e-6
 LARGEST_NOISE: Final = 1e6
@@ -292,7 +289,8 @@ class LiveEstimator:
             mark_all_unsure(estimate.values, self._preload.size)
         if self.fusion is not None and estimate.solved:
             self.fusion.remember(estimate)
-            if self._pending and self._use_pending(self.fusion, sample):
+            undone = bool(self._pending) and self._use_pending(self.fusion, sample)
+            if undone or self.fusion.contested:
                 mark_all_unsure(estimate.values, self._preload.size)
         return Output(estimate, stddev)
 

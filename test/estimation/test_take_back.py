@@ -64,10 +64,10 @@ LIES: dict[str, Lie] = {
 }
 
 
-def _feed_cell(live: LiveEstimator, beside: Beside, k: int, lie: Lie) -> None:
+def _feed_cell(live: LiveEstimator, beside: Beside, k: int, lie: Lie, scale: float = SCALE) -> None:
     """Feed a reading of the cell with every second sample, at first in proportion."""
     if k % 2 == 0:
-        value = SCALE * float(beside.cell[k]) + 0.02 * (k % 8 - 3)
+        value = scale * float(beside.cell[k]) + 0.02 * (k % 8 - 3)
         if k >= CALM:
             value = lie(beside, k)
         live.feed_tensions(int(beside.samples.stamp_ns[k]), [CELL], [value], [0.05])
@@ -166,7 +166,7 @@ def test_a_single_outlier_is_refused_and_drops_no_sensor(
     live = LiveEstimator(model, MEASURED)
     for k in range(CALM + 600):
         sudden = off if k == CALM else 0.0
-        _feed_cell(live, beside, k, lambda _b, k, add=sudden: SCALE * beside.cell[k] + add)
+        _feed_cell(live, beside, k, lambda _b, k, add=sudden: 1.05 * beside.cell[k] + add, 1.05)
         live.take(_sample(beside.samples, k))
     assert live.fusion is not None
     health = live.fusion.health[CELL]

@@ -81,6 +81,8 @@ class Faults:
     """Constant effort that the motor's driver reports [N m]."""
     liar: tuple[Lie, int] | None = None
     """How, and since when [ns], a load cell at ``upper/8`` lies that was good until then."""
+    off: float = 5.0
+    """How much a liar that "is off" reads too high [N]."""
     tare_ns: int | None = None
     """Time of a call of tare [ns]."""
     mode: Mode = "wait"
@@ -213,11 +215,11 @@ def _feed_sensors(
         live.feed_tensions(START + stamp + set_by, ("upper/8",), (faults.cell,), (0.05,))
 
     if faults.liar is not None and course.tension.size and stamp % (10 * MS) == 0:
-        value = _lie(course, faults.liar, stamp // MS)
+        value = _lie(course, faults.liar, stamp // MS, faults.off)
         live.feed_tensions(START + stamp + set_by, ("upper/8",), (value,), (0.05,))
 
 
-def _lie(course: Course, liar: tuple[Lie, int], k: int) -> float:
+def _lie(course: Course, liar: tuple[Lie, int], k: int, off: float) -> float:
     """Reading of the liar at the k-th millisecond [N]."""
     how, since = liar[0], liar[1] // MS
     true = float(course.tension[k, CELL]) + 0.05 * np.sin(1e3 * k)  # as good as random
@@ -225,7 +227,7 @@ def _lie(course: Course, liar: tuple[Lie, int], k: int) -> float:
         return true
     return {
         "freezes": float(course.tension[since, CELL]), "says zero": 0.0, "doubles": 2.0 * true,
-        "is off": true + 5.0, "is wild": true + (40.0 if k % 30 == 0 else 0.0),
+        "is off": true + off, "is wild": true + (40.0 if k % 30 == 0 else 0.0),
     }[how]  # fmt: skip
 
 

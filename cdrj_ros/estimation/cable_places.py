@@ -1,0 +1,65 @@
+"""Where one cable's values lie in states, numbers and deviations of the ensemble."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.model.packing import number_views, plan_views
+from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.state import state_views
+from cdrj_ros.robot.description import Winch
+
+Table = NDArray[np.float64]
+
+
+class CablePlaces:
+    """Indices of one cable's values in states, numbers and deviations."""
+
+    def __init__(self, model: Model, c: int) -> None:
+        """Find the indices.
+
+        Args:
+            model: the prepared robot.
+            c: number of the cable.
+        """
+        robot, layout = model.robot, model.layout
+        cable = plan_views(model.plan).cables[c]
+        first, pulley = cable.first_element, cable.first_pulley
+        self.count = int(cable.elements)
+        elements = len(layout.elements)
+        self.elements = slice(first, first + cable.elements)
+        self.pulleys = slice(elements + pulley, elements + pulley + cable.pulleys)
+        self._sizes, self._cable = model.sizes, c
+        self._own_pulleys = slice(pulley, pulley + cable.pulleys)
+        wrap = np.array([_mean_wrap(model, pulley + k) for k in range(cable.pulleys)])
+        self.lever = 2.0 * np.sin(0.5 * wrap)
+        """Force on every pulley per newton of tension [-]."""
+        motors = {motor.name: k for k, motor in enumerate(robot.motors)}
+        offset = elements + len(layout.pulleys)
+        self.motors = [
+            (
+                offset + motors[node.motor],
+                -robot.motors[motors[node.motor]].effort_sign * node.winding * node.radius,
+            )
+            for node in (robot.cables[c].nodes[0], robot.cables[c].nodes[-1])
+            if isinstance(node, Winch)
+        ]
+
+    def stretch(self, states: Table, numbers: Table, shift: Table) -> None:
+        """Change the tensions in ``states`` by ``shift`` [N], shape (states, elements)."""
+        cables: Any = number_views(self._sizes, numbers).cables
+        stiffness = cables["axial_stiffness"][:, self._cable, None]
+        state = state_views(self._sizes, states)
+        length, material = state.length[:, self.elements], state.material[:, self.elements]
+        tension = stiffness * (length / material - 1.0) + shift
+        material[:] = length / (1.0 + tension / stiffness)
+        state.bristle[:, self._own_pulleys] = np.diff(np.maximum(tension, 0.0), axis=1)
+
+
+def _mean_wrap(model: Model, pulley: int) -> float:
+    """Wrap angle of a pulley in the reference pose [rad]."""
+    reference = np.array([joint.reference_angle for joint in model.robot.joints])
+    return float(shape_at(model, reference).wrap[pulley])

@@ -1,0 +1,113 @@
+"""The preloads of the members, which other sensors correct: they drift, and may be in doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.cable_places import CablePlaces
+from cdrj_ros.estimation.ensemble import Spread
+
+Vector = NDArray[np.float64]
+
+SLOW_DRIFT: Final = 0.002
+"""Random-walk spread of a preload after 1 s with load cells, as a fraction of the preload."""
+
+FREE_DRIFT: Final = 0.02
+"""The same where the preload is tracked by a motor's effort."""
+
+
+DOUBT: Final = 0.2
+"""Standard deviation of every preload at the start, and its largest sudden change that a sensor may
+show, as a fraction of the preload."""
+
+
+class Preloads:
+    """Changes of the preloads in all members."""
+
+    def __init__(self, spread: Spread, share: float) -> None:
+        """Prepare for one robot.
+
+        Args:
+            spread: the robot's ensemble, which every call changes.
+            share: standard deviation of a preload's random walk after 1 s, as a fraction of it.
+        """
+        self.spread = spread
+        self.places = [CablePlaces(spread.model, c) for c in range(len(spread.model.robot.cables))]
+        self._share = share
+        self._preload = [max(cable.preload, 1.0) for cable in spread.model.robot.cables]
+        self._last_ns: dict[str, int] = {}
+
+    def forget(self) -> None:
+        """Forget when the preloads drifted last."""
+        self._last_ns.clear()
+
+    def drift(self, name: str, stamp_ns: int, cables: list[int], apart: Sequence[Vector]) -> None:
+        """Add a random walk to every member's preloads, since preloads are not constant.
+
+        Args:
+            name: the sensor that is about to correct the cables.
+            stamp_ns: time of the sample [ns].
+            cables: the cables.
+            apart: see ``standard``.
+        """
+        passed = (stamp_ns - self._last_ns.get(name, stamp_ns)) * 1e-9
+        self._last_ns[name] = stamp_ns
+        if passed <= 0.0:
+            return
+        spread = self.spread
+        for c in cables:
+            normal = standard(spread.generator, len(spread.states), apart)
+            self._shift(c, self._share * self._preload[c] * np.sqrt(passed) * normal)
+        spread.variance[:] = (spread.deviation**2).mean(axis=0)
+
+    def scale(self, column: int, cables: list[int]) -> float:
+        """Change of a measured quantity if all preloads vary by themselves [N] or [N m] (RMS)."""
+        changes = [(arm * self._preload[c]) ** 2 for c, arm in self._arms(column, cables)]
+        return float(np.sqrt(sum(changes)))
+
+    def loosen(self, size: float, column: int, cables: list[int], apart: Sequence[Vector]) -> None:
+        """Add to every preload what would change a measured quantity by ``size``."""
+        spread = self.spread
+        for c, arm in self._arms(column, cables):
+            self._shift(c, size / abs(arm) * standard(spread.generator, len(spread.states), apart))
+        spread.variance[:] = (spread.deviation**2).mean(axis=0)
+
+    def _arms(self, column: int, cables: list[int]) -> list[tuple[int, float]]:
+        """Cables that act on a measured quantity, and its change per newton in each of them."""
+        if column < len(self.spread.model.layout.elements):
+            return [(c, 1.0) for c in cables]
+        arms = [(c, sum(arm for at, arm in self.places[c].motors if at == column)) for c in cables]
+        return [(c, arm) for c, arm in arms if arm != 0.0]
+
+    def _shift(self, c: int, tension: Vector) -> None:
+        """Change the tension of a cable [N] in every member, shape (members,)."""
+        spread, places = self.spread, self.places[c]
+        shift = np.outer(tension, np.ones(places.count))
+        places.stretch(spread.states, spread.numbers, shift)
+        spread.deviation[:, places.elements] += shift
+        spread.deviation[:, places.pulleys] += shift[:, :1] * places.lever
+        for column, arm in places.motors:
+            spread.deviation[:, column] += arm * tension
+
+
+def standard(generator: np.random.Generator, members: int, apart: Sequence[Vector] = ()) -> Vector:
+    """Random numbers with mean 0 and variance 1 over the members, shape (members,).
+
+    Args:
+        generator: random generator.
+        members: number of members.
+        apart: values in every member with which they are not correlated.  Since members are few,
+            they would be by chance, and every correction would reduce the spread of these values.
+    """
+    normal = generator.standard_normal(members)
+    if len(apart) < members // 2:
+        basis = np.linalg.qr(np.stack([np.ones(members), *apart], axis=1))[0]
+        normal -= basis @ (basis.T @ normal)
+    else:
+        normal -= normal.mean()
+    scaled: Vector = normal / np.sqrt((normal**2).mean())
+    return scaled

@@ -1,0 +1,145 @@
+"""A trusted sensor that suddenly reads otherwise: a fault of it or a change of preload."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pytest
+from support.campaign import SECOND, Course, Faults, courses, judge, run
+
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.contest import LASTING, Witness
+from cdrj_ros.estimation.preloads import standard
+from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.status import UNSURE
+
+ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+CALM: Final = 1500
+"""Number of samples after which the readings change."""
+CHANGE: Final = -4.0
+"""[N]."""
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return load_model(ROBOT)
+
+
+@pytest.fixture(scope="module")
+def course(model: Model) -> Course:
+    return courses(model, 8.0, (1,))[0]
+
+
+@pytest.mark.parametrize(
+    ("off", "track_preload"), [(2.0, True), (3.0, False), (5.0, True), (-12.0, False)]
+)
+def test_a_trusted_cell_that_is_suddenly_off_leaves_no_wrong_tension_with_status_0(
+    off: float, track_preload: bool, model: Model, course: Course
+) -> None:
+    begin = 5 * SECOND
+    faults = Faults(liar=("is off", begin), off=off)
+    options = Options(tension_sensors=True, track_preload=track_preload)
+    outputs = run(model, course, faults, options)
+    before = judge(course, outputs, begin - SECOND, begin)
+    verdict = judge(course, outputs, begin, course.duration_ns)
+    assert before.ratio.size >= 0.49 * before.judged, "the cell of the upper cable is trusted"
+    assert before.beyond(2.0) == 0.0
+    assert verdict.judged > 0
+    assert verdict.beyond(5.0) <= 0.001
+
+
+def _witness() -> Witness:
+    witness = Witness(0.4 * standard(np.random.default_rng(0), 32), share=0.4)
+    for k in range(100):
+        assert witness.weigh(k * 10_000_000, 0.1, 0.2, 0.01) == "agrees"
+    return witness
+
+
+def test_one_reading_that_contradicts_the_estimate_changes_nothing() -> None:
+    witness = _witness()
+    assert witness.weigh(SECOND, 4.0, 0.2, 0.01) == "contested"
+    assert witness.contested
+    assert witness.weigh(SECOND + 1, 0.1, 0.2, 0.01) == "agrees"
+    assert not witness.contested
+
+
+def test_readings_that_contradict_the_estimate_on_both_sides_are_no_change() -> None:
+    witness = _witness()
+    for k in range(20):
+        value = 4.0 if k % 2 else -4.0
+        assert witness.weigh(SECOND + k, value, 0.2, 0.01) == "contested"
+
+
+def test_readings_that_stay_away_are_a_change() -> None:
+    witness = _witness()
+    answers = [witness.weigh(SECOND + k, 4.0, 0.2, 0.01) for k in range(LASTING)]
+    assert answers == ["contested"] * (LASTING - 1) + ["changed"]
+    assert witness.surprise == 4.0
+
+
+def test_a_change_in_small_steps_is_one_all_the_same() -> None:
+    """Every reading agrees with the estimate, which follows it."""
+    witness = _witness()
+    answers = []
+    for k in range(50):
+        answers.append(witness.weigh(SECOND + k * 10_000_000, 0.2, 0.2, 0.01))
+        witness.learn(np.zeros(32), 0.0, 0.2)
+    assert answers[0] == "agrees"
+    assert "changed" in answers
+
+
+def test_draws_are_not_correlated_with_what_they_are_kept_apart_from() -> None:
+    generator = np.random.default_rng(0)
+    known = [3.0 * generator.standard_normal(32) + 1.0 for _ in range(3)]
+    normal = standard(generator, 32, known)
+    assert abs(normal.mean()) < 1e-12
+    assert np.mean(normal**2) == pytest.approx(1.0)
+    assert max(abs(normal @ one) for one in known) < 1e-10
+
+
+def _run(model: Model, samples: Samples, changed: tuple[str, ...]) -> tuple[LiveEstimator, float]:
+    """Both cells of the upper cable, of which some read ``CHANGE`` more after ``CALM`` samples.
+
+    Returns:
+        The estimator, and how far the tension at one of them is from the uncorrected estimate [N].
+    """
+    live = LiveEstimator(model, Options(tension_sensors=True))
+    beside = LiveEstimator(model)
+    generator = np.random.default_rng(3)
+    off = 0.0
+    for k in range(3000):
+        sample = Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])
+        alone = beside.take(sample).estimate
+        for cell in ("upper/3", "upper/8"):
+            true = float(alone.tension[model.layout.elements.index(cell)])
+            change = CHANGE if k >= CALM and cell in changed else 0.0
+            said = true + change + float(generator.normal(0.0, 0.05))
+            live.feed_tensions(sample.stamp_ns, [cell], [said], [0.05])
+        output = live.take(sample)
+        off = float((output.estimate.tension - alone.tension)[7])
+        if k == CALM + 2 and changed:
+            assert np.all(output.estimate.status.astype(int) & UNSURE), "until it is decided"
+    assert output.stddev is not None
+    assert output.stddev[7] < 2.0
+    return live, off
+
+
+def test_two_cells_that_change_together_show_a_change_of_preload(
+    model: Model, recorded: Callable[[Model, int], Samples]
+) -> None:
+    live, off = _run(model, recorded(model, 15), ("upper/3", "upper/8"))
+    assert live.fusion is not None
+    assert live.fusion.faults() == {}
+    assert abs(off - CHANGE) < 1.0
+
+
+def test_a_cell_that_changes_alone_is_not_believed(
+    model: Model, recorded: Callable[[Model, int], Samples]
+) -> None:
+    _, off = _run(model, recorded(model, 15), ("upper/3",))
+    assert abs(off) < 1.0
