@@ -58,7 +58,7 @@ from cdrj_ros.nodes.settings import (
     meant,
     read,
 )
-from cdrj_ros.nodes.silence import Silence, stale_before_ns
+from cdrj_ros.nodes.silence import Silence, StampClock
 from cdrj_ros.nodes.spinning import starting
 from cdrj_ros.nodes.thinning import Thinning
 from cdrj_ros.nodes.words import TopicHeard
@@ -118,7 +118,7 @@ class EstimatorNode(Node):
         started = read(self)
         if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
-        self.timeout_s, self.same_clock_s = started.timeout_s, started.same_clock_s
+        self.timeout_s, self.stamps = started.timeout_s, StampClock(started.same_clock_s)
         if not kernels_are_compiled(*kernels_of(started.options)):
             self.get_logger().info(COMPILING)
         model = load_model(started.robot, started.preload)
@@ -229,9 +229,7 @@ class EstimatorNode(Node):
                 InputTopic(self, CableTensions, TENSION_SENSORS, self._on_tensions, cells)
             )
         self.inputs = inputs
-        self.watch = InputWatch(
-            self, self.live, inputs, self.silence, self._now_ns, self.same_clock_s
-        )
+        self.watch = InputWatch(self, self.live, inputs, self.silence, self._now_ns, self.stamps)
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *a: Any, **k: Any
@@ -320,7 +318,9 @@ class EstimatorNode(Node):
         """Publish the estimates that one message led to; those older than the timeout as STALE."""
         thinning = self._thinning
         newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.lag_ns
-        fresh_ns = stale_before_ns(newest_ns, self._now_ns(), self.timeout_s, self.same_clock_s)
+        now_ns = self._now_ns()
+        self.stamps.note(newest_ns, now_ns)
+        fresh_ns = self.stamps.stale_before_ns(now_ns, self.timeout_s)
         for output in outputs:
             estimate = output.estimate
             self.output = output
@@ -396,6 +396,7 @@ class EstimatorNode(Node):
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.live.reset()
+        self.stamps.forget()
         self._forget()
         response.success = True
         response.message = (

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.nodes.diagnostics import Health
 from cdrj_ros.nodes.inputs import InputTopic
-from cdrj_ros.nodes.silence import Silence, age_s
+from cdrj_ros.nodes.silence import Silence, StampClock
 from cdrj_ros.nodes.words import missing_inputs, refusal_rate
 
 PATIENCE_S: Final = 3.0
@@ -31,7 +31,7 @@ class InputWatch:
         inputs: Sequence[InputTopic],
         silence: Silence,
         now_ns: Callable[[], int],
-        same_clock_s: float,
+        stamps: StampClock,
     ) -> None:
         """Start without an estimate.
 
@@ -41,9 +41,10 @@ class InputWatch:
             inputs: the subscribed topics; those that carry axes are named in the log.
             silence: measures the time since the last estimate.
             now_ns: returns the time of the node's clock [ns].
+            stamps: knows how late the stamps of the inputs are.
         """
         self._node, self._live, self._inputs = node, live, inputs
-        self._silence, self._now_ns, self._same_clock_s = silence, now_ns, same_clock_s
+        self._silence, self._now_ns, self._stamps = silence, now_ns, stamps
         self._refused: dict[str, int] = {}
         self.looked_s = self.estimated_s = monotonic()
         """Steady times of the last call of ``health`` and of the last estimate [s]."""
@@ -92,9 +93,7 @@ class InputWatch:
         age = float("inf")
         if output is not None:
             lag_s = conditioner.lag_ns * 1e-9
-            age = age_s(
-                output.estimate.stamp_ns, self._now_ns(), lag_s, silence_s, self._same_clock_s
-            )
+            age = self._stamps.age_s(output.estimate.stamp_ns, self._now_ns(), lag_s, silence_s)
         waiting = ""
         if self._quiet or output is None:
             self._adapt()

@@ -6,9 +6,10 @@ from math import inf
 from typing import Final
 
 SAME_CLOCK_S: Final = 60.0
-"""Default of the parameter ``same_clock_within`` [s]: stamps that lag the node's clock by less are
-assumed to come from it.  Older stamps come from a recording or another clock, and only their
-differences are used."""
+"""Default of the parameter ``same_clock_within`` [s], see ``StampClock``."""
+
+CLOCK_ERROR: Final = 2e-4
+"""Relative difference of the rates of two clocks that is not taken for lateness."""
 
 
 class Silence:
@@ -56,33 +57,57 @@ class Silence:
         return simulated
 
 
-def stale_before_ns(
-    newest_ns: int, now_ns: int, timeout_s: float, same_clock_s: float = SAME_CLOCK_S
-) -> int:
-    """Estimates with a stamp before this are older than the timeout [ns].
+class StampClock:
+    """How far the clock of the stamps lags the node's: not at all, or by an offset.
 
-    Args:
-        newest_ns: stamp of the newest reading [ns].
-        now_ns: time of the node's clock [ns].
-        timeout_s: the timeout [s].
-        same_clock_s: lag up to which stamps are assumed to come from the node's clock [s].
+    Where the first readings lag by less than ``same_clock_s``, their stamps come from the node's
+    clock, and any lag is lateness, now and later.  Otherwise they come from a recording or from
+    another clock.  The smallest lag so far is then its offset, and what a reading lags beyond the
+    offset is lateness: it has arisen since.
     """
-    same = (now_ns - newest_ns) * 1e-9 < same_clock_s
-    return (max(newest_ns, now_ns) if same else newest_ns) - round(timeout_s * 1e9)
 
+    def __init__(self, same_clock_s: float = SAME_CLOCK_S) -> None:
+        """Start without a reading; ``same_clock_s`` 0: never compare with the node's clock."""
+        self._same_ns = round(same_clock_s * 1e9)
+        self.forget()
 
-def age_s(
-    stamp_ns: int, now_ns: int, lag_s: float, silence_s: float, same_clock_s: float = SAME_CLOCK_S
-) -> float:
-    """Age of the last estimate as seen by a controller [s].
+    def forget(self) -> None:
+        """Discard the offset; the next reading gives a new one."""
+        self._offset_ns: int | None = None
+        self._newest_ns = self._now_ns = 0
 
-    Args:
-        stamp_ns: stamp of the last estimate [ns].
-        now_ns: time of the node's clock [ns].
-        lag_s: lag of the estimate behind the newest reading when it was computed [s].
-        silence_s: time since the estimate was computed [s].
-        same_clock_s: lag up to which stamps are assumed to come from the node's clock [s].
-    """
-    by_readings = lag_s + silence_s
-    by_clock = (now_ns - stamp_ns) * 1e-9
-    return max(by_readings, by_clock) if by_clock < same_clock_s else by_readings
+    def note(self, newest_ns: int, now_ns: int) -> None:
+        """Take the stamp of the newest reading [ns] and the time of the node's clock [ns]."""
+        if newest_ns < self._newest_ns:  # the clock was set back, or a recording repeats
+            self.forget()
+        lag = now_ns - newest_ns
+        if self._offset_ns is None:
+            self._offset_ns = lag
+        elif self._offset_ns != 0:
+            passed = max(now_ns - self._now_ns, 0)
+            self._offset_ns = min(self._offset_ns + round(CLOCK_ERROR * passed), lag)
+        if self._offset_ns < self._same_ns:
+            self._offset_ns = 0
+        self._newest_ns, self._now_ns = newest_ns, now_ns
+
+    def late_ns(self, stamp_ns: int, now_ns: int) -> int:
+        """How late a stamp is at a time of the node's clock [ns]; may be negative."""
+        if self._same_ns == 0:
+            return self._newest_ns - stamp_ns
+        return now_ns - stamp_ns - (self._offset_ns or 0)
+
+    def stale_before_ns(self, now_ns: int, timeout_s: float) -> int:
+        """Estimates with a stamp before this are older than the timeout [ns]."""
+        late = max(self.late_ns(self._newest_ns, now_ns), 0)
+        return self._newest_ns + late - round(timeout_s * 1e9)
+
+    def age_s(self, stamp_ns: int, now_ns: int, lag_s: float, silence_s: float) -> float:
+        """Age of the last estimate as seen by a controller [s].
+
+        Args:
+            stamp_ns: stamp of the last estimate [ns].
+            now_ns: time of the node's clock [ns].
+            lag_s: lag of the estimate behind the newest reading when it was computed [s].
+            silence_s: time since the estimate was computed [s].
+        """
+        return max(lag_s + silence_s, self.late_ns(stamp_ns, now_ns) * 1e-9)

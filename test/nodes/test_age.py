@@ -26,7 +26,7 @@ from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, read_layout
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import STALE
-from cdrj_ros.nodes.silence import age_s, stale_before_ns
+from cdrj_ros.nodes.silence import StampClock
 
 MS = 1_000_000
 MOTOR = Template(JOINT_STATE, ("winch",), ("position",))
@@ -40,14 +40,49 @@ def bench(ros: None) -> Iterator[Bench]:
     bench.close()
 
 
-def test_readings_of_another_clock_have_no_age_by_this_one() -> None:
-    assert stale_before_ns(100 * SECOND, 110 * SECOND, 0.5) == 110 * SECOND - SECOND // 2
-    assert stale_before_ns(100 * SECOND, 161 * SECOND, 0.5) == 100 * SECOND - SECOND // 2
-    assert stale_before_ns(100 * SECOND, 110 * SECOND, 0.5, 5.0) == 100 * SECOND - SECOND // 2
-    assert stale_before_ns(100 * SECOND, 161 * SECOND, 0.5, 1e10) == 161 * SECOND - SECOND // 2
-    assert stale_before_ns(100 * SECOND, 99 * SECOND, 0.5) == 100 * SECOND - SECOND // 2
-    assert age_s(100 * SECOND, 110 * SECOND, 0.1, 0.2) == 10.0
-    assert age_s(100 * SECOND, 110 * SECOND, 0.1, 0.2, 5.0) == pytest.approx(0.3)
+def _late_s(lags_s: list[float], same_clock_s: float = 60.0) -> list[float]:
+    """How late readings with these lags are found to be [s]; their stamps are 1 s apart."""
+    stamps = StampClock(same_clock_s)
+    found = []
+    for k, lag_s in enumerate(lags_s):
+        newest_ns = BEGIN + k * SECOND
+        now_ns = newest_ns + round(lag_s * 1e9)
+        stamps.note(newest_ns, now_ns)
+        late_ns = now_ns - SECOND // 2 - stamps.stale_before_ns(now_ns, 0.5) - (now_ns - newest_ns)
+        found.append(stamps.late_ns(newest_ns, now_ns) * 1e-9)
+        assert stamps.age_s(newest_ns, now_ns, 0.1, 0.2) == max(found[-1], 0.1 + 0.2)
+        assert -late_ns * 1e-9 == pytest.approx(max(found[-1], 0.0))
+    return found
+
+
+def test_a_constant_lag_of_another_clock_is_no_lateness() -> None:
+    assert _late_s([100.0, 100.0, 100.0]) == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)
+    assert _late_s([10.0, 10.0], 5.0) == pytest.approx([0.0, 0.0], abs=1e-3)
+    assert _late_s([100.0, 100.0], 1e10) == pytest.approx([100.0, 100.0])
+    assert _late_s([-5.0, -5.0]) == pytest.approx([-5.0, -5.0]), "stamps ahead are not late"
+
+
+def test_lateness_that_appears_or_grows_is_lateness_by_any_clock() -> None:
+    assert _late_s([0.0, 30.0, 59.0, 61.0, 3600.0]) == pytest.approx([0, 30.0, 59.0, 61.0, 3600.0])
+    assert _late_s([100.0, 100.0, 102.0, 170.0]) == pytest.approx([0.0, 0.0, 2.0, 70.0], abs=0.1)
+    assert _late_s([102.0, 101.0, 100.0, 102.0])[-1] == pytest.approx(2.0, abs=1e-2)
+
+
+def test_two_clocks_may_drift_apart_by_two_tenths_of_a_millisecond_per_second() -> None:
+    late = _late_s([100.0 + 1e-4 * k for k in range(3600)])
+    assert max(late) < 1e-3
+    assert _late_s([100.0 + 1e-2 * k for k in range(3600)])[-1] > 30.0
+
+
+def test_a_clock_that_is_set_back_has_another_offset() -> None:
+    stamps = StampClock()
+    stamps.note(BEGIN, BEGIN + 100 * SECOND)
+    stamps.note(BEGIN - 3600 * SECOND, BEGIN + 101 * SECOND)
+    assert stamps.late_ns(BEGIN - 3600 * SECOND, BEGIN + 101 * SECOND) == 0
+
+
+def test_the_node_s_clock_can_be_disregarded() -> None:
+    assert _late_s([0.0, 100.0, 3600.0], 0.0) == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(
