@@ -1,4 +1,5 @@
 # make demo    estimator and replay as two nodes on a recorded bag; writes report.html
+# make live    a simulated finger in the browser, whose cables a controller keeps from slack
 # make test    every check and every test
 # make check   style, types and import directions only
 # make bench   speed, as ratios to comparable software
@@ -30,10 +31,13 @@ IN_ENV := . tools/env.sh &&
 # files are listed while building; adding or removing one changes the date of its folder.
 INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/null)
 
-.PHONY: demo test check bench docs soak figures setup lock clean
+.PHONY: demo live test check bench docs soak figures setup lock clean
 
 demo: setup
 	@$(IN_ENV) python tools/demo.py
+
+live: setup
+	@$(IN_ENV) python tools/live.py
 
 # Tests of one file share processes and compiled state, so they run in one worker. Those of nodes
 # wait for messages a good part of the time, so there is a worker more than processors. Files start

@@ -6,7 +6,9 @@ Publish the motor angles that position the joints [rad], one per motor in the ro
 /cdrj/wished/position instead of /cdrj/commands/position.  The node adds a co-contraction: it winds
 all cables in, or pays all out, in proportions that do not move the joints.  Co-contraction
 increases quickly when an element's tension - 2 sigma is below the floor, and decreases slowly
-otherwise.  If tensions must not be used, the robot file's preloads are restored.
+otherwise.  If tensions must not be used, the robot file's preloads are restored.  The tensions of
+the finger as shipped are UNSURE, because its file states no accuracies: there the node holds the
+preloads until the file has been identified (docs/uncertainty.md).
 """
 
 import numpy as np

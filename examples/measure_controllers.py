@@ -195,7 +195,8 @@ def draw(effects, path):
             box.axhline(effect.line, color="#555555", lw=0.8, ls="--")
         box.set(title=effect.name, xlabel="time [s]", ylabel=effect.axis)
         box.spines[["top", "right"]].set_visible(False)
-        box.legend(frameon=False)
+    handles, names = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper center", ncols=2, frameon=False)
     figure.savefig(path, dpi=110)
 
 

@@ -1,6 +1,8 @@
 """Facts that are repeated in several files must agree."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -43,3 +45,18 @@ def test_both_messages_have_the_same_status_flags_of_one_bit_each() -> None:
 def test_every_message_is_built() -> None:
     listed = re.findall(r"msg/\w+\.msg", (MESSAGES / "CMakeLists.txt").read_text())
     assert sorted(listed) == sorted(f"msg/{path.name}" for path in MESSAGES.glob("msg/*.msg"))
+
+
+def test_a_command_handles_interrupts_before_it_imports_anything_slow() -> None:
+    """Python's own traceback is printed until then."""
+    program = (
+        f"import sys; sys.path.insert(0, {str(ROOT)!r}); import cdrj_ros.commands.entry\n"
+        "print({'pathlib', 'importlib.metadata', 'numpy'} & set(sys.modules))\n"
+        "import cdrj_ros; print(cdrj_ros.__version__)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", program], capture_output=True, text=True, check=True
+    )
+    imported, version = done.stdout.splitlines()
+    assert imported == "set()"
+    assert version == cdrj_ros.__version__
