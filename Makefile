@@ -65,10 +65,11 @@ soak: setup
 	@$(IN_ENV) CDRJ_HOSTILE=2000000 python -m pytest -q -s test/nodes/test_hostile.py
 	@$(IN_ENV) python tools/soak.py --minutes $(MINUTES)
 
-# The picture of the report needs Chromium on the path.
+# The pictures of the report and of `view` need Chromium on the path.
 DAVINCI ?=
 figures: setup
 	@$(IN_ENV) python tools/figures.py $(if $(DAVINCI),--davinci $(DAVINCI))
+	@$(IN_ENV) python tools/view_figures.py
 
 setup: $(PACKAGE)
 

@@ -184,6 +184,7 @@ class ViewNode(Node):
             self.heard.stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
         forces = pulley_columns(self._last(NodalForces, topics.NODAL_FORCES), layout)
         force, friction, slip_speed, pulley_status = forces
+        self.heard.stale = bool(np.all(status & STALE))
         self.heard.fresh = monotonic() - self.heard.last_s <= SILENCE_S
         if not self.heard.fresh:
             status, pulley_status = status | np.uint8(STALE), pulley_status | np.uint8(STALE)

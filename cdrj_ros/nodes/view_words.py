@@ -35,6 +35,8 @@ class Heard:
     """Steady time of its last message [s]."""
     fresh: bool = False
     """Whether its tensions are not older than allowed."""
+    stale: bool = False
+    """Whether the estimator marks all of them STALE itself."""
     stamp_ns: int = 0
     """Stamp of the last tensions [ns]."""
     count: int = 0
@@ -64,7 +66,7 @@ def words_of(heard: Heard, there: bool, publishers: int, now_ns: int) -> tuple[s
     """
     rate = heard.rate.hz(heard.count)
     if heard.fresh:
-        facts = ["**Estimating**"]
+        facts = ["**Stale:** the estimator's inputs are late" if heard.stale else "**Estimating**"]
         if rate is not None:
             facts.append(f"{rate:.0f} Hz")
         age_s = (now_ns - heard.stamp_ns) * 1e-9

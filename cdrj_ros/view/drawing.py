@@ -13,7 +13,7 @@ from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.report.scene import Colour, scene_of
 from cdrj_ros.view.looks import CableLook, Picture, WheelLook, dashes_of, middle_of
-from cdrj_ros.view.tubes import dashed_tube, tube
+from cdrj_ros.view.tubes import dashed_tube, disc, tube
 
 OnClick = Callable[[str], None]
 """Called with what has been clicked, as ``history.place_of`` takes it."""
@@ -33,6 +33,9 @@ SIZE: Final = 2.0
 ARROWS: Final[Colour] = (0.45, 0.45, 0.50)
 """Colour of forces, visible on white and on black."""
 
+
+LEAST: Final = 0.006
+"""Least radius of a taut cable in the units of the scene."""
 
 CLEAR: Final = 0.5
 """Opacity of a wheel, so that cables behind it are visible."""
@@ -93,7 +96,8 @@ class Drawing:
         self._dashed: dict[str, bool] = {}
         self._arrows: Any = None
         self._width = 0.0
-        """Of a taut cable [m]."""
+        """Of a taut cable as it is drawn [m]."""
+        self._wider = 1.0
         self._flat = {cable.name for cable in model.robot.cables if not cable.spatial}
         low, high = extent_of(model)
         self._middle = 0.5 * (low + high)
@@ -115,7 +119,9 @@ class Drawing:
             labels: which elements have labels.
             forces: whether to draw the forces on pulleys.
         """
-        self._width = max(look.width for look in picture.cables)
+        widest = max(look.width for look in picture.cables)
+        self._wider = max(1.0, LEAST / (self._scale * widest))
+        self._width = self._wider * widest
         for look in picture.cables:
             self._draw_cable(look, f"element {look.name}" == chosen)
             wanted = labels == "all" or (labels == "chosen" and chosen == f"element {look.name}")
@@ -137,7 +143,7 @@ class Drawing:
         return np.asarray(self._scale * (points - self._middle + ahead))
 
     def _draw_cable(self, look: CableLook, chosen: bool) -> None:
-        radius = self._scale * look.width * (CHOSEN if chosen else 1.0)
+        radius = self._scale * self._wider * look.width * (CHOSEN if chosen else 1.0)
         path = self._placed(look.name, look.path, self._width)
         if look.dashed:
             vertices, faces = dashed_tube(dashes_of(path), radius)
@@ -177,28 +183,40 @@ class Drawing:
             handle.position = middle
 
     def _draw_wheel(self, look: WheelLook, chosen: bool) -> None:
-        handle = self.wheels.get(look.name)
-        colour = rgb(look.colour)
-        if handle is None:
-            handle = self._add_wheel(look, colour)
-            self.wheels[look.name] = handle
-        handle.color = colour
-        handle.opacity = 1.0 if chosen else CLEAR
-        centre = self._placed(look.name, np.array(look.centre), self._width)
-        if not np.array_equal(handle.position, centre):
-            handle.position = centre
+        """A disc, or a ball for a cable in space.
 
-    def _add_wheel(self, look: WheelLook, colour: Bytes) -> Any:
-        shared: dict[str, Any] = {
-            "color": colour, "opacity": CLEAR, "cast_shadow": False, "receive_shadow": False,
-        }  # fmt: skip
-        name = f"/wheels/{look.name}"
-        if look.name.rpartition("/")[0] in self._flat:
-            handle = self._scene.add_cylinder(
-                name, self._scale * look.radius, self._scale * look.thickness, **shared
-            )
+        The disc is moved by its vertices, as the cables are: browsers show those later than
+        positions.
+        """
+        centre = self._placed(look.name, np.array(look.centre), self._width)
+        flat = look.name.rpartition("/")[0] in self._flat
+        handle = self.wheels.get(look.name)
+        if handle is None:
+            handle = self._add_wheel(look, centre, flat)
+            self.wheels[look.name] = handle
+        elif flat:
+            handle.vertices = self._disc(look, centre)[0].astype(np.float32)
+        elif not np.array_equal(handle.position, centre):
+            handle.position = centre
+        handle.color = rgb(look.colour)
+        handle.opacity = 1.0 if chosen else CLEAR
+
+    def _disc(self, look: WheelLook, centre: Vector) -> tuple[Vector, NDArray[np.uint32]]:
+        return disc(centre, self._scale * look.radius, self._scale * look.thickness)
+
+    def _add_wheel(self, look: WheelLook, centre: Vector, flat: bool) -> Any:
+        name, colour = f"/wheels/{look.name}", rgb(look.colour)
+        if flat:
+            vertices, faces = self._disc(look, centre)
+            handle = self._scene.add_mesh_simple(
+                name, vertices.astype(np.float32), faces, color=colour, opacity=CLEAR,
+                flat_shading=True, cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
         else:
-            handle = self._scene.add_icosphere(name, self._scale * look.radius, **shared)
+            handle = self._scene.add_icosphere(
+                name, self._scale * look.radius, colour, position=centre, opacity=CLEAR,
+                cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
         if look.kind == "pulley":
             handle.on_click(lambda _: self._on_click(f"pulley {look.name}"))
         return handle

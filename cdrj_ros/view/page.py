@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any, Final
 
 import numpy as np
@@ -34,11 +34,24 @@ SIDE: Final = 330.0
 """Width of the panels on the sides [px]."""
 
 
-NARROW: Final = 900.0
-"""Width of a window below which the panels are at its bottom [px]."""
+NARROW: Final = 576.0
+"""Width of a window below which viser puts the panels at its bottom [px]."""
 
-SHEET: Final = 0.0
-"""Height of the panels at the bottom of a narrow window [px]."""
+WIDE: Final = 1000.0
+"""Width of a window that has space for a panel on either side [px]."""
+
+SHEET: Final = 0.5
+"""Share of a narrow window that the panels cover."""
+
+SETTLED_S: Final = 1.0
+"""Time after which a browser has put the panels in place [s]."""
+
+STYLE: Final = (
+    "<style>@media (max-width: 576px) {"
+    " div[style*='20em'] { width: 100% !important; max-height: 50% !important; }"
+    " }</style>"
+)
+"""Uses the whole width of a narrow window."""
 
 
 @dataclass(frozen=True)
@@ -156,11 +169,14 @@ class Page:
             self._dark = gui.add_checkbox("dark", dark)
             self._forces = gui.add_checkbox("forces on pulleys", True)
             wanted: Labels = "all" if len(layout.elements) <= FEW else "chosen"
-            self._labels = gui.add_dropdown("labels", ("none", "chosen", "all"), wanted)
+            self._labels = gui.add_dropdown(
+                "labels", ("none", "chosen", "all"), initial_value=wanted
+            )
         self._dark.on_update(lambda _: self._theme(self._dark.value))
         panel = gui.add_panel()
+        gui.add_html(STYLE)
         with panel.add_tab("Over time"):
-            self._choice = gui.add_dropdown("plotted", choices(layout), self.chosen)
+            self._choice = gui.add_dropdown("plotted", choices(layout), initial_value=self.chosen)
             self._plots = Plots(gui, time_label)
         self._choice.on_update(lambda _: self.choose(self._choice.value))
         gui.main_panel.dock_right()
@@ -172,23 +188,27 @@ class Page:
         self.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
 
     def _aim(self, client: Any) -> None:
-        """Point the camera of a new browser at the robot, from the front if it is planar."""
-        camera = client.camera
-        wide, high = float(camera.image_width), float(camera.image_height)
-        if wide > NARROW:
+        """Point the camera of a new browser at the robot, again once its panels are in place."""
+        for wait_s in (0.0, SETTLED_S):
+            sleep(wait_s)
+            self._point(client.camera, client)
+
+    def _point(self, camera: Any, client: Any) -> None:
+        """Fit the robot into the visible part of the window, from the front if it is planar."""
+        wide, high = float(max(camera.image_width, 1)), float(max(camera.image_height, 1))
+        hidden = SHEET if wide < NARROW else 0.0
+        if wide > WIDE:  # a browser reports the width without the panels only once it is resized
             wide -= 2.0 * SIDE + 40.0
-        else:
-            high -= SHEET
-        shape = max(wide, 1.0) / max(high, 1.0)
         x, y, z = self.drawing.size
         across, up = (x, y) if self._flat else (np.hypot(x, y), z + 0.5 * np.hypot(x, y))
-        away = 1.1 * max(up, across / shape) / (2.0 * np.tan(0.5 * FIELD))
+        view = 1.15 * max(up / (1.0 - hidden), across * high / wide)  # height of the whole window
+        away, below = view / (2.0 * np.tan(0.5 * FIELD)), 0.5 * hidden * view
+        if self._flat:
+            upwards, side = np.array([0.0, 1.0, 0.0]), np.array([0.12, 0.15, 0.98])
+        else:
+            upwards, side = np.array([0.0, 0.0, 1.0]), np.array([0.64, -0.64, 0.42])
         with client.atomic():
-            if self._flat:
-                camera.up_direction = (0.0, 1.0, 0.0)
-                camera.position = (0.12 * away, 0.15 * away, away)
-            else:
-                camera.up_direction = (0.0, 0.0, 1.0)
-                camera.position = (0.75 * away, -0.75 * away, 0.5 * away)
-            camera.look_at = (0.0, 0.0, 0.0)
             camera.fov = FIELD
+            camera.up_direction = upwards
+            camera.position = away * side - below * upwards
+            camera.look_at = -below * upwards

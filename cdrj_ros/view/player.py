@@ -38,7 +38,7 @@ class Player:
         with page.above:
             self._slider = gui.add_slider("time [s]", 0.0, length, length / 1000.0, 0.0)
             self._button = gui.add_button("pause")
-            self._rate = gui.add_dropdown("rate", RATES, "1")
+            self._rate = gui.add_dropdown("rate", RATES, initial_value="1")
         page.above.visible = True
         self._slider.on_update(self._on_slider)
         self._button.on_click(lambda _: self.play(not self.playing))

@@ -12,7 +12,7 @@ from cdrj_ros.view.history import Curves
 
 TENSION: Final = "#2f9e44"
 BAND: Final = "rgba(47, 158, 68, 0.25)"
-REFERENCE: Final = "#868e96"
+REFERENCE: Final = "#ae3ec9"
 FRICTION: Final = "#e8590c"
 SLIP: Final = "#1c7ed6"
 NOW: Final = "#e03131"
@@ -50,8 +50,8 @@ class Plots:
                 time,
                 {"label": "+2σ", **hidden},
                 {"label": "-2σ", **hidden},
-                {"label": "reference", "stroke": REFERENCE, **line, "dash": (6, 4)},
                 {"label": "tension", "stroke": TENSION, **line},
+                {"label": "reference", "stroke": REFERENCE, **line, "dash": (5, 5)},
                 now,
             ),
             bands=({"series": (1, 2), "fill": BAND},),
@@ -96,7 +96,7 @@ class Plots:
         compared = " · dashed: reference" if np.isfinite(kept.reference).any() else ""
         self._words.content = f"Element **{kept.element}** ± 2σ{compared}{beside}"
         _show(self._tension, (
-            t, kept.tension + spread, kept.tension - spread, kept.reference, kept.tension,
+            t, kept.tension + spread, kept.tension - spread, kept.tension, kept.reference,
             _point(kept.tension, at),
         ))  # fmt: skip
         for plot, values in ((self._friction, kept.friction), (self._slip, 1e3 * kept.slip_speed)):

@@ -47,6 +47,30 @@ def dashed_tube(ends: Points, radius: float) -> tuple[Points, Faces]:
     return _around(ends.reshape(dashes, 2, 3), radius), _faces(dashes, 2)
 
 
+def disc(centre: Points, radius: float, thickness: float, sides: int = 32) -> tuple[Points, Faces]:
+    """Mesh of a disc across the z axis.
+
+    Args:
+        centre: [m], shape (3,).
+        radius: [m].
+        thickness: along the z axis [m].
+        sides: number of flat sides of the rim.
+
+    Returns:
+        Vertices [m], shape (2 * sides + 2, 3), and faces, shape (f, 3).
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    rim = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(sides)])
+    half = np.array([0.0, 0.0, 0.5 * thickness])
+    vertices = np.concatenate([rim - half, rim + half, -half[None], half[None]]) + centre
+    a = np.arange(sides)
+    b, under, over = (a + 1) % sides, np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
+    triangles = [(a, b, a + sides), (b, b + sides, a + sides), (b, a, under)]
+    triangles.append((a + sides, b + sides, over))
+    faces = np.concatenate([np.column_stack(triangle) for triangle in triangles])
+    return vertices, faces.astype(np.uint32)
+
+
 def _around(lines: NDArray[np.float64], radius: float) -> Points:
     """Rings around every point of several lines, shape (lines, points, 3)."""
     along = np.gradient(lines, axis=1)

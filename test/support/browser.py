@@ -1,0 +1,51 @@
+"""A headless Chromium that renders in software; tests are skipped where there is none."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+OPTIONS = (
+    "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars",
+)  # fmt: skip
+
+
+@contextmanager
+def chromium(folder: Path, width: int, height: int) -> Iterator[Any]:
+    """Start a browser with a new profile in ``folder``; yields selenium's driver."""
+    webdriver = pytest.importorskip("selenium.webdriver")
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    driver = shutil.which("chromedriver")
+    if not (browser and driver):
+        pytest.skip("there is no Chromium with chromedriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = browser
+    for option in (*OPTIONS, f"--window-size={width},{height}", f"--user-data-dir={folder}"):
+        options.add_argument(option)
+    options.set_capability("goog:loggingPrefs", {"performance": "ALL"})
+    one = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    try:
+        one.set_page_load_timeout(60.0)
+        yield one
+    finally:
+        one.quit()
+
+
+def addresses(browser: Any) -> set[str]:
+    """Every address that the browser has asked for since the last call."""
+    found = set()
+    for entry in browser.get_log("performance"):
+        event = json.loads(entry["message"])["message"]
+        if event["method"] == "Network.requestWillBeSent":
+            found.add(event["params"]["request"]["url"])
+        elif event["method"] == "Network.webSocketCreated":
+            found.add(event["params"]["url"])
+    return found

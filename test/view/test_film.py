@@ -1,0 +1,62 @@
+"""A bag is shown with the estimates that the validation computes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.bag import Series, Topics
+from cdrj_ros.judgement.estimating import estimate
+from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.view import film as films
+
+SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
+
+
+def test_a_film_shows_every_nth_estimate_of_the_validation_and_the_references(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = load_model("prototype")
+    recording = read_inputs(str(SAMPLE), Topics(), model)
+    conditioned = condition_recording(model, recording)
+    monkeypatch.setattr(films, "MOST", 1000)
+    shares: list[float] = []
+    film = films.film_of(model, recording, conditioned, shares.append, spread=False)
+    whole = estimate(model, conditioned)
+    every = 1 + len(whole.stamp_ns) // 1000
+    assert every > 1
+    np.testing.assert_array_equal(film.table.stamp_ns, whole.stamp_ns[::every])
+    np.testing.assert_array_equal(film.table.tension, whole.values[::every, model.layout.tension])
+    assert shares[-1] == 1.0
+    reference = recording.references["tension/upper/1"]
+    found = film.table.reference[:, model.layout.elements.index("upper/1")]
+    assert np.isfinite(found).mean() > 0.9
+    assert np.nanmin(found) >= reference.value.min()
+    assert np.nanmax(found) <= reference.value.max()
+    last = film.at(1e9)
+    assert last.stamp_ns == film.table.stamp_ns[-1]
+    assert film.at(-1.0).stamp_ns == film.table.stamp_ns[0]
+    np.testing.assert_array_equal(last.tension, film.table.tension[-1])
+
+
+def test_a_reference_is_unknown_outside_and_in_gaps() -> None:
+    second = 1_000_000_000
+    times = np.array([0, 50_000_000, 2 * second])
+    series = Series(times, times, np.array([1.0, 2.0, 3.0]))
+    wanted = np.array([-1, 25_000_000, second, 2 * second, 3 * second])
+    found = films.at_stamps(series, wanted)
+    np.testing.assert_allclose(found, [np.nan, 1.5, np.nan, np.nan, np.nan])
+
+
+def test_a_recording_without_a_sample_is_refused() -> None:
+    class Nothing:
+        segments: tuple[Any, ...] = ()
+        path = "bag"
+
+    nothing: Any = Nothing()
+    with pytest.raises(films.BagError, match="no time at which every motor and joint is known"):
+        films.film_of(load_model("prototype"), nothing, nothing)

@@ -1,0 +1,130 @@
+"""What is drawn follows from estimates alone: colours, meshes, curves and the table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.status import INVALID, SLACK, STALE, UNSURE
+from cdrj_ros.report.scene import LIMIT_COLOUR
+from cdrj_ros.view.history import History, choices, place_of
+from cdrj_ros.view.looks import PALE, SLIPPING, STICKING, THIN, UNKNOWN, dashes_of, picture_of
+from cdrj_ros.view.snapshot import Snapshot, columns_of, nothing_known
+from cdrj_ros.view.table import table_of
+from cdrj_ros.view.tubes import dashed_tube, tube
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return load_model("finger")
+
+
+@pytest.fixture
+def shown(model: Model) -> Snapshot:
+    elements, pulleys = len(model.layout.elements), len(model.layout.pulleys)
+    return replace(
+        nothing_known(model), stamp_ns=1, tension=np.full(elements, 18.0),
+        stddev=np.full(elements, 0.5), status=np.zeros(elements, np.uint8),
+        force=np.ones((pulleys, 3)), friction=np.zeros(pulleys), slip_speed=np.zeros(pulleys),
+        pulley_status=np.zeros(pulleys, np.uint8),
+    )  # fmt: skip
+
+
+def test_flags_and_tension_decide_colour_width_and_dashes(model: Model, shown: Snapshot) -> None:
+    shown.tension[:3] = model.robot.cables[0].maximum_tension, 0.0, np.nan
+    shown.status[1:6] = SLACK, 0, UNSURE, STALE, INVALID
+    high, slack, unknown, unsure, stale, invalid = picture_of(model, shown).cables[:6]
+    assert high.colour == pytest.approx(LIMIT_COLOUR)
+    assert slack.width == pytest.approx(THIN * high.width)
+    assert unsure.opacity == PALE
+    assert high.opacity == 1.0
+    assert [one.dashed for one in (high, slack, unknown, unsure, stale, invalid)] == [
+        False, False, True, False, True, True,
+    ]  # fmt: skip
+    assert stale.colour == invalid.colour == unknown.colour == UNKNOWN
+    assert high.label == "deep/1 150.0 ± 1.0 N"
+    assert stale.label == "deep/5 ?"
+
+
+def test_a_pulley_is_coloured_by_slip_and_an_unknown_force_has_no_arrow(
+    model: Model, shown: Snapshot
+) -> None:
+    shown.slip_speed[0] = -1e-3
+    shown.pulley_status[1] = INVALID
+    picture = picture_of(model, shown)
+    colours = {one.name: one.colour for one in picture.wheels}
+    assert colours[model.layout.pulleys[0]] == SLIPPING
+    assert colours[model.layout.pulleys[2]] == STICKING
+    ends = {picture.wheels[one.wheel].name: one.end for one in picture.arrows}
+    assert np.isnan(ends[model.layout.pulleys[1]]).all()
+    assert np.isfinite(ends[model.layout.pulleys[0]]).all()
+
+
+def test_every_vertex_of_a_tube_has_the_distance_of_its_radius_from_the_path() -> None:
+    angle = np.linspace(0.0, np.pi, 40)
+    arc = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(40)])
+    vertices, faces = tube(arc, 0.01)
+    around = np.hypot(np.hypot(vertices[:, 0], vertices[:, 1]) - 1.0, vertices[:, 2])
+    np.testing.assert_allclose(around, 0.01, rtol=0.1)  # the arc is resampled
+    assert faces.max() == len(vertices) - 1
+
+
+def test_dashes_have_gaps() -> None:
+    ends = dashes_of(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 23.0]]))
+    vertices, faces = dashed_tube(ends, 0.1)
+    corners = vertices[faces][:, :, 2]
+    np.testing.assert_allclose(corners.max(axis=1) - corners.min(axis=1), 1.0, atol=1e-9)
+    assert len(faces) == len(ends) // 2 * 16
+
+
+def test_every_element_and_pulley_can_be_plotted_with_its_neighbour(model: Model) -> None:
+    layout = model.layout
+    for chosen in choices(layout):
+        element, pulley = place_of(layout, chosen)
+        assert chosen.partition(" ")[2] in (
+            layout.elements[element], None if pulley is None else layout.pulleys[pulley],
+        )  # fmt: skip
+        if pulley is not None:
+            assert element - layout.element_before[pulley] in (0, 1)
+            cables = {layout.elements[element].split("/")[0], layout.pulleys[pulley].split("/")[0]}
+            assert len(cables) == 1
+
+
+def test_the_history_keeps_the_last_values_and_begins_again_if_time_goes_back(
+    model: Model, shown: Snapshot
+) -> None:
+    history = History(model.layout, 4)
+    for stamp in (10, 20, 20, 30, 40, 50):
+        history.add(replace(shown, stamp_ns=stamp, tension=shown.tension + stamp))
+    table = history.table()
+    np.testing.assert_array_equal(table.stamp_ns, [20, 30, 40, 50])
+    np.testing.assert_array_equal(table.tension[:, 0], [38.0, 48.0, 58.0, 68.0])
+    history.add(replace(shown, stamp_ns=5, status=shown.status | np.uint8(STALE)))
+    assert history.table().stamp_ns.tolist() == [5]
+    assert np.isnan(history.table().tension).all()
+
+
+def test_columns_follow_the_names_and_not_the_order_of_a_message() -> None:
+    class Message:
+        name = ("b", "a", "x")
+        tension = (2.0, 1.0, 9.0)
+        stddev = ()
+
+    found = columns_of(Message, ("tension", "stddev"), ("a", "b", "c"))
+    np.testing.assert_array_equal(found["tension"], [1.0, 2.0, np.nan])
+    assert np.isnan(found["stddev"]).all()
+
+
+def test_the_table_escapes_names_and_says_the_status(model: Model, shown: Snapshot) -> None:
+    shown.status[0] = INVALID
+    picture = picture_of(model, shown)
+    odd = replace(picture, cables=(picture.cables[0]._replace(name="<b>"), *picture.cables[1:]))
+    text = table_of(model, shown, odd, "deep/2")
+    assert "&lt;b&gt;" in text
+    assert "<b>" not in text
+    assert "INVALID" in text
+    assert "18.0 ± 1.0 N" in text

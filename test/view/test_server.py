@@ -1,0 +1,93 @@
+"""The page's server answers its own pages only, and the address is checked before it waits."""
+
+from __future__ import annotations
+
+import http.client
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.view.server import address_of, allowed, load_viser, open_server
+
+HANDSHAKE = {
+    "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Protocol": "viser-v1.1.1",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Any]:
+    pytest.importorskip("viser")
+    one = open_server("localhost", 0)
+    yield one
+    one.stop()
+
+
+@pytest.mark.parametrize(
+    ("host", "asked", "origin", "answer"),
+    [
+        ("localhost", "localhost:8080", None, True),
+        ("localhost", "127.0.0.1:8080", "http://127.0.0.1:8080", True),
+        ("localhost", "[::1]:8080", "http://[::1]:8080", True),
+        ("localhost", "localhost:8080", "http://example.org", False),
+        ("localhost", "localhost:8080", "http://localhost:9090", False),
+        ("localhost", "localhost:8080", "null", False),
+        ("localhost", "example.org:8080", "http://example.org:8080", False),
+        ("localhost", None, None, False),
+        ("0.0.0.0", "robot.lan:8080", "http://robot.lan:8080", True),
+        ("0.0.0.0", "robot.lan:8080", "http://example.org", False),
+    ],
+)
+def test_a_request_needs_the_own_origin_and_locally_a_local_name(
+    host: str, asked: str | None, origin: str | None, answer: bool
+) -> None:
+    assert allowed(host, asked, origin) is answer
+
+
+def answer_of(server: Any, **headers: str) -> int:
+    connection = http.client.HTTPConnection("localhost", server.get_port(), timeout=30.0)
+    try:
+        connection.request("GET", "/", headers={**HANDSHAKE, **headers})
+        return connection.getresponse().status
+    finally:
+        connection.close()
+
+
+def test_the_server_refuses_pages_of_others_and_foreign_names(server: Any) -> None:
+    own = address_of(server, "localhost")
+    assert answer_of(server, Origin=own) == 101
+    assert answer_of(server, Origin="http://example.org") == 403
+    assert answer_of(server, Host="example.org", Origin="http://example.org") == 403
+
+
+def test_the_tunnel_to_a_public_server_is_off(server: Any) -> None:
+    assert server.request_share_url() is None
+    assert server._share_tunnel is None
+
+
+@pytest.mark.parametrize("host", ["203.0.113.1", "no such host"])
+def test_an_address_of_another_machine_is_refused(host: str) -> None:
+    pytest.importorskip("viser")
+    with pytest.raises(UsageError, match="cannot listen on host"):
+        open_server(host, 0)
+
+
+def test_without_viser_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(UsageError, match="pip install 'viser"):
+        load_viser()
+
+
+def test_the_command_ends_with_code_2_without_viser(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from cdrj_ros.commands.view import main
+
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert main(["bag", "--robot", "prototype"]) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith("view: the page in a browser needs the package viser")
+    assert errors.count("\n") == 1
