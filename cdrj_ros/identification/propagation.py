@@ -146,7 +146,7 @@ def path_of(
         if motor_angle is None:
             raise UsageError(f"cable {cable.name} has two winches: its motor angles are needed")
         motor = model.layout.motors.index(last.motor)  # type: ignore[union-attr]
-        wound[:, c] = last.radius * last.winding * motor_angle[:, motor]  # type: ignore[union-attr]
+        wound[:, c] = last.reel * last.winding * motor_angle[:, motor]  # type: ignore[union-attr]
     return Path(stamp_ns, length, by_joint, wrap, wound)
 
 

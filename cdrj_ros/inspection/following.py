@@ -21,7 +21,7 @@ def cable_per_turn(robot: Robot) -> Matrix:
     for c, cable in enumerate(robot.cables):
         for node in (cable.nodes[0], cable.nodes[-1]):
             if isinstance(node, Winch):
-                drums[c, names.index(node.motor)] += node.winding * node.radius
+                drums[c, names.index(node.motor)] += node.winding * node.reel
     return drums
 
 

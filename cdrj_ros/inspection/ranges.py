@@ -239,7 +239,7 @@ def _wound(robot: Robot, cable: Cable, motors: Matrix) -> Vector:
     if not isinstance(last, Winch):
         return np.zeros(motors.shape[0])
     names = [motor.name for motor in robot.motors]
-    wound: Vector = last.winding * last.radius * motors[:, names.index(last.motor)]
+    wound: Vector = last.winding * last.reel * motors[:, names.index(last.motor)]
     return wound
 
 

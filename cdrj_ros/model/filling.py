@@ -33,13 +33,14 @@ from cdrj_ros.robot.description import (
     LAWS,
     TABLE_INTERVALS,
     Cable,
+    Frame,
     Node,
     Profile,
     Pulley,
     Robot,
     Winch,
 )
-from cdrj_ros.robot.space import CONTACT_KINDS
+from cdrj_ros.robot.space import CONTACT_KINDS, SpatialFrame
 
 Vector = NDArray[np.float64]
 
@@ -121,16 +122,18 @@ class _Rows:
             sign = axis.effort_sign
             _fill(self._numbers.axes, k, effort_sign=sign, **asdict(axis.passive))
 
+    def _place_in_tree(self, frame: Frame | SpatialFrame) -> dict[str, int]:
+        """Plan of a frame: its parent, motion and joint."""
+        return {
+            "parent": self._frames[frame.parent] if frame.parent else -1,
+            "motion": geometry.MOTIONS.index(frame.motion),
+            "joint": self._joints[frame.joint] if frame.joint else -1,
+        }
+
     def frames(self) -> None:
         """Fill the rows of planar frames, parents first."""
         for k, frame in enumerate(self._robot.frames):
-            _fill(
-                self._plan.frames,
-                k,
-                parent=self._frames[frame.parent] if frame.parent else -1,
-                motion=geometry.MOTIONS.index(frame.motion),
-                joint=self._joints[frame.joint] if frame.joint else -1,
-            )
+            _fill(self._plan.frames, k, **self._place_in_tree(frame))
             _fill(
                 self._numbers.frames,
                 k,
@@ -145,13 +148,7 @@ class _Rows:
     def spatial_frames(self) -> None:
         """Fill the rows of frames in space, parents first."""
         for k, frame in enumerate(self._robot.spatial_frames):
-            _fill(
-                self._plan.spatial_frames,
-                k,
-                parent=self._frames[frame.parent] if frame.parent else -1,
-                motion=geometry.MOTIONS.index(frame.motion),
-                joint=self._joints[frame.joint] if frame.joint else -1,
-            )
+            _fill(self._plan.spatial_frames, k, **self._place_in_tree(frame))
             _fill(
                 self._numbers.spatial_frames,
                 k,
@@ -191,7 +188,7 @@ class _Rows:
             winch = node if isinstance(node, Winch) else None
             motor = self._motors[winch.motor] if winch else -1
             _fill(self._plan.ends, 2 * c + end, motor=motor)
-            radius, winding = (winch.radius, winch.winding) if winch else (0.0, 0.0)
+            radius, winding = (winch.reel, winch.winding) if winch else (0.0, 0.0)
             _fill(self._numbers.ends, 2 * c + end, radius=radius, winding=winding)
         for k in range(len(cable.pulleys)):
             self._pulley(cable, k, pulley + k, element + k)
@@ -260,7 +257,6 @@ class _Rows:
             _fill(self._plan.spatial_nodes, k, kind=0, frame=-1, exit_frame=-1)
             return
         basis = _basis(place.axis)
-        side = basis @ np.array(place.side) if place.side else np.zeros(3)
         _fill(
             self._plan.spatial_nodes,
             k,
@@ -274,11 +270,14 @@ class _Rows:
             centre=place.position,
             basis=tuple(basis.ravel()),
             exit=place.exit,
-            side=tuple(side),
-            sided=float(place.side is not None),
+            sided=float(place.sided),
+            ignored_inside=float(place.ignored_inside),
             radius=node.radius,
             turn=float(place.turn),
+            inside=float(place.inside),
             turns=float(place.turns),
+            lead=0.0,
+            reel=node.reel if isinstance(node, Winch) else node.radius,
             length=place.length,
             arc_reference=pi if isinstance(node, Pulley) else 0.0,
             turn_reference=0.0,

@@ -262,7 +262,7 @@ def advance(
     """
     step = _step_views(plan, numbers, before, out)
     after, scratch, estimate = step.after, step.scratch, step.estimate
-    if not place_cables(step.plan, step.numbers, joint_angle, after.length, scratch):
+    if not place_cables(step.plan, step.numbers, motor_angle, joint_angle, after.length, scratch):
         _refuse(before, out, estimate, estimate_size(step.plan.sizes))
         return False
     friction_losses(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import lean, stage
-from cdrj_ros.model.packing import SPATIAL, AxisNumbers, Numbers, Plan
+from cdrj_ros.model.packing import SPATIAL, AxisNumbers, CablePlan, Numbers, Plan
 from cdrj_ros.model.state import EstimateViews, ScratchViews
 from cdrj_ros.model.status import INVALID, OK, OVERLOAD, SLACK
 
@@ -43,6 +43,21 @@ def _force_on_pulley(
     if plan.pulleys[p].wrap_changes == 1:
         along, across = sin(0.5 * scratch.wrap[p]), cos(0.5 * scratch.wrap[p])
     return (t_out + t_in) * along, (t_out - t_in) * across, 0.0
+
+
+@stage
+def _wandering(
+    numbers: Numbers, cable: CablePlan, end: int, scratch: ScratchViews, tension: Vector
+) -> float:
+    """Virtual work of a cable per radian as its point of departure wanders on the drum [N m]."""
+    work = 0.0
+    node = cable.first_node + end * cable.elements
+    if cable.routed == SPATIAL and numbers.spatial_nodes[node].lead != 0.0:
+        for e in range(cable.elements):
+            touch = scratch.touches[cable.first_node + e]
+            by = touch.length_by_first if end == 0 else touch.length_by_last
+            work += tension[cable.first_element + e] * by
+    return work
 
 
 @stage
@@ -83,7 +98,8 @@ def report_cable(
         if motor >= 0:
             drum = numbers.ends[2 * c + end]
             pull = tension[first] if end == 0 else tension[last - 1]
-            estimate.motor_effort[motor] -= drum.winding * drum.radius * pull
+            wandering = _wandering(numbers, cable, end, scratch, tension)
+            estimate.motor_effort[motor] -= drum.winding * (drum.radius * pull + wandering)
     for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
         e = plan.pulleys[p].element
         t_in, t_out = tension[e], tension[e + 1]

@@ -14,14 +14,12 @@ from cdrj_ros.model.filling import pack
 from cdrj_ros.model.packing import (
     PLANAR,
     SPATIAL,
-    CablePlan,
     Indices,
     Sizes,
     number_views,
     plan_views,
 )
 from cdrj_ros.model.shape import shape
-from cdrj_ros.model.spatial_paths import arc_in_space
 from cdrj_ros.model.spatial_reasons import spatial_reason
 from cdrj_ros.model.state import (
     ScratchViews,
@@ -31,12 +29,9 @@ from cdrj_ros.model.state import (
     scratch_views,
     state_size,
 )
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import Robot, Winch
 
 Vector = NDArray[np.float64]
-
-ARC_POINTS: Final = 24
-"""Number of points per half turn of a drawn arc."""
 
 RANGE_CHECKS: Final = 41
 """Number of poses per joint in which the geometry is checked."""
@@ -163,17 +158,27 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
     return model
 
 
-def shape_at(model: Model, joint_angle: Vector) -> Shape:
-    """Lengths, wraps and directions at the joint angles [rad] or [m], shape (joints,)."""
-    return _shape(model, joint_angle)[0]
+def shape_at(model: Model, joint_angle: Vector, motor_angle: Vector | None = None) -> Shape:
+    """Lengths, wraps and directions in a pose.
+
+    Args:
+        model: the robot.
+        joint_angle: [rad] or [m], shape (joints,).
+        motor_angle: [rad], shape (motors,); None for drums at rest.  Only drums with a pitch depend
+            on it.
+    """
+    return placed(model, joint_angle, motor_angle)[0]
 
 
-def _shape(model: Model, joint_angle: Vector) -> tuple[Shape, ScratchViews]:
+def placed(
+    model: Model, joint_angle: Vector, motor_angle: Vector | None = None
+) -> tuple[Shape, ScratchViews]:
     """As ``shape_at``; the second result is the scratch, with the poses of the frames."""
     length, scratch = np.empty(model.sizes.elements), np.zeros(scratch_size(model.sizes))
     possible = shape(
         model.plan,
         read_only(model.numbers),
+        np.ascontiguousarray(() if motor_angle is None else motor_angle, dtype=np.float64),
         np.ascontiguousarray(joint_angle, dtype=np.float64),
         length,
         scratch,
@@ -233,11 +238,12 @@ def _layout(robot: Robot, plan: Indices, sizes: Sizes) -> Layout:
 
 def _set_routed_references(model: Model, reference: Vector) -> None:
     """Set the reference wraps of pulleys and the reference directions of ends of routed cables."""
-    _, rest = _shape(model, reference)
+    _, rest = placed(model, reference)
     plan, numbers = plan_views(model.plan), number_views(model.sizes, model.numbers)
-    for cable in (plan.cables[c] for c in range(len(plan.cables))):
+    for c in range(len(plan.cables)):
+        cable = plan.cables[c]
         if cable.routed == SPATIAL:
-            _set_spatial_references(model, cable, rest, reference)
+            _set_spatial_references(model, c, rest, reference)
         if cable.routed != PLANAR:
             continue
         for k in range(cable.pulleys):
@@ -251,11 +257,10 @@ def _set_routed_references(model: Model, reference: Vector) -> None:
             circle.arc_angle = circle.turn * (turned if k == 0 else -turned)
 
 
-def _set_spatial_references(
-    model: Model, cable: CablePlan, rest: ScratchViews, reference: Vector
-) -> None:
-    """As ``_set_routed_references``, for one cable in space."""
+def _set_spatial_references(model: Model, c: int, rest: ScratchViews, reference: Vector) -> None:
+    """As ``_set_routed_references``, for one cable in space; then its drums begin to wander."""
     plan, numbers = plan_views(model.plan), number_views(model.sizes, model.numbers)
+    cable = plan.cables[c]
     twists: Any = rest.spatial_twist
     for k in range(cable.elements + 1):
         place = cable.first_node + k
@@ -263,9 +268,11 @@ def _set_spatial_references(
         if 0 < k < cable.elements:
             node.arc_reference = touch.angle
             continue
-        angular = twists["angular"][plan.spatial_nodes[place].frame]
+        angular = twists["angular"][plan.spatial_nodes[place].frame, : reference.size]
         node.turn_reference = float(reference @ (angular @ touch.basis[6:9]))
         node.arc_reference = touch.angle + node.turn_reference
+        end = model.robot.cables[c].nodes[k]
+        node.lead = end.lead if isinstance(end, Winch) else 0.0
 
 
 def _check_range(model: Model) -> None:
@@ -298,7 +305,7 @@ def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
     element = pulley = 0
     for k, cable in enumerate(robot.cables):
         if cable.spatial:
-            reason = spatial_reason(cable, k, first_node, _shape(model, angle)[1])
+            reason = spatial_reason(cable, k, first_node, placed(model, angle)[1])
             if reason:
                 return f"{reason}{where} ({robot.source})"
         first_node += len(cable.nodes)
@@ -327,29 +334,3 @@ def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
         element += len(cable.nodes) - 1
         pulley += len(cable.nodes) - 2
     return f"the geometry is impossible{where} ({robot.source})"
-
-
-def paths_in_space(model: Model, joint_angle: Vector) -> list[list[NDArray[np.float64]]]:
-    """Points at which the cables in space touch their nodes.
-
-    Args:
-        model: the robot.
-        joint_angle: [rad] or [m], shape (joints,).
-
-    Returns:
-        For every cable a list with one array per node, the points of contact in the base [m], shape
-        (points, 3): one for a point or an end, both ends of a sheath, an arc for a pulley or a
-        round body, none where the cable does not touch the node.  The list of a cable that is not
-        described in space is empty.
-    """
-    touches: Any = _shape(model, joint_angle)[1].touches
-    paths, node_at = [], 0
-    for cable in model.robot.cables:
-        pieces = [
-            arc_in_space(node, touches[node_at + k], ARC_POINTS)
-            for k, node in enumerate(cable.nodes)
-            if cable.spatial
-        ]
-        node_at += len(cable.nodes)
-        paths.append(pieces)
-    return paths

@@ -56,13 +56,49 @@ def _tabulated_shape(
 
 
 @stage
+def _add_arcs(
+    plan: Plan, numbers: Numbers, pulley: int, beyond: int, length: Vector, scratch: ScratchViews
+) -> None:
+    """Add the arcs on the pulleys of one cable given by spans to the lengths."""
+    for p in range(pulley, beyond):
+        half = 0.5 * numbers.pulleys[p].radius * scratch.wrap[p]
+        element = plan.pulleys[p].element
+        length[element] += half
+        length[element + 1] += half
+
+
+@stage
+def _wind_drums(
+    plan: Plan, numbers: Numbers, c: int, motor_angle: Vector, scratch: ScratchViews
+) -> None:
+    """Set the angles of cable that the motors of one cable in space have wound in."""
+    cable = plan.cables[c]
+    for k in (0, 1):
+        motor, drum = plan.ends[2 * c + k].motor, numbers.ends[2 * c + k]
+        touch = scratch.touches[cable.first_node + k * cable.elements]
+        touch.wound = 0.0
+        if motor >= 0 and motor_angle.size > 0:
+            reference = numbers.motors[motor].reference_angle
+            touch.wound = drum.winding * (motor_angle[motor] - reference)
+
+
+@stage
 def place_cables(
-    plan: Plan, numbers: Numbers, joint_angle: Vector, length: Vector, scratch: ScratchViews
+    plan: Plan,
+    numbers: Numbers,
+    motor_angle: Vector,
+    joint_angle: Vector,
+    length: Vector,
+    scratch: ScratchViews,
 ) -> bool:
     """Geometry of all cables at the joint angles; False if the path of a cable is impossible.
 
+    Longer than a screen because numba takes the views of every cable as arguments.
+
     Args:
         plan, numbers: the prepared robot.
+        motor_angle: [rad], shape (motors,), or (0,) for drums at rest.  Only drums with a pitch
+            depend on it.
         joint_angle: [rad] or [m], shape (joints,).
         length: of every element, arcs included [m], shape (elements,), written.
         scratch: derivatives of the lengths, wraps, poses of frames and, for routed elements only,
@@ -85,6 +121,7 @@ def place_cables(
         pulley, beyond = cable.first_pulley, cable.first_pulley + cable.pulleys
         if cable.routed == SPATIAL:
             nodes = slice(cable.first_node, cable.first_node + cable.elements + 1)
+            _wind_drums(plan, numbers, c, motor_angle, scratch)
             possible &= route_in_space(
                 plan.spatial_nodes[nodes],
                 numbers.spatial_nodes[nodes],
@@ -110,19 +147,21 @@ def place_cables(
                 scratch.direction[first:last],
             )
         else:
-            for p in range(pulley, beyond):
-                half = 0.5 * numbers.pulleys[p].radius * scratch.wrap[p]
-                element = plan.pulleys[p].element
-                length[element] += half
-                length[element + 1] += half
+            _add_arcs(plan, numbers, pulley, beyond, length, scratch)
     return possible
 
 
 @lean
 def shape(
-    plan: Indices, numbers: Vector, joint_angle: Vector, length: Vector, scratch: Vector
+    plan: Indices,
+    numbers: Vector,
+    motor_angle: Vector,
+    joint_angle: Vector,
+    length: Vector,
+    scratch: Vector,
 ) -> bool:
     """``place_cables`` for calls from Python; ``scratch`` has the shape (scratch_size,)."""
     parts = plan_views(plan)
     constants = number_views(parts.sizes, numbers)
-    return place_cables(parts, constants, joint_angle, length, scratch_views(parts.sizes, scratch))
+    views = scratch_views(parts.sizes, scratch)
+    return place_cables(parts, constants, motor_angle, joint_angle, length, views)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from math import atan2, cos, hypot, pi, sin, sqrt
 
 from cdrj_ros.model.compiled import lean, stage
+from cdrj_ros.model.spatial_inside import inside_angle_by, point_inside
 from cdrj_ros.model.spatial_records import (
     CYLINDER,
     PULLEY,
@@ -18,6 +19,12 @@ from cdrj_ros.model.spatial_records import (
     SWIVEL,
     SpatialNodeNumbers,
     Touch,
+)
+from cdrj_ros.model.spatial_tangents import (
+    flat,
+    tangent_normal,
+    tangent_normal_by,
+    way_round,
 )
 from cdrj_ros.model.spatial_vectors import (
     Vector3,
@@ -39,105 +46,12 @@ Z: Vector3 = (0.0, 0.0, 1.0)
 
 
 @stage
-def flat(a: Vector3) -> Vector3:
-    """Component of a vector normal to the axis z."""
-    return a[0], a[1], 0.0
-
-
-@stage
-def tangent_normal(a: Vector3, axis: Vector3, radius: float, sense: float) -> tuple[Vector3, float]:
-    """Unit normal where a line from ``a`` becomes tangent to a circle, and the line's length.
-
-    ``a`` lies in the plane of the circle, whose centre is the origin: (G4).  With the opposite
-    sense, the result is the normal where a line to ``a`` leaves the circle.
-    """
-    square = dot(a, a)
-    length = sqrt(max(square - radius * radius, 0.0))
-    normal = combined(radius / square, a, sense * length / square, cross(axis, a))
-    return normal, length
-
-
-@stage
-def tangent_normal_by(
-    a: Vector3,
-    axis: Vector3,
-    radius: float,
-    sense: float,
-    length: float,
-    normal: Vector3,
-    a_by: Vector3,
-    axis_by: Vector3,
-) -> tuple[Vector3, float]:
-    """Derivatives of both results of ``tangent_normal``, the normal and the length."""
-    square = dot(a, a)
-    outwards = dot(a, a_by)
-    length_by = outwards / length
-    across = cross(axis, a)
-    across_by = plus(cross(axis_by, a), cross(axis, a_by))
-    turned = combined(sense * length_by, across, sense * length, across_by)
-    normal_by = scaled(1.0 / square, plus(scaled(radius, a_by), turned))
-    return combined(1.0, normal_by, -2.0 * outwards / square, normal), length_by
-
-
-@stage
 def _arc_angle(axis: Vector3, sense: float, first: Vector3, last: Vector3) -> float:
     """Angle in [0, 2 pi) from one normal to another; rounding below 0 counts as 0."""
     angle = sense * atan2(dot(axis, cross(first, last)), dot(first, last))
     if angle < -1e-9:
         angle += 2.0 * pi
     return max(angle, 0.0)
-
-
-@stage
-def _lines_cross(a: Vector3, b: Vector3, c: Vector3, d: Vector3, axis: Vector3) -> bool:
-    """Whether the segments a-b and c-d of a plane intersect."""
-    ab, cd, ca = minus(b, a), minus(d, c), minus(a, c)
-    determinant = dot(axis, cross(ab, cd))
-    if abs(determinant) < 1e-15:
-        return False
-    first = dot(axis, cross(cd, ca)) / determinant
-    second = dot(axis, cross(ab, ca)) / determinant
-    return 0.0 <= first <= 1.0 and 0.0 <= second <= 1.0
-
-
-@stage
-def _goodness(
-    a: Vector3, b: Vector3, axis: Vector3, radius: float, sense: float, side: Vector3
-) -> float:
-    """Cosine of the angle between one way's arc and the side point; -2 if its two lines cross."""
-    first, _ = tangent_normal(a, axis, radius, sense)
-    last, _ = tangent_normal(b, axis, radius, -sense)
-    if _lines_cross(a, scaled(radius, first), b, scaled(radius, last), axis):
-        return -2.0
-    middle = plus(first, last)
-    return dot(middle, side) / max(norm(middle) * norm(side), 1e-300)
-
-
-@stage
-def way_round(
-    a: Vector3, b: Vector3, axis: Vector3, radius: float, turn: float, sided: bool, side: Vector3
-) -> tuple[bool, float]:
-    """Whether a cable from a to b, both in the plane of a circle, touches it, and in which sense.
-
-    It touches if the straight line from a to b passes through the circle, or passes it on the side
-    opposite to the one that ``turn`` or ``side`` demands.
-    """
-    way = minus(b, a)
-    square = dot(way, way)
-    share = min(max(-dot(way, a) / square, 0.0), 1.0) if square > 0.0 else 0.0
-    nearest = combined(1.0, a, share, way)
-    through = dot(nearest, nearest) <= radius * radius
-    left = dot(axis, cross(a, b))  # positive: the centre lies to the left of the line
-    if turn != 0.0:
-        return through or turn * left < 0.0, turn
-    if sided:
-        if not (through or dot(side, nearest) < 0.0):
-            return False, 1.0
-        plus_side = _goodness(a, b, axis, radius, 1.0, side)
-        minus_side = _goodness(a, b, axis, radius, -1.0, side)
-        sense = 1.0 if plus_side > minus_side else -1.0
-        return max(plus_side, minus_side) >= -1.0, sense
-    return through, 1.0 if left >= 0.0 else -1.0
 
 
 @stage
@@ -169,9 +83,26 @@ def _meet_swivel(node: SpatialNodeNumbers, touch: Touch, b: Vector3) -> bool:
 
 
 @stage
+def _meet_inside(
+    node: SpatialNodeNumbers, touch: Touch, a: Vector3, b: Vector3, axis: Vector3
+) -> bool:
+    """The point at which a cable that runs through the inside of a body touches it: (G6)."""
+    radius = node.radius
+    touching, normal = point_inside(a, b, axis, radius)
+    touch.touching = 1.0 if touching else 0.0
+    touch.sense = 1.0
+    store(touch.normal, axis)
+    store(touch.entry_normal, normal)
+    store(touch.exit_normal, normal)
+    point = scaled(radius, normal)
+    touch.before_length, touch.after_length = norm(minus(a, point)), norm(minus(b, point))
+    return True
+
+
+@stage
 def _meet_body(node: SpatialNodeNumbers, kind: int, touch: Touch, a: Vector3, b: Vector3) -> bool:
-    """Points of contact with a cylinder or a sphere, or none; False where a point is inside."""
-    axis, side = Z, load(node.side)
+    """Points of contact with a cylinder or a sphere, or none; False if that is impossible."""
+    axis, side = Z, load(touch.side)
     if kind == SPHERE:
         axis = cross(a, b)
         size = norm(axis)
@@ -182,10 +113,15 @@ def _meet_body(node: SpatialNodeNumbers, kind: int, touch: Touch, a: Vector3, b:
             axis = scaled(1.0 / norm(axis), axis)
         side = combined(1.0, side, -dot(side, axis), axis)
     else:
-        a, b = flat(a), flat(b)
+        a, b, side = flat(a), flat(b), flat(side)
     radius = node.radius
     if not (dot(a, a) > radius * radius and dot(b, b) > radius * radius):
-        return False
+        touch.touching = 0.0
+        store(touch.entry_normal, Z)
+        store(touch.exit_normal, Z)
+        return node.ignored_inside == 1.0
+    if node.inside == 1.0:
+        return _meet_inside(node, touch, a, b, axis)
     touching, sense = way_round(a, b, axis, radius, node.turn, node.sided == 1.0, side)
     touch.touching = 1.0 if touching or node.turns > 0.0 else 0.0
     touch.sense = sense
@@ -218,7 +154,9 @@ def meet(node: SpatialNodeNumbers, kind: int, touch: Touch) -> tuple[bool, Vecto
     first, last = load(touch.entry_normal), load(touch.exit_normal)
     entry, leave = scaled(radius, first), scaled(radius, last)
     if kind == CYLINDER:
-        angle = _arc_angle(Z, touch.sense, first, last) + 2.0 * pi * node.turns
+        angle = 0.0
+        if node.inside == 0.0:
+            angle = _arc_angle(Z, touch.sense, first, last) + 2.0 * pi * node.turns
         rise = b[2] - a[2]
         whole = touch.before_length + radius * angle + touch.after_length
         entry = (entry[0], entry[1], a[2] + rise * touch.before_length / whole)
@@ -297,6 +235,36 @@ def _sphere_by(
 
 
 @stage
+def _inside_by(
+    node: SpatialNodeNumbers, kind: int, touch: Touch, a_by: Vector3, b_by: Vector3
+) -> tuple[Vector3, Vector3]:
+    """Velocity of the point at which the cable touches the inside of a body."""
+    a, b, normal = load(touch.before), load(touch.after), load(touch.entry_normal)
+    axis, before, after = load(touch.normal), touch.before_length, touch.after_length
+    flat_a, flat_b, flat_a_by, flat_b_by = a, b, a_by, b_by
+    if kind == CYLINDER:
+        flat_a, flat_b, flat_a_by, flat_b_by = flat(a), flat(b), flat(a_by), flat(b_by)
+    point = scaled(node.radius, normal)
+    to_a = scaled(1.0 / before, minus(flat_a, point))
+    to_b = scaled(1.0 / after, minus(flat_b, point))
+    touch.arc_by = 0.0
+    along, across = inside_angle_by(
+        node.radius, normal, axis, to_a, to_b, before, after, flat_a_by, flat_b_by
+    )
+    point_by = combined(node.radius * along, cross(axis, normal), node.radius * across, axis)
+    if kind == CYLINDER:
+        point_by = combined(node.radius * along, cross(axis, normal), 0.0, axis)
+        before_by = dot(to_a, minus(flat_a_by, point_by))
+        after_by = dot(to_b, minus(flat_b_by, point_by))
+        whole, rise = before + after, b[2] - a[2]
+        share = before / whole
+        share_by = (before_by - share * (before_by + after_by)) / whole
+        height_by = a_by[2] + share * (b_by[2] - a_by[2]) + share_by * rise
+        point_by = (point_by[0], point_by[1], height_by)
+    return point_by, point_by
+
+
+@stage
 def _cylinder_by(
     node: SpatialNodeNumbers, touch: Touch, a_by: Vector3, b_by: Vector3
 ) -> tuple[Vector3, Vector3]:
@@ -337,6 +305,8 @@ def meet_by(
         return _circle_by(node, touch, a_by, b_by)
     if kind == SWIVEL:
         return _swivel_by(node, touch, b_by)
+    if node.inside == 1.0:
+        return _inside_by(node, kind, touch, a_by, b_by)
     if kind == SPHERE:
         return _sphere_by(node, touch, a_by, b_by)
     return _cylinder_by(node, touch, a_by, b_by)

@@ -58,13 +58,18 @@ def _multiply_columns(pose: SpatialPose, left: Vector, right: Vector) -> None:
 
 @stage
 def _turn_pose(pose: SpatialPose, axis: Vector3, angle: float) -> None:
-    """Turn the axes of a pose about a unit vector in the base."""
+    """Turn a pose about a unit vector in its own axes.
+
+    Turning about the vector in the base would multiply rounding errors from joint to joint.
+    """
     c, s = cos(angle), sin(angle)
-    for k in range(3):
-        column = (pose.rotation[k], pose.rotation[3 + k], pose.rotation[6 + k])
-        turned = about(axis, c, s, column)
-        for i in range(3):
-            pose.rotation[3 * i + k] = turned[i]
+    first = rotated(pose.rotation, about(axis, c, s, (1.0, 0.0, 0.0)))
+    second = rotated(pose.rotation, about(axis, c, s, (0.0, 1.0, 0.0)))
+    third = rotated(pose.rotation, about(axis, c, s, (0.0, 0.0, 1.0)))
+    for i in range(3):
+        pose.rotation[3 * i] = first[i]
+        pose.rotation[3 * i + 1] = second[i]
+        pose.rotation[3 * i + 2] = third[i]
 
 
 @stage
@@ -96,7 +101,8 @@ def place_spatial_frames(
         plans, frames: every frame, parents first, shape (f,).
         joint_angle: [rad] or [m], shape (j,).
         poses: shape (f,), written.
-        twists: shape (f, j), written.
+        twists: shape (f, j + 1), written; the last column is 0, for drums that turn while all
+            joints rest.
 
     A rolling frame follows two equal circles of radius R as in the plane (eq. 5).  It rolls about
     its z axis and starts on its x axis.
@@ -111,6 +117,9 @@ def place_spatial_frames(
                 if plan.parent >= 0:
                     moved.angular[i] = twists[plan.parent, j].angular[i]
                     moved.linear[i] = twists[plan.parent, j].linear[i]
+        still = twists[f, joint_angle.size]
+        for i in range(3):
+            still.angular[i], still.linear[i] = 0.0, 0.0
         if plan.joint >= 0:
             q = frame.multiplier * joint_angle[plan.joint] + frame.offset
             axis = rotated(pose.rotation, load(frame.axis))
@@ -118,7 +127,7 @@ def place_spatial_frames(
             twist = twists[f, plan.joint]
             if plan.motion == REVOLUTE:
                 _turn(twist, rate, origin)
-                _turn_pose(pose, axis, q)
+                _turn_pose(pose, load(frame.axis), q)
             elif plan.motion == PRISMATIC:
                 store(twist.linear, plus(load(twist.linear), rate))
                 origin = combined(1.0, origin, q, axis)
@@ -127,5 +136,5 @@ def place_spatial_frames(
                 radius = about(axis, cos(q), sin(q), start)
                 _turn(twist, scaled(2.0, rate), plus(origin, radius))
                 origin = combined(1.0, origin, 2.0, radius)
-                _turn_pose(pose, axis, 2.0 * q)
+                _turn_pose(pose, load(frame.axis), 2.0 * q)
         store(pose.origin, origin)

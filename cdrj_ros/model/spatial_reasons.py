@@ -32,7 +32,7 @@ def spatial_reason(cable: Cable, index: int, first_node: int, views: ScratchView
                         f"{path}[{one}] and nodes[{two}] ({cable.name}) have no common tangent"
                         ": seen along the axis, the cable would begin inside the circle"
                     )
-        elif kind in ("cylinder", "sphere"):
+        elif kind in ("cylinder", "sphere") and not node.space.ignored_inside:
             seen = slice(0, 3 if kind == "sphere" else 2)
             for other, point in ((k - 1, touch.before), (k + 1, touch.after)):
                 distance = float(np.linalg.norm(point[seen]))

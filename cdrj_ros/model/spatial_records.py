@@ -50,7 +50,7 @@ class SpatialNodePlan:
     frame: int
     """-1 where the node has no position in space."""
     exit_frame: int
-    """Frame of the far end of a sheath."""
+    """Frame of the far end of a sheath, or of the side point of a round body."""
 
 
 class SpatialNodeNumbers:
@@ -61,17 +61,26 @@ class SpatialNodeNumbers:
     basis: Vector
     """Unit vectors of its own axes, one by row, shape (9,)."""
     exit: Vector
-    """Far end of a sheath in its frame [m], shape (3,)."""
-    side: Vector
-    """Point on the side that the cable passes, in its own axes [m], shape (3,)."""
+    """Far end of a sheath, or the point on the side that the cable passes, in ``exit_frame`` [m],
+    shape (3,)."""
     sided: float
-    """1 where ``side`` is given, otherwise 0."""
+    """1 where a side is given, otherwise 0."""
+    ignored_inside: float
+    """1 where a body does not touch the cable while a neighbouring point lies inside it; 0 where
+    such a pose is impossible."""
     radius: float
     """[m]."""
     turn: float
     """+1 counter-clockwise about the axis, -1 clockwise, 0 where it follows from the position."""
+    inside: float
+    """1 where the cable runs through the inside of a round body, as through a ring."""
     turns: float
     """Whole turns in addition to the wrap."""
+    lead: float
+    """Rise of a drum's groove along its axis per radian of cable wound in [m/rad]; 0 in the
+    reference pose, and for all other nodes."""
+    reel: float
+    """Cable on a drum or a sector per radian [m/rad]."""
     length: float
     """Length of a sheath [m]."""
     arc_reference: float
@@ -115,6 +124,8 @@ class Touch:
     """Point from which the cable comes, in the node's own axes [m], shape (3,)."""
     after: Vector
     """Point to which the cable goes, in the node's own axes [m], shape (3,)."""
+    side: Vector
+    """Point on the side that the cable passes, in the node's own axes [m], shape (3,)."""
     normal: Vector
     """Axis of the arc in the node's own axes, shape (3,)."""
     entry_normal: Vector
@@ -138,6 +149,12 @@ class Touch:
     """Length of cable on the node [m]."""
     share: float
     """If the cable does not touch: position of the node along the straight line past it [-]."""
+    twisted: float
+    """Turn of the frame of an end about its axis by all joints [rad]."""
+    wound: float
+    """Angle of cable that the motor of an end has wound in since the reference pose [rad]."""
+    winding: float
+    """Derivative of ``wound``: 1 or 0."""
     entry_by: Vector
     """Derivative of ``entry`` by one joint, shape (3,)."""
     exit_by: Vector
@@ -146,12 +163,18 @@ class Touch:
     """Derivative of ``arc`` by one joint."""
     share_by: float
     """Derivative of ``share`` by one joint."""
+    length_by: float
+    """Derivative of the length of the element after the node by one joint."""
+    length_by_first: float
+    """Derivative of that length by ``wound`` of the first end [m/rad]; only where it has a lead."""
+    length_by_last: float
+    """Derivative of that length by ``wound`` of the last end [m/rad]; only where it has a lead."""
 
 
 SPATIAL_FRAME_PLAN: Final = record_type(SpatialFramePlan)
 SPATIAL_FRAME: Final = record_type(SpatialFrameNumbers, origin=3, rotation=9, axis=3)
 SPATIAL_NODE_PLAN: Final = record_type(SpatialNodePlan)
-SPATIAL_NODE: Final = record_type(SpatialNodeNumbers, centre=3, basis=9, exit=3, side=3)
+SPATIAL_NODE: Final = record_type(SpatialNodeNumbers, centre=3, basis=9, exit=3)
 SPATIAL_POSE: Final = record_type(SpatialPose, rotation=9, origin=3)
 SPATIAL_TWIST: Final = record_type(SpatialTwist, angular=3, linear=3)
 TOUCH: Final = record_type(
@@ -162,6 +185,7 @@ TOUCH: Final = record_type(
     exit=3,
     before=3,
     after=3,
+    side=3,
     normal=3,
     entry_normal=3,
     exit_normal=3,

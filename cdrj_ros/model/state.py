@@ -106,7 +106,8 @@ class ScratchViews(NamedTuple):
     spatial_pose: Rows[SpatialPose]
     """Of every frame in space, shape (spatial_frames,)."""
     spatial_twist: Grid[SpatialTwist]
-    """Of every frame in space by every joint, shape (spatial_frames, joints)."""
+    """Of every frame in space by every joint, shape (spatial_frames, joints + 1); the last column
+    is 0."""
     touches: Rows[Touch]
     """Of every node of a robot described in space, shape (spatial_nodes,)."""
 
@@ -203,7 +204,7 @@ def _scratch_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int,
     pose = contacts + sizes.frames * _POSE
     twist = pose + sizes.frames * sizes.joints * _TWIST
     spatial_pose = twist + sizes.spatial_frames * _SPATIAL_POSE
-    spatial_twist = spatial_pose + sizes.spatial_frames * sizes.joints * _SPATIAL_TWIST
+    spatial_twist = spatial_pose + sizes.spatial_frames * (sizes.joints + 1) * _SPATIAL_TWIST
     touches = spatial_twist + sizes.spatial_nodes * _TOUCH
     return (
         by_joint, direction, wrap, elements, contacts, pose, twist,
@@ -233,6 +234,6 @@ def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
         rows(scratch, contacts, pose, POSE),
         grid(scratch, pose, sizes.frames, sizes.joints, TWIST),
         rows(scratch, twist, spatial_pose, SPATIAL_POSE),
-        grid(scratch, spatial_pose, sizes.spatial_frames, sizes.joints, SPATIAL_TWIST),
+        grid(scratch, spatial_pose, sizes.spatial_frames, sizes.joints + 1, SPATIAL_TWIST),
         rows(scratch, spatial_twist, end, TOUCH),
     )

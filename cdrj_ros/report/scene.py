@@ -13,7 +13,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.prepared import Model, paths_in_space, shape_at
+from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.spatial_paths import paths_in_space
 from cdrj_ros.report.pose import Pose, centre_of, pose_of, strands_and_arcs
 from cdrj_ros.robot.description import Anchor, Winch
 

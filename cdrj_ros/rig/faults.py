@@ -169,7 +169,7 @@ def drums_of(robot: Robot) -> list[tuple[int, int, int, float]]:
     """Every drum of a robot: (cable, node, motor, radius with the winding's sign [m])."""
     names = [motor.name for motor in robot.motors]
     return [
-        (c, k, names.index(node.motor), node.winding * node.radius)
+        (c, k, names.index(node.motor), node.winding * node.reel)
         for c, cable in enumerate(robot.cables)
         for k, node in enumerate(cable.nodes)
         if isinstance(node, Winch) and not isinstance(node, Pulley)

@@ -39,9 +39,9 @@ def _shapes(
 ) -> int:
     """Lengths and wraps in many poses; returns the first impossible pose, or their number."""
     sizes = plan_views(plan).sizes
-    scratch = np.empty(scratch_size(sizes))
+    scratch, at_rest = np.empty(scratch_size(sizes)), np.empty(0)
     for k in range(joint_angle.shape[0]):
-        if not shape(plan, numbers, joint_angle[k], lengths[k], scratch):
+        if not shape(plan, numbers, at_rest, joint_angle[k], lengths[k], scratch):
             return k
         wraps[k] = scratch_views(sizes, scratch).wrap
     return joint_angle.shape[0]

@@ -111,7 +111,12 @@ class CableReader:
                 raise self.refuse(
                     f"{path}.motor", f"must be one of {listed(motors)}, got {entry['motor']!r}"
                 )
-            return Winch(entry["motor"], float(entry["radius"]), entry["winding"], place, space)
+            pitch = float(entry.get("pitch", 0.0))
+            if pitch and space is None:
+                raise self.refuse(f"{path}.pitch", "needs a drum in space, with its axis")
+            return Winch(
+                entry["motor"], float(entry["radius"]), entry["winding"], place, space, pitch
+            )
         if entry["type"] == "anchor":
             return Anchor(**given(entry, "radius"), place=place, space=space)
         if entry["type"] == "pulley":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import hypot, pi
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
@@ -183,6 +184,18 @@ class Winch:
     """+1: a positive motor angle winds the cable in; -1: pays it out."""
     place: Place | None = None
     space: SpatialPlace | None = None
+    pitch: float = 0.0
+    """Distance by which the point of departure moves along the axis per turn wound in [m]."""
+
+    @property
+    def lead(self) -> float:
+        """``pitch`` per radian [m/rad]."""
+        return self.pitch / (2.0 * pi)
+
+    @property
+    def reel(self) -> float:
+        """Cable that the drum takes up per radian [m/rad]: the length of its helix."""
+        return hypot(self.radius, self.lead)
 
 
 @dataclass(frozen=True)

@@ -55,13 +55,17 @@ class SpatialPlace:
     turn: int = 0
     """Sense of rotation about the axis: +1 counter-clockwise, -1 clockwise, 0 where it follows from
     the cable's position."""
-    side: Vector3 | None = None
-    """Point on the side that the cable passes, from the centre, in the frame [m]."""
+    sided: bool = False
+    """Whether ``exit`` is a point on the side on which the cable passes a round body."""
+    ignored_inside: bool = False
+    """Whether a body is ignored in poses in which a neighbouring point lies inside it."""
+    inside: bool = False
+    """Whether the cable runs through the inside of a cylinder or a sphere, as through a ring."""
     turns: int = 0
     """Whole turns around a cylinder in addition to the wrap of less than a turn."""
     exit_frame: str = "base"
-    """Frame of the far end of a sheath."""
+    """Frame of the far end of a sheath, or of the point on the side."""
     exit: Vector3 = (0.0, 0.0, 0.0)
-    """Far end of a sheath [m]."""
+    """Far end of a sheath, or the point on the side [m]."""
     length: float = 0.0
     """Length of a sheath [m]."""

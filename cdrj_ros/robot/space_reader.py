@@ -207,16 +207,25 @@ class PlaceReader:
             kind = "point"
         self._check_axis(path, entry, kind)
         axis = unit_vector(f"{path}.axis", entry.get("axis", (0.0, 0.0, 1.0)), self.refuse)
+        self._check_side(path, entry, axis if kind == "cylinder" else (0.0, 0.0, 0.0))
+        frame = entry.get("frame", "base")
+        far = (f"{path}.exit_frame", entry.get("exit_frame", "base"))
+        if "side" in entry:
+            far = (f"{path}.side_frame", entry.get("side_frame", frame))
         return SpatialPlace(
             kind,
-            self._frame(f"{path}.frame", entry.get("frame", "base")),
+            self._frame(f"{path}.frame", frame),
             vector(entry["position"]),
             axis,
             {"ccw": 1, "cw": -1}.get(entry.get("turn", ""), 0),
-            self._side(path, entry, axis if kind == "cylinder" else (0.0, 0.0, 0.0)),
+            "side" in entry,
+            bool(entry.get("ignored_inside", False)),
+            bool(entry.get("inside", False)),
             int(entry.get("turns", 0)),
-            self._frame(f"{path}.exit_frame", entry.get("exit_frame", "base")),
-            vector(entry.get("exit", (0.0, 0.0, 0.0))),
+            self._frame(*far),
+            vector(entry["exit" if "exit" in entry else "side"])
+            if "exit" in entry or "side" in entry
+            else (0.0, 0.0, 0.0),
             float(entry.get("length", 0.0)),
         )
 
@@ -244,25 +253,32 @@ class PlaceReader:
             raise self.refuse(f"{path}.side", "and turn both say which way round; give one of them")
         if entry.get("turns", 0) and "turn" not in entry:
             raise self.refuse(f"{path}.turns", "needs turn: ccw or cw")
+        for key in ("turn", "side", "turns"):
+            if entry.get("inside") and key in entry:
+                raise self.refuse(f"{path}.{key}", "has no meaning for a cable inside a ring")
+        if "pitch" in entry and kind != "pulley":
+            raise self.refuse(f"{path}.pitch", "needs the axis of the drum")
 
     def _frame(self, path: str, name: str) -> str:
         if name not in self.frames:
             raise self.refuse(path, f"must be one of {listed(self.frames)}, got {name!r}")
         return name
 
-    def _side(self, path: str, entry: Document, axis: Vector3) -> Vector3 | None:
-        """Vector from the centre to the side point, without its component along the axis."""
+    def _check_side(self, path: str, entry: Document, axis: Vector3) -> None:
+        """Check that the point on the side lies outside a body of the same frame."""
         if "side" not in entry:
-            return None
+            if "side_frame" in entry:
+                raise self.refuse(f"{path}.side_frame", "needs side")
+            return
+        if entry.get("side_frame", entry.get("frame", "base")) != entry.get("frame", "base"):
+            return
         x, y, z = (a - b for a, b in zip(entry["side"], entry["position"], strict=True))
         along = x * axis[0] + y * axis[1] + z * axis[2]
-        x, y, z = x - along * axis[0], y - along * axis[1], z - along * axis[2]
-        across = sqrt(x * x + y * y + z * z)
+        across = sqrt(max(x * x + y * y + z * z - along * along, 0.0))
         distance = sqrt(across * across + along * along)
         if not (distance > entry["radius"] and across > 0.0):
             raise self.refuse(
                 f"{path}.side",
                 f"must lie outside the radius {entry['radius']:g} m, got a point {distance:g} m "
-                "from it: cables inside a ring are not supported",
+                "from it; for a cable that runs through a ring, give inside: true instead",
             )
-        return x, y, z

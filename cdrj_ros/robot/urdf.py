@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +18,26 @@ MAXIMUM_BYTES: Final = 20_000_000
 
 MOTIONS: Final = ("fixed", "revolute", "continuous", "prismatic")
 
+DESCRIPTION: Final = "robot_description"
+"""Name that stands for the URDF that robot_state_publisher publishes."""
+
+_description: ContextVar[Callable[[], str] | None] = ContextVar("robot_description", default=None)
+
 Document = dict[str, Any]
+
+
+@contextmanager
+def description_given(text: Callable[[], str]) -> Iterator[None]:
+    """Let robot files that are read within the context name ``robot_description`` as their URDF.
+
+    Args:
+        text: returns the URDF; called only for a robot file that names it.
+    """
+    token = _description.set(text)
+    try:
+        yield
+    finally:
+        _description.reset(token)
 
 
 @dataclass(frozen=True)
@@ -55,8 +77,11 @@ def with_urdf_frames(document: Document, source: str) -> Document:
             f"frames must be a list, or a mapping with urdf, the path of a URDF, and joints, the "
             f"names of those that are measured ({source})"
         )
-    path = _find(entry["urdf"], source)
-    joints = _read(path, source)
+    if entry["urdf"] == DESCRIPTION:
+        path, joints = Path(DESCRIPTION), parse_urdf(_described(source), Path(DESCRIPTION))
+    else:
+        path = _find(entry["urdf"], source)
+        joints = read_urdf(path, source)
     measured = entry.get("joints", [j.name for j in joints if j.motion != "fixed" and not j.mimic])
     _check_measured(measured, joints, path, source)
     kept = _needed(document, joints)
@@ -86,13 +111,37 @@ def _find(path: str, source: str) -> Path:
     return Path(source).parent / path
 
 
-def _read(path: Path, source: str) -> list[UrdfJoint]:
-    """All joints of a URDF, parents before children."""
+def _described(source: str) -> bytes:
+    """The text of robot_description."""
+    text = _description.get()
+    if text is None:
+        raise RobotFileError(
+            f"frames.urdf: {DESCRIPTION} is known to nodes only; save it by ros2 param get "
+            f"--hide-type /robot_state_publisher {DESCRIPTION} and name the file ({source})"
+        )
+    return text().encode()
+
+
+def read_urdf(path: Path, source: str) -> list[UrdfJoint]:
+    """All joints of a URDF, parents before children; the first one carries the root link.
+
+    Args:
+        path: the file.
+        source: path of the robot file, for messages.
+
+    Raises:
+        RobotFileError: the URDF cannot be read, or cannot be represented.
+    """
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise RobotFileError(f"frames.urdf: cannot read {path}: {reason} ({source})") from error
+    return parse_urdf(data, path)
+
+
+def parse_urdf(data: bytes, path: Path) -> list[UrdfJoint]:
+    """As ``read_urdf``, from the text of a URDF; ``path`` names it in messages."""
     if len(data) > MAXIMUM_BYTES:
         raise RobotFileError(f"{path} has {len(data)} bytes; a URDF has at most {MAXIMUM_BYTES}")
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
@@ -213,7 +262,8 @@ def _needed(document: Document, joints: list[UrdfJoint]) -> set[str]:
     for cable in document.get("cables") or ():
         for node in (cable.get("nodes") if isinstance(cable, dict) else None) or ():
             if isinstance(node, dict):
-                used |= {str(node.get(key, "base")) for key in ("frame", "exit_frame")}
+                used.add(str(node.get("frame", "base")))
+                used |= {str(node[key]) for key in ("exit_frame", "side_frame") if key in node}
     carrier = {joint.child: joint.parent for joint in joints}
     kept: set[str] = set()
     waiting = sorted(used)

@@ -7,6 +7,8 @@ from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 import numpy as np
 import pytest
 
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot
@@ -70,6 +72,15 @@ CONTACTS = {
             "turn: cw"
         ),
     ],
+    "ring": [
+        "type: cylinder, radius: 0.03, position: [0.1, 0.06, 0.01], axis: [0, 0, 1], inside: true",
+        "type: eyelet, position: [0.15, 0.01, 0.02]",
+        "type: sphere, radius: 0.03, position: [0.2, -0.05, 0.0], inside: true",
+    ],
+    "side of another frame": [
+        ("type: sphere, radius: 0.03, position: [0.1, 0.01, 0], side: [0.02, 0.1, 0], "
+        "side_frame: arm"),
+    ],
     "three turns": [
         (
 
@@ -99,6 +110,16 @@ ENDS = {
             "type: anchor, radius: 0.015, position: [0.1, 0.05, 0.0], "
             "frame: finger, axis: [0, 0, 1], "
             "turn: cw"
+        ),
+    ),
+    "helical drums": (
+        (
+            "type: winch, motor: m, winding: 1, radius: .01, position: [0, 0, 0], axis: [0, 0, 1], "
+            "turn: cw, pitch: 0.004"
+        ),
+        (
+            "type: winch, motor: m, winding: -1, radius: 0.015, position: [0.1, 0.05, 0.0], "
+            "frame: finger, axis: [0.1, 0, 1], turn: cw, pitch: -0.02"
         ),
     ),
     "rolling": (anchor(0, 0, 0.03), anchor(0.2, 0.02, 0.02, "knee")),
@@ -327,3 +348,101 @@ def test_a_point_inside_a_sphere_is_named() -> None:
             "type: eyelet, position: [0.2, 0, 0]",
             anchor(0.4, 0, 0),
         )
+
+
+HELIX = """
+name: helix
+motors: [{name: m, reference_angle: 0.5}]
+joints: [{name: q, range: [-0.5, 0.5]}]
+frames: [{name: arm, motion: prismatic, joint: q, axis: [1, 0, 0]}]
+friction: {law: none}
+cables:
+  - name: c
+    axial_stiffness: 1e5
+    preload: 30
+    nodes:
+      - {type: winch, motor: m, winding: -1, radius: 0.02, pitch: 0.005, position: [0, 0, 0],
+         axis: [0, 0, 1], turn: ccw}
+      - {type: anchor, frame: arm, position: [0.6, 0.1, 0.03]}
+"""
+RADIUS, LEAD = 0.02, 0.005 / (2.0 * pi)
+
+
+def helix_length(joint: float, motor: float) -> float:
+    """Free cable from a helical drum to a point, and the cable that its turning has wound [m]."""
+    x, y, z = 0.6 + joint, 0.1, 0.03
+    away = hypot(x, y)
+    leaves = atan2(y, x) - acos(RADIUS / away)  # counter-clockwise: the drum lies to the left
+    start = atan2(0.1, 0.6) - acos(RADIUS / hypot(0.6, 0.1))
+    wound = -(motor - 0.5) + (leaves - start)
+    free = hypot(sqrt(away**2 - RADIUS**2), z - LEAD * wound)
+    return free + hypot(RADIUS, LEAD) * (leaves - start)
+
+
+def test_a_helical_drum_lets_the_point_of_departure_wander() -> None:
+    model = prepare(parse_robot(HELIX))
+    generator = np.random.default_rng(0)
+    for joint, motor in generator.uniform([-0.4, -30.0], [0.4, 30.0], (50, 2)):
+        found = shape_at(model, np.array([joint]), np.array([motor]))
+        assert found.length[0] == pytest.approx(helix_length(joint, motor), abs=1e-14)
+        small = 1e-6
+        by = helix_length(joint + small, motor) - helix_length(joint - small, motor)
+        assert found.length_by_joint[0, 0] == pytest.approx(by / (2.0 * small), abs=1e-9)
+    at_rest = shape_at(model, np.zeros(1)).length[0]
+    assert at_rest == shape_at(model, np.zeros(1), np.array([0.5])).length[0]
+
+
+def test_the_effort_of_a_helical_drum_is_the_work_of_its_cable_per_radian() -> None:
+    model = prepare(parse_robot(HELIX))
+    state = initial_state(model)
+    for k, motor in enumerate(np.linspace(0.5, 0.49, 20)):
+        sample = Sample(10**9 + k * 10**6, np.array([motor]), np.zeros(1))
+        state, estimate = step(model, state, sample)
+    below = 0.03 - LEAD * (0.5 - motor)  # height of the anchor over the point of departure
+    free_by = below * LEAD / hypot(sqrt(0.37 - RADIUS**2), below)
+    # with winding -1 the drum takes up its helix as the motor turns back
+    expected = -estimate.tension[0] * (-hypot(RADIUS, LEAD) + free_by)
+    assert estimate.tension[0] > 40.0
+    assert estimate.motor_effort[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_cable_through_a_ring_takes_the_shortest_path_over_its_near_side() -> None:
+    a, b, radius = np.array([-0.2, 0.05]), np.array([0.15, 0.12]), 0.03
+    ring = f"type: cylinder, radius: {radius}, position: [0, 0, 0], axis: [0, 0, 1], inside: true"
+    angles = np.linspace(0.0, pi, 100_001)
+    rim = radius * np.stack([np.cos(angles), np.sin(angles)])
+    ways = np.hypot(*(rim - a[:, None])) + np.hypot(*(rim - b[:, None]))
+    best = rim[:, np.argmin(ways)]
+    found = shape_at(model_of(anchor(*a, 0.0), ring, anchor(*b, 0.0)), REST)
+    assert found.length.sum() == pytest.approx(ways.min(), abs=1e-9)
+    comes, goes = best - a, b - best
+    bend = atan2(abs(comes[0] * goes[1] - comes[1] * goes[0]), float(comes @ goes))
+    assert found.wrap[0] == pytest.approx(bend, abs=1e-3)
+    through = model_of(anchor(-0.2, 0.01, 0.0), ring, anchor(0.2, 0.0, 0.0))
+    assert shape_at(through, REST).wrap[0] == 0.0
+
+
+def test_a_body_may_be_ignored_while_a_neighbouring_point_lies_inside() -> None:
+    body = "type: sphere, radius: 0.05, position: [0.04, 0, 0], ignored_inside: true"
+    found = shape_at(model_of(anchor(0, 0, 0), body, anchor(0.3, 0, 0)), REST)
+    assert found.possible
+    assert found.length.sum() == pytest.approx(0.3, abs=1e-15)
+    assert found.wrap[0] == 0.0
+
+
+def test_frames_keep_their_axes_orthogonal_in_long_chains() -> None:
+    count = 40
+    frames = "".join(
+        f"  - {{name: f{k}, parent: {f'f{k - 1}' if k else 'base'}, motion: revolute, joint: q, "
+        f"origin: [0.1, 0, 0], axis: [{k % 3 == 0:d}, {k % 3 == 1:d}, {k % 3 == 2:d}]}}\n"
+        for k in range(count)
+    )
+    ends = "".join(
+        f"      - {{type: anchor, frame: f{count - 1}, position: {place}}}\n"
+        for place in ("[0, 0, 0]", "[0.3, 0.4, 0]")
+    )
+    text = "name: chain\nmotors: []\njoints: [{name: q, range: [-3.2, 3.2]}]\nframes:\n" + frames
+    text += "cables:\n  - name: c\n    axial_stiffness: 1e4\n    preload: 1\n    nodes:\n" + ends
+    model = prepare(parse_robot(text))
+    for angle in (0.4, 2.9, -3.1):
+        assert shape_at(model, np.array([angle])).length[0] == pytest.approx(0.5, abs=1e-14)

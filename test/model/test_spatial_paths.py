@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.model.prepared import paths_in_space, prepare, shape_at
+from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.model.spatial_paths import bodies_in_space, paths_in_space
 from cdrj_ros.robot.reader import parse_robot
 
 ROBOT = """
@@ -43,3 +44,21 @@ def test_a_drawn_cable_is_as_long_as_the_computed_one() -> None:
         steps /= np.linalg.norm(steps, axis=1)[:, None]
         corners = np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0))
         assert corners.max() < 0.2
+
+
+def test_a_cable_ends_on_its_sector_where_it_arrives() -> None:
+    text = ROBOT.replace(
+        "position: [0.1, -0.1, 0], frame: arm}",
+        "radius: 0.02, position: [0.1, -0.1, 0], frame: arm, axis: [0, 0, 1], turn: cw}",
+    )
+    model = prepare(parse_robot(text))
+    (pieces,) = paths_in_space(model, np.zeros(1))
+    before, end, centre = pieces[4][-1], pieces[6][-1], np.array([0.4, -0.1, 0.0])
+    assert np.linalg.norm((end - centre)[:2]) == pytest.approx(0.02)
+    # clockwise: the moment of the cable's direction about the centre is negative
+    assert np.cross(end - centre, end - before)[2] < 0.0
+    bodies = list(bodies_in_space(model, np.zeros(1)))
+    assert [(body.node, body.kind) for body in bodies] == [
+        (2, "cylinder"), (3, "sphere"), (4, "pulley"), (5, "sphere"), (6, "pulley"),
+    ]  # fmt: skip
+    assert bodies[4].centre == pytest.approx(centre)
