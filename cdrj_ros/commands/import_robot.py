@@ -15,11 +15,15 @@ from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.importing.mjcf import read_mjcf
 from cdrj_ros.importing.writing import robot_text
 from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.robot.urdf import read_urdf
 
 DESCRIPTION: Final = (
     "Turn the spatial tendons of a MuJoCo model into the cables of a robot file. Its stiffness, "
     "preload, friction and drums are assumptions, marked as such: replace them."
 )
+
+MOST_NAMES: Final = 8
+"""Number of links or joints that a message names."""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -38,10 +42,12 @@ def _body(argv: Sequence[str]) -> int:
     path = Path(arguments.model)
     if not path.is_file():
         raise UsageError(f"there is no model {printable(arguments.model)}")
+    if path.suffix == ".urdf":
+        raise UsageError(_without_cables(path))
     if path.suffix != ".xml":
         raise UsageError(
-            f"MODEL must be an MJCF file named .xml, got {printable(arguments.model)}; frames of a "
-            "URDF have to be written by hand, with origin, rpy and axis as they are there"
+            f"MODEL must be an MJCF file named .xml, or a URDF named .urdf, got "
+            f"{printable(arguments.model)}"
         )
     wanted = arguments.tendons.split(",") if arguments.tendons else None
     imported = read_mjcf(path, wanted)
@@ -56,6 +62,23 @@ def _body(argv: Sequence[str]) -> int:
         "check_robot"
     )
     return DONE
+
+
+def _without_cables(path: Path) -> str:
+    """How to begin a robot file from a URDF, which has no cables."""
+    joints = read_urdf(path, str(path))
+    moving = [joint.name for joint in joints if joint.motion != "fixed" and not joint.mimic]
+    links = [joint.child for joint in joints]
+    return printable(
+        f"{path.name} has no cables; write a robot file with frames: {{urdf: {path.name}}}, whose "
+        f"nodes are on its links ({_few(links)}); its joints ({_few(moving)}) come from there; "
+        "docs/tutorial.md has an example"
+    )
+
+
+def _few(names: Sequence[str]) -> str:
+    """Some names in a row."""
+    return ", ".join(names[:MOST_NAMES]) + (", ..." if len(names) > MOST_NAMES else "")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

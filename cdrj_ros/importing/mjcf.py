@@ -16,6 +16,7 @@ import numpy as np
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.text import printable
+from cdrj_ros.importing.sampling import sample_places
 
 STIFFNESS: Final = 10_000.0
 """Assumed EA of a tendon without stiffness [N]."""
@@ -29,6 +30,16 @@ DRUM: Final = 0.01
 Document = dict[str, Any]
 
 
+@dataclass(frozen=True)
+class Branch:
+    """Part of a tendon that has become a cable."""
+
+    tendon: int
+    """MuJoCo's index."""
+    divisor: float
+    """By which MuJoCo divides its length."""
+
+
 @dataclass
 class Imported:
     """A robot file's document, and remarks on the conversion."""
@@ -36,6 +47,10 @@ class Imported:
     document: Document
     remarks: list[str] = field(default_factory=list)
     """Parts of the model that the robot file does not contain, one line each."""
+    branches: list[Branch] = field(default_factory=list)
+    """Where every cable comes from, in the order of the cables."""
+    joints: list[int] = field(default_factory=list)
+    """MuJoCo's index of every joint of the document."""
 
 
 def load_mujoco() -> ModuleType:
@@ -88,11 +103,15 @@ class _Import:
         """Frame of every body, and the body's origin in it [m]."""
         self._joints: list[int] = []
         self._taken: dict[str, int] = {"base": 1}
+        self._places = sample_places(mujoco, model)
+        self._ignored: list[str] = []
+        """Bodies that contain a neighbouring site in some poses."""
 
     def run(self, wanted: list[str] | None) -> Imported:
         """Convert all wanted tendons; remarks name those that cannot be represented."""
         cables: list[Document] = []
         motors: list[Document] = []
+        branches: list[Branch] = []
         for tendon in self._tendons(wanted):
             for name, path, divisor in self._branches(tendon):
                 nodes = self._nodes(name, path)
@@ -105,6 +124,7 @@ class _Import:
                 }  # fmt: skip
                 nodes[-1] = {"type": "anchor", **nodes[-1]}
                 cables.append(self._cable(tendon, name, nodes))
+                branches.append(Branch(tendon, divisor))
                 if divisor != 1.0:
                     self._remarks.append(
                         f"{name}: MuJoCo divides the length of this branch by {divisor:g}; here "
@@ -124,7 +144,7 @@ class _Import:
             "cables": cables,
         }
         self._remark_on_the_rest()
-        return Imported(document, self._remarks)
+        return Imported(document, self._remarks, branches, self._joints)
 
     def _label(self, kind: str, index: int) -> str:
         objects = self._mujoco.mjtObj
@@ -178,13 +198,17 @@ class _Import:
         """Nodes of a branch, the ends without their types; None if one cannot be represented."""
         kinds = self._mujoco.mjtWrap
         nodes: list[Document] = []
-        for kind, target, parameter in path:
+        for k, (kind, target, parameter) in enumerate(path):
             if kind == kinds.mjWRAP_SITE:
                 body = int(self._model.site_bodyid[target])
                 point = self._point(name, body, self._model.site_pos[target])
                 node = None if point is None else {"type": "eyelet", **point}
             else:
                 node = self._body(name, kind == kinds.mjWRAP_CYLINDER, target, round(parameter))
+                around = [path[near][1] for near in (k - 1, k + 1)]  # MuJoCo allows only sites
+                if node is not None and self._comes_inside(around, target, node):
+                    node["ignored_inside"] = True
+                    self._ignored.append(f"{self._label('GEOM', target)} ({name})")
             if node is None:
                 return None
             nodes.append(node)
@@ -207,20 +231,29 @@ class _Import:
             node["axis"] = _numbers(turned)
         if side < 0:
             return node
-        if int(model.site_bodyid[side]) != body:
-            self._remarks.append(
-                f"{name} is left out: the side site {self._label('SITE', side)} of {label} belongs "
-                "to another body"
-            )
-            return None
-        if np.linalg.norm(model.site_pos[side] - model.geom_pos[geom]) < radius:
-            self._remarks.append(
-                f"{name} is left out: it runs inside {label}, since the side site "
-                f"{self._label('SITE', side)} lies there"
-            )
-            return None
-        node["side"] = _numbers(model.site_pos[side] + self._bodies[body][1])
+        carrier = int(model.site_bodyid[side])
+        if carrier != body:
+            if not self._carry(name, carrier):
+                return None
+            if self._places.nearest(side, geom, level=round_bar) < radius:
+                self._remarks.append(
+                    f"{name} is left out: the side site {self._label('SITE', side)} of another "
+                    f"body enters {label} in some poses"
+                )
+                return None
+            node["side_frame"] = self._bodies[carrier][0]
+        elif np.linalg.norm(model.site_pos[side] - model.geom_pos[geom]) < radius:
+            node["inside"] = True
+            return node
+        node["side"] = _numbers(model.site_pos[side] + self._bodies[carrier][1])
         return node
+
+    def _comes_inside(self, sites: list[int], geom: int, node: Document) -> bool:
+        """Whether one of the sites lies inside a wrapping body in some pose."""
+        level = node["type"] == "cylinder"
+        return any(
+            self._places.nearest(site, geom, level=level) <= node["radius"] for site in sites
+        )
 
     def _point(self, name: str, body: int, position: Any) -> Document | None:
         """Frame and position of a point of a body; None if the body cannot become a frame."""
@@ -331,6 +364,11 @@ class _Import:
 
     def _remark_on_the_rest(self) -> None:
         model = self._model
+        if self._ignored:
+            self._remarks.append(
+                "ignored in poses in which the site before or after lies inside, as in MuJoCo: "
+                + ", ".join(self._ignored)
+            )
         if model.neq:
             self._remarks.append(
                 f"{model.neq} equality constraints are not carried over: a coupled joint needs the "

@@ -167,12 +167,11 @@ def test_what_cannot_be_represented_is_named(
     )
     robot = imported(text, tmp_path)
     assert [cable.name for cable in robot.robot.cables] == [
-        "abcd", "branched_1", "branched_2", "branched_3",
+        "abcd", "branched_1", "branched_2", "branched_3", "inner",
     ]  # fmt: skip
     said = capsys.readouterr().out
     for remark in (
         "sum is a fixed tendon",
-        "inner is left out: it runs inside ring",
         "tossed is left out: it depends on the ball joint socket",
         "branched_2: MuJoCo divides the length of this branch by 2",
         "EA of abcd is its stiffness 100 N/m times its length at qpos0",
@@ -181,13 +180,22 @@ def test_what_cannot_be_represented_is_named(
     ):
         assert remark in said
     written = (tmp_path / "robot.yaml").read_text()
-    assert written.count("# assumed") == 9
-    assert "inner is left out" in written
+    assert written.count("# assumed") == 11
+    assert "inside: true" in written
+    assert "tossed is left out" in written
 
+
+URDF = """
+<robot name="arm"> <link name="base_link"/> <link name="upper"/>
+<joint name="shoulder" type="continuous"><parent link="base_link"/><child link="upper"/></joint>
+</robot>
+"""
 
 MISTAKES = {
     "absent.xml": (None, "there is no model"),
-    "model.urdf": ("<robot/>", "MODEL must be an MJCF file named .xml"),
+    "model.txt": ("x", "MODEL must be an MJCF file named .xml, or a URDF named .urdf"),
+    "arm.urdf": (URDF, "arm.urdf has no cables; write a robot file with frames: {urdf: arm.urdf}"),
+    "loop.urdf": ("<robot/>", "must have one root link"),
     "broken.xml": ("<mujoco", "cannot read"),
     "empty.xml": ("<mujoco/>", "has no spatial tendon that can become a cable"),
 }

@@ -1,0 +1,173 @@
+#!/usr/bin/env python3
+"""Compare imported spatial tendons with MuJoCo: lengths and moment arms in random poses.
+
+python tools/compare_mujoco.py FOLDER [--poses N]    every MJCF model below FOLDER
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.importing.mjcf import Imported, load_mujoco, read_mjcf
+from cdrj_ros.importing.sampling import joint_ranges
+from cdrj_ros.importing.writing import robot_text
+from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.robot.reader import parse_robot
+
+LENGTH = 1e-9
+"""Largest accepted difference of lengths [m]."""
+
+ARM = 1e-7
+"""Largest accepted difference of moment arms [m/rad] or [m/m]."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One model against MuJoCo."""
+
+    tendons: int
+    """Spatial tendons of the model."""
+    compared: int
+    """Those that could be imported."""
+    joints: int
+    touched: int
+    """Wrapping bodies that were touched in some pose."""
+    length: float
+    """Largest difference of lengths [m]."""
+    arm: float
+    """Largest difference of moment arms [m/rad] or [m/m]."""
+    impossible: int
+    """Pairs of tendon and pose without a path here: a point lies inside a wrapping body."""
+    remarks: tuple[str, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether all compared values agree."""
+        return self.length <= LENGTH and self.arm <= ARM
+
+
+def compare(path: Path, poses: int = 1000) -> Comparison:
+    """Compare all spatial tendons of a model in random poses within the joint ranges.
+
+    Tendons are imported one by one, so that a pose that is impossible for one of them does not
+    keep the others from being compared.
+
+    Raises:
+        CdrjError: the model cannot be read, or has no spatial tendon that can be imported.
+    """
+    mujoco = load_mujoco()
+    every = read_mjcf(path)
+    mj = mujoco.MjModel.from_xml_path(str(path))
+    mj.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # sleeping bodies are not placed
+    data = mujoco.MjData(mj)
+    spatial = [k for k in range(mj.ntendon) if mj.wrap_type[mj.tendon_adr[k]] != 1]
+    found = sorted({branch.tendon for branch in every.branches})
+    robots = {k: _one(mujoco, mj, path, k) for k in found}
+    generator = np.random.default_rng(0)
+    length = arm = 0.0
+    impossible = 0
+    touched: set[tuple[int, int]] = set()
+    low, high = joint_ranges(mujoco, mj)
+    for _ in range(poses):
+        drawn = low + generator.random(mj.njnt) * (high - low)
+        data.qpos[:] = mj.qpos0
+        for imported, _ in robots.values():
+            for joint in imported.joints:
+                data.qpos[mj.jnt_qposadr[joint]] = drawn[joint]
+        for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
+            stage(mj, data)
+        arms = moment_arms(mj, data)
+        for k, (imported, model) in robots.items():
+            shape = shape_at(model, drawn[imported.joints])
+            if not shape.possible:
+                impossible += 1
+                continue
+            touched |= {(k, int(p)) for p in np.flatnonzero(shape.wrap > 0.0)}
+            weights = _weights(imported, model)
+            columns = mj.jnt_dofadr[imported.joints]
+            length = max(length, abs(float(weights @ shape.length - data.ten_length[k])))
+            difference = weights @ shape.length_by_joint - arms[k, columns]
+            arm = max(arm, float(np.abs(difference).max(initial=0.0)))
+    return Comparison(
+        len(spatial), len(found), len(every.joints), len(touched), length, arm, impossible,
+        tuple(every.remarks),
+    )  # fmt: skip
+
+
+def _one(mujoco: Any, mj: Any, path: Path, tendon: int) -> tuple[Imported, Model]:
+    """The robot of one tendon, through the text of its file."""
+    name = mujoco.mj_id2name(mj, mujoco.mjtObj.mjOBJ_TENDON, tendon) or f"tendon_{tendon}"
+    imported = read_mjcf(path, [name])
+    text = robot_text(imported.document, imported.remarks, path.name)
+    return imported, prepare(parse_robot(text), check_range=False)
+
+
+def _weights(imported: Imported, model: Model) -> NDArray[np.float64]:
+    """Share of every element in MuJoCo's length of the tendon, shape (elements,)."""
+    return np.concatenate(
+        [
+            np.full(len(cable.nodes) - 1, 1.0 / branch.divisor)
+            for cable, branch in zip(model.robot.cables, imported.branches, strict=True)
+        ]
+    )
+
+
+def moment_arms(mj: Any, data: Any) -> NDArray[np.float64]:
+    """MuJoCo's dense matrix of d length / d velocity, shape (tendons, velocities)."""
+    values = np.asarray(data.ten_J)
+    if values.size == mj.ntendon * mj.nv:
+        return values.reshape(mj.ntendon, mj.nv)
+    dense = np.zeros((mj.ntendon, mj.nv))
+    sparse = mj if hasattr(mj, "ten_J_rownnz") else data  # MuJoCo moved them to the model
+    counts, starts = sparse.ten_J_rownnz, sparse.ten_J_rowadr
+    columns = np.ravel(sparse.ten_J_colind)
+    for row in range(mj.ntendon):
+        part = slice(starts[row], starts[row] + counts[row])
+        dense[row, columns[part]] = np.ravel(values)[part]
+    return dense
+
+
+def main() -> int:
+    """Print a table, and return 1 where a model disagrees."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--poses", type=int, default=1000)
+    parser.add_argument("--remarks", action="store_true", help="what is not represented")
+    arguments = parser.parse_args()
+    worst = True
+    print(
+        "model | tendons | compared | joints | bodies touched | length [m] | arm [m/rad] | no path"
+    )
+    for path in sorted(arguments.folder.rglob("*.xml")):
+        if b"<mujoco" not in path.read_bytes():
+            continue
+        name = path.relative_to(arguments.folder)
+        try:
+            found = compare(path, arguments.poses)
+        except CdrjError as error:
+            if "has no spatial tendon" not in str(error) or ";" in str(error):
+                print(f"{name}: {str(error)[:200]}")
+            continue
+        worst &= found.agrees
+        print(
+            f"{name} | {found.tendons} | {found.compared} | {found.joints} | {found.touched} | "
+            f"{found.length:.1e} | {found.arm:.1e} | {found.impossible}"
+            + ("" if found.agrees else "  DISAGREES"),
+            flush=True,
+        )
+        if arguments.remarks:
+            for remark in found.remarks:
+                print(f"    {remark}")
+    return 0 if worst else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
