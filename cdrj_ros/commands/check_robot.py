@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from cdrj_ros.commands.check_robot_json import json_text
 from cdrj_ros.commands.check_robot_text import print_inspection
@@ -21,9 +21,6 @@ from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.shares import uncertainty_shares
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.loading import load_model, robot_path
-
-if TYPE_CHECKING:
-    pass
 
 DESCRIPTION: Final = (
     "Check a robot file: print the geometry and tensions of its cables and list suspicious values."
@@ -44,6 +41,11 @@ def _parser() -> argparse.ArgumentParser:
         "prismatic joint; repeatable",
     )  # fmt: skip
     parser.add_argument("--png", metavar="FILE", help="draw the cables")
+    parser.add_argument(
+        "--html",
+        metavar="FILE",
+        help="write a page with drawing, tables and findings",
+    )
     parser.add_argument(
         "--poses", metavar="CSV",
         help="poses for --geometry-csv: a header of joint names, then one pose per line in SI",
@@ -67,6 +69,7 @@ def _body(argv: Sequence[str]) -> int:
         {
             "--json": None if to_terminal else arguments.json,
             "--png": arguments.png,
+            "--html": arguments.html,
             "--geometry-csv": arguments.geometry_csv,
         },
         [robot_path(arguments.robot), *([arguments.poses] if arguments.poses else [])],
@@ -89,6 +92,11 @@ def _body(argv: Sequence[str]) -> int:
 
         write_png(draw_robot(inspection), arguments.png)
         told.append(f"drawing: {arguments.png}")
+    if arguments.html:
+        from cdrj_ros.report.robot_page import write_robot_page
+
+        write_robot_page(arguments.html, inspection, suspicions)
+        told.append(f"page: {arguments.html}")
     if to_terminal:
         print(json_text(inspection, suspicions, shares), end="")
     else:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from typing import TYPE_CHECKING, Any, Final
 
 from cdrj_ros.foundation.files import write_text
@@ -32,6 +31,7 @@ from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
 from cdrj_ros.report.parameters import parameter_tables
 from cdrj_ros.report.pictures import Picture, channel_pictures, drawing_svg, friction_pictures
 from cdrj_ros.report.table import HEADINGS, Beside, cause_in_words, headings_of, table_groups
+from cdrj_ros.report.templates import style, template
 from cdrj_ros.report.verdict import origin_of, telling_channels, verdict
 from cdrj_ros.robot.description import Robot
 
@@ -90,9 +90,9 @@ def write_report(
     Raises:
         OSError: the file cannot be written; an existing file is then kept.
     """
-    page = _template().render(
+    page = template("report.html").render(
         title=title,
-        style=_asset("report.css").strip(),
+        style=style(),
         verdict=verdict(errors),
         limits=_limits(judgement) if judgement else None,
         several=len(errors.bags) > 1,
@@ -108,19 +108,6 @@ def write_report(
         share=f"{100.0 * MINIMUM_SHARE:g} %",
     )
     write_text(path, page + "\n")
-
-
-def _template() -> Any:
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(_asset("report.html"))
-
-
-def _asset(name: str) -> str:
-    return (resources.files("cdrj_ros.report") / "assets" / name).read_text(encoding="utf-8")
 
 
 def _limits(judgement: Judgement) -> dict[str, Any]:

@@ -15,10 +15,11 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped,unused-ig
 from numpy.typing import NDArray
 
 from cdrj_ros.inspection.checks import Inspection
-from cdrj_ros.model.prepared import paths_in_space
+from cdrj_ros.model.spatial_paths import bodies_in_space, paths_in_space
+from cdrj_ros.report.body_outlines import outlines
 from cdrj_ros.report.drawing_style import FONT_SIZE, INK, MUTED, cable_colour
 from cdrj_ros.report.scale_drawing import GHOST, ghost_poses, poses_text
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import Robot, Winch
 
 Points = NDArray[np.float64]
 
@@ -32,6 +33,10 @@ VIEWS: Final = (
     ("from the right (+x)", 0.0, 0.0, "ortho"),
 )
 """Title, elevation and azimuth [deg], and projection of every view."""
+
+
+LONG_SPAN: Final = 5.0
+"""Length of a span at an end, over the size of the rest, beyond which it is drawn shorter."""
 
 
 def draw_in_space(inspection: Inspection, size: tuple[float, float] | None = None) -> Figure:
@@ -48,13 +53,22 @@ def draw_in_space(inspection: Inspection, size: tuple[float, float] | None = Non
     reference = np.array([joint.reference_angle for joint in robot.joints])
     ghosts = [paths_in_space(model, pose) for pose in ghost_poses(robot)]
     paths = paths_in_space(model, reference)
-    box = _box([*ghosts, paths])
+    shortened = _shorten(paths, ghosts)
+    bodies = [
+        line
+        for body in bodies_in_space(model, reference)
+        if not (shortened and isinstance(robot.cables[body.cable].nodes[body.node], Winch))
+        for line in outlines(body)
+    ]
+    box = _box([*ghosts, paths], bodies)
     for k, (title, elevation, azimuth, projection) in enumerate(VIEWS):
         axes: Any = figure.add_subplot(2, 2, k + 1, projection="3d")
         axes.view_init(elev=elevation, azim=azimuth)
         axes.set_proj_type(projection)
         for ghost in ghosts:
             _draw(axes, ghost, bold=False)
+        for line in bodies:
+            axes.plot(*line.T, color=MUTED, linewidth=0.7)
         _draw(axes, paths, bold=True)
         _draw_contacts(axes, inspection, paths)
         _number(axes, paths)
@@ -66,6 +80,8 @@ def draw_in_space(inspection: Inspection, size: tuple[float, float] | None = Non
         weight="bold", va="top", parse_math=False,
     )  # fmt: skip
     said = poses_text(robot, width)
+    if shortened:
+        said += "; the long spans at the ends are drawn shorter"
     if unrolled:
         said += f"; not drawn, since given by spans: {', '.join(unrolled)}"
     figure.text(
@@ -82,7 +98,7 @@ def draw_in_space(inspection: Inspection, size: tuple[float, float] | None = Non
 def _add_legend(figure: Figure, robot: Robot) -> int:
     """Add a legend of the cables and contacts; returns its number of rows."""
     handles = [
-        Line2D([], [], color=cable_colour(c), linewidth=2.2, label=cable.name)
+        Line2D([], [], color=cable_colour(c), linewidth=2.2, label=f"{c + 1}  {cable.name}")
         for c, cable in enumerate(robot.cables)
         if cable.spatial
     ]
@@ -94,6 +110,7 @@ def _add_legend(figure: Figure, robot: Robot) -> int:
             [], [], marker="x", markersize=6, color=INK, linestyle="none", label="lifted off",
         )
     )  # fmt: skip
+    handles.append(Line2D([], [], color=MUTED, linewidth=1.0, label="pulley or body"))
     legend = figure.legend(
         handles=handles, loc="lower center", ncols=min(len(handles), 6), frameon=False,
         fontsize=FONT_SIZE - 1,
@@ -101,6 +118,28 @@ def _add_legend(figure: Figure, robot: Robot) -> int:
     for text in legend.get_texts():
         text.set_parse_math(False)
     return -(-len(handles) // min(len(handles), 6))
+
+
+def _shorten(paths: list[list[Points]], ghosts: list[list[list[Points]]]) -> bool:
+    """Draw the spans at the ends shorter if they are so long that the rest would not be visible."""
+    inner = [_line(pieces[1:-1]) for pieces in paths if any(map(len, pieces[1:-1]))]
+    if not inner:
+        return False
+    size = float(np.ptp(np.vstack(inner), axis=0).max())
+    shortened = False
+    for one in (paths, *ghosts):
+        for pieces in one:
+            for end, order in ((0, 1), (-1, -1)):
+                near = next((piece for piece in pieces[::order][1:] if len(piece)), None)
+                if near is None:
+                    continue
+                to = near[0] if order == 1 else near[-1]
+                way = pieces[end] - to
+                long = float(np.linalg.norm(way[-1 if order == 1 else 0]))
+                if size > 0.0 and long > LONG_SPAN * size:
+                    pieces[end] = to + way * (size / long)
+                    shortened = True
+    return shortened
 
 
 def _line(pieces: list[Points]) -> Points:
@@ -153,9 +192,9 @@ def _number(axes: Any, paths: list[list[Points]]) -> None:
         )  # fmt: skip
 
 
-def _box(poses: list[list[list[Points]]]) -> tuple[Points, float]:
-    """Middle and half width of a cube around all paths [m]."""
-    points = np.vstack([_line(pieces) for paths in poses for pieces in paths if pieces])
+def _box(poses: list[list[list[Points]]], bodies: list[Points]) -> tuple[Points, float]:
+    """Middle and half width of a cube around all paths and bodies [m]."""
+    points = np.vstack([_line(pieces) for paths in poses for pieces in paths if pieces] + bodies)
     low, high = points.min(axis=0), points.max(axis=0)
     return 0.5 * (low + high), 0.5 * float(max(np.max(high - low), 1e-3))
 

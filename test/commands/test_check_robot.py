@@ -70,7 +70,9 @@ def test_every_robot_is_checked_drawn_and_written(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     png, out = tmp_path / "robot.png", tmp_path / "robot.json"
+    page = tmp_path / "robot.html"
     arguments = [str(ROBOTS / f"{name}.yaml"), "--png", str(png), "--json", str(out)]
+    arguments += ["--html", str(page)]
     assert check_robot.main(arguments) == 0
     printed = capsys.readouterr().out
     robot = load_robot(ROBOTS / f"{name}.yaml")
@@ -79,6 +81,11 @@ def test_every_robot_is_checked_drawn_and_written(
     for heading in ("length [mm]", "wrap [°]", "η at rest", "passes [mm]"):
         assert heading in printed, heading
     assert png.read_bytes().startswith(b"\x89PNG")
+    html = page.read_text(encoding="utf-8")
+    for cable in load_robot(ROBOTS / f"{name}.yaml").cables:
+        assert f"{cable.name}</h3>" in html
+    assert "<svg" in html
+    assert "http://" not in html.replace("http://www.w3.org", "")
     document = written(out)
     assert document["robot"] == name
     assert [cable["name"] for cable in document["cables"]] == [c.name for c in robot.cables]
