@@ -49,6 +49,7 @@ from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
 from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
 from cdrj_ros.nodes.qos import default_profile
+from cdrj_ros.nodes.robot_description import robot_description
 from cdrj_ros.nodes.settings import (
     SIMULATED,
     Started,
@@ -62,6 +63,7 @@ from cdrj_ros.nodes.silence import Silence, StampClock
 from cdrj_ros.nodes.spinning import starting
 from cdrj_ros.nodes.thinning import Thinning
 from cdrj_ros.nodes.words import TopicHeard
+from cdrj_ros.robot.urdf import description_given
 
 if TYPE_CHECKING:
     from cdrj_ros.nodes.extra_outputs import ExtraOutputs
@@ -121,7 +123,8 @@ class EstimatorNode(Node):
         self.timeout_s, self.stamps = started.timeout_s, StampClock(started.same_clock_s)
         if not kernels_are_compiled(*kernels_of(started.options)):
             self.get_logger().info(COMPILING)
-        model = load_model(started.robot, started.preload)
+        with description_given(lambda: robot_description(self)):
+            model = load_model(started.robot, started.preload)
         self.live = LiveEstimator(model, started.options)
         if started.friction:
             self.live.set_numbers(started.friction)

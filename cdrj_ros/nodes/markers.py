@@ -25,6 +25,7 @@ from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import STALE
 from cdrj_ros.nodes.rig_declaring import declare_flag, declare_number, declare_text
+from cdrj_ros.nodes.robot_description import robot_description
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
     add_supervised_option,
@@ -34,6 +35,7 @@ from cdrj_ros.nodes.spinning import (
     starting,
 )
 from cdrj_ros.robot.description import Joint
+from cdrj_ros.robot.urdf import description_given
 from cdrj_ros.view.looks import FORCE, Picture, dashes_of, middle_of, picture_of
 from cdrj_ros.view.snapshot import nothing_known, pulley_columns, tension_columns
 
@@ -58,7 +60,8 @@ class MarkersNode(Node):
         )
         if not robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
-        self.model = load_model(robot)
+        with description_given(lambda: robot_description(self)):
+            self.model = load_model(robot)
         self._frame = declare_text(self, "frame_id", "base", "Frame of the markers")
         self._labels = declare_flag(self, "labels", False, "Whether to label the elements")
         self._forces = declare_flag(self, "forces", True, "Whether to draw forces on pulleys")

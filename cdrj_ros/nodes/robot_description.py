@@ -1,0 +1,66 @@
+"""The URDF of the robot, for robot files with ``frames: {urdf: robot_description}``.
+
+It comes from the node's parameter ``robot_description`` or, if that is empty, from the topic of the
+same name, on which robot_state_publisher keeps it for late subscribers.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from std_msgs.msg import String
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.robot.urdf import DESCRIPTION
+
+TOPIC: Final = f"/{DESCRIPTION}"
+
+WAIT_S: Final = 10.0
+"""Longest wait for the topic [s]."""
+
+KEPT: Final = QoSProfile(
+    depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
+)
+"""Quality of service with which robot_state_publisher offers the topic."""
+
+
+def robot_description(node: Node, wait_s: float = WAIT_S) -> str:
+    """Text of the robot's URDF.
+
+    A node of its own listens, so that the call works while ``node`` is being made and within its
+    callbacks.
+
+    Args:
+        node: its parameter and its context are used.
+        wait_s: longest wait for the topic [s].
+
+    Raises:
+        UsageError: no URDF arrived in time.
+    """
+    if node.has_parameter(DESCRIPTION):
+        given = str(node.get_parameter(DESCRIPTION).value or "")
+        if given:
+            return given
+    heard: Future[str] = Future()
+    listener = Node(f"{node.get_name()}_{DESCRIPTION}", context=node.context)
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(listener)
+    try:
+        topic = listener.create_subscription(
+            String, TOPIC, lambda message: heard.done() or heard.set_result(message.data), KEPT
+        ).topic_name
+        node.get_logger().info(f"waiting for the URDF on {topic}")
+        executor.spin_until_future_complete(heard, timeout_sec=wait_s)
+    finally:
+        executor.shutdown()
+        listener.destroy_node()
+    if not heard.done():
+        raise UsageError(
+            f"no URDF on {topic} within {wait_s:g} s: is robot_state_publisher running? Otherwise "
+            f"set the parameter {DESCRIPTION}"
+        )
+    return str(heard.result())

@@ -1,0 +1,91 @@
+"""A robot file that names robot_description takes its frames from the topic or the parameter."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.robot.reader import load_robot
+from cdrj_ros.robot.urdf import description_given
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+URDF = (ROBOTS / "finger3d.urdf").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def robot_file(tmp_path: Path) -> Path:
+    path = tmp_path / "finger.yaml"
+    text = (ROBOTS / "finger3d.yaml").read_text(encoding="utf-8")
+    path.write_text(text.replace("urdf: finger3d.urdf", "urdf: robot_description"))
+    return path
+
+
+@pytest.fixture
+def listening(ros: None) -> Iterator[Any]:
+    from rclpy.node import Node
+
+    node = Node("reader")
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+
+
+def test_the_frames_are_those_of_the_description(robot_file: Path) -> None:
+    with description_given(lambda: URDF):
+        told = load_robot(robot_file)
+    assert told.spatial_frames == load_robot(ROBOTS / "finger3d.yaml").spatial_frames
+
+
+def test_without_a_node_one_line_says_where_to_get_it(robot_file: Path) -> None:
+    with pytest.raises(RobotFileError, match="known to nodes only; save it by ros2 param get"):
+        load_robot(robot_file)
+
+
+def test_the_topic_of_robot_state_publisher_is_heard(listening: Any) -> None:
+    from std_msgs.msg import String
+
+    from cdrj_ros.nodes.robot_description import KEPT, robot_description
+
+    listening.create_publisher(String, "/robot_description", KEPT).publish(String(data=URDF))
+    assert robot_description(listening, wait_s=60.0) == URDF
+
+
+def test_the_parameter_comes_before_the_topic(listening: Any) -> None:
+    from cdrj_ros.nodes.robot_description import robot_description
+
+    listening.declare_parameter("robot_description", URDF)
+    assert robot_description(listening, wait_s=0.0) == URDF
+
+
+def test_silence_is_one_clear_line(listening: Any) -> None:
+    from cdrj_ros.nodes.robot_description import robot_description
+
+    with pytest.raises(UsageError, match=r"no URDF on /robot_description within 0\.1 s"):
+        robot_description(listening, wait_s=0.1)
+
+
+def test_the_estimator_starts_with_the_description_of_the_topic(
+    listening: Any, robot_file: Path
+) -> None:
+    from rclpy.parameter import Parameter
+    from std_msgs.msg import String
+
+    from cdrj_ros.nodes.estimator import EstimatorNode
+    from cdrj_ros.nodes.robot_description import KEPT
+
+    publisher = listening.create_publisher(String, "/robot_description", KEPT)
+    sooner = threading.Timer(0.2, lambda: publisher.publish(String(data=URDF)))
+    sooner.start()
+    given = [Parameter("robot", value=str(robot_file))]
+    estimator = EstimatorNode(parameter_overrides=given)
+    try:
+        assert estimator.live.model.layout.joints == ("abduction", "mcp", "pip")
+    finally:
+        estimator.destroy_node()
+        sooner.join()
