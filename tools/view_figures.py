@@ -26,8 +26,19 @@ PHONE: Final = (400, 800)
 LOADED_S: Final = 60.0
 """Maximum time until a page is complete [s]."""
 
-PLAYED_S: Final = 8.0
-"""Time of the recordings that plays before a picture is taken [s]."""
+SETTLED_S: Final = 8.0
+"""Time after which a page that no longer changes is drawn [s]."""
+
+SMALL: Final = (700, 300)
+"""Size of the window while the recording plays, because software renders slowly [px]."""
+
+PAUSE: Final = """
+const text = document.body.innerText;
+const button = [...document.querySelectorAll("button")].find(b => b.innerText === "pause");
+if (button && parseFloat(text.split(" s of ")[0].split("\\n").pop()) > 6.0) button.click();
+return !button;
+"""
+"""Pauses the recording after six seconds; returns whether it is paused."""
 
 OPTIONS: Final = (
     "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run",
@@ -54,6 +65,24 @@ def shown(bag: Path, robot: str, *options: str) -> Iterator[str]:
         process.wait()
 
 
+def wait_for(browser: Any, condition: str) -> None:
+    """Repeat a script until it returns true."""
+    until = time.monotonic() + LOADED_S
+    while not browser.execute_script(condition):
+        if time.monotonic() > until:
+            raise SystemExit("the page is not complete")
+        time.sleep(0.2)
+
+
+def resize(browser: Any, size: tuple[int, int]) -> None:
+    """Set the size of the window [px]."""
+    width, height = size
+    browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < height},
+    )
+
+
 def picture(folder: Path, address: str, size: tuple[int, int], path: Path) -> None:
     """Take a picture of the page in a window of the given size [px]."""
     from selenium import webdriver
@@ -66,17 +95,15 @@ def picture(folder: Path, address: str, size: tuple[int, int], path: Path) -> No
     service = webdriver.ChromeService(shutil.which("chromedriver"))
     browser: Any = webdriver.Chrome(options=options, service=service)
     try:
-        browser.execute_cdp_cmd(
-            "Emulation.setDeviceMetricsOverride",
-            {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < height},
-        )
+        resize(browser, (min(width, SMALL[0]), min(height, SMALL[1])))
         browser.get(address)
-        until = time.monotonic() + LOADED_S
-        while " of " not in browser.execute_script("return document.body.innerText"):
-            if time.monotonic() > until:
-                raise SystemExit("the page is not complete")
-            time.sleep(0.2)
-        time.sleep(PLAYED_S)
+        wait_for(browser, "return document.body.innerText.includes(' of ')")
+        wait_for(browser, PAUSE)
+        resize(browser, size)
+        time.sleep(SETTLED_S)
+        browser.get(address)  # the camera is aimed while the page loads
+        wait_for(browser, "return document.body.innerText.includes(' of ')")
+        time.sleep(SETTLED_S)
         browser.execute_script(  # a notice that the browser renders in software
             "document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())"
         )

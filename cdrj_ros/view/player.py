@@ -33,6 +33,8 @@ class Player:
         self._before_s = monotonic()
         self._touched_s = 0.0
         self._drawn: tuple[Any, ...] = ()
+        self._behind = True
+        """Whether table and curves have not been updated since the picture changed."""
         gui = page.gui
         length = max(film.duration_s, 1e-3)
         with page.above:
@@ -69,9 +71,11 @@ class Player:
             self._slider.value = min(self.time_s, self._slider.max)
         shown = self.film.at(self.time_s)
         state = (shown.stamp_ns, self.page.chosen, self.page.settings())
-        if state == self._drawn and not self.page.plot_is_due():
+        if state != self._drawn:
+            self._drawn, self._behind = state, True
+        if not self._behind:
             return
-        self._drawn = state
+        self._behind = not self.page.plot_is_due()
         words = (
             f"**{self.title}**",
             f"{self.time_s:.2f} s of {self.film.duration_s:.2f} s",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import subprocess
 import sys
 from collections.abc import Iterator
 from typing import Any
@@ -91,3 +92,15 @@ def test_the_command_ends_with_code_2_without_viser(
     errors = capsys.readouterr().err
     assert errors.startswith("view: the page in a browser needs the package viser")
     assert errors.count("\n") == 1
+
+
+def test_neither_estimator_nor_markers_nor_the_commands_help_import_viser() -> None:
+    program = (
+        "import sys\n"
+        "import cdrj_ros.nodes.estimator, cdrj_ros.nodes.markers, cdrj_ros.commands.view\n"
+        "assert not {'viser', 'websockets', 'trimesh'} & set(sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

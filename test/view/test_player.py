@@ -1,0 +1,70 @@
+"""A recording plays at its rate, stops at its end, and is drawn only while somebody watches."""
+
+from __future__ import annotations
+
+from typing import Any
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+
+from cdrj_ros.view import player as players
+from cdrj_ros.view.player import Player
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    now = [100.0]
+    monkeypatch.setattr(players, "monotonic", lambda: now[0])
+    return now
+
+
+@pytest.fixture
+def player(clock: list[float]) -> Player:
+    page, film = MagicMock(), MagicMock()
+    page.watched = True
+    page.settings.return_value = ()
+    page.plot_is_due.return_value = True
+    page.gui.add_slider.return_value.max = 4.0
+    page.gui.add_dropdown.return_value.value = "2"
+    film.duration_s = 4.0
+    film.at.side_effect = lambda time_s: MagicMock(stamp_ns=round(time_s * 1e9))
+    return Player(page, film, "bag")
+
+
+def drawn(player: Player) -> list[int]:
+    page: Any = player.page
+    return [call.args[3] for call in page.show.call_args_list]
+
+
+def test_time_passes_at_the_chosen_rate_up_to_the_end(player: Player, clock: list[float]) -> None:
+    for _ in range(5):
+        clock[0] += 0.5
+        player.tick()
+    np.testing.assert_allclose(np.array(drawn(player)) * 1e-9, [1.0, 2.0, 3.0, 4.0])
+    assert not player.playing
+    player.play(True)
+    clock[0] += 0.25
+    player.tick()
+    assert player.time_s == pytest.approx(0.5)
+
+
+def test_a_picture_that_does_not_change_is_not_drawn_again(
+    player: Player, clock: list[float]
+) -> None:
+    player.play(False)
+    for _ in range(3):
+        clock[0] += 1.0
+        player.tick()
+    assert drawn(player) == [0]
+    player.page.chosen = "pulley upper/2"
+    player.tick()
+    assert drawn(player) == [0, 0]
+
+
+def test_nothing_is_drawn_while_nobody_watches(player: Player, clock: list[float]) -> None:
+    player.page.watched = False  # type: ignore[misc]
+    clock[0] += 1.0
+    player.tick()
+    assert drawn(player) == []
+    assert player.time_s == 0.0
