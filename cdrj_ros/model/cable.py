@@ -108,6 +108,8 @@ CONTACT: Final = record_type(Contact)
 
 MAX_ITERATIONS: Final = 40
 MAX_SUBSTEPS: Final = 256
+HARDNESS: Final = (1e-6, 1e-4, 1e-2, 1.0)
+"""Factors of the bristles' stiffness with which a difficult sample is solved one after another."""
 SMALLEST_SHRINK: Final = 0.25
 """A Newton step may not shorten an element below this share of its material."""
 
@@ -132,14 +134,20 @@ def element_tension(axial_stiffness: float, length: float, material: float) -> f
 
 @stage
 def _friction(
-    contact: Contact, pulley: PulleyNumbers, slip: float, pull: float, law: int, dt: float
+    contact: Contact,
+    pulley: PulleyNumbers,
+    hardness: float,
+    slip: float,
+    pull: float,
+    law: int,
+    dt: float,
 ) -> tuple[float, float, float]:
     """Friction of a pulley [N], its derivatives by the slip [N/m] and by the pull side's tension.
 
     The function writes the bristle force and the bound of the contact.
     """
     bound = contact.loss * pull + pulley.drag + BOUND_FLOOR
-    stiffness = pulley.bristle_stiffness
+    stiffness = pulley.bristle_stiffness * hardness
     bristle_before = contact.bristle_before
     force, by_slip, by_bound = friction_force(
         law, bristle_before, slip, stiffness, bound, pulley.breakaway
@@ -151,7 +159,7 @@ def _friction(
         damping = pulley.bristle_damping
         if damping != 0.0:
             # sigma1 dz/dt; sigma1 fades with speed: with a constant one LuGre is not passive
-            rate = damping * contact.static_share / (stiffness * dt)
+            rate = damping * contact.static_share / (pulley.bristle_stiffness * dt)
             force += rate * (force - bristle_before)
             by_slip *= 1.0 + rate
             by_pull *= 1.0 + rate
@@ -167,6 +175,7 @@ def _balance(
     elements: Rows[SolverElement],
     contacts: Rows[Contact],
     pulleys: Rows[PulleyNumbers],
+    hardness: float,
     first_slip: float,
     last_slip: float,
     law: int,
@@ -176,6 +185,9 @@ def _balance(
 
     Residual i is (t_{i+1} - t_i) - friction_i.  The function writes material and tension of the
     elements, and bristle force, bound, residual and derivatives of friction of the contacts.
+    ``hardness`` is a factor of the bristles' stiffness.
+
+    Takes 9 arguments, those of ``solve_cable`` and the hardness.
     """
     n = len(contacts)
     worst = 0.0
@@ -193,7 +205,9 @@ def _balance(
         force, by_slip, by_pull = 0.0, 0.0, 0.0
         if law != NONE:
             pull = max(t_left, t_right)
-            force, by_slip, by_pull = _friction(contacts[i], pulleys[i], slip, pull, law, dt)
+            force, by_slip, by_pull = _friction(
+                contacts[i], pulleys[i], hardness, slip, pull, law, dt
+            )
         contacts[i].by_slip = by_slip
         contacts[i].by_pull = by_pull
         residual = t_right - t_left - force
@@ -292,7 +306,11 @@ def _shortened(share: float, change: float, material: float) -> float:
 
 @lean
 def _try_step(
-    contacts: Rows[Contact], pulleys: Rows[PulleyNumbers], law: int, share: float
+    contacts: Rows[Contact],
+    pulleys: Rows[PulleyNumbers],
+    hardness: float,
+    law: int,
+    share: float,
 ) -> None:
     """Write slip + share * step into ``trial``; stop a step that crosses the elastic range.
 
@@ -304,7 +322,7 @@ def _try_step(
         slip = contacts[i].slip
         trial = slip + share * contacts[i].step
         if law not in (NONE, LUGRE):
-            stiffness = pulleys[i].bristle_stiffness
+            stiffness = pulleys[i].bristle_stiffness * hardness
             before = contacts[i].bristle_before
             old, new = before + stiffness * slip, before + stiffness * trial
             bound = contacts[i].bound
@@ -344,6 +362,7 @@ def _newton(
     elements: Rows[SolverElement],
     contacts: Rows[Contact],
     pulleys: Rows[PulleyNumbers],
+    hardness: float,
     first_slip: float,
     last_slip: float,
     law: int,
@@ -353,22 +372,27 @@ def _newton(
 
     Returns:
         Iterations and the largest remaining force imbalance [N].
+
+    Takes 9 arguments, see ``_balance``.
     """
     n = len(contacts)
     enough = tolerance(axial_stiffness)
     for i in range(n):
         contacts[i].trial = contacts[i].slip
-    worst = _balance(axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt)
+    worst = _balance(
+        axial_stiffness, elements, contacts, pulleys, hardness, first_slip, last_slip, law, dt
+    )
     for iteration in range(MAX_ITERATIONS):
         if worst <= enough:
             return iteration, worst
         share = _newton_step(axial_stiffness, elements, contacts)
         best = worst
         for _ in range(6):
-            _try_step(contacts, pulleys, law, share)
+            _try_step(contacts, pulleys, hardness, law, share)
             worst = _balance(
-                axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
-            )
+                axial_stiffness, elements, contacts, pulleys, hardness,
+                first_slip, last_slip, law, dt,
+            )  # fmt: skip
             if worst < best:
                 break
             share *= 0.5
@@ -434,13 +458,13 @@ def solve_cable(
     iterations = 0
     if _guess_is_usable(contacts, elements, first_slip, last_slip):
         iterations, worst = _newton(
-            axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
+            axial_stiffness, elements, contacts, pulleys, 1.0, first_slip, last_slip, law, dt
         )
         if worst <= enough:
             return iterations, worst
     _predict(contacts, elements, first_slip, last_slip)
     count, worst = _newton(
-        axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
+        axial_stiffness, elements, contacts, pulleys, 1.0, first_slip, last_slip, law, dt
     )
     iterations += count
     pieces: Any = np.int64(4)  # a literal has its own type: numba would compile _walk twice
@@ -450,6 +474,41 @@ def solve_cable(
         )
         iterations += count
         pieces *= 4
+    if not worst <= acceptable(axial_stiffness):
+        count, worst = _harden(
+            axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
+        )
+        iterations += count
+    return iterations, worst
+
+
+@lean
+def _harden(
+    axial_stiffness: float,
+    elements: Rows[SolverElement],
+    contacts: Rows[Contact],
+    pulleys: Rows[PulleyNumbers],
+    first_slip: float,
+    last_slip: float,
+    law: int,
+    dt: float,
+) -> tuple[int, float]:
+    """Solve a sample with soft bristles first, then with harder and harder ones.
+
+    Where a long cable begins to slip on thousands of pulleys at once, Newton's method finds a few
+    of them per iteration.  Soft bristles spread the transition from slip to stick over many
+    pulleys, so that a few iterations find it, and stiffening them narrows it.
+
+    Returns:
+        Newton iterations and the largest force imbalance with the true stiffness [N].
+    """
+    iterations, worst = 0, 0.0
+    _predict(contacts, elements, first_slip, last_slip)
+    for hardness in HARDNESS:
+        count, worst = _newton(
+            axial_stiffness, elements, contacts, pulleys, hardness, first_slip, last_slip, law, dt
+        )
+        iterations += count
     return iterations, worst
 
 
@@ -489,7 +548,7 @@ def _walk(
             elements[e].length = start[e] + way * ((piece + 1) / pieces)
         _predict(contacts, elements, first_slip / pieces, last_slip / pieces)
         count, left = _newton(
-            axial_stiffness, elements, contacts, pulleys,
+            axial_stiffness, elements, contacts, pulleys, 1.0,
             first_slip / pieces, last_slip / pieces, law, dt / pieces,
         )  # fmt: skip
         iterations += count
