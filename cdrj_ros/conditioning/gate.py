@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from cdrj_ros.conditioning.motion import EVER_NS, Leap, Motion
+from cdrj_ros.conditioning.motion import EVER_NS, LEAP_FLOOR, Leap, Motion
 from cdrj_ros.conditioning.tracking import Vector, half_width, new_track, track
 from cdrj_ros.robot.description import Robot, Sensor
 
@@ -60,6 +60,14 @@ class Limits:
     """Bandwidth of the tracking filter between counts [Hz]; 0 for no filter."""
     start: float = 0.0
     """An ambiguous first reading stands for the possible angle nearest to this one [rad]."""
+    plain: bool = field(init=False)
+    """Whether a reading is the angle itself."""
+
+    def __post_init__(self) -> None:
+        """Determine ``plain``."""
+        sensor = self.sensor
+        plain = (sensor.period, sensor.scale, sensor.offset) == (float("inf"), 1.0, 0.0)
+        object.__setattr__(self, "plain", plain and not len(sensor.corrected_at))
 
     def first_turn(self, reading: float, near: float | None = None) -> int:
         """Number of periods to add to a first reading: angle in range and nearest to ``near``.
@@ -270,6 +278,26 @@ class Channel:
             if ahead > 0 and abs(value - self.last_value) > limits.max_speed * (ahead * 1e-9):
                 return "implausible"
         return ""
+
+    def is_ordinary(self, stamp: int, reading: float) -> bool:
+        """Whether a reading is acceptable and nothing is special about it or about the channel.
+
+        For such a reading ``complaint``, ``note_plausible`` and ``note_doubt`` have no effect, and
+        it takes half of the time that they do.
+        """
+        limits, ahead = self.limits, stamp - self.last_stamp
+        span, moved = ahead * 1e-9, reading - self.last_value
+        return (
+            limits.plain
+            and 0 < ahead <= MAX_GAP_NS
+            and self.last_stamp >= 0
+            and -LARGEST <= reading <= LARGEST
+            and limits.lower - RANGE_MARGIN <= reading <= limits.upper + RANGE_MARGIN
+            and abs(moved) <= limits.max_speed * span
+            and abs(moved - self.motion.velocity * span) <= LEAP_FLOOR
+            and not (self.agreeing or self.stepped or self.held)
+            and (self.leap is None and self.doubt is None and self.before is None)
+        )
 
     def go_on_turning(self, stamp: int) -> None:
         """Keep the turns counted before a reset if the first reading follows within a second."""

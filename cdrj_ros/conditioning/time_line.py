@@ -257,6 +257,9 @@ class Conditioner:
         """Apply the gate; True if the reading, or a held one before it, joined the channel."""
         channel = self._channels[k]
         stamp += channel.limits.sensor.clock_offset_ns
+        if 0 < stamp < END_OF_TIME_NS and channel.is_ordinary(stamp, reading):
+            self._keep(channel, stamp, reading, reading)
+            return True
         cause: str = _unusable(stamp, reading)
         if not cause:
             if channel.before is not None:
@@ -307,13 +310,18 @@ class Conditioner:
 
     def _append(self, channel: Channel, stamp: int, reading: float) -> None:
         """Add an accepted reading to its channel."""
-        value = angle = channel.angle_at(reading)
+        value = channel.angle_at(reading)
         self.steps += channel.note_plausible(stamp, value)
         if doubt := channel.note_doubt(stamp):
             self._doubts.append(doubt)
+        channel.turns = channel.turns_at(reading)
+        self._keep(channel, stamp, reading, value)
+
+    def _keep(self, channel: Channel, stamp: int, reading: float, value: float) -> None:
+        """Store an accepted reading, whose angle is ``value`` [rad], for the samples."""
+        angle = value
         if channel.limits.bandwidth > 0.0:
             angle = channel.between_counts(stamp, value)
-        channel.turns = channel.turns_at(reading)
         motion = channel.motion
         motion.take(stamp, value)
         curvature = 0.0

@@ -8,11 +8,11 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cdrj_ros.conditioning import time_line as conditioning
-from cdrj_ros.conditioning.gate import MAX_GAP_NS, RANGE_MARGIN, limits_of
+from cdrj_ros.conditioning.gate import MAX_GAP_NS, RANGE_MARGIN, Channel, limits_of
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import WHOLE, Conditioner
 from cdrj_ros.conditioning.whole_recording import condition
@@ -332,3 +332,35 @@ def test_held_readings_must_be_plausible_too() -> None:
     assert conditioner.accepted == 5
     assert conditioner.refused["implausible"] == 1
     assert conditioner.gaps == 1
+
+
+def everything(robot: str, mode: conditioning.Mode, stream: Sequence[Message]) -> str:
+    """All samples of a stream, and all that the conditioner then remembers."""
+    conditioner = Conditioner(ROBOTS[robot], mode)
+    samples = [sample for message in stream for sample in feed(conditioner, message)]
+    return f"{samples} {vars(conditioner)}"
+
+
+def with_a_glitch_and_a_step() -> list[Message]:
+    """Three seconds of motion; a motor's sensor errs once and later steps."""
+    stream = []
+    for k in range(3_000):
+        angle = 0.9 * np.sin(4e-3 * k)
+        wrong = 0.5 if k == 1_000 or k > 2_000 else 0.0
+        stamp = CLOCKS[0] + k * MILLISECOND
+        stream.append(Message("joints", stamp, NAMES["joints"], (angle, 1.0 + angle)))
+        stream.append(Message("motors", stamp, NAMES["motors"], (angle + wrong, angle)))
+    return stream
+
+
+@thorough
+@given(ROBOT, MODES, STREAMS)
+@example("plain", "wait", with_a_glitch_and_a_step())
+@example("plain", "predict", with_a_glitch_and_a_step())
+def test_the_short_check_of_an_ordinary_reading_changes_nothing(
+    robot: str, mode: conditioning.Mode, stream: list[Message]
+) -> None:
+    found = everything(robot, mode, stream)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Channel, "is_ordinary", lambda *_: False)
+        assert everything(robot, mode, stream) == found
