@@ -105,6 +105,16 @@ class Model:
     state_part: slice
     estimate_part: slice
     """This slice and ``state_part`` locate estimate and state in the kernel's output."""
+    parts: tuple[NDArray[np.int64], Vector, int, slice, slice, Layout] = field(init=False)
+    """What a step reads, in one place: plan, numbers, ``out_size``, both slices and the layout."""
+
+    def __post_init__(self) -> None:
+        """Collect ``parts``."""
+        parts = (
+            self.plan, self.numbers, self.out_size, self.state_part, self.estimate_part,
+            self.layout,
+        )  # fmt: skip
+        object.__setattr__(self, "parts", parts)
 
 
 @dataclass(frozen=True)
