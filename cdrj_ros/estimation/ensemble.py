@@ -5,8 +5,9 @@ noise and resolution) and its own friction history, because the initial friction
 is unknown within its bound.  Members are stepped by the same ``advance`` as the estimate.  A pulley
 that slips loses its friction history in every member, so the spread narrows without further rules.
 
-At each sample one member in turn is updated.  The cost is that of one more estimate, independent
-of the number of members, and the spread is complete after as many samples as there are members.
+At each sample, but at most every ``APART_NS``, one member in turn is updated.  The cost is that of
+one more estimate or less, independent of the number of members, and the spread is complete after as
+many updates as there are members: 64 ms at 1 kHz.
 Friction hardly depends on rate, so a member can cover all samples since its last update in one
 step.  See docs/uncertainty.md.
 """
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import ALL_SEEN, Sample, Samples
 from cdrj_ros.estimation.discrepancy import unmodelled
-from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State
+from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, as_plain
 from cdrj_ros.estimation.member_kernels import (
     ANY,
     LAST_STAMP,
@@ -134,7 +135,6 @@ class Spread:
         if members < 8 or members % 2:
             raise ValueError(f"members must be even and at least 8, got {members}")
         generator = np.random.default_rng(seed)
-        robot = model.robot
         self.model = model
         self.columns = spread_columns(model.layout)
         numbers = draw_numbers(model, members, generator, known)
@@ -145,8 +145,6 @@ class Spread:
         self._members = _new_members(model, self.columns, numbers, seed, generator)
         self.states, self.stamps = self._members.states, self._members.stamps
         self.deviation, self.variance = self._members.deviation, self._members.variance
-        self._new_motor_angle = self._members.new_angle[: len(robot.motors)]
-        self._new_joint_angle = self._members.new_angle[len(robot.motors) :]
         self._kernels: tuple[Any, Any] | None = None
         self.generator = generator
         self.reset()
@@ -233,21 +231,25 @@ class Spread:
             self._begin(sample, estimate, len(self.states), np.empty(self.columns.size))
 
     def _begin(self, sample: Sample, estimate: Estimate, least: int, stddev: Vector) -> None:
-        """Copy sample and estimate, whatever their arrays are, and call ``begin_sample``."""
+        """Call ``begin_sample``, whatever the arrays of sample and estimate are."""
         members, plan = self._members, self.model.plan
-        np.copyto(self._new_motor_angle, sample.motor_angle)
-        np.copyto(self._new_joint_angle, sample.joint_angle)
-        np.copyto(members.estimate, estimate.values)
+        motor_angle, joint_angle = as_plain(sample.motor_angle), as_plain(sample.joint_angle)
+        values = as_plain(estimate.values)
+        axes = motor_angle.size + joint_angle.size
+        if axes != members.angle.size or values.size != members.estimate.size:
+            raise ValueError("the sample or the estimate is of another robot")
         hidden = self._hidden = sample.unseen is not ALL_SEEN and len(sample.unseen) > 0
         if hidden:
             np.copyto(members.unseen, sample.unseen)
         if self._kernels is None:  # the members' arrays stay the same, so that types are known
             self._kernels = (
-                direct(begin_sample, plan, members, 1, 1, True, stddev),
+                direct(begin_sample, plan, members, stddev, stddev, stddev, 1, 1, True, stddev),
                 direct(step_members, plan, members, 1, True, 0.0),
             )
         stamp = int(sample.stamp_ns)
-        self._waiting = self._kernels[0](plan, members, least, stamp, hidden, stddev)
+        self._waiting = self._kernels[0](
+            plan, members, motor_angle, joint_angle, values, least, stamp, hidden, stddev
+        )
 
     def run(
         self,

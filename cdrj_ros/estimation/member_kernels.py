@@ -32,6 +32,9 @@ MOVED: Final = 0.01
 UNSEEN_NS: Final = 1_000_000_000
 """A longer time between two samples counts as a gap [ns]."""
 
+APART_NS: Final = 1_500_000
+"""A member is updated at most this often [ns]: at 1 kHz at every second sample."""
+
 ROUND_NS: Final = 4_000_000
 """Time within which all members are updated while an axis has no readings [ns]."""
 
@@ -169,6 +172,14 @@ def _was_unseen(last_stamp: int, stamp: int, last_angle: Vector, angle: Vector) 
     for a in range(angle.size):
         moved |= abs(angle[a] - last_angle[a]) > MOVED
     return moved
+
+
+@lean
+def _is_due(members: Members, stamp: int) -> bool:
+    """Whether the last update of a member was at least ``APART_NS`` ago."""
+    turn = members.progress[TURN]
+    since: int = stamp - members.stamps[(turn - 1) % members.stamps.size]
+    return turn == 0 or since >= APART_NS
 
 
 @lean
@@ -319,23 +330,27 @@ def step_members(
 def begin_sample(
     plan: NDArray[np.int64],
     members: Members,
+    motor_angle: Vector,
+    joint_angle: Vector,
+    estimate: Vector,
     least: int,
     stamp: int,
     hidden: bool,
     stddev: Vector,
 ) -> bool:
-    """Write the standard deviations at the sample and the estimate in ``members``.
+    """Write the standard deviations at a sample and its estimate, and note both in ``members``.
 
     In the ordinary case they are those after the sample before, and one member waits to be
-    updated: ``step_members`` can follow when the estimate has been sent.  More than one member is
-    updated here, before the standard deviations are written: all at the first sample, after a gap
-    during which an axis moved (their histories then start anew), after samples that were not fully
-    solved, and when an axis may have moved unseen since the previous sample (U3); several while an
-    axis has no readings.
+    updated if ``APART_NS`` have passed since the last update: ``step_members`` can follow when the
+    estimate has been sent.  More than one member is updated here, before the standard deviations
+    are written: all at the first sample, after a gap during which an axis moved (their histories
+    then start anew), after samples that were not fully solved, and when an axis may have moved
+    unseen since the previous sample (U3); several while an axis has no readings.
 
     Args:
         plan: of the prepared robot.
-        members: the ensemble, changed; ``new_angle``, ``estimate`` and ``unseen`` are given.
+        members: the ensemble, changed; ``unseen`` is given.
+        motor_angle, joint_angle, estimate: of the sample.
         least: number of members to be updated at least.
         stamp: of the sample [ns].
         hidden: whether ``members.unseen`` holds deviations of the angles.
@@ -343,8 +358,14 @@ def begin_sample(
 
     Returns:
         Whether one member is still to be updated.
+
+    Takes 9 arguments, because copying them in Python takes longer than the rest.
     """
     progress, angle, count = members.progress, members.angle, least
+    motors = motor_angle.size
+    copy_part(motor_angle, 0, part(members.new_angle, 0, motors))
+    copy_part(joint_angle, 0, part(members.new_angle, motors, angle.size))
+    copy_part(estimate, 0, members.estimate)
     everyone = len(members.states)
     if _was_unseen(progress[LAST_STAMP], stamp, angle, members.new_angle):
         _forget(members)
@@ -365,10 +386,11 @@ def begin_sample(
     if progress[TURN] == 0 or (progress[BEHIND] != 0 and not unsolved):
         count = everyone
     progress[BEHIND] = 1 if unsolved else 0
+    due = _is_due(members, stamp)
     if count > 1:
         step_members(plan, members, count, hidden, half)
     _write_stddev(members, stddev)
-    return count == 1
+    return count == 1 and due
 
 
 @lean
@@ -390,20 +412,18 @@ def run_members(
         samples: n samples.
         estimates, stddevs: written, shapes (n, estimate_size) and (n, columns).
     """
-    motors = samples.motor_angle.shape[1]
-    new_angle = members.new_angle
     hidden = samples.unseen.shape[0] > 0
     for k in range(samples.dt.size):
         motor_angle, joint_angle = samples.motor_angle[k], samples.joint_angle[k]
         advance(plan, nominal, state, motor_angle, joint_angle, samples.dt[k], members.out)
         copy_part(members.out, 0, state)
-        copy_part(members.out, state.size, members.estimate)
-        copy_part(members.estimate, 0, estimates[k])
-        copy_part(motor_angle, 0, part(new_angle, 0, motors))
-        copy_part(joint_angle, 0, part(new_angle, motors, new_angle.size))
+        copy_part(members.out, state.size, estimates[k])
         if hidden:
-            for a in range(new_angle.size):
+            for a in range(members.angle.size):
                 members.unseen[0, a] = samples.unseen[k, 0, a]
                 members.unseen[1, a] = samples.unseen[k, 1, a]
-        if begin_sample(plan, members, ONE, samples.stamp_ns[k], hidden, stddevs[k]):
+        if begin_sample(
+            plan, members, motor_angle, joint_angle, estimates[k], ONE, samples.stamp_ns[k],
+            hidden, stddevs[k],
+        ):  # fmt: skip
             step_members(plan, members, ONE, hidden, 0.0)
