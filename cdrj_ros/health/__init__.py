@@ -1,0 +1,1 @@
+"""Detection of changes of the robot from measured efforts and tensions."""
