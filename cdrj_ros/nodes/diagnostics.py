@@ -165,8 +165,8 @@ def _figures(
     return values
 
 
-def diagnostic_array(stamp: object, status: DiagnosticStatus) -> DiagnosticArray:
-    """A DiagnosticArray with one status."""
-    array = DiagnosticArray(status=[status])
+def diagnostic_array(stamp: object, *statuses: DiagnosticStatus) -> DiagnosticArray:
+    """A DiagnosticArray with these statuses."""
+    array = DiagnosticArray(status=list(statuses))
     array.header.stamp = stamp
     return array

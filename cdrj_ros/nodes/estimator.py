@@ -46,6 +46,7 @@ from cdrj_ros.model.compiled import kernels_are_compiled
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
+from cdrj_ros.nodes.health import HealthWatch
 from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
 from cdrj_ros.nodes.qos import default_profile
@@ -129,6 +130,7 @@ class EstimatorNode(Node):
         if started.friction:
             self.live.set_numbers(started.friction)
         self._warm_up()
+        self.health = HealthWatch(self.live) if started.health else None
         if self._state_file is not None:
             self._read_state(self._state_file)
         self.encoder = EstimateEncoder(
@@ -293,6 +295,7 @@ class EstimatorNode(Node):
         feed, refused = live.feed, live.conditioner.refused
         with_efforts = live.options.track_preload and kind != "joints"
         decode = JointStateDecoder(with_efforts)
+        health = None if kind == "joints" else self.health
         topic = TopicHeard("") if heard is None else heard
 
         def on_message(payload: bytes) -> None:
@@ -301,6 +304,8 @@ class EstimatorNode(Node):
                 stamp, names, position = decode(payload)
                 if with_efforts and live.wants_efforts(stamp):
                     live.feed_efforts(stamp, names, decode.efforts(payload))
+                if health is not None and health.wants_efforts(stamp):
+                    health.read_efforts(stamp, names, decode.efforts(payload))
             except MessageError:
                 refused["malformed"] += 1
                 return
@@ -337,6 +342,8 @@ class EstimatorNode(Node):
             else:
                 self._publish(output)
         self.live.finish()
+        if self.health is not None:
+            self.health.follow(outputs[-1])
         self.watch.note()
 
     def _publish(self, output: Output) -> None:
@@ -353,7 +360,10 @@ class EstimatorNode(Node):
 
     def _on_tensions(self, payload: bytes) -> None:
         try:
-            self.live.feed_tensions(*cable_tensions(payload))
+            readings = cable_tensions(payload)
+            self.live.feed_tensions(*readings)
+            if self.health is not None:
+                self.health.read_tensions(*readings)
         except MessageError:
             self.live.conditioner.refused["malformed"] += 1
 
@@ -371,8 +381,11 @@ class EstimatorNode(Node):
 
     def _on_diagnostics(self) -> None:
         self._diagnosed_s = monotonic()
-        status = self._status(self.get_fully_qualified_name().lstrip("/"))
-        self.diagnostics.publish(diagnostic_array(self.get_clock().now().to_msg(), status))
+        name = self.get_fully_qualified_name().lstrip("/")
+        statuses = [self._status(name)]
+        if self.configured and self.health is not None and self.health.heard:
+            statuses.append(self.health.status(f"{name}: health"))
+        self.diagnostics.publish(diagnostic_array(self.get_clock().now().to_msg(), *statuses))
         self.write_state()
 
     def _status(self, name: str) -> DiagnosticStatus:
@@ -389,6 +402,8 @@ class EstimatorNode(Node):
         if self.output is not None:
             self._publish_stale(self.output)
         self.output = None
+        if self.health is not None:
+            self.health.reset()
         self.silence.forget()
         self._thinning.reset()
         self.write_state()

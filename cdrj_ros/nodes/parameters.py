@@ -108,14 +108,7 @@ def settings() -> tuple[Setting, ...]:
             "preload",
             "-", 0.001, 10.0, changeable=True,
         ),
-        Setting("tension_sensors", False, "Whether to use load cells on the topic tension_sensors"),
-        Setting(
-            "track_preload", False, "Whether to correct preloads by the efforts in motor_states"
-        ),
-        Setting(
-            "effort_noise", 0.01, "Standard deviation of the efforts in motor_states", "N m",
-            1e-6, 1e6,
-        ),
+        *_sensor_settings(),
         Setting(
             "tracking_bandwidth", UNSET,
             "Bandwidth of the filters that estimate angles between the counts of a sensor, for all "
@@ -150,6 +143,24 @@ def _output_settings() -> tuple[Setting, ...]:
             "wrenches", False,
             "Whether to publish the force on every pulley as geometry_msgs/WrenchStamped on "
             "wrenches/<cable>_<node>",
+        ),
+    )  # fmt: skip
+
+
+def _sensor_settings() -> tuple[Setting, ...]:
+    return (
+        Setting("tension_sensors", False, "Whether to use load cells on the topic tension_sensors"),
+        Setting(
+            "track_preload", False, "Whether to correct preloads by the efforts in motor_states"
+        ),
+        Setting(
+            "effort_noise", 0.01, "Standard deviation of the efforts in motor_states", "N m",
+            1e-6, 1e6,
+        ),
+        Setting(
+            "health", True,
+            "Whether to compare the efforts in motor_states and the load cells with the estimate, "
+            "and to report on /diagnostics what has changed on the robot",
         ),
     )  # fmt: skip
 

@@ -45,6 +45,8 @@ class Started(NamedTuple):
     wrenches: bool
     """Whether to publish these outputs too."""
     options: Options
+    health: bool
+    """Whether to run the health monitor."""
     friction: dict[str, float]
     """Common friction values that replace those of the robot file, by path."""
 
@@ -99,6 +101,7 @@ def read(node: Node) -> Started:
         values["tension_states"],
         values["wrenches"],
         options,
+        values["health"],
         _given_friction(values),
     )
 

@@ -25,6 +25,7 @@ from support.estimators import (
     values_of,
 )
 
+from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
@@ -64,6 +65,33 @@ def diagnosed(node: Any) -> Any:
     node.watch.looked_s -= 1.0
     node._on_diagnostics()
     return kept[0].status[0]
+
+
+def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_published(
+    bench: Bench,
+) -> None:
+    node = bench.estimator()
+    true = load_model(ROBOT, "29,26.26")
+    said: list[Any] = []
+    hear_diagnostics(bench, said)
+    both = Template(JOINT_STATE, ("winch",), ("position", "effort"))
+    state = initial_state(true)
+    for k in range(0, 9000, 5):
+        sample = sample_at(k)
+        state, estimate = step(true, state, sample)
+        node.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
+        node.motor(both.encode(sample.stamp_ns, position=sample.motor_angle,
+                               effort=estimate.motor_effort))  # fmt: skip
+    node._on_diagnostics()
+    assert bench.until(lambda: any(one.name.endswith(": health") for one in said))
+    status = next(one for one in said if one.name.endswith(": health"))
+    assert status.level == status.WARN
+    assert status.message.startswith("preload of upper has lost 7.")
+    quiet = bench.estimator(health=False)
+    quiet.motor(both.encode(BEGIN, position=[0.0], effort=[0.0]))
+    quiet.diagnostics = SimpleNamespace(publish=said.append)
+    quiet._on_diagnostics()
+    assert len(said[-1].status) == 1
 
 
 # missing and refused ---------------------------------------------------------------------------
