@@ -21,7 +21,7 @@ from cdrj_ros.estimation.estimator import NEVER, State, initial_state, step
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.health.changes import Change, changes_of, magnitude, sensor_changes
 from cdrj_ros.health.judging import CERTAIN, Judged, judge
-from cdrj_ros.health.window import FEWEST, MOST, Reading, Turns, Window
+from cdrj_ros.health.window import FEWEST, MOST, SHORTEST_NS, Reading, Turns, Window
 from cdrj_ros.health.words import Report, report
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
@@ -115,8 +115,7 @@ class HealthMonitor:
         self._turns = [Turns(abs(a.sensor.scale) * a.sensor.resolution)
                        for a in self.model.robot.axes]  # fmt: skip
         self._settled = False
-        self._window = Window()
-        self._from = [0] * len(self._turns)
+        self._window, self._window_ns = Window(), 0
 
     # --- readings ---------------------------------------------------------------------------------
 
@@ -255,21 +254,23 @@ class HealthMonitor:
                 share = (reading[0] - before[0]) / (stamp - before[0])
                 self._add(reading, before[1], expected, share, tick.spread)
         self._pending = later
-        whole = any(
-            turns.reversals - begun >= 2
-            for turns, begun in zip(self._turns, self._from, strict=True)
+        whole = any(turns.whole for turns in self._turns) and (
+            stamp - self._window_ns >= SHORTEST_NS
         )
         if whole and (self._window.size >= FEWEST or not self._settled):
             if self._settled:
                 self._judge(self._window)
             self._settled = True
-            self._next_window()
+            self._next_window(stamp)
         elif self._window.size >= MOST:
-            self._next_window()
+            for turns in self._turns:
+                turns.forget()
+            self._next_window(stamp)
 
-    def _next_window(self) -> None:
-        self._window = Window()
-        self._from = [turns.reversals for turns in self._turns]
+    def _next_window(self, stamp_ns: int) -> None:
+        self._window, self._window_ns = Window(), stamp_ns
+        for turns in self._turns:
+            turns.begin()
 
     def _add(
         self,

@@ -23,6 +23,13 @@ LEAST_SWING: Final = 1e-3
 FEWEST: Final = 40
 """Smallest number of readings of a window."""
 
+WHOLE: Final = 0.6
+"""A window must cover this fraction of the largest motion so far: after shorter strokes the far
+ends of the cables keep a tension that no model with one contact per pulley gives."""
+
+SHORTEST_NS: Final = 3_000_000_000
+"""Shortest duration of a window [ns]."""
+
 MOST: Final = 4000
 """Readings after which a window without a whole cycle is discarded."""
 
@@ -49,11 +56,18 @@ class Turns:
         self._rising = 0
         self._swing = 0.0
         self.reversals = 0
+        self._lowest = self._highest = float("nan")
+        self._largest = 0.0
+        self._begun = 0
 
     def add(self, angle: float) -> None:
         """Add an angle [rad]."""
         if not self._low <= self._high:  # NaN: the first angle
             self._low = self._high = angle
+        if not self._lowest <= self._highest:
+            self._lowest = self._highest = angle
+        self._lowest, self._highest = min(self._lowest, angle), max(self._highest, angle)
+        self._largest = max(self._largest, self._highest - self._lowest)
         self._low, self._high = min(self._low, angle), max(self._high, angle)
         span = self._high - self._low
         least = max(TURNED * max(self._swing, span), self._least)
@@ -61,6 +75,21 @@ class Turns:
             self._turn(-1, angle, span)
         elif self._rising <= 0 and angle - self._low >= least:
             self._turn(+1, angle, span)
+
+    def begin(self) -> None:
+        """Begin a window here."""
+        self._begun = self.reversals
+        self._lowest = self._highest = float("nan")
+
+    def forget(self) -> None:
+        """Take the motion of this window for the usual one."""
+        self._largest = self._highest - self._lowest if self._lowest <= self._highest else 0.0
+
+    @property
+    def whole(self) -> bool:
+        """Whether the axis has gone to and fro since ``begin``, over most of its usual range."""
+        moved = self._highest - self._lowest
+        return self.reversals - self._begun >= 2 and moved >= WHOLE * self._largest
 
     def _turn(self, rising: int, angle: float, span: float) -> None:
         if self._rising:
