@@ -42,7 +42,7 @@ MOTOR_FRICTION_SHARE: Final = 0.03
 GAIN: Final = 0.05
 """Smallest reported error of a sensor's scale, as a fraction."""
 
-OFFSET_SHARE: Final = 0.03
+OFFSET_SHARE: Final = 0.06
 """Smallest reported error of a sensor's zero, as a fraction of the preload or of its torque."""
 
 LOST_STIFFNESS: Final = 1e-9

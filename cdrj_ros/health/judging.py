@@ -39,7 +39,7 @@ FURTHER: Final = 0.01
 lines through what is curved."""
 
 CERTAIN: Final = 100.0
-"""With this much, one cycle suffices (ten standard deviations); otherwise two in a row."""
+"""With this much, one cycle suffices (ten standard deviations); otherwise three in a row."""
 
 AS_GOOD: Final = 12.0
 """Another change explains the readings as well if the sum of squares differs by less."""

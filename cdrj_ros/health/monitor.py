@@ -44,6 +44,9 @@ KEPT: Final = 2000
 QUICK: Final = 48
 """Number of latest readings in which a broken cable is sought between the ends of cycles."""
 
+IN_A_ROW: Final = 3
+"""Cycles that must show the same change, unless one of them is certain."""
+
 REMEMBERED: Final = 64
 """Cycles whose results are kept."""
 
@@ -294,7 +297,6 @@ class HealthMonitor:
         if judged is None:
             return
         self.cycles += 1
-        last = self._judged[-1] if self._judged else None
         self._judged.append(judged)
         if not judged.alarming:
             self._clear += 1
@@ -303,7 +305,8 @@ class HealthMonitor:
             return
         self._clear = 0
         sure = judged.explained and judged.gain >= CERTAIN
-        if sure or (last is not None and _agree(last, judged)):
+        latest = list(self._judged)[-IN_A_ROW:]
+        if sure or (len(latest) == IN_A_ROW and all(_agree(one, judged) for one in latest)):
             self._standing = judged
 
     def report(self) -> Report:

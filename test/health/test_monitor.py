@@ -31,9 +31,9 @@ def model() -> Model:
 
 @pytest.fixture(scope="module")
 def motion(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples:
-    """Recorded angles of four cycles, at 25 Hz."""
+    """Recorded angles of five cycles, at 25 Hz."""
     whole = recorded(model, 60)
-    kept = 2 * whole.stamp_ns.size // 3
+    kept = 5 * whole.stamp_ns.size // 6
     return Samples(*(column[:kept] for column in vars(whole).values()))
 
 
@@ -184,7 +184,7 @@ def test_a_broken_cable_is_found_before_a_cycle_ends(model: Model, motion: Sampl
         return replace(robot, cables=(replace(upper, preload=0.0, axial_stiffness=1e-5), lower))
 
     gone = true_readings(model, broken, motion)
-    cycle = motion.stamp_ns.size // 4
+    cycle = motion.stamp_ns.size // 5
     at = 2 * cycle
     readings = np.where((np.arange(len(whole)) >= at)[:, None], gone, whole)
     begin = Samples(*(column[: at + cycle // 4] for column in vars(motion).values()))
