@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -39,5 +40,5 @@ def test_every_parameter_has_a_description(written: str) -> None:
 
 def test_every_node_of_the_package_has_a_section(written: str) -> None:
     entry = (ROOT / "cdrj_ros" / "nodes" / "entry.py").read_text()
-    nodes = {line[4:].partition("(")[0] for line in entry.splitlines() if line.startswith("def ")}
+    nodes = set(re.findall(r"^def ([a-z]\w*)", entry, re.MULTILINE))
     assert nodes == {line[3:] for line in written.splitlines() if line.startswith("## ")}
