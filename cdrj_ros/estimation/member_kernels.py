@@ -327,6 +327,21 @@ def step_members(
 
 
 @lean
+def _join(motor_angle: Vector, joint_angle: Vector, both: Vector) -> None:
+    """Write the angles of motors and joints one after the other."""
+    copy_part(motor_angle, 0, part(both, 0, motor_angle.size))
+    copy_part(joint_angle, 0, part(both, motor_angle.size, both.size))
+
+
+@lean
+def _move(angle: Vector, new: Vector, middle: Vector) -> None:
+    """Replace the angles by the new ones, and write the mean of both."""
+    for a in range(angle.size):
+        middle[a] = 0.5 * angle[a] + 0.5 * new[a]
+        angle[a] = new[a]
+
+
+@lean
 def begin_sample(
     plan: NDArray[np.int64],
     members: Members,
@@ -362,9 +377,7 @@ def begin_sample(
     Takes 9 arguments, because copying them in Python takes longer than the rest.
     """
     progress, angle, count = members.progress, members.angle, least
-    motors = motor_angle.size
-    copy_part(motor_angle, 0, part(members.new_angle, 0, motors))
-    copy_part(joint_angle, 0, part(members.new_angle, motors, angle.size))
+    _join(motor_angle, joint_angle, members.new_angle)
     copy_part(estimate, 0, members.estimate)
     everyone = len(members.states)
     if _was_unseen(progress[LAST_STAMP], stamp, angle, members.new_angle):
@@ -378,10 +391,8 @@ def begin_sample(
         if on_the_way and progress[TURN] > 0:
             count = everyone
             half = passed * 0.5e-9
-    for a in range(angle.size):
-        members.middle[a] = 0.5 * angle[a] + 0.5 * members.new_angle[a]
     progress[LAST_STAMP] = stamp
-    copy_part(members.new_angle, 0, angle)
+    _move(angle, members.new_angle, members.middle)
     unsolved = _is_invalid(members.estimate, plan_views(plan).sizes.elements, ANY)
     if progress[TURN] == 0 or (progress[BEHIND] != 0 and not unsolved):
         count = everyone

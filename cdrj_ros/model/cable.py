@@ -442,18 +442,15 @@ def solve_cable(
         dt: duration of the sample [s]; 0 where unknown (speeds then count as zero).
 
     Returns:
-        Total number of Newton iterations and the largest remaining force imbalance [N].  The
-        sample is solved if the imbalance is within ``acceptable``; otherwise the caller must
-        report it.
+        Total number of Newton iterations and the largest remaining force imbalance [N].  Unless
+        this is within ``acceptable``, the sample is not solved, and the caller must report it.
     """
-    n = len(contacts)
-    if n == 0:
+    if len(contacts) == 0:
         material = elements[0].material_before + first_slip - last_slip
         elements[0].material = material
         elements[0].tension = element_tension(axial_stiffness, elements[0].length, material)
         return 0, 0.0
     enough = tolerance(axial_stiffness)
-
     # In steady motion the given guess is better; in all other cases the predictor is.
     iterations = 0
     if _guess_is_usable(contacts, elements, first_slip, last_slip):
