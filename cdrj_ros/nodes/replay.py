@@ -35,7 +35,7 @@ from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class,
 from cdrj_ros.nodes.replay_options import replay_parser
 from cdrj_ros.nodes.services import offer_services
 from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, starting
-from cdrj_ros.replay.agreement import preload_difference
+from cdrj_ros.replay.agreement import preload_difference, slow_playback
 from cdrj_ros.replay.controls import KEYS, Controls, rate_in_words
 from cdrj_ros.replay.display import Display
 from cdrj_ros.replay.keyboard import Keyboard
@@ -245,7 +245,11 @@ def _play_and_report(
 
 
 def _agreed(arguments: argparse.Namespace, player: Player) -> Model:
-    """The robot, with the node's preloads if requested; otherwise warn if the preloads differ."""
+    """The robot, with the node's preloads if requested; warn of what the estimates will show."""
+    clock = bool(arguments.clock or arguments.clock_topics or arguments.clock_topics_all)
+    slow = slow_playback(arguments.rate, paused=arguments.start_paused, clock=clock)
+    if slow:
+        player.display.say(f"note: {slow}")
     words = preload_difference(player.model, player.estimator)
     if words and arguments.use_node_preload:
         return load_model(arguments.robot, player.estimator.preload)

@@ -71,3 +71,23 @@ def preload_difference(model: Model, settings: NodeSettings) -> str:
         f"-p preload:=[{','.join(f'{own:g}' for own in ours)}], call its ~/set_preload, or give "
         "--use-node-preload"
     )
+
+
+def slow_playback(rate: float | None, *, paused: bool, clock: bool) -> str:
+    """What a slow or paused playback does to the estimator's statuses, with remedies.
+
+    Args:
+        rate: multiple of real time; None: as fast as possible.
+        paused: whether the playback starts paused.
+        clock: whether the playback publishes /clock.
+
+    Returns:
+        One line; empty if stamps do not fall behind the estimator's clock.
+    """
+    if clock or not (paused or (rate is not None and rate < 1.0)):
+        return ""
+    return (
+        "the recording is played slower than it was made: the estimator marks its estimates "
+        "STALE, unless it follows the playback (--clock here, use_sim_time:=true there) or has "
+        "same_clock_within:=0"
+    )

@@ -6,7 +6,12 @@ import pytest
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.replay.agreement import NodeSettings, preload_difference, require_every_sample
+from cdrj_ros.replay.agreement import (
+    NodeSettings,
+    preload_difference,
+    require_every_sample,
+    slow_playback,
+)
 
 
 def test_preloads_that_agree_or_are_unknown_are_not_mentioned() -> None:
@@ -32,3 +37,11 @@ def test_a_node_that_leaves_out_estimates_is_refused(settings: NodeSettings) -> 
     require_every_sample(NodeSettings())
     with pytest.raises(UsageError, match="publishes only some of its estimates"):
         require_every_sample(settings)
+
+
+def test_a_slow_or_paused_playback_without_a_clock_is_announced() -> None:
+    for rate, paused in ((0.5, False), (1.0, True), (None, True)):
+        assert "STALE" in slow_playback(rate, paused=paused, clock=False)
+        assert slow_playback(rate, paused=paused, clock=True) == ""
+    for rate in (None, 1.0, 20.0):
+        assert slow_playback(rate, paused=False, clock=False) == ""
