@@ -66,10 +66,19 @@ def _compile_recordings() -> None:
     follow(model.robot, np.array([0.0, 1e-3]), samples.joint_angle, cells=2)
 
 
+def _compile_rig() -> None:
+    """Compile the kernels of the rig whose joint moves freely."""
+    from cdrj_ros.rig.live import LiveRig, LiveSettings
+
+    rig = LiveRig(load_model(ROBOT).robot, LiveSettings(cells=2))
+    rig.step(rig.motor_angle)
+
+
 PARTS: Final[dict[str, Callable[[], None]]] = {
     "step": _compile_step,
     "deviations": _compile_deviations,
     "recordings": _compile_recordings,
+    "rig": _compile_rig,
 }
 """Parts that are compiled in one process each; the first alone, then the others in parallel."""
 

@@ -34,6 +34,7 @@ from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.rig.live import LiveRig, LiveSettings
 from cdrj_ros.rig.prescribed import follow
 
 for robot in ("prototype", "parallel"):
@@ -50,6 +51,10 @@ track(new_track(), 1_000_000, 0.0, 1.0, 1.0)
 track_all(stamps, np.zeros(5), 1.0, 1.0, np.zeros(5))
 model = load_model("prototype")
 follow(model.robot, np.arange(5) * 1e-3, np.zeros((5, 1)), cells=2)
+for robot in ("prototype", "parallel"):
+    rig = LiveRig(load_model(robot).robot, LiveSettings(cells=2))
+    for _ in range(3):
+        rig.step(rig.motor_angle)
 print("used")
 """
 
