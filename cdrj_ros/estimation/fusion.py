@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.estimation.contest import Witness
+from cdrj_ros.estimation.contest import Answer, Witness
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
 from cdrj_ros.estimation.preloads import DOUBT, SLOW_DRIFT, Preloads, standard
@@ -183,6 +183,9 @@ class Fusion:
         errors = [one.deviation for one in self._witnesses.values()]
         self._preloads.drift(name, sample.stamp_ns, cables, errors)
         own = noise**2 + (MODEL_ERROR * value) ** 2
+        # A motor's effort is often the only witness of a lost preload, and doubt would leave half
+        # of the loss uncorrected: only load cells are contested.
+        is_effort = name in self._motor
         witness = self._witnesses.get(name)
         error = witness.error if witness is not None else 0.0
         variance = self._variance(column, witness) + own
@@ -192,13 +195,13 @@ class Fusion:
             self._witnesses.pop(name, None)
             return state
         if witness is None:
-            history = HISTORY_ERROR * abs(value - expected)
-            witness = Witness(np.zeros(len(spread.states)), history=history)
-            self._witnesses[name] = witness
+            witness = self._heed(name, 0.0 if is_effort else abs(value - expected))
         innovation = value - expected - witness.error
         scale = self._preloads.scale(column, cables)
         drift = (self._drift * scale) ** 2
-        answer = witness.weigh(sample.stamp_ns, innovation, variance, drift)
+        answer: Answer = "agrees"
+        if not is_effort:
+            answer = witness.weigh(sample.stamp_ns, innovation, variance, drift)
         possible = abs(witness.surprise) <= DOUBT * scale
         if answer == "changed" and possible:
             self._open(witness, column, cables)
@@ -207,13 +210,20 @@ class Fusion:
         if answer == "contested" or (answer == "changed" and not possible):
             health.refused += 1
             return state
-        if (size := MODEL_ERROR * max(abs(value), health.largest)) > witness.share:
+        size = 0.0 if is_effort else MODEL_ERROR * max(abs(value), health.largest)
+        if size > witness.share:
             witness.deviation += np.sqrt(size**2 - witness.share**2) * self._draw()
             witness.share = size
         health.used += 1
         state = self._teach(witness, state, column, cables, innovation, own)
         health.dropped = witness.wrong
         return state
+
+    def _heed(self, name: str, first: float) -> Witness:
+        """Begin to use a sensor; ``first`` is the size of its first correction [N] or [N m]."""
+        witness = Witness(np.zeros(len(self.spread.states)), history=HISTORY_ERROR * first)
+        self._witnesses[name] = witness
+        return witness
 
     def _variance(self, column: int, witness: Witness | None) -> float:
         """Variance of a quantity and the lasting error of its sensor together."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import ceil, isfinite
+from math import ceil
 from typing import Final
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import NEVER, State, initial_state, step
+from cdrj_ros.estimation.fusion import LARGEST
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.health.changes import Change, changes_of, magnitude, sensor_changes
 from cdrj_ros.health.judging import CERTAIN, Judged, judge
@@ -161,7 +162,7 @@ class HealthMonitor:
         last = self._read_ns.get(name)
         if last is not None and 0 <= stamp_ns - last < LEAST_NS:
             return
-        if not isfinite(value) or not isfinite(noise):
+        if not abs(value) <= LARGEST or not 0.0 <= noise <= LARGEST:  # NaN too
             return
         self._read_ns[name] = stamp_ns
         self._scale.setdefault(name, magnitude(self.model.robot, name))

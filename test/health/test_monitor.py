@@ -278,3 +278,13 @@ def test_the_verdict_ends_once_the_robot_agrees_with_its_file_again(
     )
     watch(model, after, true_readings(model, same, after), monitor=monitor)
     assert monitor.report().level == "ok"
+
+
+def test_an_absurd_reading_is_not_taken() -> None:
+    monitor = HealthMonitor(load_model(ROBOT))
+    for k, value in enumerate((1e300, -1e300, float("nan"), float("inf"))):
+        monitor.read_efforts((k + 1) * 1_000_000_000, ["winch"], np.array([value]))
+        monitor.read_tensions((k + 1) * 1_000_000_000, ["upper/8"], np.array([value]), np.array([]))
+        stamp = (k + 1) * 1_000_000_000 + 500_000_000
+        monitor.read_tensions(stamp, ["upper/8"], np.ones(1), np.array([1e300]))
+    assert not monitor.heard

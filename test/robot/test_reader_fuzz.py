@@ -115,11 +115,11 @@ def _kernels() -> None:
         follow(prepare(parse_robot(path.read_text("utf-8"), str(path))))
 
 
-def judge(text: str) -> bool:
+def judge(text: str, source: str = "damaged") -> bool:
     """Whether the text is a valid robot; fails unless it is one or gives a one-line error."""
     begin = process_time()
     try:
-        model = prepare(parse_robot(text, "damaged"))
+        model = prepare(parse_robot(text, source))
     except CdrjError as error:
         words = str(error)
         assert words
@@ -141,7 +141,7 @@ def test_a_damaged_document_is_a_robot_or_one_line(path: Path) -> None:
         document = YAML(typ="safe", pure=True).load(text)
         for _ in range(rng.choice((1, 1, 1, 2, 4))):
             mutate(document, rng)
-        verdicts.append(judge(dumped(document)))
+        verdicts.append(judge(dumped(document), str(path)))
     assert 0 < sum(verdicts) < len(verdicts)
 
 
@@ -214,4 +214,4 @@ def test_an_absurd_number_anywhere_is_one_line(path: Path) -> None:
         ]
         place, key = rng.choice(places)
         place[key] = rng.choice(HUGE)
-        assert not judge(dumped(document))
+        assert not judge(dumped(document), str(path))
