@@ -102,7 +102,7 @@ class SensorHealth:
             self._equal.clear()
         self._last = value
         self._equal.append(unaided)
-        self.dropped = self._fault(value, expected, variance, own)
+        self.dropped = self._fault(value, expected, own)
         if not self.dropped and not self.trusted:
             return self._try(value, unaided, own)
         if self.dropped or self._squares[-1] > OUTLIER:
@@ -110,7 +110,7 @@ class SensorHealth:
             return False
         return True
 
-    def _fault(self, value: float, expected: float, variance: float, own: float) -> str:
+    def _fault(self, value: float, expected: float, own: float) -> str:
         """The fault that the last ``JUDGED`` readings show; empty if none."""
         moved = max(self._equal) - min(self._equal)
         if len(self._equal) >= EQUAL and moved > STIFF * own**0.5:
