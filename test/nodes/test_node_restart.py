@@ -252,5 +252,6 @@ def test_load_cells_over_dds_find_a_lost_preload_in_every_element(
     tension, stddev = one.heard()
     error = np.abs(tension - truth)
     assert error[0].max() > 10.0
-    assert error[7000:].mean(axis=0).max() < 0.16  # cells keep lasting errors of their own (U8)
+    # 0.8 % of the preload; a cell may be off by 1 % for good (U8)
+    assert error[7000:].mean(axis=0).max() < 0.3
     assert np.mean(error[7000:] < 2.0 * stddev[7000:]) > 0.9
