@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cdrj_ros.model.compiled import lean
 from cdrj_ros.model.drum import start_drum
 from cdrj_ros.model.friction_history import impose_friction
-from cdrj_ros.model.mechanism import advance
+from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID
@@ -122,7 +122,7 @@ def _advance_member(
     """
     sizes = plan_views(plan).sizes
     if state_views(sizes, state).started[0] == 0.0:
-        advance(plan, numbers, state, motor_angle, joint_angle, 0.0, out)
+        advance_robot(plan, numbers, state, motor_angle, joint_angle, 0.0, out)
         if state_views(sizes, out).started[0] == 0.0:  # no such pose
             return False
         copy_part(out, 0, state)
@@ -130,7 +130,7 @@ def _advance_member(
             plan, numbers, share, state, part(out, state.size + estimate_size, out.size)
         )
         dt = 0.0
-    solved = advance(plan, numbers, state, motor_angle, joint_angle, dt, out)
+    solved = advance_robot(plan, numbers, state, motor_angle, joint_angle, dt, out)
     copy_part(out, 0, state)
     return solved
 
@@ -426,7 +426,7 @@ def run_members(
     hidden = samples.unseen.shape[0] > 0
     for k in range(samples.dt.size):
         motor_angle, joint_angle = samples.motor_angle[k], samples.joint_angle[k]
-        advance(plan, nominal, state, motor_angle, joint_angle, samples.dt[k], members.out)
+        advance_robot(plan, nominal, state, motor_angle, joint_angle, samples.dt[k], members.out)
         copy_part(members.out, 0, state)
         copy_part(members.out, state.size, estimates[k])
         if hidden:

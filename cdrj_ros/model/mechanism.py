@@ -6,7 +6,7 @@ unless a cable has to be solved in pieces.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from cdrj_ros.model.cable import Contact, SolverElement, acceptable, element_ten
 from cdrj_ros.model.compiled import compiled, lean, stage, usable_in_kernels
 from cdrj_ros.model.drum import material_held, start_drum, turn_drum
 from cdrj_ros.model.friction import blended_loss, stribeck_share
+from cdrj_ros.model.linked import linked
 from cdrj_ros.model.outputs import passive_torque, report_cable
 from cdrj_ros.model.packing import Indices, Numbers, Plan, number_views, plan_views
 from cdrj_ros.model.records import Rows
@@ -286,6 +287,14 @@ def advance(
     return solved_all
 
 
+advance_robot: Final = linked(
+    advance,
+    "boolean(Array(int64, 1, 'C', True), Array(float64, 1, 'C', True),"
+    " float64[::1], float64[::1], float64[::1], float64, float64[::1])",
+)
+"""``advance``, to be called by kernels."""
+
+
 @compiled
 def advance_all(
     plan: Indices,
@@ -308,6 +317,6 @@ def advance_all(
     size = state.size
     out = np.empty(size + estimates.shape[1] + scratch_size(plan_views(plan).sizes))
     for k in range(dt.size):
-        advance(plan, numbers, state, motor_angles[k], joint_angles[k], dt[k], out)
+        advance_robot(plan, numbers, state, motor_angles[k], joint_angles[k], dt[k], out)
         copy_part(out, 0, state)
         copy_part(out, size, estimates[k])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.mechanism import advance
+from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import estimate_size, scratch_size, state_size
 
@@ -37,7 +37,7 @@ def scan(
     state = np.zeros(size)
     out = np.empty(size + estimate_size(sizes) + scratch_size(sizes))
     for k in range(angles.size):
-        advance(plan, numbers, state, base + direction * angles[k], joint_angle, 0.0, out)
+        advance_robot(plan, numbers, state, base + direction * angles[k], joint_angle, 0.0, out)
         efforts[k] = out[size + effort_place]
 
 
@@ -63,7 +63,7 @@ def _imbalance(
     """
     for m in range(motor_angle.size):
         motor_angle[m] = base[m] + direction[m] * drive + offset[m]
-    advance(plan, numbers, state, motor_angle, joint_angle, dt, out)
+    advance_robot(plan, numbers, state, motor_angle, joint_angle, dt, out)
     return out[state.size + effort_place] - torque
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.mechanism import advance
+from cdrj_ros.model.mechanism import advance, advance_robot
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import scratch_size
 from cdrj_ros.rig.assembly import MotionError, Rig, Truth, make_rig, read_out, require_taut
@@ -217,7 +217,7 @@ def swing_steps(
             last, last_excess, tried = q, 0.0, False
             for _ in range(100):
                 pose[joint] = q
-                advance(plan, numbers, state, drums[k], pose, h, out)
+                advance_robot(plan, numbers, state, drums[k], pose, h, out)
                 torque = sign * out[size + effort_place]
                 excess = _required(load, q0, v0, q, h, torque0, torque)
                 if abs(excess) <= MOTION_TOLERANCE:
@@ -237,7 +237,7 @@ def swing_steps(
                     break  # within numerical precision
         else:
             pose[joint] = q
-            advance(plan, numbers, state, drums[k], pose, 0.0, out)
+            advance_robot(plan, numbers, state, drums[k], pose, 0.0, out)
         pose_angle = pose[joint]
         if not lower <= pose_angle <= upper:
             return k
