@@ -16,6 +16,7 @@ from cdrj_ros.conditioning.samples import ALL_SEEN_OVER_TIME, NO_DOUBTS, Sample,
 from cdrj_ros.conditioning.time_line import REFUSALS, Conditioner, Mode
 from cdrj_ros.conditioning.tracking import Vector, track_all
 from cdrj_ros.foundation.series import Series
+from cdrj_ros.model.compiled import ordinary
 from cdrj_ros.robot.description import Robot
 
 Stamps = NDArray[np.int64]
@@ -110,7 +111,8 @@ def _between_counts(readings: Series, limits: Limits) -> Series:
     if not limits.bandwidth > 0.0:
         return readings
     angle = np.empty_like(readings.value)
-    track_all(readings.stamp_ns, readings.value, limits.bandwidth, limits.band, angle)
+    stamps, values = ordinary(readings.stamp_ns), ordinary(readings.value)
+    track_all(stamps, values, limits.bandwidth, limits.band, angle)
     return Series(readings.stamp_ns, readings.log_ns, np.clip(angle, limits.lower, limits.upper))
 
 

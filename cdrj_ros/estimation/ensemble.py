@@ -41,7 +41,7 @@ from cdrj_ros.estimation.members import (
     unseen_ways,
     wind_differently,
 )
-from cdrj_ros.model.compiled import direct
+from cdrj_ros.model.compiled import direct, ordinary
 from cdrj_ros.model.prepared import Layout, Model, read_only
 from cdrj_ros.robot.description import Uncertainty
 
@@ -272,6 +272,12 @@ class Spread:
         dt = np.diff(stamps, prepend=np.int64(first)) * 1e-9
         values = state.values.copy()
         self.finish()
-        path = Path(stamps, samples.motor_angle, samples.joint_angle, samples.unseen, dt)
+        path = Path(
+            ordinary(stamps),
+            ordinary(samples.motor_angle),
+            ordinary(samples.joint_angle),
+            ordinary(samples.unseen),
+            dt,
+        )
         run_members(model.plan, model.numbers, values, self._members, path, estimates, stddev)
         return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout, stddev)

@@ -14,11 +14,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+import numpy as np
 from numba.extending import register_jitable
+from numpy.typing import NDArray
 
 from cdrj_ros.model.kernel_cache import KernelCache, kernel_cache
 
 F = TypeVar("F", bound=Callable[..., Any])
+_Number = TypeVar("_Number", np.float64, np.int64, np.bool_)
 
 _FOLDER = Path(__file__).parent
 
@@ -79,6 +82,15 @@ def _compile(function: F, **options: bool) -> F:
     if cache is not None:
         dispatcher._cache = cache
     return dispatcher
+
+
+def ordinary(array: NDArray[_Number]) -> NDArray[_Number]:
+    """The array, or a copy of it if it is not contiguous or not writable.
+
+    Layout and writability are parts of a type, and the dispatcher compiles a kernel again for each.
+    """
+    plain = np.ascontiguousarray(array)
+    return plain if plain.flags.writeable else plain.copy()
 
 
 def direct(kernel: F, *arguments: Any) -> F:

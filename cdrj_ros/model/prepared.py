@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.model.compiled import ordinary
 from cdrj_ros.model.filling import pack
 from cdrj_ros.model.packing import (
     PLANAR,
@@ -188,8 +189,8 @@ def placed(
     possible = shape(
         model.plan,
         read_only(model.numbers),
-        np.ascontiguousarray(() if motor_angle is None else motor_angle, dtype=np.float64),
-        np.ascontiguousarray(joint_angle, dtype=np.float64),
+        ordinary(np.asarray(() if motor_angle is None else motor_angle, dtype=np.float64)),
+        ordinary(np.asarray(joint_angle, dtype=np.float64)),
         length,
         scratch,
     )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.compiled import compiled, ordinary
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.shape import shape
@@ -59,7 +59,7 @@ def shapes_along(model: Model, joint_angle: Table) -> tuple[Table, Table]:
     """
     n = joint_angle.shape[0]
     lengths, wraps = np.empty((n, model.sizes.elements)), np.empty((n, model.sizes.pulleys))
-    done = _shapes(model.plan, model.numbers, np.ascontiguousarray(joint_angle), lengths, wraps)
+    done = _shapes(model.plan, model.numbers, ordinary(joint_angle), lengths, wraps)
     if done < n:
         pose = ", ".join(
             f"{name} = {angle:.4g}"

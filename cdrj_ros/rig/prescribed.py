@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.compiled import ordinary
 from cdrj_ros.model.mechanism import advance_all
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.assembly import (
@@ -117,4 +118,4 @@ def columns(values: NDArray[np.float64], n: int, columns: int, name: str) -> Tab
     shaped = values[:, None] if values.ndim == 1 and columns == 1 else values
     if shaped.shape != (n, columns):
         raise UsageError(f"{name} must have the shape {(n, columns)}, got {values.shape}")
-    return np.ascontiguousarray(shaped, dtype=np.float64)
+    return ordinary(np.asarray(shaped, dtype=np.float64))

@@ -324,7 +324,7 @@ def test_without_compilation_nothing_is_left_to_compile(copied: Path) -> None:
 EVERYTHING = """
 import sys
 import numpy as np
-from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.model.loading import load_model
@@ -348,6 +348,13 @@ for samples in (Samples(stamps, motor, joint), Samples(stamps, motor, joint, uns
     spread.catch_up(samples.at(time.size - 1), estimate)
     run(model, initial_state(model), samples)
     spread.run(initial_state(model), samples)
+backwards = Samples(stamps, motor[::-1], joint[::-1])  # neither contiguous ...
+stamps.flags.writeable = joint.flags.writeable = False  # ... nor writable arrays
+unwritable = Samples(stamps, motor, joint)
+for samples in (backwards, unwritable):
+    run(model, initial_state(model), samples)
+    Spread(model).run(initial_state(model), samples)
+    step(model, initial_state(model), Sample(stamps[0], np.repeat(motor[0], 2)[::2], joint[0]))
 follow(model.robot, time, joint, cells=2)
 kernels = {
     f"{kernel.__module__}.{kernel.__name__}": kernel.nopython_signatures
