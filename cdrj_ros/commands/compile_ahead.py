@@ -21,6 +21,7 @@ from cdrj_ros.conditioning.tracking import new_track, track, track_all
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.unsure import mark_recording, preload_of_elements
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 
@@ -54,24 +55,29 @@ def _compile_deviations() -> None:
 
 
 def _compile_recordings() -> None:
-    """Compile the kernels of whole recordings and of the simulated rig."""
-    from cdrj_ros.rig.follow import follow_joints
-    from cdrj_ros.rig.prescribed import follow
-
+    """Compile the kernels of whole recordings."""
     model = load_model(ROBOT)
     samples = _samples(model)
-    run(model, initial_state(model), samples)
+    _, estimates = run(model, initial_state(model), samples)
+    preload = preload_of_elements(model.robot)
+    mark_recording(estimates.values, preload, np.empty((0, 0)), 1.0, np.ones(2, dtype=np.bool_))
     track_all(samples.stamp_ns, np.zeros(2), 1.0, 1.0, np.zeros(2))
-    follow_joints(model, samples.joint_angle)
-    follow(model.robot, np.array([0.0, 1e-3]), samples.joint_angle, cells=2)
 
 
 def _compile_rig() -> None:
-    """Compile the kernels of the rig whose joint moves freely."""
+    """Compile the kernels of the simulated rig: live, following, and balanced by its motors."""
+    from cdrj_ros.rig.follow import follow_joints
     from cdrj_ros.rig.live import LiveRig, LiveSettings
+    from cdrj_ros.rig.prescribed import follow
+    from cdrj_ros.rig.truth import simulate
 
-    rig = LiveRig(load_model(ROBOT).robot, LiveSettings(cells=2))
+    model = load_model(ROBOT)
+    robot, joints, time = model.robot, _samples(model).joint_angle, np.array([0.0, 1e-3])
+    rig = LiveRig(robot, LiveSettings(cells=2))
     rig.step(rig.motor_angle)
+    follow_joints(model, joints)
+    follow(robot, time, joints, cells=2)
+    simulate(robot, time, joints[:, 0], np.zeros(2), cells=2)
 
 
 PARTS: Final[dict[str, Callable[[], None]]] = {

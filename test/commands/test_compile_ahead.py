@@ -58,6 +58,19 @@ for robot in ("prototype", "parallel"):
 print("used")
 """
 
+RUNNING = """
+import sys
+from contextlib import redirect_stdout
+from cdrj_ros.commands import check_robot, simulate, validate
+
+bag, out = "bags/prototype_preload_36_26", sys.argv[1]
+with redirect_stdout(sys.stderr):
+    assert check_robot.main(["hoist"]) == 0
+    assert simulate.main([out, "--robot", "prototype", "--duration", "0.2"]) == 0
+    assert validate.main([bag, "--robot", "prototype", "--duration", "0.5"]) == 0
+print("run")
+"""
+
 
 def test_after_a_build_nothing_is_compiled() -> None:
     # where this tree has been built, this finds everything on disk
@@ -68,6 +81,15 @@ def test_after_a_build_nothing_is_compiled() -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == ["used"]
+
+
+def test_commands_compile_nothing_after_a_build(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", COUNTING + RUNNING, str(tmp_path / "bag")],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["run"]
 
 
 def test_the_hook_that_counts_sees_a_compilation(tmp_path: Path) -> None:
