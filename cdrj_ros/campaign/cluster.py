@@ -35,14 +35,15 @@ def on_cluster(work: Work[T, R], address: str, report: Progress) -> list[R | Fai
     Raises:
         UsageError: Dask is not installed, or no scheduler answers at the address.
     """
-    client = _connected(address)
+    client = connected(address)
     try:
         return _gathered(client, work, report)
     finally:
         client.close(timeout=CLOSE_S)  # the scheduler drops the tasks of a closed client
 
 
-def _connected(address: str) -> Any:
+def connected(address: str) -> Any:
+    """A client of the scheduler at an address; raises as ``on_cluster``."""
     try:
         from distributed import Client
     except ImportError as error:

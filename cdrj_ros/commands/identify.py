@@ -12,6 +12,7 @@ from pathlib import Path
 from time import perf_counter
 
 from cdrj_ros.bag import Recording, Topics
+from cdrj_ros.campaign.cluster import check_address
 from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.identify_model_error import model_errors
 from cdrj_ros.commands.identify_results import (
@@ -32,7 +33,7 @@ from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar, progress_text
 from cdrj_ros.identification.fit import Identification, Settings, identify
-from cdrj_ros.identification.residuals import WEIGHTS, Recorded
+from cdrj_ros.identification.residuals import WEIGHTS, Pool, Recorded
 from cdrj_ros.identification.solution import LOSSES
 from cdrj_ros.identification.unknowns import (
     Unknown,
@@ -88,6 +89,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_number_options(parser.add_argument_group("numbers"))
     _add_fit_options(parser.add_argument_group("fit"))
     _add_bag_options(parser.add_argument_group("other bags"))
+    _add_machine_option(parser)
     add_topic_options(parser)
     return parser
 
@@ -132,6 +134,15 @@ def _add_fit_options(group: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
 
 
+def _add_machine_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS",
+        help="compute residuals on the Dask cluster with this scheduler, such as "
+        "tcp://10.0.0.5:8786; otherwise on all processors of this machine "
+        "(docs/many_recordings.md)",
+    )  # fmt: skip
+
+
 def _add_bag_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--hold-out", action="append", nargs="+", default=[], metavar="BAG",
@@ -166,6 +177,16 @@ class _Task:
 def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     task = _task(arguments)
+    if arguments.scheduler is None:
+        return _identified(arguments, task, None)
+    from cdrj_ros.campaign.cluster_pool import cluster_pool
+
+    with cluster_pool(arguments.scheduler) as pool:
+        return _identified(arguments, task, pool)
+
+
+def _identified(arguments: argparse.Namespace, task: _Task, pool: Pool | None) -> int:
+    """Fit, compare with the bags, write and print."""
     begin = perf_counter()
     announce_compilation()
     model = prepare(build_robot(task.document, task.source))
@@ -173,7 +194,7 @@ def _body(argv: Sequence[str]) -> int:
     read = perf_counter()
     with progress_text(_begins_a_round) as progress:
         found = identify(
-            task.document, task.source, task.unknowns, recordings, task.settings, progress
+            task.document, task.source, task.unknowns, recordings, task.settings, progress, pool
         )
     values = {**task.start, **_rounded(found)}
     seen = {path for k in found.seen.tolist() for path in found.unknowns[k].paths}
@@ -189,7 +210,7 @@ def _body(argv: Sequence[str]) -> int:
         sections["hold_out"] = Compared(pooled_errors(unseen), pooled_errors(before))
     fold_lines: tuple[str, ...] = ()
     if task.folds:
-        judged, fold_lines = _cross_validated(task, found, recordings)
+        judged, fold_lines = _cross_validated(task, found, recordings, pool)
         sections["cross_validation"] = Compared(pooled_errors(judged))
         unseen += judged
     outcome = Outcome(
@@ -213,6 +234,8 @@ def _task(arguments: argparse.Namespace) -> _Task:
     Raises:
         CdrjError: the request is impossible, or an output would overwrite a file.
     """
+    if arguments.scheduler is not None:
+        check_address(arguments.scheduler)
     path = robot_path(arguments.robot)
     held_out = tuple(bag for group in arguments.hold_out for bag in group)
     _check_files(arguments, path, held_out)
@@ -359,7 +382,7 @@ def _begins_a_round(text: str) -> bool:
 
 
 def _cross_validated(
-    task: _Task, found: Identification, recordings: Sequence[Recorded]
+    task: _Task, found: Identification, recordings: Sequence[Recorded], pool: Pool | None
 ) -> tuple[list[BagComparison], tuple[str, ...]]:
     """Compare every bag with the estimates of a fit without this bag.
 
@@ -378,7 +401,7 @@ def _cross_validated(
     for pattern, out in task.folds.items():
         others = [one for k, one in enumerate(recordings) if k not in out]
         with progress_text(_begins_a_round) as progress:
-            fold = identify(begin, task.source, again, others, rough, progress)
+            fold = identify(begin, task.source, again, others, rough, progress, pool)
         robot = build_robot(with_numbers(task.document, fold.by_path), task.source)
         judged = _validated([task.bags[k] for k in out], task.topics, prepare(robot))
         unseen += judged

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
@@ -25,6 +25,7 @@ from cdrj_ros.identification.residuals import (
     CONDITIONING_KEYS,
     WEIGHTS,
     Observations,
+    Pool,
     Problem,
     Recorded,
     Weights,
@@ -153,6 +154,7 @@ def identify(
     recordings: Sequence[Recorded],
     settings: Settings = Settings(),
     say: Progress | None = None,
+    pool: Pool | None = None,
 ) -> Identification:
     """Identify the unknowns by least squares.
 
@@ -163,6 +165,7 @@ def identify(
         recordings: all are fitted together.
         settings: choices of the fit.
         say: called with each progress line.
+        pool: computes the residuals; None for the threads of this process.
 
     Raises:
         UsageError: there are no unknowns or no references.
@@ -173,11 +176,11 @@ def identify(
     channels = chosen_channels(model.layout, recordings, settings.channels)
     sigmas = spreads(recordings, channels, settings.weights)
     sigmas |= _given_sigmas(channels, settings.sigmas or {})
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        samples = tuple(pool.map(partial(samples_of, model), recordings))
+    with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
+        samples = tuple(threads.map(partial(samples_of, model), recordings))
         rounds = _Rounds(
             document, source, tuple(unknowns), tuple(recordings), settings, model, samples, sigmas,
-            pool, say or _silent,
+            pool or threads, say or _silent,
         )  # fmt: skip
         return _fitted(rounds, channels)
 
@@ -197,7 +200,7 @@ class _Rounds:
     """The conditioned samples of every recording, with the starting values."""
     sigmas: Mapping[str, float]
     """Unit of the residuals of every channel."""
-    pool: Executor
+    pool: Pool
     say: Progress
 
     def problem(self, *, coarse: bool, scout: int = 1) -> Problem:

@@ -6,12 +6,11 @@ first one on.  The estimates are interpolated at the references' stamps as in ev
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from math import sqrt
-from typing import Final, Literal, get_args
+from typing import Final, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,6 +178,19 @@ def _noise(values: Vector) -> float:
     return max(white, min(count, float(np.std(values))) / sqrt(12.0), 1e-9)
 
 
+class Pool(Protocol):
+    """Computes residuals: threads of this process, or a cluster."""
+
+    def map(
+        self,
+        function: Callable[[Model, Observations], Vector],
+        models: Sequence[Model],
+        observed: Sequence[Observations],
+        /,
+    ) -> Iterable[Vector]:
+        """The function's results for all pairs, in order."""
+
+
 class Problem:
     """Residuals of all recordings as a function of the unknowns' coordinates."""
 
@@ -188,7 +200,7 @@ class Problem:
         source: str,
         unknowns: Sequence[Unknown],
         observations: Sequence[Observations],
-        pool: Executor,
+        pool: Pool,
     ) -> None:
         self.document = document
         self.source = source
@@ -263,7 +275,9 @@ def residuals_together(
 
     The long runs of one problem and the short ones of another thus share the processors.
     """
-    pool, tasks, places = requests[0][0].pool, [], []
+    pool, places = requests[0][0].pool, []
+    models: list[Model] = []
+    observed: list[Observations] = []
     found: dict[tuple[int, bytes], Vector] = {}
     for problem, many in requests:
         for coordinates in many:
@@ -278,8 +292,9 @@ def residuals_together(
             problem.evaluations += 1
             if model is not None:
                 places.append((problem, coordinates, key))
-                tasks += [(model, one) for one in problem.observations]
-    parts = iter(list(pool.map(lambda task: residuals_of_one(*task), tasks)))
+                models += [model] * len(problem.observations)
+                observed += problem.observations
+    parts = iter(list(pool.map(residuals_of_one, models, observed)))
     for problem, coordinates, key in places:
         found[key] = np.concatenate([next(parts) for _ in problem.observations])
         problem.remember(coordinates, found[key])

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.clusters import running_cluster
-from support.many_tasks import killed_once, square
+from support.many_tasks import killed_once, square, sum_after_death, sum_with
 
 from cdrj_ros.campaign.cluster import check_address, on_cluster
+from cdrj_ros.campaign.cluster_pool import cluster_pool
 from cdrj_ros.campaign.tasks import Failed, Work, in_this_process
-from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.identification.residuals import Problem, Recorded, observe, samples_of
+from cdrj_ros.identification.unknowns import parse_unknowns
+from cdrj_ros.model.loading import load_model, robot_path
+from cdrj_ros.rig.follow import follow_joints
+from cdrj_ros.robot.reader import load_document
 
 from .test_processes import kill_when_noted
 
@@ -52,6 +63,50 @@ def test_a_task_that_kills_every_worker_is_named_and_the_others_are_done(address
     results = on_cluster(work, address, lambda _: None)
     assert results[1] == Failed("bag 99", "bag 99: every worker that processed it died")
     assert [one for one in results if not isinstance(one, Failed)] == [0.1, 0.4, 0.1 * 3.0 * 3.0]
+
+
+def test_pairs_have_the_results_of_this_process_in_their_order(address: str) -> None:
+    tables = [np.arange(1000.0), np.arange(10.0)]
+    pairs = [(0.1, tables[0]), (0.2, tables[1]), (0.3, tables[0])]
+    with cluster_pool(address) as pool:
+        for _ in range(2):
+            found = pool.map(sum_with, *zip(*pairs, strict=True))
+            assert found == [sum_with(*pair) for pair in pairs]
+        with pytest.raises(CdrjError, match=r"-1\.0 is no number"):
+            pool.map(sum_with, [1.0, -1.0], tables)
+
+
+def test_an_argument_that_died_with_its_worker_is_sent_again(address: str, tmp_path: Path) -> None:
+    table = np.arange(100.0)
+    with cluster_pool(address) as pool:
+        notes = [str(tmp_path / "a"), str(tmp_path / "b")]
+        assert pool.map(sum_after_death, notes, [table, table]) == [4950.0, 4950.0]
+
+
+def test_residuals_from_a_cluster_have_the_digits_of_this_process(address: str) -> None:
+    document, source = load_document(str(robot_path("prototype")))
+    model = load_model("prototype")
+    time_s = np.arange(0.0, 2.0, 0.01)
+    joint = 0.4 * np.sin(3.0 * time_s)[:, None]
+    motor = follow_joints(model, joint).motor_angle
+    stamps = (1e9 * (1.0 + time_s)).astype(np.int64)
+    _, true = run(model, initial_state(model), Samples(stamps, motor, joint))
+    read = [
+        {name: Series(stamps, stamps, values[:, 0])}
+        for name, values in (("winch", motor), ("elbow", joint))
+    ]
+    recording = Recorded("rig", *read, {"tension/upper/8": (stamps, true.values[:, 7])})
+    unknowns = parse_unknowns(document, "mu_c")
+    samples = samples_of(model, recording)
+    observed = observe(model, recording, samples, {"tension/upper/8": 1.0}, 1, 1000, 0.0, False)
+    points = [np.full(len(unknowns), at) for at in (0.0, 0.5)]
+    with ThreadPoolExecutor(2) as threads, cluster_pool(address) as cluster:
+        here, there = (
+            Problem(document, source, unknowns, [observed], pool).residuals_of(points)
+            for pool in (threads, cluster)
+        )
+    assert [one.tobytes() for one in here] == [one.tobytes() for one in there]
+    assert here[0].tobytes() != here[1].tobytes()
 
 
 def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -274,9 +274,8 @@ def _excerpt(path: Path, begin_s: float, end_s: float, topics: Sequence[str] = (
         begin = reader.get_summary().statistics.message_start_time
         schemas: dict[int, int] = {}
         channels: dict[int, int] = {}
-        for schema, channel, message in reader.iter_messages(topics or None):
-            if not begin_s <= (message.log_time - begin) * 1e-9 < end_s:
-                continue
+        first, beyond = (begin + round(at * 1e9) for at in (begin_s, end_s))
+        for schema, channel, message in reader.iter_messages(topics or None, first, beyond):
             if schema.id not in schemas:
                 schemas[schema.id] = writer.register_schema(
                     schema.name, schema.encoding, schema.data

@@ -8,6 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cdrj_ros.foundation.errors import BagError
 
 
@@ -33,3 +36,19 @@ def killed_once(task: str, progress: Callable[[float], None]) -> str:
     if first:
         Event().wait()
     return path.name
+
+
+def sum_with(first: float, table: NDArray[np.float64]) -> float:
+    """Works; a negative number fails."""
+    if first < 0:
+        raise BagError(f"{first} is no number")
+    return float(first * table.sum())
+
+
+def sum_after_death(note: str, table: NDArray[np.float64]) -> float:
+    """Kill the process at the first attempt; then the sum of the table."""
+    path = Path(note)
+    if not path.exists():
+        path.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return float(table.sum())
