@@ -18,7 +18,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from cdrj_ros.model.kernel_cache import KernelCache, kernel_cache
+from cdrj_ros.model.kernel_cache import LaterCache
 
 F = TypeVar("F", bound=Callable[..., Any])
 _Number = TypeVar("_Number", np.float64, np.int64, np.bool_)
@@ -35,9 +35,9 @@ def source_digest(*more: Path) -> str:
 
 
 @lru_cache
-def _stamp(file: str) -> str:
-    """Stamp of the kernels in a file, cached so that a start reads every source once per file."""
-    return source_digest(Path(file))
+def _stamp(file: Path | None) -> str:
+    """Stamp of the kernels in a file outside of the model's folder, or of all kernels in it."""
+    return source_digest() if file is None else source_digest(file)
 
 
 def compiled(function: F) -> F:
@@ -78,9 +78,10 @@ def _compile(function: F, **options: bool) -> F:
         return function
     njit: Any = numba.njit
     dispatcher = njit(error_model="numpy", nogil=True, **options)(function)
-    cache = kernel_cache(function, _stamp(function.__code__.co_filename))
-    if cache is not None:
-        dispatcher._cache = cache
+    # computed now and not when it is used: the sources may be replaced while the process runs
+    file = Path(function.__code__.co_filename)
+    stamp = _stamp(None if file.parent == _FOLDER else file)
+    dispatcher._cache = LaterCache(function, stamp)
     return dispatcher
 
 
@@ -116,5 +117,4 @@ def kernels_are_compiled(*kernels: Callable[..., Any]) -> bool:
     The check loads no kernel.  Name the outermost kernels; the kernels that they call are compiled
     with them.  If compilation is switched off, kernels are plain functions and count as compiled.
     """
-    caches = [kernel._cache for kernel in kernels if hasattr(kernel, "_cache")]
-    return all(isinstance(cache, KernelCache) and cache.is_filled() for cache in caches)
+    return all(kernel._cache.is_filled() for kernel in kernels if hasattr(kernel, "_cache"))

@@ -14,6 +14,7 @@ import logging
 import os
 import pickle
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -235,15 +236,42 @@ def _version_of(files: Any) -> object:
         return None
 
 
-def kernel_cache(function: Callable[..., Any], stamp: str) -> KernelCache | None:
-    """The cache of one kernel, valid for sources with this stamp; None without a usable folder."""
-    try:
-        return KernelCache(function, stamp)
-    except (RuntimeError, OSError) as error:
-        _say_once(
-            "no place",
-            "there is no place for compiled kernels (%s): they are compiled at every start, which "
-            "takes about a minute; NUMBA_CACHE_DIR names a folder that can be written",
-            error,
-        )
-        return None
+class LaterCache(_caching.NullCache):  # type: ignore[misc]
+    """The cache of a kernel, whose folders are searched when the kernel is first needed.
+
+    Most kernels are parts of others and never needed.  Searching tries whether a folder can be
+    written, which took a tenth of the time of a start.
+    """
+
+    def __init__(self, function: Callable[..., Any], stamp: str) -> None:
+        self._function, self._stamp = function, stamp
+
+    @cached_property
+    def _found(self) -> Any:
+        try:
+            return KernelCache(self._function, self._stamp)
+        except (RuntimeError, OSError) as error:
+            _say_once(
+                "no place",
+                "there is no place for compiled kernels (%s): they are compiled at every start, "
+                "which takes about a minute; NUMBA_CACHE_DIR names a folder that can be written",
+                error,
+            )
+            return _caching.NullCache()
+
+    @property
+    def cache_path(self) -> Any:
+        """Folder into which the kernel is written; None if there is none."""
+        return self._found.cache_path
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """As ``KernelCache``'s."""
+        return self._found.load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, cres: Any) -> None:
+        """As ``KernelCache``'s."""
+        self._found.save_overload(sig, cres)
+
+    def is_filled(self) -> bool:
+        """Whether the kernel, compiled from these sources for this processor, is on disk."""
+        return isinstance(self._found, KernelCache) and self._found.is_filled()
