@@ -27,6 +27,9 @@ PRELOAD: Final = 10.0
 DRUM: Final = 0.01
 """Assumed radius of the drums [m]."""
 
+NEARLY: Final = 1.1
+"""A site that comes within this multiple of a body's radius in sampled poses may enter it."""
+
 Document = dict[str, Any]
 
 
@@ -249,11 +252,10 @@ class _Import:
         return node
 
     def _comes_inside(self, sites: list[int], geom: int, node: Document) -> bool:
-        """Whether one of the sites lies inside a wrapping body in some pose."""
+        """Whether one of the sites lies inside a wrapping body in some pose, or nearly so."""
         level = node["type"] == "cylinder"
-        return any(
-            self._places.nearest(site, geom, level=level) <= node["radius"] for site in sites
-        )
+        near = NEARLY * node["radius"]
+        return any(self._places.nearest(site, geom, level=level) <= near for site in sites)
 
     def _point(self, name: str, body: int, position: Any) -> Document | None:
         """Frame and position of a point of a body; None if the body cannot become a frame."""
@@ -310,7 +312,7 @@ class _Import:
             if k == 0:
                 frame["quaternion"] = [x, y, z, w]
             frame["axis"] = _numbers(model.jnt_axis[joint])
-            frame["offset"] = -float(model.qpos0[model.jnt_qposadr[joint]])
+            frame["offset"] = 0.0 - float(model.qpos0[model.jnt_qposadr[joint]])
             self._frames.append(frame)
             self._joints.append(joint)
             carrier, at = frame["name"], position
@@ -366,8 +368,8 @@ class _Import:
         model = self._model
         if self._ignored:
             self._remarks.append(
-                "ignored in poses in which the site before or after lies inside, as in MuJoCo: "
-                + ", ".join(self._ignored)
+                "ignored in poses, if any, in which the site before or after lies inside, as in "
+                "MuJoCo: " + ", ".join(self._ignored)
             )
         if model.neq:
             self._remarks.append(

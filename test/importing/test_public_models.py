@@ -42,7 +42,9 @@ def test_lengths_and_moment_arms_are_those_of_mujoco(path: Path) -> None:
         pytest.skip(str(error)[:200])
     assert found.compared > 0
     assert found.length <= 1e-9
-    assert found.arm <= 1e-7
+    assert found.arm <= 1e-6  # at rings MuJoCo's iteration ends at 1e-6
+    assert found.slope <= 1e-7
+    assert found.impossible == 0
 
 
 ARM = """
