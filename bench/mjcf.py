@@ -98,7 +98,9 @@ def start_of(pulleys: tuple[Pulley, ...], spans: list[float]) -> _Turtle:
     return _Turtle(ROLLING_RADIUS - turned.x, STRAND - turned.y, -crossing.heading)
 
 
-def _routed(name: str, pulleys: tuple[Pulley, ...], spans: list[float], mirror: float) -> _Routed:
+def _routed(
+    name: str, pulleys: tuple[Pulley, ...], spans: list[float], mirror: float, height: float
+) -> _Routed:
     bodies: tuple[list[str], list[str]] = [], []
     start = start_of(pulleys, spans)
     path = [f'<site site="{name}_winch"/>']
@@ -108,6 +110,7 @@ def _routed(name: str, pulleys: tuple[Pulley, ...], spans: list[float], mirror: 
             f"{x - 2.0 * ROLLING_RADIUS * moving:.9g} {mirror * y:.9g} 0"
             for x, y in (place[0], place[1], (place[2].x, place[2].y))
         )
+        end = f"{end.removesuffix(' 0')} {height * (-1) ** k:.9g}"
         bodies[moving].append(
             f'<geom name="{name}_{k}" type="cylinder" size="{pulley.radius:.9g} 0.005" '
             f'pos="{centre}"/><site name="{name}_{k}_side" pos="{outside}"/>'
@@ -120,14 +123,20 @@ def _routed(name: str, pulleys: tuple[Pulley, ...], spans: list[float], mirror: 
     return _Routed(winch, "".join(bodies[0]), "".join(bodies[1]), "".join(path))
 
 
-def mjcf(robot: Robot) -> str:
-    """MJCF of the prototype: qpos is [winch, first hinge, second hinge]."""
+def mjcf(robot: Robot, height: float = 0.0) -> str:
+    """MJCF of the prototype: qpos is [winch, first hinge, second hinge].
+
+    Args:
+        robot: the prototype.
+        height: the sites between the pulleys lie alternately this far above and below the plane
+            [m], so that the cables cross it and run round the pulleys as helices.
+    """
     cables = {}
     for cable, mirror in zip(robot.cables, (1.0, -1.0), strict=True):
         if not isinstance(cable.nodes[0], Winch):
             raise ValueError(f"{cable.name} does not begin at a winch")
         spans = [middle(profiles) for profiles in cable.spans]
-        cables[cable.name] = _routed(cable.name, cable.pulleys, spans, mirror)
+        cables[cable.name] = _routed(cable.name, cable.pulleys, spans, mirror, height)
     winch, base, link = (
         "\n".join(getattr(cable, part) for cable in cables.values())
         for part in ("winch", "base", "link")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.figures import BAG, ROBOT, Row, Spread, compared, in_turn
 from bench.mjcf import mjcf
@@ -68,15 +69,19 @@ def in_bulk(model: Model, motion: Samples, ensemble: Ensemble) -> Callable[[], N
     return ran
 
 
-def evaluating(model: Model, motion: Samples, count: int) -> Callable[[], None]:
-    """Lengths and Jacobians of two tendons by MuJoCo at the same angles, without friction."""
-    import mujoco  # type: ignore[import-untyped,unused-ignore]
-
-    mechanism = mujoco.MjModel.from_xml_string(mjcf(model.robot))
-    data = mujoco.MjData(mechanism)
+def poses_of(motion: Samples, count: int) -> list[NDArray[np.float64]]:
+    """``qpos`` of the prototype's MJCF, at the first samples."""
     angles = motion.joint_angle[:count, 0]
     drum = 0.015 * motion.motor_angle[:count, 0]
-    poses = list(np.stack([drum, angles, angles], axis=1))
+    return list(np.stack([drum, angles, angles], axis=1))
+
+
+def evaluating(text: str, poses: list[NDArray[np.float64]]) -> Callable[[], None]:
+    """Lengths and Jacobians of a model's tendons by MuJoCo in given poses, without friction."""
+    import mujoco  # type: ignore[import-untyped,unused-ignore]
+
+    mechanism = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(mechanism)
     kinematics, com_pos, tendon = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon
 
     def evaluated() -> None:
@@ -121,7 +126,7 @@ def measure() -> list[Row]:
         np.array(times) * 1e6
         for times in in_turn(
             ROUNDS,
-            evaluating(model, motion, STEPS),
+            evaluating(mjcf(model.robot), poses_of(motion, STEPS)),
             reeving(model, motion, STEPS),
             stepping(model, motion, STEPS),
             stepping(model, motion, STEPS, Ensemble(model)),
