@@ -21,11 +21,10 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cdrj_ros.commands.running import run_command
-from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.status import STALE
 from cdrj_ros.nodes.rig_declaring import declare_flag, declare_number, declare_text
-from cdrj_ros.nodes.robot_description import robot_description
+from cdrj_ros.nodes.robot_description import declared_model
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
     add_supervised_option,
@@ -35,7 +34,6 @@ from cdrj_ros.nodes.spinning import (
     starting,
 )
 from cdrj_ros.robot.description import Joint
-from cdrj_ros.robot.urdf import description_given
 from cdrj_ros.view.looks import FORCE, Picture, dashes_of, middle_of, picture_of
 from cdrj_ros.view.snapshot import nothing_known, pulley_columns, tension_columns
 
@@ -55,13 +53,7 @@ class MarkersNode(Node):
             CdrjError: the robot file or a parameter is invalid.
         """
         super().__init__("markers", namespace="cdrj", **options)
-        robot = declare_text(
-            self, "robot", "", "Robot file (YAML), or the name of an installed one"
-        )
-        if not robot:
-            raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
-        with description_given(lambda: robot_description(self)):
-            self.model = load_model(robot)
+        self.model = declared_model(self)
         self._frame = declare_text(self, "frame_id", "base", "Frame of the markers")
         self._labels = declare_flag(self, "labels", False, "Whether to label the elements")
         self._forces = declare_flag(self, "forces", True, "Whether to draw forces on pulleys")

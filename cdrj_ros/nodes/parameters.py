@@ -69,15 +69,19 @@ class Setting:
         return f"{self.description}{choices}{unit}"
 
 
+DESCRIPTION_WORDS: Final = (
+    "URDF for a robot file whose frames name robot_description; empty: from the topic "
+    "/robot_description"
+)
+
+
 @cache
 def settings() -> tuple[Setting, ...]:
     """Every parameter of the estimator, in the order of the parameter file."""
     return (
         Setting("robot", "", "Robot file (YAML), or the name of an installed one; required"),
         Setting(
-            "robot_description", "",
-            "URDF for a robot file whose frames name robot_description; empty: from the topic "
-            "/robot_description",
+            "robot_description", "", DESCRIPTION_WORDS,
         ),
         Setting("timeout", 0.5, "Silence after which outputs are marked STALE", "s", 0.001, 3600.0),
         Setting(

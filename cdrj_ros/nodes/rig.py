@@ -21,12 +21,12 @@ from std_srvs.srv import Trigger
 from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.messages.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.nodes.diagnostics import diagnostic_array
 from cdrj_ros.nodes.rig_commands import CommandListener
-from cdrj_ros.nodes.rig_declaring import declare_numbers, declare_text
+from cdrj_ros.nodes.rig_declaring import declare_numbers
 from cdrj_ros.nodes.rig_outputs import RigOutputs
 from cdrj_ros.nodes.rig_settings import changed_load, declare_rig_options, meant
+from cdrj_ros.nodes.robot_description import declared_model
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
     add_supervised_option,
@@ -67,17 +67,14 @@ class RigNode(Node):
             CdrjError: the robot file or a parameter is invalid.
         """
         super().__init__("rig", namespace=NAMESPACE, **options)
-        path = declare_text(self, "robot", "", "Robot file (YAML), or the name of an installed one")
-        if not path:
-            raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
         if self.get_parameter("use_sim_time").value:
             raise UsageError(
                 "the rig keeps its own time: leave use_sim_time out; drive_clock:=true publishes it"
             )
-        model = load_model(
-            path,
-            declare_numbers(self, "preload", "Preload of every cable [N]; unset: the robot file's"),
+        preload = declare_numbers(
+            self, "preload", "Preload of every cable [N]; unset: the robot file's"
         )
+        model = declared_model(self, preload)
         self.options = declare_rig_options(self, model)
         settings = self.options.settings
         self.rig = LiveRig(model.robot, settings)
@@ -86,7 +83,7 @@ class RigNode(Node):
         self._period_s = 1.0 / settings.rate
         self._time_s = 0.0
         self._base_s = 0.0
-        self._zero_ns = time_ns()
+        self._zero_ns = 0
         self._origin_ns: int | None = None
         self._done = 0
         self._left_out_s = 0.0
@@ -125,6 +122,7 @@ class RigNode(Node):
         now_ns = monotonic_ns()
         if self._origin_ns is None:
             self._origin_ns = now_ns
+            self._zero_ns = time_ns()  # only now: a slow start would make all stamps old
             self._reported = (now_ns, 0, 0.0)
         speed = self.options.speed
         due = int((now_ns - self._origin_ns) * 1e-9 * speed / self._period_s)

@@ -6,6 +6,7 @@ same name, on which robot_state_publisher keeps it for late subscribers.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from rclpy.executors import SingleThreadedExecutor
@@ -15,7 +16,11 @@ from rclpy.task import Future
 from std_msgs.msg import String
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.robot.urdf import DESCRIPTION
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.nodes.parameters import DESCRIPTION_WORDS
+from cdrj_ros.nodes.rig_declaring import declare_text
+from cdrj_ros.robot.urdf import DESCRIPTION, description_given
 
 TOPIC: Final = f"/{DESCRIPTION}"
 
@@ -26,6 +31,34 @@ KEPT: Final = QoSProfile(
     depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
 )
 """Quality of service with which robot_state_publisher offers the topic."""
+
+
+def declared_model(node: Node, preload: Sequence[float] | None = None) -> Model:
+    """Declare the parameters ``robot`` and ``robot_description``, and read the robot file.
+
+    Args:
+        node: its parameters and its context are used.
+        preload: preload of every cable [N]; None or empty keeps the preloads of the file.
+
+    Raises:
+        CdrjError: the robot file is missing or invalid, or its URDF did not arrive.
+    """
+    path = declare_text(node, "robot", "", "Robot file (YAML), or the name of an installed one")
+    if not path:
+        raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
+    declare_text(node, DESCRIPTION, "", DESCRIPTION_WORDS)
+    with description_given(lambda: robot_description(node)):
+        return load_model(path, preload)
+
+
+def listener_of(node: Node, tell: Callable[[str], object]) -> Node:
+    """A node that does nothing but pass the topic's texts on; ``node`` gives it its name."""
+    listener = Node(
+        f"{node.get_name()}_{DESCRIPTION}", context=node.context, namespace=node.get_namespace(),
+        enable_rosout=False, start_parameter_services=False,
+    )  # fmt: skip
+    listener.create_subscription(String, TOPIC, lambda message: tell(message.data), KEPT)
+    return listener
 
 
 def robot_description(node: Node, wait_s: float = WAIT_S) -> str:
@@ -46,13 +79,11 @@ def robot_description(node: Node, wait_s: float = WAIT_S) -> str:
         if given:
             return given
     heard: Future[str] = Future()
-    listener = Node(f"{node.get_name()}_{DESCRIPTION}", context=node.context)
+    listener = listener_of(node, lambda text: heard.done() or heard.set_result(text))
+    topic = next(listener.subscriptions).topic_name
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(listener)
     try:
-        topic = listener.create_subscription(
-            String, TOPIC, lambda message: heard.done() or heard.set_result(message.data), KEPT
-        ).topic_name
         node.get_logger().info(f"waiting for the URDF on {topic}")
         executor.spin_until_future_complete(heard, timeout_sec=wait_s)
     finally:

@@ -19,10 +19,9 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 
 from cdrj_ros.commands.running import run_command
-from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages import topics
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import STALE
 from cdrj_ros.nodes.markers import shown_angle
 from cdrj_ros.nodes.rig_declaring import (
@@ -32,6 +31,7 @@ from cdrj_ros.nodes.rig_declaring import (
     declare_number,
     declare_text,
 )
+from cdrj_ros.nodes.robot_description import declared_model
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
     add_supervised_option,
@@ -70,11 +70,7 @@ class ViewNode(Node):
             CdrjError: the robot file or a parameter is invalid, or viser is not installed.
         """
         super().__init__("view", namespace=topics.NAMESPACE, **options)
-        robot = declare_text(
-            self, "robot", "", "Robot file (YAML), or the name of an installed one"
-        )
-        if not robot:
-            raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
+        self.model = declared_model(self)
         place = Place(
             declare_text(self, "host", "localhost", "Address to listen on; 0.0.0.0: the network"),
             declare_count(self, "port", 8080, 0, 65535, "TCP port, or the next free one; 0: any"),
@@ -84,7 +80,6 @@ class ViewNode(Node):
         estimator = declare_text(self, "estimator", "estimator", "Name of the estimator's node")
         references = declare_names(self, "references", "Topics of true or measured tensions")
         self._references = references or list(REFERENCES)
-        self.model = load_model(robot)
         self.page = Page(self.model, place, f"cdrj_ros · {self.model.robot.name}", "s before now")
         self.link = EstimatorLink(self, estimator, self.model)
         self._add_controls()

@@ -350,6 +350,18 @@ def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench: Any) -> None
     assert one.spin_until(lambda: one.rig.rig.steps > steps + 100)
 
 
+def test_a_slow_start_does_not_make_the_stamps_old(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from cdrj_ros.nodes import rig as module
+
+    one = bench()
+    now_ns = module.time_ns() + 5_000_000_000
+    monkeypatch.setattr(module, "time_ns", lambda: now_ns)  # the first step comes 5 s later
+    assert one.spin_until(lambda: one.rig.rig.steps > 0)
+    assert one.rig._zero_ns == now_ns
+
+
 def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any) -> None:
     from sensor_msgs.msg import JointState
 

@@ -70,22 +70,60 @@ def test_silence_is_one_clear_line(listening: Any) -> None:
         robot_description(listening, wait_s=0.1)
 
 
-def test_the_estimator_starts_with_the_description_of_the_topic(
-    listening: Any, robot_file: Path
-) -> None:
+RIG = {"payload": 0.01}
+"""A load that the finger holds."""
+
+
+def make(name: str, given: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
+    """A node by the name of its executable, and the joints of its robot."""
     from rclpy.parameter import Parameter
+
+    options = [Parameter(key, value=value) for key, value in given.items()]
+    if name == "estimator":
+        from cdrj_ros.nodes.estimator import EstimatorNode
+
+        estimator = EstimatorNode(parameter_overrides=options)
+        return estimator, estimator.live.model.layout.joints
+    if name == "rig":
+        from cdrj_ros.nodes.rig import RigNode
+
+        options += [Parameter(key, value=value) for key, value in RIG.items()]
+        rig = RigNode(parameter_overrides=options)
+        return rig, tuple(joint.name for joint in rig.rig.robot.joints)
+    if name == "markers":
+        from cdrj_ros.nodes.markers import MarkersNode
+
+        markers = MarkersNode(parameter_overrides=options)
+        return markers, markers.model.layout.joints
+    pytest.importorskip("viser")
+    from cdrj_ros.nodes.view import ViewNode
+
+    view = ViewNode(parameter_overrides=[*options, Parameter("port", value=0)])
+    view.page.close()
+    return view, view.model.layout.joints
+
+
+@pytest.mark.parametrize("name", ["estimator", "markers", "view", "rig"])
+def test_every_node_of_a_robot_takes_the_description_of_the_topic(
+    name: str, listening: Any, robot_file: Path
+) -> None:
     from std_msgs.msg import String
 
-    from cdrj_ros.nodes.estimator import EstimatorNode
     from cdrj_ros.nodes.robot_description import KEPT
 
     publisher = listening.create_publisher(String, "/robot_description", KEPT)
     sooner = threading.Timer(0.2, lambda: publisher.publish(String(data=URDF)))
     sooner.start()
-    given = [Parameter("robot", value=str(robot_file))]
-    estimator = EstimatorNode(parameter_overrides=given)
-    try:
-        assert estimator.live.model.layout.joints == ("abduction", "mcp", "pip")
-    finally:
-        estimator.destroy_node()
-        sooner.join()
+    node, joints = make(name, {"robot": str(robot_file)})
+    node.destroy_node()
+    sooner.join()
+    assert joints == ("abduction", "mcp", "pip")
+
+
+@pytest.mark.parametrize("name", ["markers", "rig"])
+def test_a_node_takes_the_description_of_its_parameter(
+    name: str, ros: None, robot_file: Path
+) -> None:
+    node, joints = make(name, {"robot": str(robot_file), "robot_description": URDF})
+    node.destroy_node()
+    assert joints == ("abduction", "mcp", "pip")

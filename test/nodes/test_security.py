@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
@@ -68,6 +68,7 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     from cdrj_ros.nodes.markers import MarkersNode
     from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
     from cdrj_ros.nodes.rig import RigNode
+    from cdrj_ros.nodes.robot_description import listener_of
     from cdrj_ros.nodes.services import offer_services
     from cdrj_ros.nodes.watch import WatchNode
 
@@ -88,18 +89,38 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     rig = RigNode(parameter_overrides=asked)
     markers = MarkersNode(parameter_overrides=[Parameter("robot", value=ROBOT)])
     onlooker = Node("onlooker")
+    listeners = [listener_of(node, MagicMock()) for node in (estimator, rig, markers)]
+    every = [estimator, replay, watch, rig, markers, onlooker, *listeners]
     executor = EventsExecutor()
-    for node in (estimator, replay, watch, rig, markers, onlooker):
+    for node in every:
         executor.add_node(node)
     yield onlooker, executor
     executor.shutdown()
-    for node in (estimator, replay, watch, rig, markers, onlooker):
+    for node in every:
         node.destroy_node()
 
 
-def test_the_policy_allows_exactly_what_the_nodes_have(
-    nodes: tuple[Any, Any], wait_until: Any
-) -> None:
+@pytest.fixture
+def view(nodes: tuple[Any, Any]) -> Iterator[Any]:
+    """The view as while a browser shows its page, and its listener to the robot's URDF."""
+    pytest.importorskip("viser")
+    from rclpy.parameter import Parameter
+
+    from cdrj_ros.nodes.robot_description import listener_of
+    from cdrj_ros.nodes.view import ViewNode
+
+    given = {"robot": ROBOT, "port": 0}
+    node = ViewNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
+    listener = listener_of(node, MagicMock())
+    node._listen()
+    yield node
+    node.page.close()
+    for one in (listener, node):
+        one.destroy_node()
+
+
+def compare(nodes: tuple[Any, Any], names: Sequence[str], wait_until: Any) -> None:
+    """Compare the policy with the graph of the nodes of these names."""
     onlooker, executor = nodes
 
     def graph(node: str) -> dict[tuple[str, str], set[str]]:
@@ -109,12 +130,25 @@ def test_the_policy_allows_exactly_what_the_nodes_have(
             for key, method in GRAPH.items()
         }
 
-    for node in ("estimator", "replay", "watch", "rig", "markers"):
+    for node in names:
         wanted = allowed(node)
         wait_until(lambda: wanted == shortened(graph(node), wanted), 10.0)  # noqa: B023
         real = shortened(graph(node), wanted)
-        for key, names in wanted.items():
-            assert real[key] == names, (node, *key)
+        for key, allowed_names in wanted.items():
+            assert real[key] == allowed_names, (node, *key)
+
+
+def test_the_policy_allows_exactly_what_the_nodes_have(
+    nodes: tuple[Any, Any], wait_until: Any
+) -> None:
+    told = [f"{node}_robot_description" for node in ("estimator", "rig", "markers")]
+    compare(nodes, ["estimator", "replay", "watch", "rig", "markers", *told], wait_until)
+
+
+def test_the_policy_allows_exactly_what_the_view_has(
+    nodes: tuple[Any, Any], view: Any, wait_until: Any
+) -> None:
+    compare(nodes, ["view", "view_robot_description"], wait_until)
 
 
 def test_the_policy_is_of_the_form_that_sros2_reads() -> None:
@@ -122,7 +156,7 @@ def test_the_policy_is_of_the_form_that_sros2_reads() -> None:
     assert (policy.tag, policy.attrib) == ("policy", {"version": "0.2.0"})
     enclaves = policy.findall("./enclaves/enclave")
     assert {e.get("path") for e in enclaves} == {
-        f"/cdrj/{node}" for node in ("estimator", "replay", "watch", "rig", "markers")
+        f"/cdrj/{node}" for node in ("estimator", "replay", "watch", "rig", "markers", "view")
     }
     for profile in policy.iter("profile"):
         for group in profile:
