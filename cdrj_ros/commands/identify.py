@@ -52,7 +52,7 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.document import Document, document_complaints, parse_document
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, parse_robot
-from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
+from cdrj_ros.robot.writer import moved, with_numbers_in_text, with_section, yaml_number
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -218,7 +218,8 @@ def _identified(arguments: argparse.Namespace, task: _Task, pool: Pool | None) -
         tuple(Path(bag).name for bag in task.held_out), task.settings.loss, sections, fold_lines,
         read - begin, fitting_s,
     )  # fmt: skip
-    _write(arguments, outcome, _with_uncertainty(text, task, found, unseen))
+    text = _with_uncertainty(text, task, found, unseen)
+    _write(arguments, outcome, moved(text, task.source, arguments.out or task.source))
     print_outcome(outcome)
     if arguments.out and len(outcome.found.by_path) > COVARIANCE_LIMIT:
         print(f"note: more than {COVARIANCE_LIMIT} numbers; their covariance is not written")

@@ -7,9 +7,12 @@ Numbers that the file leaves out are added in SI to the mapping they belong to.
 
 from __future__ import annotations
 
+import json
+import os
 import re
 from collections.abc import Mapping
 from math import isclose
+from pathlib import Path
 from typing import Any, Final
 
 from ruamel.yaml import YAML
@@ -17,6 +20,7 @@ from ruamel.yaml import YAML
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, parse_document
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
+from cdrj_ros.robot.urdf import DESCRIPTION
 
 DIGITS: Final = 7
 """Number of significant digits that are written."""
@@ -71,6 +75,27 @@ def with_section(text: str, key: str, section: str | None) -> str:
             kept.append(line)
     result = "".join(kept).rstrip() + "\n"
     return result if section is None else f"{result}\n{section.rstrip()}\n"
+
+
+def moved(text: str, source: str, target: str) -> str:
+    """The text for a file in another folder: a relative path of a URDF leads there from it.
+
+    Args:
+        text: a robot file.
+        source: path of the file that the text was read from.
+        target: path of the file that it will be written to.
+    """
+    before, after = (Path(path).parent.resolve() for path in (source, target))
+    frames = _entry(YAML(typ="rt", pure=True).compose(text), "frames")
+    if before == after or frames is None or frames[1].id != "mapping":
+        return text
+    found = _entry(frames[1], "urdf")
+    if found is None or found[1].value == DESCRIPTION or Path(found[1].value).is_absolute():
+        return text
+    if found[1].value.startswith("package://"):
+        return text
+    path = os.path.relpath((before / found[1].value).resolve(), after)
+    return _replaced(text, found[1].start_mark.index, found[1].end_mark.index, json.dumps(path))
 
 
 def _with_number(text: str, number: Number) -> str:
