@@ -18,7 +18,7 @@ from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.inspection.geometry_table import geometry_table, read_poses
 from cdrj_ros.inspection.ranges import inspect_robot
-from cdrj_ros.inspection.shares import uncertainty_shares
+from cdrj_ros.inspection.shares import MOST_CAUSES, uncertainty_shares
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.loading import load_model, robot_path
 
@@ -84,6 +84,8 @@ def _body(argv: Sequence[str]) -> int:
     inspection = inspect_robot(model, _loads(arguments.load))
     suspicions = find_suspicions(inspection)
     shares = uncertainty_shares(model)
+    if shares is None and model.robot.uncertainty is not None:
+        told.append(f"shares of the uncertainty left out: it has more than {MOST_CAUSES} causes")
     if arguments.json and not to_terminal:
         write_text(arguments.json, json_text(inspection, suspicions, shares))
         told.append(f"figures: {arguments.json}")

@@ -38,6 +38,9 @@ POSES_PER_JOINT: Final = (81, 21, 9, 5)
 RANDOM_POSES: Final = 1000
 """Number of random poses for a robot with more joints."""
 
+MOST_ANGLES: Final = 50_000
+"""Largest number of angles in the random poses, of a robot with many joints."""
+
 MOST_CORNERS: Final = 10
 """Largest number of joints for which all corners of the joint ranges are added."""
 
@@ -61,7 +64,8 @@ def visited_poses(robot: Robot) -> Matrix:
         axis = np.linspace(0.0, 1.0, POSES_PER_JOINT[count - 1])
         shares = np.array(list(product(axis, repeat=count)))
     else:
-        shares = np.random.default_rng(0).random((RANDOM_POSES, count))
+        poses = min(RANDOM_POSES, max(MOST_CORNERS, MOST_ANGLES // count))
+        shares = np.random.default_rng(0).random((poses, count))
         if count <= MOST_CORNERS:
             shares = np.vstack([np.array(list(product((0.0, 1.0), repeat=count))), shares])
     grid: Matrix = np.vstack([reference, lower + shares * (upper - lower)])

@@ -33,6 +33,9 @@ REACH: Final = 0.45
 DURATION_S: Final = 40.0
 """Duration of the motion [s]."""
 
+MOST_CAUSES: Final = 400
+"""Largest number of causes that are compared; each needs a model and a run of its own."""
+
 
 @dataclass(frozen=True)
 class Cause:
@@ -56,7 +59,10 @@ class Shares:
 
 
 def uncertainty_shares(model: Model) -> Shares | None:
-    """Share of every cause in the spread of every tension; None if no number is uncertain."""
+    """Share of every cause in the spread of every tension.
+
+    None if no number is uncertain, or more than ``MOST_CAUSES``.
+    """
     robot = model.robot
     known = robot.uncertainty
     if known is None or not known.parameters or not robot.document:
@@ -72,6 +78,8 @@ def uncertainty_shares(model: Model) -> Shares | None:
         factor = {path: value for path, value in one.factor.items() if path in others}
         if factor:
             causes.append(Tolerance(one.what, one.measure, factor))
+    if len(causes) > MOST_CAUSES:
+        return None
     effect = _effects(model, causes)
     correlation = np.eye(len(causes))
     scale = np.where(stddev > 0.0, stddev, 1.0)[: known.stated]

@@ -109,7 +109,7 @@ def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspici
         yield Suspicion(
             cable.name,
             f"it is {check.length.high:.4g} m long{_at(robot, check.length.high_at)}: are the "
-            "positions in millimetres? Then append _mm to their keys",
+            "positions in millimetres? Then append _mm to their keys; a URDF is in metres",
         )
     yield from _arms_and_spans(robot, cable, check)
 

@@ -37,6 +37,12 @@ Vector = NDArray[np.float64]
 RANGE_CHECKS: Final = 41
 """Number of poses per joint in which the geometry is checked."""
 
+MOST_ANGLES: Final = 65_600
+"""Largest number of angles in these poses, of a robot with many joints."""
+
+NAMED_ANGLES: Final = 12
+"""Joints whose angles are listed in a message."""
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -296,7 +302,8 @@ def _check_range(model: Model) -> None:
         shares = share[:, None]
     else:  # both ends of all ranges, then random poses
         generator = np.random.default_rng(0)
-        shares = generator.random((RANGE_CHECKS * len(joints), len(joints)))
+        poses = min(RANGE_CHECKS * len(joints), max(RANGE_CHECKS, MOST_ANGLES // len(joints)))
+        shares = generator.random((poses, len(joints)))
         shares[0], shares[1] = 0.0, 1.0
     lower = np.array([joint.lower for joint in joints])
     upper = np.array([joint.upper for joint in joints])
@@ -309,10 +316,9 @@ def _check_range(model: Model) -> None:
 def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
     """Error message of one line that names the impossible node or element and the joint angles."""
     robot, first_node = model.robot, 0
-    pose = ", ".join(
-        f"{joint.name} = {a:.4g}" for joint, a in zip(robot.joints, angle, strict=True)
-    )
-    where = f" at {pose}" if pose else ""
+    angles = [f"{joint.name} = {a:.4g}" for joint, a in zip(robot.joints, angle, strict=True)]
+    more = ", ..." if len(angles) > NAMED_ANGLES else ""
+    where = f" at {', '.join(angles[:NAMED_ANGLES])}{more}" if angles else ""
     element = pulley = 0
     for k, cable in enumerate(robot.cables):
         if cable.spatial:

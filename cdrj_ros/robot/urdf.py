@@ -181,8 +181,11 @@ def _joint(element: Xml.Element, path: Path) -> UrdfJoint:
             _values(mimic.get("multiplier", "1"), 1, f"{where}, multiplier")[0],
             _values(mimic.get("offset", "0"), 1, f"{where}, offset")[0],
         )
-    axis = element.find("axis")
     zero = "0 0 0"
+    given = element.find("axis")
+    axis = _values("1 0 0" if given is None else given.get("xyz", "1 0 0"), 3, f"{where}, axis")
+    if motion != "fixed" and not any(axis):
+        raise RobotFileError(f"{where}: its axis must be a direction, not of the length 0")
     return UrdfJoint(
         name,
         motion,
@@ -190,7 +193,7 @@ def _joint(element: Xml.Element, path: Path) -> UrdfJoint:
         child,
         _values(zero if origin is None else origin.get("xyz", zero), 3, f"{where}, xyz"),
         _values(zero if origin is None else origin.get("rpy", zero), 3, f"{where}, rpy"),
-        _values("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), 3, f"{where}, axis"),
+        axis,
         limits,
         follows,
     )

@@ -12,6 +12,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot
+from cdrj_ros.robot.writer import moved
 
 URDF = """<?xml version="1.0"?>
 <robot name="arm">
@@ -142,7 +143,7 @@ MISTAKES = {
     "ring": ('<parent link="world_link"/>', '<parent link="tip"/>', "joints form a loop"),
     "two names": ('name="elbow"', 'name="shoulder"', "has two joints of the name 'shoulder'"),
     "no link": ('<child link="tip"/>', '<child link="top"/>', "names no link: 'top'"),
-    "axis": ("0 1 1", "0 0 0", "axis must be a direction, not of the length 0"),
+    "axis": ("0 1 1", "0 0 0", "joint 'shoulder': its axis must be a direction"),
     "numbers": ('xyz="0.3 0 0"', 'xyz="0.3 0"', "joint 'elbow', xyz must have 3 numbers"),
     "type": ('type="prismatic"', 'type="floating"', "must be one of fixed, revolute, continuous"),
     "no limits": ("", "", "joints: elbow has no limits in the URDF; list it with its range"),
@@ -180,3 +181,27 @@ def test_a_mistake_in_the_frames_is_one_clear_line(
         robot(tmp_path, ROBOT.replace("{urdf: arm.urdf}", frames))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_moves_to_another_folder_finds_its_urdf(tmp_path: Path) -> None:
+    here, there = tmp_path / "here", tmp_path / "far" / "there"
+    for folder in (here, there):
+        folder.mkdir(parents=True)
+    before = robot(here)
+    text = moved(ROBOT, str(here / "arm.yaml"), str(there / "arm.yaml"))
+    (there / "arm.yaml").write_text(text)
+    assert load_robot(there / "arm.yaml").spatial_frames == before.spatial_frames
+    assert moved(ROBOT, str(here / "arm.yaml"), str(here / "other.yaml")) == ROBOT
+
+
+@pytest.mark.parametrize(
+    "urdf", ["robot_description", "package://arm/arm.urdf", "/opt/arm/arm.urdf"]
+)
+def test_a_place_that_no_folder_changes_is_kept(urdf: str) -> None:
+    text = ROBOT.replace("arm.urdf", urdf)
+    assert moved(text, "/here/arm.yaml", "/there/arm.yaml") == text
+
+
+def test_frames_without_a_urdf_are_kept() -> None:
+    text = ROBOT.replace("{urdf: arm.urdf}", "[{name: a, motion: fixed}]")
+    assert moved(text, "/here/arm.yaml", "/there/arm.yaml") == text
