@@ -13,6 +13,7 @@ there are more cables."""
 INK: Final = "#1c1c1a"
 MUTED: Final = "#62625d"
 RULE: Final = "#b9b9b5"
+RULE_LIGHT: Final = "#e6e6e2"
 BODY: Final = "#e9e7df"
 
 FONT_SIZE: Final = 12.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped,unused-ignore]
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.model.spatial_paths import bodies_in_space, paths_in_space
 from cdrj_ros.report.body_outlines import outlines
-from cdrj_ros.report.drawing_style import FONT_SIZE, INK, MUTED, cable_colour
+from cdrj_ros.report.drawing_style import FONT_SIZE, INK, MUTED, RULE, RULE_LIGHT, cable_colour
 from cdrj_ros.report.scale_drawing import GHOST, ghost_poses, poses_text
 from cdrj_ros.robot.description import Robot, Winch
 
@@ -62,7 +63,8 @@ def draw_in_space(inspection: Inspection, size: tuple[float, float] | None = Non
     ]
     box = _box([*ghosts, paths], bodies)
     for k, (title, elevation, azimuth, projection) in enumerate(VIEWS):
-        axes: Any = figure.add_subplot(2, 2, k + 1, projection="3d")
+        with rc_context({"grid.color": RULE_LIGHT, "grid.linewidth": 0.6}):
+            axes: Any = figure.add_subplot(2, 2, k + 1, projection="3d")
         axes.view_init(elev=elevation, azim=azimuth)
         axes.set_proj_type(projection)
         for ghost in ghosts:
@@ -209,6 +211,7 @@ def _dress(axes: Any, title: str, box: tuple[Points, float], view: int) -> None:
         ticks.set_major_formatter(lambda value, _: f"{1e3 * value:.0f}")
         ticks.set_tick_params(labelsize=FONT_SIZE - 4, labelcolor=MUTED)
         ticks.set_pane_color((1.0, 1.0, 1.0, 0.0))
+        ticks.line.set_color(RULE)
         ticks.get_major_locator().set_params(nbins=5)
     sight = {0: "z", 2: "y", 3: "x"}.get(view)
     if sight:
