@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.contest import Answer, Witness
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
+from cdrj_ros.estimation.motor_friction import FRICTION_DRIFT, MotorFriction
 from cdrj_ros.estimation.preloads import DOUBT, SLOW_DRIFT, Preloads, standard
 from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.robot.description import Winch
@@ -30,6 +31,10 @@ MODEL_ERROR: Final = 0.01
 """Standard deviation of the model's error, in addition to the sensor's noise, as a fraction of the
 measured value: of a lasting error, and of another one in every reading."""
 
+EFFORT_ERROR: Final = 0.02
+"""The same for an effort, as a fraction of the torque of the preloads: an effort is a small
+difference of cables, and its errors last over many readings."""
+
 HISTORY_ERROR: Final = 0.05
 """Standard deviation of what follows from a sensor's first correction, as a fraction of it: the
 friction history was formed at another preload."""
@@ -37,11 +42,42 @@ friction history was formed at another preload."""
 HISTORY_NS: Final = 200_000_000
 """Maximum age of a measurement [ns]."""
 
+SUDDEN: Final = 0.5
+"""Largest sudden change of the preloads that a motor's effort may show, as a fraction of them."""
+
 KEPT: Final = 5_000
 """Maximum number of past estimates kept for late measurements."""
 
 LARGEST: Final = 1e9
 """Measured values of larger magnitude are refused [N or N m]."""
+
+
+class _Past(NamedTuple):
+    """An estimate that late measurements are compared with."""
+
+    stamp_ns: int
+    values: Vector
+    """The estimate, see ``Estimate.values``."""
+    corrected: Vector
+    """The total correction of each column until then."""
+    direction: Vector
+    """Effort per unit of friction of every motor [-], see ``MotorFriction.turn``."""
+
+
+class _Reading(NamedTuple):
+    """One measurement."""
+
+    name: str
+    column: int
+    """Column of the measured quantity in the spread."""
+    cables: list[int]
+    """The cables that it corrects."""
+    motor: int
+    """Index of the motor whose effort it is; -1 for a load cell."""
+    stamp_ns: int
+    value: float
+    noise: float
+    """Standard deviation of its noise [N] or [N m]."""
 
 
 class Fusion:
@@ -77,8 +113,8 @@ class Fusion:
         self.health: dict[str, SensorHealth] = {}
         self._witnesses: dict[str, Witness] = {}
         """The trusted sensors whose readings have been used."""
-        self._history: deque[tuple[int, Vector, Vector]] = deque(maxlen=KEPT)
-        """Stamps, estimates, and the total correction of each column up to then."""
+        self._history: deque[_Past] = deque(maxlen=KEPT)
+        self._friction = MotorFriction(robot)
         self._corrected = np.zeros(spread.columns.size)
 
     def reset(self) -> None:
@@ -104,6 +140,7 @@ class Fusion:
     def forget(self) -> None:
         """Discard all measurements, but keep which sensors are trusted or dropped."""
         self._history.clear()
+        self._friction.forget()
         self._preloads.forget()
         self._witnesses.clear()
         self._corrected = np.zeros(self.spread.columns.size)
@@ -118,11 +155,21 @@ class Fusion:
         """Whether the last reading of a trusted sensor contradicts the estimate."""
         return any(one.contested for one in self._witnesses.values())
 
-    def remember(self, estimate: Estimate) -> None:
+    @property
+    def motor_friction(self) -> dict[str, tuple[float, float]]:
+        """Friction of every tracked motor beyond the robot file's, its standard deviation [N m]."""
+        return {
+            name: (one.error, float(np.sqrt((one.deviation**2).mean())))
+            for name, one in self._witnesses.items()
+            if name in self._motor
+        }
+
+    def remember(self, sample: Sample, estimate: Estimate) -> None:
         """Store an estimate for late measurements."""
         history = self._history
-        history.append((estimate.stamp_ns, estimate.values, self._corrected))
-        while estimate.stamp_ns - history[0][0] > HISTORY_NS:
+        direction = self._friction.turn(sample.motor_angle)
+        history.append(_Past(estimate.stamp_ns, estimate.values, self._corrected, direction))
+        while estimate.stamp_ns - history[0].stamp_ns > HISTORY_NS:
             history.popleft()
 
     def noise_of(self, element: str) -> float:
@@ -151,85 +198,121 @@ class Fusion:
         """
         column = self._element[element]
         cables = [self._element_cable[element]]
-        return self._correct(sample, state, stamp_ns, element, column, cables, value, noise)
+        reading = _Reading(element, column, cables, -1, stamp_ns, value, noise)
+        return self._correct(sample, state, reading)
 
     def motor_effort(
         self, sample: Sample, state: State, stamp_ns: int, motor: str, value: float, noise: float
     ) -> State:
         """Correct with a motor's measured effort [N m]; otherwise as ``tension``."""
         column, cables = self._motor[motor], self._motor_cables[motor]
-        return self._correct(sample, state, stamp_ns, motor, column, cables, value, noise)
+        index = self.model.layout.motors.index(motor)
+        reading = _Reading(motor, column, cables, index, stamp_ns, value, noise)
+        return self._correct(sample, state, reading)
 
-    def _correct(
-        self,
-        sample: Sample,
-        state: State,
-        stamp_ns: int,
-        name: str,
-        column: int,
-        cables: list[int],
-        value: float,
-        noise: float,
-    ) -> State:
-        spread = self.spread
-        health = self.health.setdefault(name, SensorHealth(name))
-        place = int(spread.columns[column])
-        expected = self._expected(stamp_ns, place, column)
-        if not abs(value) <= LARGEST or expected is None:
+    def _correct(self, sample: Sample, state: State, reading: _Reading) -> State:
+        """Judge a reading and use it."""
+        spread, column, value = self.spread, reading.column, reading.value
+        health = self.health.setdefault(reading.name, SensorHealth(reading.name))
+        found = self._expected(reading)
+        if not abs(value) <= LARGEST or found is None:
             health.refused += 1
             return state
-        now = Estimate(sample.stamp_ns, self._history[-1][1], self.model.layout, True)
+        expected, factor = found
+        now = Estimate(sample.stamp_ns, self._history[-1].values, self.model.layout, True)
         spread.catch_up(sample, now)
         errors = [one.deviation for one in self._witnesses.values()]
-        self._preloads.drift(name, sample.stamp_ns, cables, errors)
-        own = noise**2 + (MODEL_ERROR * value) ** 2
-        # A motor's effort is often the only witness of a lost preload, and doubt would leave half
-        # of the loss uncorrected: only load cells are contested.
-        is_effort = name in self._motor
-        witness = self._witnesses.get(name)
-        error = witness.error if witness is not None else 0.0
-        variance = self._variance(column, witness) + own
+        passed = self._preloads.drift(reading.name, sample.stamp_ns, reading.cables, errors)
+        own = reading.noise**2 + self._model_error(reading) ** 2
+        witness = self._witnesses.get(reading.name)
+        if witness is not None and reading.motor >= 0:
+            share = FRICTION_DRIFT * passed**0.5
+            witness.deviation += share * self._unknown(reading) * self._draw()
+        error = factor * witness.error if witness is not None else 0.0
+        variance = self._variance(column, witness, factor) + own
         unaided = expected - float(self._corrected[column])
         usable = health.judge(value, expected + error, unaided, variance, own)
         if not health.trusted or health.dropped:
-            self._witnesses.pop(name, None)
+            self._witnesses.pop(reading.name, None)
             return state
         if witness is None:
-            witness = self._heed(name, 0.0 if is_effort else abs(value - expected))
-        innovation = value - expected - witness.error
-        scale = self._preloads.scale(column, cables)
-        drift = (self._drift * scale) ** 2
-        answer: Answer = "agrees"
-        if not is_effort:
-            answer = witness.weigh(sample.stamp_ns, innovation, variance, drift)
-        possible = abs(witness.surprise) <= DOUBT * scale
-        if answer == "changed" and possible:
-            self._open(witness, column, cables)
+            witness = self._heed(reading, abs(value - expected))
+        innovation = value - expected - error
+        agrees = self._agrees(witness, reading, sample.stamp_ns, innovation, variance)
         if not usable:  # counted already
             return state
-        if answer == "contested" or (answer == "changed" and not possible):
+        if not agrees:
             health.refused += 1
             return state
-        size = 0.0 if is_effort else MODEL_ERROR * max(abs(value), health.largest)
+        if reading.motor < 0:
+            self._share(witness, MODEL_ERROR * max(abs(value), health.largest))
+        health.used += 1
+        state = self._teach(witness, factor, state, reading, innovation, own)
+        if reading.motor < 0:
+            health.dropped = witness.wrong
+        return state
+
+    def _heed(self, reading: _Reading, first: float) -> Witness:
+        """Begin to use a sensor.
+
+        Args:
+            reading: its first reading that is used.
+            first: size of its first correction [N] or [N m].
+        """
+        members = len(self.spread.states)
+        if reading.motor < 0:
+            witness = Witness(np.zeros(members), history=HISTORY_ERROR * first)
+        else:
+            witness = Witness(self._unknown(reading) * self._draw())
+        self._witnesses[reading.name] = witness
+        return witness
+
+    def _model_error(self, reading: _Reading) -> float:
+        """Standard deviation of the model's error in one reading [N] or [N m]."""
+        if reading.motor < 0:
+            return MODEL_ERROR * abs(reading.value)
+        scale = self._preloads.scale(reading.column, reading.cables)
+        return max(MODEL_ERROR * abs(reading.value), EFFORT_ERROR * scale)
+
+    def _unknown(self, reading: _Reading) -> float:
+        """Standard deviation of the motor's friction before its effort was read [N m]."""
+        scale = self._preloads.scale(reading.column, reading.cables)
+        return self._friction.stddev(reading.motor, scale)
+
+    def _agrees(
+        self,
+        witness: Witness,
+        reading: _Reading,
+        stamp_ns: int,
+        innovation: float,
+        variance: float,
+    ) -> bool:
+        """Whether to use a reading; widens what may have changed if several contradict.
+
+        An effort is used in any case: it is often the only witness of a lost preload, and doubt
+        would leave half of the loss uncorrected.
+        """
+        scale = self._preloads.scale(reading.column, reading.cables)
+        drift = (self._drift * scale) ** 2
+        answer: Answer = witness.weigh(stamp_ns, innovation, variance, drift)
+        is_effort = reading.motor >= 0
+        possible = abs(witness.surprise) <= (SUDDEN if is_effort else DOUBT) * scale
+        if answer == "changed" and possible:
+            self._open(witness, reading.column, reading.cables, doubted=not is_effort)
+            self.health[reading.name].changes += 1
+        return is_effort or answer == "agrees" or (answer == "changed" and possible)
+
+    def _share(self, witness: Witness, size: float) -> None:
+        """Let the lasting error of a load cell grow to ``size`` [N] with its largest reading."""
         if size > witness.share:
             witness.deviation += np.sqrt(size**2 - witness.share**2) * self._draw()
             witness.share = size
-        health.used += 1
-        state = self._teach(witness, state, column, cables, innovation, own)
-        health.dropped = witness.wrong
-        return state
 
-    def _heed(self, name: str, first: float) -> Witness:
-        """Begin to use a sensor; ``first`` is the size of its first correction [N] or [N m]."""
-        witness = Witness(np.zeros(len(self.spread.states)), history=HISTORY_ERROR * first)
-        self._witnesses[name] = witness
-        return witness
-
-    def _variance(self, column: int, witness: Witness | None) -> float:
-        """Variance of a quantity and the lasting error of its sensor together."""
+    def _variance(self, column: int, witness: Witness | None, factor: float) -> float:
+        """Variance of a quantity and ``factor`` times the lasting error of its sensor together."""
         h = self.spread.deviation[:, column]
         if witness is not None:
-            h = h + witness.deviation
+            h = h + factor * witness.deviation
         return float(h @ h) / h.size
 
     def _draw(self) -> Vector:
@@ -238,30 +321,31 @@ class Fusion:
         known = [one.deviation for one in self._witnesses.values() if one.deviation.any()]
         return standard(spread.generator, len(spread.states), known)
 
-    def _open(self, witness: Witness, column: int, cables: list[int]) -> None:
-        """Leave open whether readings have changed by an error of the sensor or by a preload's."""
+    def _open(self, witness: Witness, column: int, cables: list[int], *, doubted: bool) -> None:
+        """Leave open by which preloads readings have changed, or if ``doubted`` by the sensor."""
         size, spread = abs(witness.surprise), self.spread
         known = [one.deviation for one in self._witnesses.values()]
         self._preloads.loosen(size, column, cables, [*known, spread.deviation[:, column]])
-        known.append(spread.deviation[:, column])
-        witness.deviation += size * standard(spread.generator, len(spread.states), known)
+        if doubted:
+            known.append(spread.deviation[:, column])
+            witness.deviation += size * standard(spread.generator, len(spread.states), known)
         for one in self._witnesses.values():
             one.forget()
 
     def _teach(
         self,
         witness: Witness,
+        factor: float,
         state: State,
-        column: int,
-        cables: list[int],
+        reading: _Reading,
         innovation: float,
         own: float,
     ) -> State:
-        """Correct the state and the ensemble, (U2)."""
-        spread = self.spread
+        """Correct the state and the ensemble, (U2); ``factor`` as for ``_variance``."""
+        spread, column, cables = self.spread, reading.column, reading.cables
         deviation = spread.deviation
         members = len(deviation)
-        h = deviation[:, column] + witness.deviation
+        h = deviation[:, column] + factor * witness.deviation
         variance = float(h @ h) / members + own
         gain = deviation.T @ h / (members * variance)
         concerned = np.zeros(gain.size, dtype=bool)
@@ -289,26 +373,32 @@ class Fusion:
         spread.variance[:] = (deviation**2).mean(axis=0)
         return State(state.stamp_ns, values)
 
-    def _expected(self, stamp_ns: int, place: int, column: int) -> float | None:
+    def _expected(self, reading: _Reading) -> tuple[float, float] | None:
         """The current estimate for the time of a measurement; None outside the stored history.
 
         It includes the corrections made since then; otherwise late measurements would apply the
         same correction repeatedly.
-        """
-        history = self._history
-        if not history or not history[0][0] <= stamp_ns <= history[-1][0]:
-            return None
 
-        def then(k: int) -> float:
-            _, values, corrected = history[k]
-            return float(values[place] + (self._corrected[column] - corrected[column]))
+        Returns:
+            The expected quantity, and its change per unit of its sensor's lasting error [-].
+        """
+        history, stamp_ns, column = self._history, reading.stamp_ns, reading.column
+        if not history or not history[0].stamp_ns <= stamp_ns <= history[-1].stamp_ns:
+            return None
+        place = int(self.spread.columns[column])
+
+        def then(k: int) -> Vector:
+            past = history[k]
+            value = past.values[place] + (self._corrected[column] - past.corrected[column])
+            return np.array([value, past.direction[reading.motor] if reading.motor >= 0 else 1.0])
 
         after = len(history) - 1
-        while after > 0 and history[after - 1][0] >= stamp_ns:
+        while after > 0 and history[after - 1].stamp_ns >= stamp_ns:
             after -= 1
-        stamp = history[after][0]
-        if stamp == stamp_ns or after == 0:
-            return then(after)
-        before = history[after - 1][0]
-        share = (stamp_ns - before) / (stamp - before)
-        return then(after - 1) + share * (then(after) - then(after - 1))
+        found = then(after)
+        stamp = history[after].stamp_ns
+        if stamp != stamp_ns and after > 0:
+            before = history[after - 1].stamp_ns
+            share = (stamp_ns - before) / (stamp - before)
+            found = then(after - 1) + share * (found - then(after - 1))
+        return float(found[0]), float(found[1])

@@ -45,7 +45,7 @@ class Preloads:
         """Forget when the preloads drifted last."""
         self._last_ns.clear()
 
-    def drift(self, name: str, stamp_ns: int, cables: list[int], apart: Sequence[Vector]) -> None:
+    def drift(self, name: str, stamp_ns: int, cables: list[int], apart: Sequence[Vector]) -> float:
         """Add a random walk to every member's preloads, since preloads are not constant.
 
         Args:
@@ -53,16 +53,20 @@ class Preloads:
             stamp_ns: time of the sample [ns].
             cables: the cables.
             apart: see ``standard``.
+
+        Returns:
+            The time since the sensor's last reading [s]; 0 for the first one.
         """
         passed = (stamp_ns - self._last_ns.get(name, stamp_ns)) * 1e-9
         self._last_ns[name] = stamp_ns
         if passed <= 0.0:
-            return
+            return 0.0
         spread = self.spread
         for c in cables:
             normal = standard(spread.generator, len(spread.states), apart)
             self._shift(c, self._share * self._preload[c] * np.sqrt(passed) * normal)
         spread.variance[:] = (spread.deviation**2).mean(axis=0)
+        return passed
 
     def scale(self, column: int, cables: list[int]) -> float:
         """Change of a measured quantity if all preloads vary by themselves [N] or [N m] (RMS)."""

@@ -70,6 +70,8 @@ class SensorHealth:
     """Readings used so far."""
     refused: int = 0
     """Readings refused: not finite, too old, contested, or from a dropped sensor."""
+    changes: int = 0
+    """How often readings have shown a sudden change of a preload, or of the sensor."""
     tried: int = 0
     """Readings on trial, which do not correct the estimate."""
     largest: float = 0.0

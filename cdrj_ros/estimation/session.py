@@ -288,7 +288,7 @@ class LiveEstimator:
         if sample.doubtful:
             mark_all_unsure(estimate.values, self._preload.size)
         if self.fusion is not None and estimate.solved:
-            self.fusion.remember(estimate)
+            self.fusion.remember(sample, estimate)
             undone = bool(self._pending) and self._use_pending(self.fusion, sample)
             if undone or self.fusion.contested:
                 mark_all_unsure(estimate.values, self._preload.size)

@@ -160,7 +160,12 @@ def _figures(
             if one.dropped:
                 state = f"dropped: {one.dropped}"
             values[f"sensor {one.name}"] = (
-                f"{state}; {one.used} readings used, {one.refused} refused"
+                f"{state}; {one.used} readings used, {one.refused} refused, "
+                f"{one.changes} sudden changes"
+            )
+        for name, (friction, stddev) in live.fusion.motor_friction.items():
+            values[f"friction of {name} beyond the robot file [N m]"] = (
+                f"{friction:.3g} +- {stddev:.2g}"
             )
     return values
 

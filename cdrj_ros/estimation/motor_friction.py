@@ -1,0 +1,87 @@
+"""Friction of a motor that the robot file does not contain, beside the cables in its effort.
+
+Friction of the cables and friction of the motor both widen the hysteresis of an effort.  The
+motor's reverses within a milliradian, the cables' only after the cable has given up its elongation
+and its contacts have slipped back.  The direction of the motor's own friction is therefore followed
+like the friction of an axis (E13), and its amount is an unknown of the fusion.
+See docs/uncertainty.md.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
+from cdrj_ros.robot.description import Robot
+
+Vector = NDArray[np.float64]
+
+FRICTION_SHARE: Final = 0.1
+"""Standard deviation of a motor's unknown friction, as a fraction of the torque of its preloads."""
+
+FRICTION_KNOWN: Final = 0.3
+"""The same as a fraction of the friction that the robot file states."""
+
+FRICTION_DRIFT: Final = 0.05
+"""Random-walk spread of that friction after 1 s, as a fraction of its first standard deviation."""
+
+COUNTS: Final = 2.0
+"""The direction follows the motor after a turn by as many counts of its encoder at least."""
+
+
+class MotorFriction:
+    """Directions of the motors' friction."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Begin without direction.
+
+        Args:
+            robot: the robot.
+        """
+        passive = [motor.passive for motor in robot.motors]
+        self._stated = np.array([one.bearing_torque for one in passive])
+        breakaway = [
+            one.bearing_torque / one.bearing_stiffness
+            if one.bearing_stiffness > 0.0 and one.bearing_torque > 0.0
+            else DEFAULT_BREAKAWAY_ANGLE
+            for one in passive
+        ]
+        counts = [abs(motor.sensor.scale) * motor.sensor.resolution for motor in robot.motors]
+        self._breakaway = np.maximum(breakaway, COUNTS * np.array(counts))
+        self._sign = np.array([-float(motor.effort_sign) for motor in robot.motors])
+        self._angle: Vector | None = None
+        self._direction = np.zeros(len(robot.motors))
+
+    def forget(self) -> None:
+        """Forget angles and directions."""
+        self._angle = None
+        self._direction = np.zeros(self._sign.size)
+
+    def turn(self, angle: Vector) -> Vector:
+        """Follow the motors.
+
+        Args:
+            angle: their angles [rad], shape (motors,).
+
+        Returns:
+            Change of every effort per unit of the motor's friction [-], from -1 to 1, shape
+            (motors,); a new array.
+        """
+        if self._angle is not None:
+            turned = (angle - self._angle) / self._breakaway
+            self._direction = np.clip(self._direction + turned, -1.0, 1.0)
+        self._angle = angle
+        return self._sign * self._direction
+
+    def stddev(self, motor: int, preload_torque: float) -> float:
+        """Standard deviation of the unknown friction before any effort was measured [N m].
+
+        Args:
+            motor: index of the motor.
+            preload_torque: torque of its preloads [N m], see ``Preloads.scale``.
+        """
+        known = FRICTION_KNOWN * float(self._stated[motor])
+        return float(np.hypot(FRICTION_SHARE * preload_torque, known))
