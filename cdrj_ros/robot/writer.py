@@ -18,7 +18,7 @@ from typing import Any, Final
 from ruamel.yaml import YAML
 
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, parse_document
+from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, Document, parse_document
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
 from cdrj_ros.robot.urdf import DESCRIPTION
 
@@ -50,8 +50,8 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
     for path, value in values.items():
         at = parse_document(text, source)
         # a number that the file leaves out is found only in the changed document
-        number = find_number(with_numbers(at, {path: value}), path)
-        text = _with_number(text, number)
+        changed = with_numbers(at, {path: value})
+        text = _with_number(text, find_number(changed, path), changed)
     if not _alike(parse_document(text, source), wanted):
         raise RobotFileError(
             f"{source} repeats one of {', '.join(values)} by an alias or a merge; write it out"
@@ -98,15 +98,25 @@ def moved(text: str, source: str, target: str) -> str:
     return _replaced(text, found[1].start_mark.index, found[1].end_mark.index, json.dumps(path))
 
 
-def _with_number(text: str, number: Number) -> str:
-    """The text with one number replaced or added."""
+def _with_number(text: str, number: Number, document: Document) -> str:
+    """The text with one number replaced or added; ``document`` has it already."""
     node: Any = YAML(typ="rt", pure=True).compose(text)
     factor = 1.0
     keys = list(number.keys)
+    entry: Any = document
     while keys:
         key = keys[0]
+        listed = entry
+        entry = entry.get(key) if isinstance(entry, dict) else entry[key]
         if isinstance(key, int):
-            node = node.value[key]
+            place = _place(node, key, entry)
+            if place is None:
+                # those of a URDF follow in its order: the ones before come along
+                names = [one["name"] for k, one in enumerate(listed[: key + 1])
+                         if _place(node, k, one) is None]  # fmt: skip
+                value = number.value / number.factor / factor
+                return _appended(text, node, names, keys[1:], value)
+            node = node.value[place]
         else:
             found = _entry(node, key)
             if found is None:
@@ -115,7 +125,7 @@ def _with_number(text: str, number: Number) -> str:
             own = next((f for s, f in UNIT_SUFFIXES.items() if name == key + s), 1.0)
             factor = own * (factor if key in IN_THE_UNIT else 1.0)
         keys.pop(0)
-    begin, end = node.start_mark.index, node.end_mark.index
+    begin, end = int(node.start_mark.index), int(node.end_mark.index)
     return _replaced(text, begin, end, yaml_number(number.value / number.factor / factor))
 
 
@@ -125,6 +135,43 @@ def _entry(mapping: Any, key: str) -> tuple[str, Any] | None:
         if name.value == key or any(name.value == key + suffix for suffix in UNIT_SUFFIXES):
             return str(name.value), value
     return None
+
+
+def _place(sequence: Any, index: int, entry: Any) -> int | None:
+    """Index of an entry in the text, found by its name if it has one; None if it is not there.
+
+    The document also has joints that the text does not list, those of a URDF.
+    """
+    name = entry.get("name") if isinstance(entry, dict) else None
+    if name is None:
+        return index
+    for k, node in enumerate(sequence.value):
+        found = _entry(node, "name")
+        if found is not None and found[1].value == name:
+            return k
+    return None
+
+
+def _appended(
+    text: str, sequence: Any, names: list[str], keys: list[str | int], value: float
+) -> str:
+    """The text with a new entry ``{name: ...}`` for every name, the last with ``a: {b: value}``."""
+    entry = yaml_number(value)
+    for key in reversed(keys):
+        entry = f"{{{key}: {entry}}}"
+    *before, last_name = map(json.dumps, names)
+    entries = [f"{{name: {name}}}" for name in before] + [f"{{name: {last_name}, {entry[1:]}"]
+    if sequence.flow_style:
+        end: int = sequence.end_mark.index - 1
+        new = ", ".join(entries)
+        return text[:end].rstrip() + (", " if sequence.value else "") + new + text[end:]
+    last = sequence.value[-1]
+    column = sequence.start_mark.column
+    end = len(text[: last.end_mark.index].rstrip())
+    line_end = text.find("\n", end)
+    line_end = len(text) if line_end < 0 else line_end
+    new = "".join(f"\n{' ' * column}- {entry}" for entry in entries)
+    return text[:line_end] + new + text[line_end:]
 
 
 def _replaced(text: str, begin: int, end: int, new: str) -> str:

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.reader import load_robot
-from cdrj_ros.robot.writer import moved
+from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.robot.writer import moved, with_numbers_in_text
 
 URDF = """<?xml version="1.0"?>
 <robot name="arm">
@@ -205,3 +205,26 @@ def test_a_place_that_no_folder_changes_is_kept(urdf: str) -> None:
 def test_frames_without_a_urdf_are_kept() -> None:
     text = ROBOT.replace("{urdf: arm.urdf}", "[{name: a, motion: fixed}]")
     assert moved(text, "/here/arm.yaml", "/there/arm.yaml") == text
+
+
+@pytest.mark.parametrize(
+    "listed",
+    [
+        "[]",
+        "[{name: pip, noise: 1.0e-4}]",
+        "\n  - name: pip\n    noise: 1.0e-4   # counts\n  - {name: mcp}\n",
+    ],
+)
+def test_numbers_of_joints_that_only_the_urdf_lists_can_be_written(listed: str) -> None:
+    path = Path(__file__).parents[2] / "config" / "robots" / "finger3d.yaml"
+    text = path.read_text().replace("joints: []", f"joints: {listed}")
+    values = {"joints.abduction.reference_angle": 0.01, "joints.pip.reference_angle": 0.02}
+    written = with_numbers_in_text(text, values, str(path))
+    joints = parse_robot(written, str(path)).joints
+    found = {joint.name: joint for joint in joints}
+    assert [*found] == [joint.name for joint in parse_robot(text, str(path)).joints]
+    assert found["abduction"].reference_angle == 0.01
+    assert found["pip"].reference_angle == 0.02
+    assert found["mcp"].reference_angle == 0.0
+    assert (found["pip"].sensor.noise == 1e-4) == ("noise" in listed)
+    assert written.count("#") == text.count("#")
