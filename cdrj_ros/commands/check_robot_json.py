@@ -54,6 +54,8 @@ def _cable_document(names: Sequence[str], cable: Cable, check: CableCheck) -> di
     return {
         "name": check.name,
         "axial_stiffness": cable.axial_stiffness,
+        "bedding_strain": cable.bedding_strain,
+        "bedding_tension": cable.bedding_tension if cable.bedding_strain else None,
         "preload": cable.preload,
         "max_tension": cable.maximum_tension if isfinite(cable.maximum_tension) else None,
         "law": cable.law,

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.model.elasticity import elasticities, strain_at, tensions_at
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.prepared import Model, shape_at
 from cdrj_ros.model.state import state_views
@@ -51,11 +52,11 @@ class CablePlaces:
     def stretch(self, states: Table, numbers: Table, shift: Table) -> None:
         """Change the tensions in ``states`` by ``shift`` [N], shape (states, elements)."""
         cables: Any = number_views(self._sizes, numbers).cables
-        stiffness = cables["axial_stiffness"][:, self._cable, None]
+        law = elasticities(cables[:, self._cable, None])
         state = state_views(self._sizes, states)
         length, material = state.length[:, self.elements], state.material[:, self.elements]
-        tension = stiffness * (length / material - 1.0) + shift
-        material[:] = length / (1.0 + tension / stiffness)
+        tension = tensions_at(law, length / material - 1.0) + shift
+        material[:] = length / (1.0 + strain_at(law, tension))
         state.bristle[:, self._own_pulleys] = np.diff(np.maximum(tension, 0.0), axis=1)
 
 

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.filling import friction_numbers
 from cdrj_ros.model.friction import blended_loss
 from cdrj_ros.model.packing import number_views, plan_views
@@ -77,7 +78,7 @@ class _CableDraw:
     def __init__(self, cable: Cable, entry: Mapping[str, Any]) -> None:
         self.cable, self._entry = cable, entry
         self._preload: Any = cable.preload
-        self._stiffness: Any = cable.axial_stiffness
+        self._elastic = elasticity_of(cable)
         self._own = _Layer(dict(entry.get("friction", {})))
         self._pulleys = [_Layer(dict(node.get("friction", {}))) for node in entry["nodes"][1:-1]]
 
@@ -89,10 +90,13 @@ class _CableDraw:
             case ["axial_stiffness"]:
                 diameter = self._entry.get("diameter")
                 if diameter is None:
-                    self._stiffness = values
+                    self._elastic = self._elastic._replace(axial_stiffness=values)
                 else:  # the file gives the modulus
                     area = pi * diameter**2 / 4.0
-                    self._stiffness = values / area * pi * diameter**2 / 4.0
+                    stiffness = values / area * pi * diameter**2 / 4.0
+                    self._elastic = self._elastic._replace(axial_stiffness=stiffness)
+            case ["bedding_strain" | "bedding_tension" as key]:
+                self._elastic = self._elastic._replace(**{key: values})
             case ["friction", key] if key in FIELDS:
                 self._own.given[key] = values
             case ["nodes", k, "friction", key] if (
@@ -107,10 +111,11 @@ class _CableDraw:
         """Write the cable's numbers; False if those of some member are not allowed."""
         plan = plan_views(model.plan).cables[c]
         views: Any = number_views(model.sizes, numbers)
-        views.cables["axial_stiffness"][:, c] = self._stiffness
+        for key, value in self._elastic._asdict().items():
+            views.cables[key][:, c] = value
         views.cables["preload"][:, c] = self._preload
         views.cables["wound_tension"][:, c] = self._preload
-        strain = self._preload / self._stiffness
+        strain = strain_at(self._elastic, self._preload)
         for k in range(plan.elements):
             place = plan.first_element + k
             views.elements["material"][:, place] = lengths[place] / (1.0 + strain)

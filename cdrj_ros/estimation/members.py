@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.drawn_numbers import drawn_numbers
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.model.elasticity import elasticities, strain_at
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Robot, Uncertainty
@@ -171,7 +172,7 @@ def preload_differently(
         change = 1.0 + share * np.concatenate([normal, -normal])
         preload = cables["preload"][:, c] * np.maximum(change, 0.0)
         cables["preload"][:, c] = preload
-        stretch = 1.0 + preload / cables["axial_stiffness"][:, c]
+        stretch = 1.0 + strain_at(elasticities(cables[:, c]), preload)
         for _ in cable.element_names:
             elements["material"][:, element] = shape.length[element] / stretch
             element += 1

@@ -34,6 +34,7 @@ from cdrj_ros.identification.sliding import (
     slip_rates,
     slips_of,
 )
+from cdrj_ros.model.elasticity import elasticity_of, modulus_at
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.prepared import Model, shape_at
 from cdrj_ros.robot.description import Anchor
@@ -175,7 +176,7 @@ def propagate(
     found = _settled(
         motion,
         _readings(known, places),
-        _unseen(model, path, motion, c, min(sensor.stddev for sensor in known)),
+        _unseen(model, path, motion, c, known),
         round(window_s * 1e9),
     )
     force, by_before, by_after = nodal_force(found.tension, motion.wrap)
@@ -256,7 +257,7 @@ def _pass(
         window_ns: as ``window_s`` of ``propagate`` [ns].
     """
     drag = motion.constants["drag"]
-    hidden = unseen + motion.hidden_slips(before.upper - before.lower)
+    hidden = unseen + motion.hidden_slips(before.lower, before.upper)
     slip = motion.slips(before.tension)
     shares = friction_shares(motion, slip, before.tension, loss, hidden)
     sliding = sliding_directions(motion, slip, shares, hidden, window_ns)
@@ -308,7 +309,7 @@ def _motion_of(model: Model, path: Path, c: int) -> CableMotion:
         wrap=path.wrap[:, pulleys],
         wound=path.wound[:, c],
         held_last=isinstance(cable.nodes[-1], Anchor) or not isinstance(cable.nodes[0], Anchor),
-        axial_stiffness=cable.axial_stiffness,
+        elastic=elasticity_of(cable),
         constants=_constants(model, pulleys, cable.law == "none"),
         stribeck=int(plan.pulleys[own.first_pulley].stribeck) if own.pulleys else 0,
     )
@@ -332,13 +333,17 @@ def _constants(model: Model, pulleys: slice, frictionless: bool) -> Any:
     return rows
 
 
-def _unseen(model: Model, path: Path, motion: CableMotion, c: int, stddev: float) -> Table:
+def _unseen(
+    model: Model, path: Path, motion: CableMotion, c: int, known: Sequence[KnownTension]
+) -> Table:
     """Slip below the resolution of joint and tension sensors [m], shape (n, pulleys)."""
     step = np.array([j.sensor.resolution + CERTAIN * j.sensor.noise for j in model.robot.joints])
     own = plan_views(model.plan).cables[c]
     rates = path.length_by_joint[:, own.first_element : own.first_element + own.elements]
     behind = slip_rates(rates, motion.held_last)
     hidden = np.abs(behind) @ step if step.size else np.zeros(behind.shape[:2])
-    noise = CERTAIN * stddev / motion.axial_stiffness
+    sharpest = min(known, key=lambda sensor: sensor.stddev)
+    modulus = modulus_at(motion.elastic, np.nan_to_num(sharpest.tension))
+    noise = (CERTAIN * sharpest.stddev / modulus)[:, None]
     reach = np.abs(slips_of(motion.length, np.zeros(1), motion.held_last))
     return hidden + noise * reach

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.model.cable import PulleyNumbers
 from cdrj_ros.model.compiled import compiled
+from cdrj_ros.model.elasticity import Elasticity, modulus_at, strain_at
 from cdrj_ros.model.friction import BOUND_FLOOR, blended_loss, stribeck_share
 from cdrj_ros.model.records import Rows
 
@@ -34,8 +35,8 @@ class CableMotion:
     """Cable drawn in by a winch at the last node [m], shape (n,)."""
     held_last: bool
     """Whether slips are counted from the last node, otherwise from the first."""
-    axial_stiffness: float
-    """EA [N]."""
+    elastic: Elasticity
+    """Tension-strain law of the cable."""
     constants: Any
     """Constants of the pulleys, a structured array of ``PulleyNumbers``, shape (pulleys,)."""
     stribeck: int
@@ -47,16 +48,18 @@ class CableMotion:
         Args:
             tension: tensions of the elements [N], shape (n, elements); NaN counts as 0.
         """
-        material = self.length / (1.0 + np.nan_to_num(tension) / self.axial_stiffness)
+        material = self.length / (1.0 + strain_at(self.elastic, np.nan_to_num(tension)))
         return slips_of(material, self.wound, self.held_last)
 
-    def hidden_slips(self, width: Table) -> Table:
+    def hidden_slips(self, lower: Table, upper: Table) -> Table:
         """Uncertainty of the slip due to the intervals of tension [m], shape (n, pulleys).
 
         Args:
-            width: widths of the elements' intervals [N], shape (n, elements); NaN counts as 0.
+            lower, upper: ends of the elements' intervals [N], shape (n, elements); NaN counts as
+                an interval without width.  A cable that stiffens is softest at the lower end.
         """
-        elastic = np.nan_to_num(width) * self.length / self.axial_stiffness
+        modulus = modulus_at(self.elastic, np.nan_to_num(lower))
+        elastic = np.nan_to_num(upper - lower) * self.length / modulus
         return np.abs(slips_of(elastic, np.zeros(1), self.held_last))
 
     def losses(self) -> tuple[Table, Table]:
@@ -108,7 +111,7 @@ def friction_shares(
         node.
     """
     pull = np.nan_to_num(np.maximum(tension[:, :-1], tension[:, 1:]))
-    arc = motion.constants["radius"] * motion.wrap / motion.axial_stiffness
+    arc = motion.constants["radius"] * motion.wrap / modulus_at(motion.elastic, pull)
     low, high = _contacts(slip, loss, pull, arc, hidden, motion.constants)
     return low, high
 

@@ -70,6 +70,8 @@ SHORT_FORMS: Final[Mapping[str, str]] = {
     "f_d": "cables.{*}.friction.bearing_friction",
     "preload": "cables.{*}.preload",
     "axial_stiffness": "cables.{*}.axial_stiffness",
+    "bedding_strain": "cables.{*}.bedding_strain",
+    "bedding_tension": "cables.{*}.bedding_tension",
     "EA": "cables.{*}.axial_stiffness",
     "drum_radius": "drum_radius",
     "pulley_bearing_torque": "cables.{*}.nodes.*.bearing_torque",

@@ -78,7 +78,7 @@ class CableCheck:
     transmission_sliding: Extent
     """Product over the pulleys [-]."""
     stiffness: float
-    """EA / length in the reference pose [N/m]."""
+    """dT / dL at the preload in the reference pose [N/m], EA / length of a linear cable."""
     followed: Extent
     """Frictionless tension while the motors follow, under the given loads [N]."""
     worst: Extent

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.model.elasticity import elasticity_of, modulus_at, strain_at, tensions_at
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot, Winch
 
@@ -25,10 +26,23 @@ def cable_per_turn(robot: Robot) -> Matrix:
     return drums
 
 
+def stiffness_at_preload(robot: Robot, length: Vector) -> Vector:
+    """dT / dL of every cable at its preload [N/m], EA / length where it is linear.
+
+    Args:
+        robot: the robot.
+        length: total length of every cable in the reference pose [m], shape (cables,).
+    """
+    moduli = [modulus_at(elasticity_of(cable), cable.preload) for cable in robot.cables]
+    return np.array(moduli) / length
+
+
 def follow_joints(
     robot: Robot, whole: Matrix, stiffness: Vector, drums: Matrix
 ) -> tuple[Matrix, Matrix]:
     """Motor angles that keep the preloads in the least-squares sense, and the tensions that result.
+
+    The motors follow with the stiffness at the preload; the tensions follow from each cable's law.
 
     Returns:
         Motor angles from the reference [rad], (poses, motors), and tensions [N], (poses, cables).
@@ -36,7 +50,13 @@ def follow_joints(
     wanted = whole[0] - whole  # length to be wound in, (poses, cables)
     angles = np.linalg.lstsq(stiffness[:, None] * drums, (stiffness * wanted).T, rcond=None)[0].T
     preload = np.array([cable.preload for cable in robot.cables])
-    tension = preload + stiffness * (angles @ drums.T - wanted)
+    taken_up = angles @ drums.T - wanted
+    tension = preload + stiffness * taken_up
+    for c, cable in enumerate(robot.cables):
+        if cable.bedding_strain:
+            law = elasticity_of(cable)
+            strain = strain_at(law, cable.preload) + taken_up[:, c] / whole[0, c]
+            tension[:, c] = tensions_at(law, strain)
     return angles, np.maximum(tension, 0.0)
 
 
@@ -51,8 +71,9 @@ def loaded_tensions(
 ) -> tuple[Matrix, list[tuple[float, ...]]]:
     """Frictionless tensions that exert the loads and are closest to the tensions without loads.
 
-    With an additional motor angle d, t = t_follow + k B d >= 0 and -A^T t = load on the named
-    joints.  Minimising max |t - t_follow| is a linear program in d and that maximum.
+    With an additional motor angle d and the stiffness k at the preload, t = t_follow + k B d >= 0
+    and -A^T t = load on the named joints.  Minimising max |t - t_follow| is a linear program in d
+    and that maximum.
     """
     from scipy.optimize import linprog  # slow to import, so only where used
 

@@ -23,7 +23,13 @@ from cdrj_ros.inspection.checks import (
     MotorCheck,
     PulleyCheck,
 )
-from cdrj_ros.inspection.following import cable_per_turn, follow_joints, loaded_tensions
+from cdrj_ros.inspection.following import (
+    cable_per_turn,
+    follow_joints,
+    loaded_tensions,
+    stiffness_at_preload,
+)
+from cdrj_ros.model.elasticity import elasticity_of, secant_at
 from cdrj_ros.model.filling import bearing_drag, bearing_ratio
 from cdrj_ros.model.friction import RIGID_BRISTLE, STRIBECK_FORMS, blended_loss
 from cdrj_ros.model.prepared import Model, Shape, shape_at
@@ -118,7 +124,7 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
     whole = np.stack([length[:, part].sum(axis=1) for part in _parts(robot)], axis=1)
     whole_by = np.stack([by_joint[:, part].sum(axis=1) for part in _parts(robot)], axis=1)
 
-    stiffness = np.array([c.axial_stiffness for c in robot.cables]) / whole[0]
+    stiffness = stiffness_at_preload(robot, whole[0])
     drums = cable_per_turn(robot)
     motors, followed = follow_joints(robot, whole, stiffness, drums)
     unbalanced: list[tuple[float, ...]] = []
@@ -158,7 +164,7 @@ def following_motors(model: Model, poses: Matrix) -> Matrix:
     reference = np.array([joint.reference_angle for joint in robot.joints])
     lengths = [shape_at(model, pose).length for pose in (reference, *poses)]
     whole = np.array([[one[part].sum() for part in _parts(robot)] for one in lengths])
-    stiffness = np.array([c.axial_stiffness for c in robot.cables]) / whole[0]
+    stiffness = stiffness_at_preload(robot, whole[0])
     angles, _ = follow_joints(robot, whole, stiffness, cable_per_turn(robot))
     zero = np.array([motor.reference_angle for motor in robot.motors])
     return zero + angles[1:]
@@ -183,6 +189,7 @@ def _cables(
         pulley_at += count
         eta = _transmissions(cable, wrap)
         arms = by_joint.sum(axis=1)
+        secant = secant_at(elasticity_of(cable), cable.preload) / float(length[0].sum())
         yield CableCheck(
             cable.name,
             tuple(_elements(cable, poses, length, by_joint, wrap)),
@@ -205,7 +212,7 @@ def _cables(
             _extent(followed[:, c], poses),
             _extent(_worst(cable, eta, followed[:, c]), poses),
             tuple(
-                float(cable.preload / (stiffness[c] * abs(arms[0, j])))
+                float(cable.preload / (secant * abs(arms[0, j])))
                 if abs(arms[0, j]) > LOOSEST
                 else float("inf")
                 for j in joints

@@ -8,6 +8,7 @@ from math import degrees, isinf, pi
 from typing import Final
 
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, PulleyCheck, pose_text
+from cdrj_ros.model.elasticity import elasticity_of, modulus_at, strain_at
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Robot, Winch
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
@@ -163,7 +164,8 @@ def _slip(cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
 def _swing(cable: Cable, check: CableCheck, k: int, pulley: PulleyCheck) -> str:
     """Change of tension ahead of a pulley that takes its friction from one bound to the other."""
     bound = (1.0 - pulley.transmission_at_rest.low) * check.followed.high
-    behind = cable.axial_stiffness / sum(element.length.high for element in check.elements[k + 1 :])
+    modulus = modulus_at(elasticity_of(cable), check.followed.high)
+    behind = modulus / sum(element.length.high for element in check.elements[k + 1 :])
     contact = cable.pulleys[k].friction.bristle_stiffness
     return f"{2.0 * bound * (1.0 + behind / contact):.2g} N"
 
@@ -278,7 +280,7 @@ def _material(cable: Cable, modulus: float | None) -> Iterator[Suspicion]:
             f"youngs_modulus is {modulus / 1e9:.3g} GPa; steel rope has 50 to 200, braided "
             "polymers 5 to 120: is the unit right?",
         )
-    strain = cable.preload / cable.axial_stiffness
+    strain = strain_at(elasticity_of(cable), cable.preload)
     if strain > LARGEST_STRAIN:
         yield Suspicion(
             cable.name,

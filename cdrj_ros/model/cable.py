@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from cdrj_ros.model.compiled import compiled, lean, stage
+from cdrj_ros.model.elasticity import Elasticity, modulus_at, stiffened_tension
 from cdrj_ros.model.friction import BOUND_FLOOR, LUGRE, NONE, friction_force
 from cdrj_ros.model.records import Rows, record_type
 
@@ -115,21 +116,27 @@ SMALLEST_SHRINK: Final = 0.25
 
 
 @lean
-def tolerance(axial_stiffness: float) -> float:
+def tolerance(elastic: Elasticity) -> float:
     """Largest force imbalance of a solved pulley [N]; the second term allows for rounding."""
-    return 1e-8 + 1e-14 * axial_stiffness
+    return 1e-8 + 1e-14 * float(elastic.axial_stiffness)
 
 
 @lean
-def acceptable(axial_stiffness: float) -> float:
+def acceptable(elastic: Elasticity) -> float:
     """Largest force imbalance of a usable sample [N]; with a larger one it counts as unsolved."""
-    return 1e-4 + 1e-14 * axial_stiffness
+    return 1e-4 + 1e-14 * float(elastic.axial_stiffness)
 
 
 @lean
-def element_tension(axial_stiffness: float, length: float, material: float) -> float:
-    """t = EA max(L / l - 1, 0) [N]; exact for any amount of winding; (11) is its linearisation."""
-    return max(axial_stiffness * (length / material - 1.0), 0.0)
+def element_tension(elastic: Elasticity, length: float, material: float) -> float:
+    """Tension of an element [N]; exact for any amount of winding; (11) is its linearisation.
+
+    It is EA max(L / l - 1, 0) in a linear cable (E1), (E21) in one that stiffens.
+    """
+    strain = length / material - 1.0
+    if elastic.bedding_strain != 0.0 and strain > 0.0:
+        return stiffened_tension(elastic, strain)
+    return max(elastic.axial_stiffness * strain, 0.0)
 
 
 @stage
@@ -171,7 +178,7 @@ def _friction(
 
 @lean
 def _balance(
-    axial_stiffness: float,
+    elastic: Elasticity,
     elements: Rows[SolverElement],
     contacts: Rows[Contact],
     pulleys: Rows[PulleyNumbers],
@@ -194,13 +201,13 @@ def _balance(
     slip = contacts[0].trial
     material = elements[0].material_before + first_slip - slip
     elements[0].material = material
-    t_left = element_tension(axial_stiffness, elements[0].length, material)
+    t_left = element_tension(elastic, elements[0].length, material)
     elements[0].tension = t_left
     for i in range(n):
         following = contacts[i + 1].trial if i + 1 < n else last_slip
         material = elements[i + 1].material_before + slip - following
         elements[i + 1].material = material
-        t_right = element_tension(axial_stiffness, elements[i + 1].length, material)
+        t_right = element_tension(elastic, elements[i + 1].length, material)
         elements[i + 1].tension = t_right
         force, by_slip, by_pull = 0.0, 0.0, 0.0
         if law != NONE:
@@ -220,11 +227,14 @@ def _balance(
 
 
 @lean
-def _element_stiffness(axial_stiffness: float, element: SolverElement) -> float:
+def _element_stiffness(elastic: Elasticity, element: SolverElement) -> float:
     """-dt / dl of an element [N/m]; 0 where it is slack."""
     if not element.tension > 0.0:
         return 0.0
-    return axial_stiffness * (element.length / element.material) / element.material
+    modulus = elastic.axial_stiffness
+    if elastic.bedding_strain != 0.0:
+        modulus = modulus_at(elastic, element.tension)
+    return float(modulus * (element.length / element.material) / element.material)
 
 
 @lean
@@ -260,7 +270,7 @@ def _matrix_row(
 
 @lean
 def _newton_step(
-    axial_stiffness: float, elements: Rows[SolverElement], contacts: Rows[Contact]
+    elastic: Elasticity, elements: Rows[SolverElement], contacts: Rows[Contact]
 ) -> float:
     """Solve the tridiagonal system J step = -residual (Thomas), O(n).
 
@@ -268,13 +278,13 @@ def _newton_step(
         Fraction in (0, 1] of the step that leaves every element some material.
     """
     n = len(contacts)
-    k_left = _element_stiffness(axial_stiffness, elements[0])
+    k_left = _element_stiffness(elastic, elements[0])
     upper_before, step_before = 0.0, 0.0
     for i in range(n):
         element, contact = elements[i + 1], contacts[i]
-        k_right = _element_stiffness(axial_stiffness, element)
+        k_right = _element_stiffness(elastic, element)
         pulled_after = element.tension >= elements[i].tension
-        slack = 1e-3 * axial_stiffness / element.material
+        slack = 1e-3 * elastic.axial_stiffness / element.material
         lower, diagonal, upper = _matrix_row(contact, k_left, k_right, pulled_after, slack)
         scale = 1.0 / (diagonal - lower * upper_before)
         step_before = (-contact.residual - lower * step_before) * scale
@@ -358,7 +368,7 @@ def _predict(
 
 @lean
 def _newton(
-    axial_stiffness: float,
+    elastic: Elasticity,
     elements: Rows[SolverElement],
     contacts: Rows[Contact],
     pulleys: Rows[PulleyNumbers],
@@ -376,21 +386,19 @@ def _newton(
     Takes 9 arguments, see ``_balance``.
     """
     n = len(contacts)
-    enough = tolerance(axial_stiffness)
+    enough = tolerance(elastic)
     for i in range(n):
         contacts[i].trial = contacts[i].slip
-    worst = _balance(
-        axial_stiffness, elements, contacts, pulleys, hardness, first_slip, last_slip, law, dt
-    )
+    worst = _balance(elastic, elements, contacts, pulleys, hardness, first_slip, last_slip, law, dt)
     for iteration in range(MAX_ITERATIONS):
         if worst <= enough:
             return iteration, worst
-        share = _newton_step(axial_stiffness, elements, contacts)
+        share = _newton_step(elastic, elements, contacts)
         best = worst
         for _ in range(6):
             _try_step(contacts, pulleys, hardness, law, share)
             worst = _balance(
-                axial_stiffness, elements, contacts, pulleys, hardness,
+                elastic, elements, contacts, pulleys, hardness,
                 first_slip, last_slip, law, dt,
             )  # fmt: skip
             if worst < best:
@@ -418,7 +426,7 @@ def _guess_is_usable(
 
 @lean
 def solve_cable(
-    axial_stiffness: float,
+    elastic: Elasticity,
     elements: Rows[SolverElement],
     contacts: Rows[Contact],
     pulleys: Rows[PulleyNumbers],
@@ -430,7 +438,7 @@ def solve_cable(
     """Advance one cable of n pulleys by one sample.
 
     Args:
-        axial_stiffness: EA [N].
+        elastic: tension-strain law of the cable.
         elements: shape (n + 1,); the lengths before and now and the material before are given;
             material and tension are written.
         contacts: shape (n,); a first guess of the slip, the bristle force before, the loss and the
@@ -448,40 +456,38 @@ def solve_cable(
     if len(contacts) == 0:
         material = elements[0].material_before + first_slip - last_slip
         elements[0].material = material
-        elements[0].tension = element_tension(axial_stiffness, elements[0].length, material)
+        elements[0].tension = element_tension(elastic, elements[0].length, material)
         return 0, 0.0
-    enough = tolerance(axial_stiffness)
+    enough = tolerance(elastic)
     # In steady motion the given guess is better; in all other cases the predictor is.
     iterations = 0
     if _guess_is_usable(contacts, elements, first_slip, last_slip):
         iterations, worst = _newton(
-            axial_stiffness, elements, contacts, pulleys, 1.0, first_slip, last_slip, law, dt
+            elastic, elements, contacts, pulleys, 1.0, first_slip, last_slip, law, dt
         )
         if worst <= enough:
             return iterations, worst
     _predict(contacts, elements, first_slip, last_slip)
     count, worst = _newton(
-        axial_stiffness, elements, contacts, pulleys, 1.0, first_slip, last_slip, law, dt
+        elastic, elements, contacts, pulleys, 1.0, first_slip, last_slip, law, dt
     )
     iterations += count
     pieces: Any = np.int64(4)  # a literal has its own type: numba would compile _walk twice
     while not worst <= enough and pieces <= MAX_SUBSTEPS:
         count, worst = _walk(
-            pieces, axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
+            pieces, elastic, elements, contacts, pulleys, first_slip, last_slip, law, dt
         )
         iterations += count
         pieces *= 4
-    if not worst <= acceptable(axial_stiffness):
-        count, worst = _harden(
-            axial_stiffness, elements, contacts, pulleys, first_slip, last_slip, law, dt
-        )
+    if not worst <= acceptable(elastic):
+        count, worst = _harden(elastic, elements, contacts, pulleys, first_slip, last_slip, law, dt)
         iterations += count
     return iterations, worst
 
 
 @lean
 def _harden(
-    axial_stiffness: float,
+    elastic: Elasticity,
     elements: Rows[SolverElement],
     contacts: Rows[Contact],
     pulleys: Rows[PulleyNumbers],
@@ -503,7 +509,7 @@ def _harden(
     _predict(contacts, elements, first_slip, last_slip)
     for hardness in HARDNESS:
         count, worst = _newton(
-            axial_stiffness, elements, contacts, pulleys, hardness, first_slip, last_slip, law, dt
+            elastic, elements, contacts, pulleys, hardness, first_slip, last_slip, law, dt
         )
         iterations += count
     return iterations, worst
@@ -512,7 +518,7 @@ def _harden(
 @compiled
 def _walk(
     pieces: int,
-    axial_stiffness: float,
+    elastic: Elasticity,
     elements: Rows[SolverElement],
     contacts: Rows[Contact],
     pulleys: Rows[PulleyNumbers],
@@ -545,13 +551,13 @@ def _walk(
             elements[e].length = start[e] + way * ((piece + 1) / pieces)
         _predict(contacts, elements, first_slip / pieces, last_slip / pieces)
         count, left = _newton(
-            axial_stiffness, elements, contacts, pulleys, 1.0,
+            elastic, elements, contacts, pulleys, 1.0,
             first_slip / pieces, last_slip / pieces, law, dt / pieces,
         )  # fmt: skip
         iterations += count
         if not left <= worst:  # true for NaN too
             worst = left
-        if not left <= acceptable(axial_stiffness):  # leave out the remaining pieces
+        if not left <= acceptable(elastic):  # leave out the remaining pieces
             break
         for e in range(n + 1):
             elements[e].material_before = elements[e].material

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model import geometry
+from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.friction import (
     EULER,
     RIGID_BRISTLE,
@@ -178,7 +179,7 @@ class _Rows:
         _fill(
             self._numbers.cables,
             c,
-            axial_stiffness=cable.axial_stiffness,
+            **elasticity_of(cable)._asdict(),
             preload=cable.preload,
             maximum_tension=cable.maximum_tension,
             wound_tension=cable.preload,

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.model.cable import element_tension
 from cdrj_ros.model.compiled import lean
+from cdrj_ros.model.elasticity import elasticity_of, modulus_at, strain_at
 from cdrj_ros.model.friction import NONE
 from cdrj_ros.model.packing import Indices, number_views, plan_views
 from cdrj_ros.model.state import scratch_views, state_views
 
 Vector = NDArray[np.float64]
+
+MOST_ROUNDS: Final = 12
+"""Newton steps for the common factor of a stiffening cable's tensions; a linear one needs 3."""
 
 
 @lean
@@ -34,7 +41,7 @@ def impose_friction(
     after, work = state_views(parts.sizes, state), scratch_views(parts.sizes, scratch)
     length, material = after.length, after.material
     for c in range(len(parts.cables)):
-        cable, stiffness = parts.cables[c], constants.cables[c].axial_stiffness
+        cable, elastic = parts.cables[c], elasticity_of(constants.cables[c])
         first, last = cable.first_element, cable.first_element + cable.elements
         if cable.law == NONE:
             continue
@@ -43,7 +50,7 @@ def impose_friction(
         for e in range(first, last):
             total += material[e]
             span += length[e]
-        mean = stiffness * (span / total - 1.0)
+        mean = element_tension(elastic, span, total)
         if not mean > 0.0:
             continue
         # compute the ratios of the tensions, then the common factor that keeps the elongation
@@ -58,18 +65,19 @@ def impose_friction(
             work.elements[e].tension = ratio
             weighted += length[e] * ratio
         scale = mean * span / weighted
-        for _ in range(3):
+        for _ in range(3 if elastic.bedding_strain == 0.0 else MOST_ROUNDS):
             held = 0.0
             slope = 0.0
             for e in range(first, last):
                 ratio = work.elements[e].tension
-                stretch = 1.0 + scale * ratio / stiffness
+                stretch = 1.0 + strain_at(elastic, scale * ratio)
+                modulus = modulus_at(elastic, scale * ratio)
                 held += length[e] / stretch
-                slope -= length[e] * ratio / (stiffness * stretch * stretch)
+                slope -= length[e] * ratio / (modulus * stretch * stretch)
             scale -= (held - total) / slope
         for e in range(first, last):
             ratio = work.elements[e].tension
-            material[e] = length[e] / (1.0 + scale * ratio / stiffness)
+            material[e] = length[e] / (1.0 + strain_at(elastic, scale * ratio))
             if e > first:
                 p = cable.first_pulley + e - 1 - first
                 after.bristle[p] = scale * (ratio - work.elements[e - 1].tension)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cdrj_ros.model.cable import Contact, SolverElement, acceptable, element_tension, solve_cable
 from cdrj_ros.model.compiled import compiled, lean, stage, usable_in_kernels
 from cdrj_ros.model.drum import material_held, start_drum, turn_drum
+from cdrj_ros.model.elasticity import Elasticity, elasticity_of, strain_at
 from cdrj_ros.model.friction import blended_loss, stribeck_share
 from cdrj_ros.model.linked import linked
 from cdrj_ros.model.outputs import passive_torque, report_cable
@@ -105,7 +106,8 @@ def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
     constants, after, tension = numbers.cables[c], step.after, step.estimate.tension
     first, last = cable.first_element, cable.first_element + cable.elements
     # with an unknown history, assume that the drum was wound at the cable's wound tension
-    stretch = 1.0 + constants.wound_tension / constants.axial_stiffness
+    elastic = elasticity_of(constants)
+    stretch = 1.0 + strain_at(elastic, constants.wound_tension)
     total = 0.0
     span = 0.0
     for e in range(first, last):
@@ -120,7 +122,7 @@ def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
             total -= rate * angle
     for e in range(first, last):
         after.material[e] = after.length[e] * (total / span)
-        tension[e] = element_tension(constants.axial_stiffness, after.length[e], after.material[e])
+        tension[e] = element_tension(elastic, after.length[e], after.material[e])
     for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
         after.bristle[p], after.slip_speed[p], after.lagged_speed[p] = 0.0, 0.0, 0.0
     step.estimate.iterations[c], step.estimate.residual[c] = 0.0, 0.0
@@ -150,7 +152,7 @@ def _turn_drums(step: Step, c: int, motor_angle: Vector) -> tuple[float, float]:
 def _move_cable(step: Step, c: int, motor_angle: Vector, dt: float) -> bool:
     """Advance a cable with a friction history; False if its slips could not be solved."""
     cable, before, after = step.plan.cables[c], step.before, step.after
-    stiffness = step.numbers.cables[c].axial_stiffness
+    elastic = elasticity_of(step.numbers.cables[c])
     first, last = cable.first_element, cable.first_element + cable.elements
     pulley, beyond = cable.first_pulley, cable.first_pulley + cable.pulleys
     elements, contacts = step.scratch.elements, step.scratch.contacts
@@ -164,12 +166,12 @@ def _move_cable(step: Step, c: int, motor_angle: Vector, dt: float) -> bool:
         contacts[p].bristle_before = before.bristle[p]
         contacts[p].bristle = 0.0
     iterations, worst = solve_cable(
-        stiffness, elements[first:last], contacts[pulley:beyond],
+        elastic, elements[first:last], contacts[pulley:beyond],
         step.numbers.pulleys[pulley:beyond], first_slip, last_slip, cable.law, dt,
     )  # fmt: skip
-    solved = worst <= acceptable(stiffness) and _has_material(elements[first:last])
+    solved = worst <= acceptable(elastic) and _has_material(elements[first:last])
     if not solved:
-        _spread_evenly(stiffness, elements[first:last], first_slip - last_slip)
+        _spread_evenly(elastic, elements[first:last], first_slip - last_slip)
         for p in range(pulley, beyond):
             contacts[p].bristle, contacts[p].slip = 0.0, 0.0
     for e in range(first, last):
@@ -196,7 +198,7 @@ def _has_material(elements: Rows[SolverElement]) -> bool:
 
 
 @lean
-def _spread_evenly(axial_stiffness: float, elements: Rows[SolverElement], entered: float) -> None:
+def _spread_evenly(elastic: Elasticity, elements: Rows[SolverElement], entered: float) -> None:
     """Distribute the elongation of a cable evenly, because its slips were not solved."""
     total = entered
     span = 0.0
@@ -205,9 +207,7 @@ def _spread_evenly(axial_stiffness: float, elements: Rows[SolverElement], entere
         span += elements[e].length
     for e in range(len(elements)):
         elements[e].material = elements[e].length * (total / span)
-        elements[e].tension = element_tension(
-            axial_stiffness, elements[e].length, elements[e].material
-        )
+        elements[e].tension = element_tension(elastic, elements[e].length, elements[e].material)
 
 
 @stage

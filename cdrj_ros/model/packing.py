@@ -109,6 +109,10 @@ class CableNumbers:
 
     axial_stiffness: float
     """EA [N]."""
+    bedding_strain: float
+    """Strain that the strands' bedding adds at high load [-], (E21); 0 for a linear cable."""
+    bedding_tension: float
+    """Tension at which half of it is taken up [N]."""
     preload: float
     """Tension in the reference pose [N]."""
     maximum_tension: float

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.compiled import ordinary
+from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.filling import pack
 from cdrj_ros.model.packing import (
     PLANAR,
@@ -160,6 +161,7 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
     elements = number_views(model.sizes, model.numbers).elements
     element = 0
     for cable in robot.cables:
+        stretch = 1.0 + strain_at(elasticity_of(cable), cable.preload)
         for name in cable.element_names:
             length = rest.length[element]
             if not length > 0.0:
@@ -167,7 +169,7 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
                     f"element {name} has the length {length:.4g} m in the reference pose "
                     f"({robot.source})"
                 )
-            elements[element].material = length / (1.0 + cable.preload / cable.axial_stiffness)
+            elements[element].material = length / stretch
             element += 1
     if check_range:
         _check_range(model)

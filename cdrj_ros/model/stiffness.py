@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.elasticity import Elasticity, modulus_at, strain_at
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -95,15 +96,18 @@ def nominal_stiffness(axial_stiffness: float, length: Vector) -> Vector:
     return axial_stiffness / length
 
 
-def exact_stiffness(
-    axial_stiffness: float, length: Vector, tension: Vector
-) -> tuple[Vector, Vector]:
-    """dt/dL and -dt/dl of t = EA (L / l - 1) [N/m], (E16).
+def exact_stiffness(elastic: Elasticity, length: Vector, tension: Vector) -> tuple[Vector, Vector]:
+    """dt/dL and -dt/dl of an element [N/m], (E16).
 
-    They are k (1 + t / EA) and k (1 + t / EA)^2; to first order both equal (14).
+    In a linear cable they are k (1 + t / EA) and k (1 + t / EA)^2; to first order both equal (14).
+
+    Args:
+        elastic: tension-strain law of the cable.
+        length: geometric lengths [m].
+        tension: of the elements, taut [N].
     """
-    stretch = 1.0 + tension / axial_stiffness
-    nominal = nominal_stiffness(axial_stiffness, length)
+    stretch = 1.0 + strain_at(elastic, tension)
+    nominal = modulus_at(elastic, tension) / length
     return nominal * stretch, nominal * stretch**2
 
 

@@ -8,6 +8,7 @@ from math import degrees, isfinite, pi
 
 from cdrj_ros.foundation.text import counted, fixed
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, pose_text
+from cdrj_ros.report.parameters import elasticity_text
 from cdrj_ros.robot.description import Cable, Robot
 
 
@@ -109,7 +110,7 @@ def _facts(inspection: Inspection, check: CableCheck) -> Iterator[str]:
     robot = inspection.model.robot
     cable = _cable_of(robot, check)
     yield (
-        f"EA {cable.axial_stiffness:.4g} N, {1e-3 * check.stiffness:.3g} N/mm, "
+        f"{elasticity_text(cable)}, {1e-3 * check.stiffness:.3g} N/mm, "
         f"preload {cable.preload:g} N, law {cable.law}"
     )
     limit = f"; max_tension {cable.maximum_tension:g} N" if isfinite(cable.maximum_tension) else ""

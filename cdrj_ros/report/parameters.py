@@ -35,17 +35,25 @@ def robot_summary(robot: Robot, *, with_preload: bool = True) -> str:
     cables = "; ".join(
         f"{cable.name}: {len(cable.nodes) - 1} elements, "
         + (f"preload {cable.preload:g} N, " if with_preload else "")
-        + f"EA {cable.axial_stiffness:.4g} N, {cable.law}"
+        + f"{elasticity_text(cable)}, {cable.law}"
         for cable in robot.cables
     )
     return f"{robot.name} ({robot.source}). {cables}."
+
+
+def elasticity_text(cable: Cable) -> str:
+    """``EA 6283 N``, followed by the bedding of the strands of a cable that stiffens."""
+    text = f"EA {cable.axial_stiffness:.4g} N"
+    if not cable.bedding_strain:
+        return text
+    return f"{text}, bedding {cable.bedding_strain:.3g} at {cable.bedding_tension:.3g} N"
 
 
 def _cables(robot: Robot) -> ParameterTable:
     rows = tuple(
         (
             cable.name,
-            f"{cable.axial_stiffness:.4g} N",
+            elasticity_text(cable).removeprefix("EA "),
             f"{cable.preload:.4g} N",
             cable.law,
             ", ".join(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.elasticity import elasticity_of, secant_at, strain_at
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Pulley, Robot, Winch
 
@@ -92,7 +93,7 @@ def wire(robot: Robot, faults: tuple[Fault, ...]) -> Wiring:
         index = _cable_of(robot, fault)
         cable = robot.cables[index]
         place, radius, winding = _end(cable, fault)
-        stretch = 1.0 + cable.preload / cable.axial_stiffness
+        stretch = 1.0 + strain_at(elasticity_of(cable), cable.preload)
         if (index, place) not in taken:
             taken[index, place] = len(motors)
             node = cable.nodes[place]
@@ -162,7 +163,8 @@ def _elongation(robot: Robot, index: int) -> float:
     first = sum(len(other.nodes) - 1 for other in robot.cables[:index])
     pose = np.array([joint.reference_angle for joint in robot.joints])
     length = shape_at(prepare(robot), pose).length[first : first + len(cable.nodes) - 1].sum()
-    return float(length * cable.preload / (cable.axial_stiffness + cable.preload))
+    secant = secant_at(elasticity_of(cable), cable.preload)
+    return float(length * cable.preload / (secant + cable.preload))
 
 
 def drums_of(robot: Robot) -> list[tuple[int, int, int, float]]:

@@ -58,6 +58,7 @@ class CableReader:
             float(entry["preload"]),
             nodes,
             () if routed else self._spans(f"{path}.spans", entry["spans"], len(nodes) - 1),
+            **self._bedding(path, entry),
             **given(entry, "slack_tension", "sensor_noise", maximum_tension="max_tension"),
             law={**layers[0], **layers[1]}.get("law", Cable.law),
         )
@@ -85,6 +86,15 @@ class CableReader:
         raise self.refuse(
             path, "needs either axial_stiffness [N], or both youngs_modulus [Pa] and diameter [m]"
         )
+
+    def _bedding(self, path: str, entry: Document) -> dict[str, Any]:
+        if entry.get("bedding_strain", 0.0) > 0.0 and "bedding_tension" not in entry:
+            raise self.refuse(
+                f"{path}.bedding_tension",
+                "is missing: where bedding_strain is not 0, the tension [N] at which half of it "
+                "is taken up must be given",
+            )
+        return given(entry, "bedding_strain", "bedding_tension")
 
     def _check_order(self, path: str, nodes: tuple[Node, ...]) -> None:
         last = len(nodes) - 1

@@ -277,6 +277,10 @@ class Cable:
     """Standard deviation of a load cell whose messages do not contain one [N]."""
     law: Law = "elastoplastic"
     """Friction law of all its pulleys."""
+    bedding_strain: float = 0.0
+    """Strain that the bedding of its strands adds to T / EA at high load [-]; 0: linear."""
+    bedding_tension: float = 1.0
+    """Tension at which half of that strain is taken up [N]."""
 
     @property
     def pulleys(self) -> tuple[Pulley, ...]:

@@ -54,6 +54,7 @@ DEFAULTS: Final[Mapping[str, Mapping[str, float]]] = {
     "pulley": _defaults_of(Pulley),
     "swivel": _defaults_of(Pulley),
     "anchor": _defaults_of(Anchor),
+    "cable": {"bedding_strain": 0.0},
     "frame": {"angle": 0.0, "multiplier": 1.0, "offset": 0.0},
     "term": {"offset": 0.0, "slope": 0.0, "sine": 0.0},
 }

@@ -59,8 +59,8 @@ BLEND: Final = 0.1
 """Error of a share rho of sliding friction that was not identified."""
 
 HANDBOOK_REST: Final = 0.3
-"""Error of bearing friction, bristle stiffness, Stribeck speed, and of the springs and bearings
-of axes, as a fraction."""
+"""Error of bearing friction, bristle stiffness, Stribeck speed, of the bedding of strands, and of
+the springs and bearings of axes, as a fraction."""
 
 SPRING_REST: Final = 0.1
 """Error of the angle at which the spring of an axis is relaxed [rad]."""
@@ -276,6 +276,12 @@ def _cable(document: Document, cable: Mapping[str, Any]) -> Iterator[Tolerance]:
         f"EA of {name}", "hang two known weights on it, or identify --fit EA with a load cell",
         {f"{at}.axial_stiffness": CATALOGUE_STIFFNESS * stiffness},
     )  # fmt: skip
+    for key in ("bedding_strain", "bedding_tension") if cable.get("bedding_strain", 0.0) else ():
+        yield Tolerance(
+            f"{key.replace('_', ' ')} of {name}",
+            "identify --fit bedding_strain,bedding_tension with loads from low to high",
+            {f"{at}.{key}": HANDBOOK_REST * float(cable[key])},
+        )
     yield from _friction(document, f"{at}.", cable, f"cable {name}")
     law = _law(document, cable)
     radii: Factor = {}

@@ -351,3 +351,24 @@ def test_an_unknown_argument_is_escaped_on_the_terminal(
     with pytest.raises(SystemExit, match="2"):
         check_robot.main(["hoist", "--red\x1b[31m"])
     assert "unrecognized arguments: --red\\x1b[31m" in capsys.readouterr().err
+
+
+def test_a_stiffening_cable_is_inspected_with_its_own_law(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    key = "    preload: 20\n"
+    text = PLAIN.replace(key, f"    bedding_strain: 0.002\n    bedding_tension: 10\n{key}")
+    checks = inspect_robot(prepare(parse_robot(text))).cables
+    plain = inspect_robot(prepare(parse_robot(PLAIN))).cables
+    stiffness = 100e9 * np.pi * 1e-3**2 / 4.0
+    for check, linear in zip(checks, plain, strict=True):
+        length = check.elements[0].length.low + 0.4 + 0.5 * 0.02 * 1.5
+        slope = 1.0 / (1.0 / stiffness + 0.002 * 10.0 / 30.0**2)
+        assert check.stiffness == pytest.approx(slope / length, rel=1e-9)
+        strain = 20.0 / stiffness + 0.002 * 20.0 / 30.0
+        assert check.slack_after[0] == pytest.approx(strain * length / 0.02, rel=1e-9)
+        assert check.slack_after[0] > 5.0 * linear.slack_after[0]
+    path = tmp_path / "soft.yaml"
+    path.write_text(text, "utf-8")
+    check_robot.main([str(path)])
+    assert "EA 7.854e+04 N, bedding 0.002 at 10 N" in capsys.readouterr().out

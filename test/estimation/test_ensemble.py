@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.cable_places import CablePlaces
 from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.ensemble import MEMBERS, Spread, spread_columns
 from cdrj_ros.estimation.estimator import initial_state, run, step
@@ -23,11 +24,13 @@ from cdrj_ros.estimation.members import (
 )
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.model.elasticity import elasticity_of, tensions_at
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Robot, Uncertainty
-from cdrj_ros.robot.parameters import find_number
-from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.robot.parameters import find_number, with_numbers
+from cdrj_ros.robot.reader import build_robot, parse_robot
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
@@ -246,6 +249,43 @@ def test_numbers_drawn_at_once_are_those_of_members_read_one_by_one(
     rows = np.stack([prepare(one, check_range=False).numbers for one in slow])
     assert len({row.tobytes() for row in rows}) == MEMBERS or "friction.mu_s" in added
     assert fast.tobytes() == rows.tobytes()
+
+
+def stiffening(model: Model) -> Robot:
+    """The robot with cables whose strands bed in."""
+    given = {
+        f"cables.{cable.name}.{key}": value
+        for cable in model.robot.cables
+        for key, value in (("bedding_strain", 0.003), ("bedding_tension", 12.0))
+    }
+    return build_robot(with_numbers(dict(model.robot.document), given), model.robot.source)
+
+
+def test_the_bedding_of_strands_is_drawn_as_by_reading_every_member(model: Model) -> None:
+    robot = stiffening(model)
+    names = ("cables.upper.bedding_strain", "cables.upper.bedding_tension", "cables.upper.preload")
+    known = Uncertainty(names, np.diag(np.array([0.002, 4.0, 3.0]) ** 2))
+    soft = prepare(replace(robot, uncertainty=known))
+    fast = draw_numbers(soft, MEMBERS, np.random.default_rng(3))
+    slow = draw_members(soft.robot, MEMBERS, np.random.default_rng(3))
+    rows = np.stack([prepare(one, check_range=False).numbers for one in slow])
+    assert len({row.tobytes() for row in rows}) == MEMBERS
+    assert fast.tobytes() == rows.tobytes()
+
+
+def test_a_correction_changes_the_tensions_of_a_stiffening_cable_by_what_it_says(
+    model: Model,
+) -> None:
+    soft = prepare(stiffening(model))
+    sample = Sample(1, np.zeros(1), np.zeros(1))
+    state, estimate = step(soft, initial_state(soft), sample)
+    states, numbers = np.stack([state.values] * 2), np.stack([soft.numbers] * 2)
+    shift = np.array([np.linspace(-3.0, 5.0, 8), np.zeros(8)])
+    CablePlaces(soft, 0).stretch(states, numbers, shift)
+    kept = state_views(soft.sizes, states)
+    law = elasticity_of(soft.robot.cables[0])
+    tension = tensions_at(law, kept.length[:, :8] / kept.material[:, :8] - 1.0)
+    np.testing.assert_allclose(tension, estimate.tension[:8] + shift, rtol=1e-12)
 
 
 def test_the_installed_robots_members_need_not_be_read_one_by_one(

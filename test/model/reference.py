@@ -120,11 +120,31 @@ def bristle_force(c: Contacts, before: Vector, slip: Complex, bound: Complex) ->
 # --- one cable, sections 2 and 5 -----------------------------------------------------------------
 
 
+def strain_of(cable: Cable, t: Complex | Vector | float) -> Complex:
+    """(E21), for tensions of at least 0."""
+    return np.asarray(
+        t / cable.axial_stiffness + cable.bedding_strain * t / (t + cable.bedding_tension)
+    )
+
+
+def stiffened(cable: Cable, strain: Complex) -> Complex:
+    """(E21) solved for the tension by Newton's method from 0, from where it rises to the root."""
+    t = strain * 0
+    for _ in range(200):
+        close = t + cable.bedding_tension
+        slope = 1 / cable.axial_stiffness + cable.bedding_strain * cable.bedding_tension / close**2
+        change = (strain - strain_of(cable, t)) / slope
+        t = t + change
+        if np.all(np.abs(change) <= 1e-13 * np.abs(t)):
+            break
+    return np.asarray(t)
+
+
 @dataclass
 class Chain:
     """One cable in one sample: what is given, and (E11) as a function of the slips."""
 
-    axial_stiffness: float
+    cable: Cable
     length: Vector
     """L_i now [m]."""
     before: Vector
@@ -145,9 +165,11 @@ class Chain:
         return np.asarray(self.before + s[..., :-1] - s[..., 1:])
 
     def tension(self, slips: Complex) -> Complex:
-        """(E1)."""
+        """(E1), or (E21)."""
         strain = self.length / self.material(slips) - 1.0
-        return np.asarray(self.axial_stiffness * np.where(strain.real > 0, strain, 0))
+        taut = np.where(strain.real > 0, strain, 0)
+        return np.asarray(self.cable.axial_stiffness * taut if not self.cable.bedding_strain else
+                          stiffened(self.cable, taut))  # fmt: skip
 
     def friction(self, slips: Complex) -> tuple[Complex, Complex]:
         """Friction with its viscous parts, and the bristle force alone [N]; bound by (E8)."""
@@ -179,7 +201,7 @@ def solve(chain: Chain) -> tuple[Vector, float]:
     )[:-1]  # one tension throughout  # fmt: skip
     if n == 0:
         return x, 0.0
-    worst, floor = np.inf, 8 * np.finfo(float).eps * chain.axial_stiffness
+    worst, floor = np.inf, 8 * np.finfo(float).eps * chain.cable.axial_stiffness
     for _ in range(40):
         x, worst = _newton(chain, x, floor)
         idle = not chain.tension(x + 0j).any()  # only the friction epsilon of (34) is left
@@ -384,7 +406,7 @@ def _prepared(
     """A cable's chain and its turned drums; without a history, one tension throughout."""
     cable = robot.cables[c]
     elements, pulleys = parts(robot, c)
-    length, stretch = pose.length[elements], 1 + cable.preload / cable.axial_stiffness
+    length, stretch = pose.length[elements], 1 + strain_of(cable, cable.preload)
     lagged = history.lagged_speed[pulleys] if history else 0 * pose.wrap[pulleys]
     friction = contacts(cable, pose.wrap[pulleys], lagged)
     drums: list[Drum | None] = []
@@ -411,7 +433,7 @@ def _prepared(
         before, bristle, given = length * total / length.sum(), 0 * lagged, [0.0, 0.0]
     else:
         before, bristle = history.material[elements], history.bristle[pulleys]
-    chain = Chain(cable.axial_stiffness, length, before, bristle, friction, given[0], -given[1], dt)
+    chain = Chain(cable, length, before, bristle, friction, given[0], -given[1], dt)
     return chain, drums
 
 

@@ -16,6 +16,7 @@ from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_st
 from cdrj_ros.model import cable as kernel
 from cdrj_ros.model.cable import acceptable, element_tension, tolerance
 from cdrj_ros.model.drum import material_held
+from cdrj_ros.model.elasticity import Elasticity, elasticity_of
 from cdrj_ros.model.friction import ELASTOPLASTIC, LUGRE, NONE
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
@@ -63,12 +64,12 @@ def assert_solved(model: Model, estimates: Estimates) -> None:
     assert tensions(estimates).min() >= 0.0
     if model.robot.cables[0].law == "lugre":
         # its slope jumps where a slip reverses: a few samples are not solved and marked INVALID
-        enough = acceptable(model.robot.cables[0].axial_stiffness)
+        enough = acceptable(elasticity_of(model.robot.cables[0]))
         assert invalid.size <= 1e-3 * len(values)
         assert (values[:, layout.residual] > enough).any(axis=1).sum() <= invalid.size
         return
     assert invalid.size == 0, f"{invalid.size} samples not solved, the first is {invalid[0]}"
-    enough = tolerance(model.robot.cables[0].axial_stiffness)
+    enough = tolerance(elasticity_of(model.robot.cables[0]))
     assert values[:, layout.residual].max() <= enough
 
 
@@ -261,12 +262,13 @@ def _part(samples: Samples, begin: int, end: int | None) -> Samples:
 
 def test_equation_eleven_is_the_first_order_form_of_the_exact_tension() -> None:
     stiffness, length, preload = 6283.0, 0.2, 36.85
+    law = Elasticity(stiffness)
     material = length / (1.0 + preload / stiffness)
     by_length, by_material = stiffness / material, -stiffness * length / material**2
     errors = []
     for share in (2e-3, 1e-3, 5e-4):
         longer, more = share * length, -0.4 * share * length
-        exact = element_tension(stiffness, length + longer, material + more)
+        exact = element_tension(law, length + longer, material + more)
         errors.append(abs(exact - preload - by_length * longer - by_material * more))
     assert errors[0] > 1e-3
     for coarse, fine in pairwise(errors):
@@ -274,8 +276,8 @@ def test_equation_eleven_is_the_first_order_form_of_the_exact_tension() -> None:
     # k = EA / L of (11) is this slope except for the strain, here 0.6 %
     assert by_length == pytest.approx(stiffness / length, rel=0.013)
     assert by_material == pytest.approx(-stiffness / length, rel=0.013)
-    assert element_tension(stiffness, length, material) == pytest.approx(preload, rel=1e-12)
-    assert element_tension(stiffness, 0.99 * material, material) == 0.0
+    assert element_tension(law, length, material) == pytest.approx(preload, rel=1e-12)
+    assert element_tension(law, 0.99 * material, material) == 0.0
 
 
 def _plain_cable(law: str = "none") -> Model:
@@ -321,10 +323,12 @@ def test_small_motions_change_the_tension_by_the_stiffness_of_equation_eleven() 
         assert coarse / fine == pytest.approx(4.0, rel=0.1)
 
 
-def _random_problem(seed: int, count: int) -> dict[str, Any]:
+LINEAR = Elasticity(6283.0)
+
+
+def _random_problem(seed: int, count: int, elastic: Elasticity = LINEAR) -> dict[str, Any]:
     """A taut cable with some slip, bristle forces and losses; arguments of the residual."""
     generator = np.random.default_rng(seed)
-    stiffness = 6283.0
     elements = np.zeros(count + 1, kernel.SOLVER_ELEMENT)
     length = generator.uniform(0.05, 0.4, count + 1)
     elements["length_before"] = length
@@ -342,14 +346,14 @@ def _random_problem(seed: int, count: int) -> dict[str, Any]:
     pulleys["breakaway"] = 0.7
     pulleys["drag"] = 0.05
     pulleys.flags.writeable = False
-    return {"stiffness": stiffness, "elements": elements, "work": work, "pulleys": pulleys}
+    return {"elastic": elastic, "elements": elements, "work": work, "pulleys": pulleys}
 
 
 def _residual(problem: dict[str, Any], law: int, slip: np.ndarray) -> np.ndarray:
     work = problem["work"].copy()
     work["trial"] = slip
     kernel._balance(
-        problem["stiffness"], problem["elements"].copy(), work, problem["pulleys"],
+        problem["elastic"], problem["elements"].copy(), work, problem["pulleys"],
         1.0, 1e-6, -2e-6, law, 1e-3,
     )  # fmt: skip
     return np.array(work["residual"])
@@ -358,9 +362,9 @@ def _residual(problem: dict[str, Any], law: int, slip: np.ndarray) -> np.ndarray
 def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
     work, elements = problem["work"].copy(), problem["elements"].copy()
     kernel._balance(
-        problem["stiffness"], elements, work, problem["pulleys"], 1.0, 1e-6, -2e-6, law, 1e-3
+        problem["elastic"], elements, work, problem["pulleys"], 1.0, 1e-6, -2e-6, law, 1e-3
     )
-    stiffness = [kernel._element_stiffness(problem["stiffness"], element) for element in elements]
+    stiffness = [kernel._element_stiffness(problem["elastic"], element) for element in elements]
     matrix = np.zeros((len(work), len(work) + 2))
     for i, contact in enumerate(work):
         pulled_after = elements[i + 1]["tension"] >= elements[i]["tension"]
@@ -372,8 +376,13 @@ def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
 
 @pytest.mark.parametrize("law", [NONE, LUGRE, ELASTOPLASTIC], ids=LAWS.__getitem__)
 @pytest.mark.parametrize("seed", range(5))
-def test_the_newton_matrix_is_the_derivative_of_the_imbalance(law: int, seed: int) -> None:
-    problem = _random_problem(seed, 7)
+@pytest.mark.parametrize(
+    "elastic", [LINEAR, Elasticity(6283.0, 0.004, 8.0)], ids=["linear", "soft"]
+)
+def test_the_newton_matrix_is_the_derivative_of_the_imbalance(
+    law: int, seed: int, elastic: Elasticity
+) -> None:
+    problem = _random_problem(seed, 7, elastic)
     slip = problem["work"]["trial"]
     matrix = _jacobian(problem, law)
     small = 1e-11

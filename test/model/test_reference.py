@@ -289,7 +289,7 @@ def test_every_sample_equals_the_reference(file: str, law: Law) -> None:
 
 
 def with_everything(robot: Robot) -> Robot:
-    """The prototype with every term of sections 4 and 6 that the shipped files leave at zero."""
+    """The prototype with every term of sections 2, 4 and 6 that the shipped files leave at zero."""
 
     def changed(k: int, node: Node) -> Node:
         if not isinstance(node, Pulley):
@@ -308,7 +308,10 @@ def with_everything(robot: Robot) -> Robot:
     nodes = tuple(changed(k, node) for k, node in enumerate(upper.nodes))
     return replace(
         robot,
-        cables=(replace(upper, nodes=nodes), lower),
+        cables=(
+            replace(upper, nodes=nodes),
+            replace(lower, bedding_strain=0.004, bedding_tension=12.0),
+        ),
         motors=tuple(axis(motor, 1.0) for motor in robot.motors),
         joints=tuple(axis(joint, 2.0) for joint in robot.joints),
     )

@@ -16,6 +16,7 @@ from cdrj_ros.model.cable import (
     solve_cable,
     tolerance,
 )
+from cdrj_ros.model.elasticity import Elasticity
 from cdrj_ros.model.friction import NONE
 from cdrj_ros.model.stiffness import (
     Stiffness,
@@ -27,6 +28,7 @@ from cdrj_ros.model.stiffness import (
 )
 
 EA = 6283.0
+LINEAR = Elasticity(EA)
 
 
 class Chain:
@@ -53,7 +55,7 @@ class Chain:
         if exact:
             material = self.material - np.diff(slip)
             tension = np.array(
-                [element_tension(EA, a, b) for a, b in zip(length, material, strict=True)]
+                [element_tension(LINEAR, a, b) for a, b in zip(length, material, strict=True)]
             )
         else:
             k = nominal_stiffness(EA, self.length)
@@ -67,7 +69,7 @@ class Chain:
     def matrix(
         self, eta: np.ndarray | None = None, exact: bool = True, geometric: bool = True
     ) -> Stiffness:
-        by_length, by_material = exact_stiffness(EA, self.length, self.tension)
+        by_length, by_material = exact_stiffness(LINEAR, self.length, self.tension)
         if not exact:
             by_length = by_material = nominal_stiffness(EA, self.length)
         return stiffness_matrix(
@@ -226,7 +228,7 @@ def test_the_linear_tension_is_the_exact_one_to_first_order() -> None:
     generator = np.random.default_rng(2)
     # material is unstretched: its first-order term has a factor 1 + t / EA
     elongation, slip = generator.normal(size=n - 1) * 3e-5, generator.normal(size=n) * 3e-5
-    by_length, by_material = exact_stiffness(EA, chain.length, chain.tension)
+    by_length, by_material = exact_stiffness(LINEAR, chain.length, chain.tension)
     left, nominal = [], []
     for share in (1.0, 0.5, 0.25):
         stretched = chain.length + share * elongation
@@ -275,8 +277,8 @@ def solved_chain(
     elements["material_before"] = material
     contacts, pulleys = np.zeros(count, CONTACT), np.zeros(count, PULLEY)
     pulleys.flags.writeable = False
-    _, residual = solve_cable(EA, elements, contacts, pulleys, first_slip, 0.0, NONE, 1e-3)
-    assert residual <= tolerance(EA)
+    _, residual = solve_cable(LINEAR, elements, contacts, pulleys, first_slip, 0.0, NONE, 1e-3)
+    assert residual <= tolerance(LINEAR)
     return contacts["slip"].copy(), elements["tension"].copy()
 
 
@@ -286,7 +288,7 @@ def test_slips_of_the_solver_follow_the_slip_block() -> None:
     tension = np.full(5, 30.0)
     material = length / (1.0 + tension / EA)
     straight = np.outer(np.concatenate([[0.0], np.cumsum(length)]), [1.0, 0.0])
-    by_length, by_material = exact_stiffness(EA, length, tension)
+    by_length, by_material = exact_stiffness(LINEAR, length, tension)
     block = stiffness_matrix(straight, tension, by_length, by_material).slip_by_slip
     small = 1e-5
     ahead, _ = solved_chain(length, material, small)
@@ -306,14 +308,16 @@ def test_the_slip_block_is_the_jacobian_of_the_chains_residual() -> None:
 
     def residual(slip: np.ndarray) -> np.ndarray:
         now = material - np.diff(np.concatenate([[0.0], slip, [0.0]]))
-        tensions = [element_tension(EA, a, b) for a, b in zip(length, now, strict=True)]
+        tensions = [element_tension(LINEAR, a, b) for a, b in zip(length, now, strict=True)]
         return np.diff(tensions)
 
     small = 1e-8
     jacobian = np.column_stack(
         [(residual(small * e) - residual(-small * e)) / (2 * small) for e in np.eye(4)]
     )
-    block = stiffness_matrix(straight, tension, *exact_stiffness(EA, length, tension)).slip_by_slip
+    block = stiffness_matrix(
+        straight, tension, *exact_stiffness(LINEAR, length, tension)
+    ).slip_by_slip
     np.testing.assert_allclose(-jacobian, block, rtol=1e-6, atol=1e-3)
     assert np.all(np.linalg.eigvalsh(block) > 0.0)
 

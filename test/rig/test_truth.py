@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,24 @@ def test_contact_cells_give_the_lumped_tensions_element_by_element(truth: Truth)
     assert relative.max() < 0.002
     assert error.max() < 1.0
     assert np.percentile(error, 99.5) < 0.5
+
+
+def test_contact_cells_of_a_stiffening_cable_give_the_lumped_tensions() -> None:
+    cables = [replace(one, bedding_strain=0.003, bedding_tension=15.0) for one in ROBOT.cables]
+    robot = replace(ROBOT, cables=tuple(cables))
+    time = np.arange(3_000) / 500.0
+    angle = 0.3 * np.sin(2.0 * np.pi * 0.1 * time)
+    truth = simulate(robot, time, angle, np.zeros(3_000), motor_speed=20.0, cells=4)
+    stamps = 1 + np.round(truth.time * 1e9).astype(np.int64)
+    samples = Samples(stamps, truth.motor_angle, truth.joint_angle)
+    found = {}
+    for name, one in (("its own law", robot), ("linear", ROBOT)):
+        model = prepare(one)
+        _, estimates = run(model, initial_state(model), samples)
+        error = np.abs(estimates.values[:, model.layout.tension] - truth.tension)
+        found[name] = float((error / truth.tension).mean())
+    assert found["its own law"] < 0.003
+    assert found["linear"] > 0.02
 
 
 def test_the_joint_is_balanced_at_every_sample(truth: Truth) -> None:
