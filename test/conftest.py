@@ -40,11 +40,13 @@ settings.register_profile(
 settings.load_profile("steady")
 
 LONGEST_FIRST = (
-    "nodes/test_replay_node.py", "model/test_compiled.py", "report/test_html.py",
-    "nodes/test_estimator_node.py", "commands/test_validate_options.py",
-    "documents/test_readme.py", "nodes/test_effort_tracking.py",
+    "nodes/test_replay_node.py", "model/test_compiled.py", "commands/test_check_robot.py",
+    "robot/test_reader_fuzz.py", "nodes/test_effort_tracking.py", "nodes/test_estimator_node.py",
+    "report/test_html.py", "model/test_reference.py", "documents/test_readme.py",
+    "nodes/test_node_restart.py", "estimation/test_campaign.py", "project/test_wheel.py",
+    "commands/test_many_bags.py", "commands/test_validate_options.py",
 )  # fmt: skip
-"""Each takes more than 2 % of all tests: the last one started would keep a single worker busy."""
+"""Each takes more than 1.5 % of all tests: one started last would keep a single worker busy."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
