@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from cdrj_ros.messages.topics import (
     TENSIONS,
     in_namespace,
 )
+
+_MEASURED: Final = "measured/"
+"""Prefix of the series of motor efforts among those of a topic."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,8 @@ class Recording:
     """Number of refused messages by topic: undecodable, or unequal numbers of values and names."""
     notes: tuple[str, ...]
     """Irregularities of the bag, as sentences."""
+    motor_efforts: Mapping[str, Series] = field(default_factory=dict)
+    """Efforts on the topic of motor angles by name [N·m]; empty unless they were asked for."""
 
 
 def read_recording(
@@ -68,14 +74,16 @@ def read_recording(
     *,
     motor_names: Collection[str] | None = None,
     joint_names: Collection[str] | None = None,
+    motor_efforts: bool = False,
 ) -> Recording:
     """Read a rosbag2 folder, a folder of files, or one file; it may be truncated or unindexed.
 
     If names are given, all must appear and only these are kept; None keeps all names.  If a message
-    repeats a name, both values are kept.  Raises BagError.
+    repeats a name, both values are kept.  With ``motor_efforts``, those are read too.  Raises
+    BagError.
     """
     source = path if isinstance(path, Source) else open_source(path)
-    reading = _Reading(source, topics)
+    reading = _Reading(source, topics, motor_efforts)
     if source.channels_known():
         reading.require_inputs()
     first = 0
@@ -101,8 +109,9 @@ class _Role:
 class _Reading:
     """Decoders of the selected channels, each created at its channel's first message."""
 
-    def __init__(self, source: Source, topics: Topics) -> None:
+    def __init__(self, source: Source, topics: Topics, motor_efforts: bool) -> None:
         self._source = source
+        self._motor_efforts = motor_efforts
         self._path = source.path
         self._topics = topics
         self._inputs = {topics.motors: "motor", topics.joints: "joint"}
@@ -145,7 +154,7 @@ class _Reading:
             joints = self._series(joints_topic, is_input=True)
         chosen_motors = self._chosen(motors, motor_names, motors_topic, "motor")
         chosen_joints = self._chosen(joints, joint_names, joints_topic, "joint")
-        references = self._references()
+        references, efforts = self._references(), self._efforts()
         return Recording(
             path=self._path,
             start_ns=min(first for first, _ in extents),
@@ -155,12 +164,24 @@ class _Reading:
             references=references,
             malformed=malformed,
             notes=(*self._source.all_notes(), *self._refusals(malformed), *self._notes),
+            motor_efforts=efforts,
         )
+
+    def _efforts(self) -> dict[str, Series]:
+        """Efforts of the motors by name, without those that have no value at all."""
+        found = self._series(self._topics.motors, is_input=False)
+        return {
+            name.removeprefix(_MEASURED): series
+            for name, series in found.items()
+            if name.startswith(_MEASURED) and series.stamp_ns.size
+        }
 
     def _references(self) -> dict[str, Series]:
         references: dict[str, Series] = {}
         for topic in dict.fromkeys(self._topics.references):
             for name, series in self._series(topic, is_input=False).items():
+                if name.startswith(_MEASURED):
+                    continue
                 if name in references:
                     raise BagError(f"{self._path}: {name} is on several reference topics")
                 references[name] = self._plausible(name, series)
@@ -249,6 +270,8 @@ class _Reading:
             if channel.msgtype != JOINT_STATE.name:
                 raise self._wrong_type(channel, f"{self._inputs[topic]} angles", JOINT_STATE.name)
             wanted.append((True, "", "position"))
+        if topic == self._topics.motors and self._motor_efforts:
+            wanted.append((False, _MEASURED, "effort"))
         if topic in self._topics.references:
             if channel.msgtype not in REFERENCE_ARRAYS:
                 raise self._wrong_type(channel, "references", " or ".join(REFERENCE_ARRAYS))

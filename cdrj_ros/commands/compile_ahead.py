@@ -11,6 +11,8 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import replace
 from time import monotonic
 from typing import Final
 
@@ -23,7 +25,8 @@ from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.unsure import mark_recording, preload_of_elements
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.reader import build_robot
 
 ROBOT: Final = "prototype"
 """Kernels are the same for every robot; this one is installed with the package."""
@@ -64,6 +67,18 @@ def _compile_recordings() -> None:
     track_all(samples.stamp_ns, np.zeros(2), 1.0, 1.0, np.zeros(2))
 
 
+def _compile_motor_alone() -> None:
+    """Compile the kernels of joints without encoder."""
+    from cdrj_ros.estimation.motor_alone import MotorAlone
+
+    document = deepcopy(dict(load_model(ROBOT).robot.document))
+    for joint in document["joints"]:
+        joint["measured"] = False
+    model = prepare(build_robot(document, ROBOT))
+    samples = replace(_samples(model), joint_angle=np.empty((2, 0)))
+    MotorAlone(model, members=2).run(samples, np.full((2, len(model.robot.motors)), np.nan))
+
+
 def _compile_rig() -> None:
     """Compile the kernels of the simulated rig: live, following, and balanced by its motors."""
     from cdrj_ros.rig.follow import follow_joints
@@ -84,6 +99,7 @@ PARTS: Final[dict[str, Callable[[], None]]] = {
     "step": _compile_step,
     "deviations": _compile_deviations,
     "recordings": _compile_recordings,
+    "motor_alone": _compile_motor_alone,
     "rig": _compile_rig,
 }
 """Parts that are compiled in one process each; the first alone, then the others in parallel."""

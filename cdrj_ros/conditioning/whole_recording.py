@@ -116,6 +116,12 @@ def _between_counts(readings: Series, limits: Limits) -> Series:
     return Series(readings.stamp_ns, readings.log_ns, np.clip(angle, limits.lower, limits.upper))
 
 
+def angles_of(robot: Robot, name: str, readings: Series) -> Series:
+    """Angles that the readings of a motor or joint mean, whether or not they are acceptable."""
+    (limits,) = (one for one in limits_of(robot) if one.name == name)
+    return _angles(readings, limits)
+
+
 def _is_clean(readings: Series, angles: Series, limits: Limits) -> bool:
     """Whether the gate would accept every reading of a channel.
 

@@ -97,6 +97,16 @@ class Estimate(NamedTuple):
         return self.values[self.layout.joint_effort]
 
 
+class Angles(NamedTuple):
+    """Estimated angles of the joints without encoder over time."""
+
+    names: tuple[str, ...]
+    value: NDArray[np.float64]
+    """[rad], of prismatic joints [m], shape (n, joints without encoder); NaN where unknown."""
+    stddev: NDArray[np.float64]
+    """Their standard deviations."""
+
+
 @dataclass(frozen=True)
 class Estimates:
     """All estimated quantities over time."""
@@ -109,6 +119,8 @@ class Estimates:
     stddev: NDArray[np.float64] | None = None
     """Standard deviations of tensions, magnitudes of nodal forces, efforts of motors and of joints,
     shape (n, elements + pulleys + motors + joints); see ``cdrj_ros.estimation.ensemble``."""
+    angles: Angles | None = None
+    """Of the joints without encoder; None where every joint has one."""
 
 
 def initial_state(model: Model) -> State:

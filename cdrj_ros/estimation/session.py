@@ -98,6 +98,9 @@ class LiveEstimator:
             UsageError: options that exclude each other or are out of range.
         """
         options = options or Options()
+        if unmeasured := model.robot.unmeasured:
+            names = ", ".join(model.layout.joints[j] for j in unmeasured)
+            raise UsageError(f"{names}: joints without encoder are only estimated by validate")
         measured = options.tension_sensors or options.track_preload
         if measured and not options.uncertainty:
             raise UsageError("tension_sensors and track_preload need uncertainty: true")

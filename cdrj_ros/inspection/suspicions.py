@@ -9,6 +9,7 @@ from typing import Final
 
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, PulleyCheck, pose_text
 from cdrj_ros.model.elasticity import elasticity_of, modulus_at, strain_at
+from cdrj_ros.inspection.motor_alone import determined_joints
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Robot, Winch
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
@@ -75,6 +76,7 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
         found += _thickness(cable, entry.get("diameter"))
     found += _motors(inspection)
     found += _joints(inspection)
+    found += _without_encoder(inspection)
     return tuple(sorted(found, key=lambda suspicion: not suspicion.grave))
 
 
@@ -345,6 +347,25 @@ def _motors(inspection: Inspection) -> Iterator[Suspicion]:
             ", ".join(negative),
             "effort_sign is -1 here and +1 elsewhere: these efforts balance the cables, "
             "the others are exerted by the cables",
+            grave=False,
+        )
+
+
+def _without_encoder(inspection: Inspection) -> Iterator[Suspicion]:
+    """Whether the efforts determine the joints without encoder, and how well."""
+    robot = inspection.model.robot
+    for one in determined_joints(inspection.model):
+        if one.stddev == float("inf"):
+            yield Suspicion(
+                one.joint,
+                "has no encoder, and the efforts of the motors do not determine its angle",
+            )
+            continue
+        unit, factor = ("mm", 1e3) if one.joint in robot.prismatic_joints else ("deg", 180.0 / pi)
+        yield Suspicion(
+            one.joint,
+            "has no encoder: while its cables pull, the noise of the efforts alone leaves its "
+            f"angle uncertain by {factor * one.stddev:.2g} {unit} (standard deviation, worst pose)",
             grave=False,
         )
 

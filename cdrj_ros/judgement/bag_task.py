@@ -14,12 +14,14 @@ import numpy as np
 from cdrj_ros.bag import Topics
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.estimates_bag import OUTPUTS, write_estimates
+from cdrj_ros.judgement.motor_alone import condition_alone, read_alone
 from cdrj_ros.judgement.validation import (
     WHOLE,
     Validation,
     Window,
     condition_recording,
     read_inputs,
+    require_axes,
 )
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -89,8 +91,13 @@ def compare_bag_with(
     """``compare_bag`` with a given model."""
     begin = perf_counter()
     path = str(Path(task.folder, task.path)) if task.folder else task.path
-    recording = read_inputs(path, task.topics, model)
-    conditioned = condition_recording(model, recording)
+    if model.robot.unmeasured:
+        recording = read_alone(path, task.topics, model.robot)
+        require_axes(path, recording, model.robot.as_read)
+        conditioned = condition_alone(model, recording)
+    else:
+        recording = read_inputs(path, task.topics, model)
+        conditioned = condition_recording(model, recording)
     if len(conditioned.segments) == 1 and not task.written:
         recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
     reading_s = perf_counter() - begin

@@ -17,6 +17,9 @@ from cdrj_ros.model.prepared import Layout
 FRICTION: Final = "friction"
 """``friction/cable/node`` [N]; computed beside the estimates, not compared with a recording."""
 
+ANGLE: Final = "angle"
+"""``angle/joint`` of a joint without encoder [rad], [m] for a prismatic joint."""
+
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
@@ -27,7 +30,7 @@ class Quantity(NamedTuple):
     title: str
     """Title for headings: "Tension"."""
     unit: str
-    """Unit of the channel's values: "N" or "N·m"."""
+    """Unit of the channel's values: "N", "N·m" or "rad"."""
 
 
 QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
@@ -36,6 +39,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
         NODAL_FORCE: Quantity("Nodal force", "N"),
         FRICTION: Quantity("Friction", "N"),
         EFFORT: Quantity("Effort", "N·m"),
+        ANGLE: Quantity("Angle", "rad"),
     }
 )
 """All quantities that can be compared, by prefix, in display order."""
@@ -84,7 +88,7 @@ class Channel:
     name: str
     """Name of the channel: "tension/upper/8", "nodal_force/upper/3" or "effort/spindle"."""
     unit: str
-    """Unit of ``estimate`` and ``reference``: "N" or "N·m"."""
+    """Unit of ``estimate`` and ``reference``: "N", "N·m" or "rad"."""
     stamp_ns: Stamps
     """Stamps of the reference [ns], strictly increasing, shape (n,).  If the recording's clock
     was set back, the later passes are shifted behind the earlier ones."""

@@ -11,6 +11,7 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned
 from cdrj_ros.estimation.ensemble import Spread, spread_columns
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.motor_alone import MotorAlone, Table
 from cdrj_ros.estimation.unsure import UNSURE_SHARE, mark_recording, preload_of_elements
 from cdrj_ros.judgement.pulley_friction import BLOCK
 from cdrj_ros.model.prepared import Model
@@ -45,6 +46,23 @@ def pieces_of(model: Model, samples: Samples, *, spread: bool = False) -> Iterat
             estimates.values, preload, UNKNOWN if stddev is None else stddev, UNSURE_SHARE,
             piece.doubtful,
         )  # fmt: skip
+        yield estimates
+
+
+def pieces_alone(model: Model, samples: Samples, efforts: Table) -> Iterator[Estimates]:
+    """As ``pieces_of``, for a robot with joints without encoder.
+
+    Args:
+        model: the prepared robot.
+        samples: of one pass, with the joints that have encoders.
+        efforts: of the motors [N m], shape (n, motors); NaN where none was heard.
+    """
+    alone, preload = MotorAlone(model), preload_of_elements(model.robot)
+    for begin in range(0, samples.stamp_ns.size, AT_ONCE):
+        piece = samples.part(slice(begin, begin + AT_ONCE))
+        estimates = alone.run(piece, efforts[begin : begin + AT_ONCE])
+        stddev = UNKNOWN if estimates.stddev is None else estimates.stddev
+        mark_recording(estimates.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
         yield estimates
 
 

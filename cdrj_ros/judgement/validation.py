@@ -12,10 +12,12 @@ from cdrj_ros.bag import Recording, Series, Topics, read_recording
 from cdrj_ros.bag.source import open_source
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned, condition
-from cdrj_ros.estimation.estimator import Estimates
+from cdrj_ros.estimation.estimator import Angles, Estimates
+from cdrj_ros.estimation.motor_alone import efforts_at
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.judgement.angles import telling_angles
 from cdrj_ros.judgement.channels import (
+    ANGLE,
     BagComparison,
     Channel,
     Floats,
@@ -23,12 +25,14 @@ from cdrj_ros.judgement.channels import (
     stddev_channels,
 )
 from cdrj_ros.judgement.comparison import Comparing, summed_up, unknown_references
-from cdrj_ros.judgement.estimating import pieces_of
+from cdrj_ros.judgement.estimating import pieces_alone, pieces_of
+from cdrj_ros.judgement.motor_alone import with_estimated_joints
 from cdrj_ros.judgement.passes import one_after_another, references_of_passes
 from cdrj_ros.judgement.pulley_friction import FrictionSums
 from cdrj_ros.judgement.reversals import reversal_zones
 from cdrj_ros.model.channels import TENSION
-from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.robot.description import Robot
 
 MAX_GAP_NS: Final = 100_000_000
 """References are compared only between estimates at most this far apart [ns]."""
@@ -63,21 +67,21 @@ def read_inputs(path: str, topics: Topics, model: Model) -> Recording:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
     """
     recording = read_recording(path, topics)
-    require_axes(path, recording, model.layout)
+    require_axes(path, recording, model.robot)
     return recording
 
 
-def require_axes(path: str, recording: Recording, layout: Layout) -> None:
+def require_axes(path: str, recording: Recording, robot: Robot) -> None:
     """Refuse a recording without the angles of a motor or joint.
 
     Raises:
         BagError: with the missing names, and the names that the recording has.
     """
     for kind, wanted, there in (
-        ("motor", layout.motors, recording.motors),
-        ("joint", layout.joints, recording.joints),
+        ("motor", robot.motors, recording.motors),
+        ("joint", robot.joints, recording.joints),
     ):
-        missing = [name for name in wanted if name not in there]
+        missing = [axis.name for axis in wanted if axis.name not in there]
         if missing:
             raise BagError(
                 f"{path} has no {kind} named {', '.join(missing)}; "
@@ -156,6 +160,9 @@ class Validation:
         self._spread = spread
         self._friction = FrictionSums(model.layout)
         self._names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
+        unmeasured = [model.layout.joints[j] for j in model.robot.unmeasured]
+        self._names += [f"{ANGLE}/{name}" for name in unmeasured]
+        self._efforts = recording.motor_efforts if unmeasured else {}
         self._passes: list[tuple[Channel, ...]] = []
 
     def pieces(self) -> Iterator[Estimates]:
@@ -168,10 +175,14 @@ class Validation:
         total = sum(segment.stamp_ns.size for segment in segments)
         longest = max(segments, key=lambda segment: segment.stamp_ns.size)
         of_passes = references_of_passes(self._references, self._recording, len(segments))
+        efforts = references_of_passes(self._efforts, self._recording, len(segments))
         done = 0
-        for segment, references in zip(segments, of_passes, strict=True):
+        for segment, references, heard in zip(segments, of_passes, efforts, strict=True):
             comparing = _comparing(segment.stamp_ns, self._names, references)
-            for piece in pieces_of(self._model, segment, spread=self._spread):
+            found: list[Angles] = []
+            for piece in self._pieces(segment, heard):
+                if piece.angles is not None:
+                    found.append(piece.angles)
                 if segment is longest:
                     self._friction.add(piece.stamp_ns, piece.values)
                 named = _named(piece)
@@ -180,7 +191,15 @@ class Validation:
                 done += piece.stamp_ns.size
                 if self._progress:
                     self._progress(done / total)
-            self._passes.append(_channels(self._model, segment, comparing))
+            whole = with_estimated_joints(self._model.robot, segment, found) if found else segment
+            self._passes.append(_channels(self._model, whole, comparing))
+
+    def _pieces(self, segment: Samples, heard: Mapping[str, Series]) -> Iterator[Estimates]:
+        """The estimates of one pass; ``heard`` holds the motors' efforts."""
+        if not self._model.robot.unmeasured:
+            return pieces_of(self._model, segment, spread=self._spread)
+        efforts = efforts_at(segment.stamp_ns, self._model.layout.motors, heard)
+        return pieces_alone(self._model, segment, efforts)
 
     def result(self) -> BagComparison:
         """The comparison of all pieces."""
@@ -216,11 +235,13 @@ def validate_recording(
 
 
 def _named(piece: Estimates) -> ByChannel:
-    return ByChannel(
-        piece.stamp_ns.size,
-        estimate_channels(piece.layout, piece.values),
-        stddev_channels(piece.layout, piece.stddev),
-    )
+    estimates = estimate_channels(piece.layout, piece.values)
+    stddev = stddev_channels(piece.layout, piece.stddev)
+    if piece.angles is not None:
+        for k, name in enumerate(piece.angles.names):
+            estimates[f"{ANGLE}/{name}"] = piece.angles.value[:, k]
+            stddev[f"{ANGLE}/{name}"] = piece.angles.stddev[:, k]
+    return ByChannel(piece.stamp_ns.size, estimates, stddev)
 
 
 def _pass_notes(passes: int) -> list[str]:

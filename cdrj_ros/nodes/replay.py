@@ -130,7 +130,7 @@ def _open(arguments: argparse.Namespace, model: Model, wiring: Wiring, paths: li
     name = " + ".join(paths)
     topics = wiring.topics
     recording = read_recording(merged_source(paths), topics)
-    require_axes(name, recording, model.layout)
+    require_axes(name, recording, model.robot)
     source = merged_source(paths)
     played = [topics.motors, topics.joints, *(extra.topic for extra in wiring.extras)]
     first, last = recording.start_ns, recording.end_ns

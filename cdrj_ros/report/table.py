@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, TextIO
 
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.judgement.channels import FRICTION, QUANTITIES, quantity_of
+from cdrj_ros.judgement.channels import ANGLE, FRICTION, QUANTITIES, quantity_of
 from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
 from cdrj_ros.judgement.placement import DROP_CAUSES
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
@@ -40,6 +40,7 @@ SUMMARY_LABELS: Final[Mapping[str, str]] = {
     NODAL_FORCE: "all nodes",
     FRICTION: "all nodes",
     EFFORT: "all efforts",
+    ANGLE: "all angles",
 }
 """Label of each quantity's summary line, the mean over its channels."""
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.judgement.channels import FRICTION, QUANTITIES, BagComparison, quantity_of
+from cdrj_ros.judgement.channels import ANGLE, FRICTION, QUANTITIES, BagComparison, quantity_of
 from cdrj_ros.judgement.metrics import ChannelError, Errors, mean_over_channels
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
@@ -20,7 +20,7 @@ RELATIVE_GRADES: Final = ((0.02, "closely"), (0.05, "well"), (0.15, "roughly"))
 R2_GRADES: Final = ((0.98, "closely"), (0.94, "well"), (0.80, "roughly"))
 """Least R² for each word, for quantities that pass through zero."""
 
-PASSES_THROUGH_ZERO: Final = frozenset({EFFORT, FRICTION})
+PASSES_THROUGH_ZERO: Final = frozenset({EFFORT, FRICTION, ANGLE})
 """Quantities judged by R², since relative errors are meaningless near zero."""
 
 MOST_OF_A_KIND: Final = 4
@@ -89,7 +89,7 @@ def telling_channels(names: Sequence[str]) -> tuple[str, ...]:
         if quantity_of(name) == NODAL_FORCE and node.isdecimal():
             rank = (int(node) == 3, int(node))
             nodes[cable] = max(nodes.get(cable, ((False, -1), "")), (rank, name))
-    efforts = [name for name in names if quantity_of(name) == EFFORT]
+    efforts = [name for name in names if quantity_of(name) in (EFFORT, ANGLE)]
     kinds = (last_elements(names), [name for _, name in nodes.values()], efforts)
     chosen = tuple(name for kind in kinds for name in kind[:MOST_OF_A_KIND])
     return chosen or tuple(names[:MOST_OF_A_KIND])
@@ -117,6 +117,7 @@ def _sentence(quantity: str, errors: Mapping[str, ChannelError]) -> str:
         NODAL_FORCE: "nodal force",
         FRICTION: "friction",
         EFFORT: "effort",
+        ANGLE: "angle",
     }[quantity]
     subject = f"The estimated {noun}" + ("s" if len(members) > 1 else "")
     follow = "follow" if len(members) > 1 else "follows"
@@ -202,6 +203,7 @@ def _keys(errors: Mapping[str, ChannelError]) -> tuple[KeyNumber, ...]:
         NODAL_FORCE: lambda n: f"All {n} nodal forces" if n > 1 else "Nodal force",
         FRICTION: lambda n: f"Friction at {n} pulleys" if n > 1 else "Friction",
         EFFORT: lambda n: {1: "Effort", 2: "Both efforts"}.get(n, f"All {n} efforts"),
+        ANGLE: lambda n: {1: "Angle", 2: "Both angles"}.get(n, f"All {n} angles"),
     }
     for group in groups:
         members = _members(group.quantity, errors)

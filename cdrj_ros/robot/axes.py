@@ -24,7 +24,7 @@ def read_motors(document: Document, refuse: Refusal) -> Iterator[Motor]:
     for k, entry in enumerate(document["motors"]):
         yield Motor(
             entry["name"],
-            **given(entry, "reference_angle", "max_speed"),
+            **given(entry, "reference_angle", "max_speed", "effort_noise"),
             effort_sign=entry.get("effort_sign", Motor.effort_sign),
             passive=_passive(entry),
             sensor=_sensor(f"motors[{k}]", entry, refuse),
@@ -52,10 +52,11 @@ def read_joints(document: Document, refuse: Refusal) -> Iterator[Joint]:
             lower,
             upper,
             reference,
-            **given(entry, "max_speed"),
+            **given(entry, "max_speed", "load_drift"),
             effort_sign=entry.get("effort_sign", Joint.effort_sign),
             passive=_passive(entry),
             sensor=_sensor(f"joints[{k}]", entry, refuse),
+            measured=entry.get("measured", Joint.measured),
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import hypot, pi
 from typing import Any, Final, Literal, get_args
 
@@ -97,11 +97,13 @@ class Motor:
     """+1: efforts are those of the cables on the motor; -1: those that the motor must supply."""
     passive: PassiveTorque = PassiveTorque()
     sensor: Sensor = Sensor()
+    effort_noise: float = 0.01
+    """Standard deviation of measured efforts [N m]."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint whose angle is measured."""
+    """A joint, whose angle is measured or estimated from the efforts of the motors."""
 
     name: str
     lower: float
@@ -116,6 +118,11 @@ class Joint:
     """+1: efforts are those of the cables on the joint; -1: those that balance them."""
     passive: PassiveTorque = PassiveTorque()
     sensor: Sensor = Sensor()
+    measured: bool = True
+    """Whether it has an encoder."""
+    load_drift: float = 0.0
+    """Standard deviation of the change of its load within 1 s [N m] or [N], of a joint without
+    encoder; 0: nothing is known of the load."""
 
 
 @dataclass(frozen=True)
@@ -338,3 +345,15 @@ class Robot:
     def axes(self) -> tuple[Motor | Joint, ...]:
         """All motors, followed by all joints."""
         return (*self.motors, *self.joints)
+
+    @property
+    def unmeasured(self) -> tuple[int, ...]:
+        """Indices of the joints without encoder."""
+        return tuple(j for j, joint in enumerate(self.joints) if not joint.measured)
+
+    @property
+    def as_read(self) -> Robot:
+        """The robot with only those joints that have encoders, for the conditioning of readings."""
+        if not self.unmeasured:
+            return self
+        return replace(self, joints=tuple(joint for joint in self.joints if joint.measured))

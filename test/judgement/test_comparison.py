@@ -208,7 +208,7 @@ def test_bad_series_are_refused_with_a_reason(
 
 
 def test_names_need_a_known_prefix() -> None:
-    assert {unit_of(f"{prefix}/a/1") for prefix in QUANTITIES} == {"N", "N·m"}
+    assert {unit_of(f"{prefix}/a/1") for prefix in QUANTITIES} == {"N", "N·m", "rad"}
     for name in ("tension", "tension/", "torque/a", ""):
         with pytest.raises(ValueError, match="channel name must be one of tension/"):
             unit_of(name)

@@ -1,0 +1,232 @@
+"""Joints without encoder, estimated from the angles and efforts of the motors.
+
+A joint without encoder is found at every sample by two least-squares steps: a prediction, in which
+the cables turn the joint with the winches and its load changes little, and a correction by the
+measured efforts.  Every member of an ensemble, with parameters, friction history and error of the
+effort of its own, does the same; the spread gives the standard deviations.  See
+docs/motor_alone.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.discrepancy import unmodelled
+from cdrj_ros.estimation.ensemble import MEMBERS, spread_columns
+from cdrj_ros.estimation.estimator import Angles, Estimates
+from cdrj_ros.estimation.members import (
+    draw_numbers,
+    friction_shares,
+    reading_errors,
+    wind_differently,
+)
+from cdrj_ros.estimation.motor_alone_kernels import (
+    PROGRESS,
+    TODO,
+    Alone,
+    Recorded,
+    Unmeasured,
+    forget,
+    run_alone,
+)
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.model.compiled import ordinary
+from cdrj_ros.model.prepared import Model, read_only
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+WANDER: Final = 0.01
+"""Standard deviation by which a joint departs within 1 s from the motion that its cables impose at
+constant elongation, as a fraction of its range."""
+
+DIFFERENCE: Final = 1e-4
+"""Step of the differences that give derivatives, as a fraction of a joint's range."""
+
+HEARD_NS: Final = 100_000_000
+"""An effort is used for samples at most this much later or earlier [ns]."""
+
+
+class MotorAlone:
+    """The estimate of a robot some of whose joints have no encoder."""
+
+    def __init__(self, model: Model, members: int = MEMBERS, seed: int = 0) -> None:
+        """Draw the members.
+
+        Args:
+            model: the prepared robot, with at least one joint without encoder.
+            members: number of members, even; 0 for no ensemble, whose standard deviations are then
+                those of the efforts' noise alone.
+            seed: seed of the draws.
+
+        Raises:
+            ValueError: every joint has an encoder, or the number of members is odd or negative.
+        """
+        if not model.robot.unmeasured:
+            raise ValueError(f"every joint of {model.robot.name} has an encoder")
+        if members < 0 or members % 2:
+            raise ValueError(f"members must be even and at least 0, got {members}")
+        self.model = model
+        self.names = tuple(model.layout.joints[j] for j in model.robot.unmeasured)
+        self._columns = spread_columns(model.layout)
+        self._alone = _new_alone(model, members, self._columns, np.random.default_rng(seed))
+
+    def reset(self) -> None:
+        """Discard the history; the next effort starts anew."""
+        forget(self._alone)
+
+    def run(self, samples: Samples, efforts: Table) -> Estimates:
+        """Estimate samples that follow those of the call before.
+
+        Args:
+            samples: n samples, with the angles of the motors and of the joints with encoders.
+            efforts: of the motors [N m], shape (n, motors); NaN where none was heard.
+
+        Returns:
+            The estimates, with the angles of the joints without encoder.  Where no effort was heard
+            all numbers are NaN and all elements ``INVALID``.
+        """
+        n, count = samples.stamp_ns.size, len(self.names)
+        recorded = Recorded(
+            stamp_ns=ordinary(samples.stamp_ns),
+            motor_angle=_dense(samples.motor_angle),
+            measured_angle=_dense(samples.joint_angle),
+            effort=_dense(efforts),
+            estimates=np.empty((n, self.model.layout.size)),
+            stddevs=np.empty((n, self._columns.size)),
+            angles=np.empty((n, count)),
+            angle_stddevs=np.empty((n, count)),
+        )
+        if recorded.effort.shape != recorded.motor_angle.shape:
+            raise ValueError(
+                f"efforts must have shape {recorded.motor_angle.shape}, got {efforts.shape}"
+            )
+        run_alone(self.model.plan, self._alone, recorded)
+        return Estimates(
+            samples.stamp_ns,
+            recorded.estimates,
+            self.model.layout,
+            recorded.stddevs,
+            Angles(self.names, recorded.angles, recorded.angle_stddevs),
+        )
+
+
+def efforts_at(
+    stamp_ns: NDArray[np.int64], motors: tuple[str, ...], recorded: Mapping[str, Series]
+) -> Table:
+    """Efforts of the motors at some stamps, interpolated between recorded ones.
+
+    Args:
+        stamp_ns: increasing [ns], shape (n,).
+        motors: names, in the robot's order.
+        recorded: efforts by motor [N m], where there are any.
+
+    Returns:
+        Shape (n, motors); NaN where no effort is within ``HEARD_NS``.
+    """
+    found = np.full((stamp_ns.size, len(motors)), np.nan)
+    for m, name in enumerate(motors):
+        series = recorded.get(name)
+        usable = np.isfinite(series.value) if series is not None else np.zeros(0, dtype=bool)
+        if series is None or not usable.any():
+            continue
+        stamps, value = series.stamp_ns[usable], series.value[usable]
+        begin = int(stamps[0])
+        after = np.minimum(np.searchsorted(stamps, stamp_ns), stamps.size - 1)
+        before = np.maximum(after - 1, 0)
+        gap = np.minimum(np.abs(stamps[after] - stamp_ns), np.abs(stamps[before] - stamp_ns))
+        at = np.interp(
+            (stamp_ns - begin).astype(np.float64), (stamps - begin).astype(np.float64), value
+        )
+        found[:, m] = np.where(gap <= HEARD_NS, at, np.nan)
+    return found
+
+
+def _dense(array: NDArray[Any]) -> Table:
+    return ordinary(np.asarray(array, dtype=np.float64))
+
+
+def _new_alone(
+    model: Model, members: int, columns: NDArray[np.int64], generator: np.random.Generator
+) -> Alone:
+    """The estimate and its members before their first sample."""
+    robot = model.robot
+    rows, motors, count = 1 + members, len(robot.motors), len(robot.unmeasured)
+    numbers = np.repeat(model.numbers[None, :], rows, axis=0)
+    shares = np.zeros((rows, sum(len(cable.pulleys) for cable in robot.cables)))
+    errors = np.zeros((rows, motors))
+    if members:
+        drawn = draw_numbers(model, members, generator)
+        wind_differently(model, drawn, generator)
+        numbers[1:] = drawn
+        shares[1:] = np.concatenate(
+            [friction_shares(members, len(c.pulleys), generator) for c in robot.cables], axis=1
+        )
+        half = generator.standard_normal((members // 2, motors)) * _effort_errors(model)
+        errors[1:] = np.concatenate([half, -half])
+    return Alone(
+        numbers=read_only(numbers),
+        states=np.zeros((rows, model.state_size)),
+        memories=np.zeros((rows, 2 + 2 * count + count * count)),
+        stamps=np.zeros(rows, dtype=np.int64),
+        shares=shares,
+        effort_errors=errors,
+        reading_errors=reading_errors(robot.as_read, generator),
+        progress=np.zeros(PROGRESS, dtype=np.int64),
+        columns=columns,
+        deviation=np.zeros((members, columns.size + count)),
+        variance=np.zeros(columns.size + count),
+        unmodelled=np.stack([np.zeros(columns.size), unmodelled(model)[1]]),
+        motor_angle=np.zeros(motors),
+        measured_angle=np.zeros(len(robot.joints) - count),
+        motor_effort=np.zeros(motors),
+        shifted=np.zeros(1),
+        joints=_unmeasured(model),
+    )
+
+
+def _effort_errors(model: Model) -> Vector:
+    """Lasting error of the motors' efforts, those of the model included [N m], shape (motors,)."""
+    known = model.robot.uncertainty
+    given = dict(known.model_error) if known is not None else {}
+    return np.array(
+        [given.get(f"effort/{motor.name}", motor.effort_noise) for motor in model.robot.motors]
+    )
+
+
+def _unmeasured(model: Model) -> Unmeasured:
+    """The joints without encoder as the kernels take them."""
+    robot = model.robot
+    joints = [robot.joints[j] for j in robot.unmeasured]
+    count, motors = len(joints), len(robot.motors)
+    span = np.array([joint.upper - joint.lower for joint in joints])
+    others = [j for j, joint in enumerate(robot.joints) if joint.measured]
+    return Unmeasured(
+        joints=np.array(robot.unmeasured, dtype=np.int64),
+        measured=np.array(others, dtype=np.int64),
+        lower=np.array([joint.lower for joint in joints]),
+        upper=np.array([joint.upper for joint in joints]),
+        start=np.array([joint.reference_angle for joint in joints]),
+        step=DIFFERENCE * span,
+        wander=(WANDER * span) ** 2,
+        load_drift=np.array([joint.load_drift**2 for joint in joints]),
+        noise=np.array([motor.effort_noise for motor in robot.motors]),
+        angle=np.zeros(len(robot.joints)),
+        effort=np.zeros(motors),
+        by_effort=np.zeros((motors, count)),
+        load=np.zeros(count),
+        by_load=np.zeros((count, count)),
+        target=np.zeros(count),
+        right=np.zeros(count),
+        matrix=np.zeros((count, count)),
+        inverse=np.zeros((count, count)),
+        information=np.zeros((count, count)),
+        best=np.zeros(3),
+        todo=np.zeros(TODO, dtype=np.int64),
+        out=np.zeros(model.out_size),
+    )

@@ -1,0 +1,190 @@
+"""Joints without encoder, from the angles and efforts of the motors."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.motor_alone import HEARD_NS, MotorAlone, efforts_at
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.inspection.motor_alone import determined_joints, effort_slopes
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.status import INVALID
+from cdrj_ros.rig.follow import follow_joints
+from cdrj_ros.robot.reader import build_robot
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+START = 1_700_000_000 * 10**9
+MS = 1_000_000
+NOISE = 1e-3
+"""Standard deviation of the motors' efforts [N m]."""
+
+
+def without_encoder(name: str, *joints: str, **more: Any) -> Model:
+    """A robot of the package, exact, whose named joints have no encoder."""
+    document: Any = deepcopy(dict(load_model(str(ROBOTS / f"{name}.yaml")).robot.document))
+    document["uncertainty"] = {"others": "exact"}
+    for entry in document["joints"]:
+        if entry["name"] in joints:
+            entry |= {"measured": False, **more}
+    for entry in document["motors"]:
+        entry["effort_noise"] = NOISE
+    return prepare(build_robot(document, name))
+
+
+def motion(model: Model, count: int = 1500) -> Samples:
+    """All joints swing at 200 Hz, each at its own rate, and the motors follow them."""
+    robot = model.robot
+    time = 0.005 * np.arange(count)
+    joints = np.empty((count, len(robot.joints)))
+    for j, joint in enumerate(robot.joints):
+        middle, reach = joint.reference_angle, 0.25 * (joint.upper - joint.lower)
+        middle = min(max(middle, joint.lower + reach), joint.upper - reach)
+        joints[:, j] = middle + 0.8 * reach * np.sin((1.5 + 0.7 * j) * time)
+    motors = follow_joints(model, joints).motor_angle
+    return Samples(START + 5 * MS * np.arange(count), motors, joints)
+
+
+def truth_of(model: Model, samples: Samples) -> tuple[Estimates, Any]:
+    """Estimates with all encoders, and the motors' efforts with noise."""
+    _, truth = run(model, initial_state(model), samples)
+    exact = truth.values[:, model.layout.motor_effort]
+    noise = NOISE * np.random.default_rng(3).standard_normal(exact.shape)
+    return truth, exact + noise
+
+
+def only_measured(model: Model, samples: Samples) -> Samples:
+    measured = [j for j, joint in enumerate(model.robot.joints) if joint.measured]
+    return Samples(samples.stamp_ns, samples.motor_angle, samples.joint_angle[:, measured])
+
+
+@pytest.fixture(scope="module")
+def prototype() -> Model:
+    return without_encoder("prototype", "elbow")
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "most"),
+    [("prototype", ("elbow",), 3e-3), ("finger", ("pip",), 0.02), ("finger", ("mcp", "pip"), 0.02)],
+)
+def test_efforts_give_the_angle_of_a_joint_without_encoder(
+    name: str, joints: tuple[str, ...], most: float
+) -> None:
+    model = without_encoder(name, *joints)
+    samples = motion(model)
+    truth, efforts = truth_of(model, samples)
+    estimates = MotorAlone(model, members=8).run(only_measured(model, samples), efforts)
+    angles = estimates.angles
+    assert angles is not None
+    assert angles.names == joints
+    error = angles.value - samples.joint_angle[:, list(model.robot.unmeasured)]
+    settled = slice(300, None)
+    assert np.sqrt((error[settled] ** 2).mean()) < most
+    assert np.mean(np.abs(error[settled]) < 2.0 * angles.stddev[settled]) > 0.8
+    effort = (
+        estimates.values[:, model.layout.motor_effort] - truth.values[:, model.layout.motor_effort]
+    )
+    assert np.sqrt((effort[settled] ** 2).mean()) < 5.0 * NOISE
+
+
+def test_one_sample_at_a_time_gives_the_same_bits(prototype: Model) -> None:
+    samples = motion(prototype, 60)
+    _, efforts = truth_of(prototype, samples)
+    read = only_measured(prototype, samples)
+    whole = MotorAlone(prototype, members=8).run(read, efforts)
+    single = MotorAlone(prototype, members=8)
+    for k in range(60):
+        one = single.run(read.part(slice(k, k + 1)), efforts[k : k + 1])
+        assert one.values.tobytes() == whole.values[k : k + 1].tobytes()
+        assert one.angles is not None
+        assert whole.angles is not None
+        assert one.angles.value[0] == whole.angles.value[k]
+        assert one.angles.stddev[0] == whole.angles.stddev[k]
+
+
+def test_without_efforts_there_are_no_numbers_and_the_next_effort_starts_anew(
+    prototype: Model,
+) -> None:
+    samples = motion(prototype, 60)
+    _, efforts = truth_of(prototype, samples)
+    efforts[20:40] = np.nan
+    read = only_measured(prototype, samples)
+    found = MotorAlone(prototype, members=8).run(read, efforts)
+    layout = prototype.layout
+    assert np.all(np.isnan(found.values[20:40, layout.tension]))
+    assert np.all(found.values[20:40, layout.status] == INVALID)
+    assert found.angles is not None
+    assert np.all(np.isnan(found.angles.value[20:40]))
+    again = MotorAlone(prototype, members=8).run(read.part(slice(40, 60)), efforts[40:])
+    assert found.values[40:].tobytes() == again.values.tobytes()
+
+
+def test_a_lost_joint_is_found_again(prototype: Model) -> None:
+    samples = motion(prototype, 400)
+    _, efforts = truth_of(prototype, samples)
+    joint = samples.joint_angle.copy()
+    far = samples.motor_angle.copy()
+    far[200:] += 20.0  # a slip of the encoder by three turns: the cables cannot explain the efforts
+    read = Samples(samples.stamp_ns, far, joint[:, :0])
+    found = MotorAlone(prototype, members=0).run(read, efforts)
+    assert found.angles is not None
+    lower, upper = prototype.robot.joints[0].lower, prototype.robot.joints[0].upper
+    assert np.all((found.angles.value >= lower) & (found.angles.value <= upper))
+    before = found.angles.value[100:200, 0] - joint[100:200, 0]
+    assert np.abs(before).max() < 0.01
+
+
+def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:
+    stamps = START + 10 * MS * np.arange(3)
+    series = Series(stamps, stamps, np.array([0.0, 1.0, 4.0]))
+    at = START + np.array([-HEARD_NS - 1, 5 * MS, 10 * MS, 15 * MS, 20 * MS + HEARD_NS + 1])
+    found = efforts_at(at, ("one", "other"), {"one": series})
+    assert np.allclose(found[1:4, 0], [0.5, 1.0, 2.5])
+    assert np.all(np.isnan(found[[0, 4], 0]))
+    assert np.all(np.isnan(found[:, 1]))
+
+
+def test_bad_arguments_are_refused(prototype: Model) -> None:
+    with pytest.raises(ValueError, match="has an encoder"):
+        MotorAlone(load_model(str(ROBOTS / "prototype.yaml")))
+    with pytest.raises(ValueError, match="even"):
+        MotorAlone(prototype, members=3)
+    samples = only_measured(prototype, motion(prototype, 5))
+    with pytest.raises(ValueError, match="shape"):
+        MotorAlone(prototype, members=0).run(samples, np.zeros((5, 2)))
+
+
+def test_slopes_are_those_of_the_model_without_friction(prototype: Model) -> None:
+    document: Any = deepcopy(dict(prototype.robot.document))
+    document["friction"]["law"] = "none"
+    bare = prepare(build_robot(document, "bare"))
+    pose = np.array([0.0])  # both cables are taut there
+    step = 1e-5
+    efforts = []
+    for angle in (pose - step, pose + step):
+        samples = Samples(np.array([START]), np.array([[0.0]]), angle[None, :])
+        _, found = run(bare, initial_state(bare), samples)
+        efforts.append(found.values[0, bare.layout.motor_effort][0])
+    slope = (efforts[1] - efforts[0]) / (2.0 * step)
+    assert effort_slopes(bare, pose)[0, 0] == pytest.approx(slope, rel=0.02)
+
+
+def test_a_joint_that_no_winch_feels_is_not_determined() -> None:
+    (one,) = determined_joints(without_encoder("prototype", "elbow"))
+    assert one.joint == "elbow"
+    assert 0.0 < one.stddev < 1e-3
+    both = determined_joints(without_encoder("finger", "mcp", "pip"))
+    assert all(0.0 < found.stddev < 0.05 for found in both)
+    document: Any = deepcopy(dict(without_encoder("finger", "pip").robot.document))
+    document["cables"] = [c for c in document["cables"] if c["name"] == "superficial"]
+    document["motors"] = [m for m in document["motors"] if m["name"] == "superficial_motor"]
+    (alone,) = determined_joints(prepare(build_robot(document, "cut")))
+    assert alone.stddev == float("inf")
+    assert determined_joints(load_model(str(ROBOTS / "prototype.yaml"))) == ()
