@@ -9,7 +9,8 @@ docs/motor_alone.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -48,6 +49,12 @@ constant elongation, as a fraction of its range."""
 DIFFERENCE: Final = 1e-4
 """Step of the differences that give derivatives, as a fraction of a joint's range."""
 
+KEPT: Final = 1_000
+"""Efforts of a motor that are kept for samples that wait for a slower topic."""
+
+LARGEST: Final = 1e9
+"""Efforts of larger magnitude are refused [N m]."""
+
 HEARD_NS: Final = 100_000_000
 """An effort is used for samples at most this much later or earlier [ns]."""
 
@@ -75,6 +82,11 @@ class MotorAlone:
         self.names = tuple(model.layout.joints[j] for j in model.robot.unmeasured)
         self._columns = spread_columns(model.layout)
         self._alone = _new_alone(model, members, self._columns, np.random.default_rng(seed))
+
+    @property
+    def state(self) -> Vector:
+        """The robot's state after the last sample, shape (state_size,)."""
+        return np.array(self._alone.states[0])
 
     def reset(self) -> None:
         """Discard the history; the next effort starts anew."""
@@ -114,6 +126,53 @@ class MotorAlone:
             recorded.stddevs,
             Angles(self.names, recorded.angles, recorded.angle_stddevs),
         )
+
+
+class HeardEfforts:
+    """The latest efforts of the motors, for the samples of a live estimator."""
+
+    def __init__(self, motors: tuple[str, ...]) -> None:
+        """Begin without any; ``motors`` are the names in the robot's order."""
+        self._index = {name: m for m, name in enumerate(motors)}
+        self._heard: list[deque[tuple[int, float]]] = [deque(maxlen=KEPT) for _ in motors]
+
+    def clear(self) -> None:
+        """Forget all of them."""
+        for heard in self._heard:
+            heard.clear()
+
+    def add(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector) -> None:
+        """Take the efforts of a message [N m]; unknown names and impossible numbers are ignored."""
+        for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
+            m = self._index.get(name)
+            if m is None or not abs(effort) <= LARGEST:
+                continue
+            heard = self._heard[m]
+            if heard and stamp_ns <= heard[-1][0]:
+                continue
+            heard.append((stamp_ns, float(effort)))
+
+    def at(self, stamp_ns: int) -> Vector:
+        """Efforts at a stamp, as of ``efforts_at``, shape (motors,)."""
+        return np.array([_effort_at(heard, stamp_ns) for heard in self._heard])
+
+
+def _effort_at(heard: deque[tuple[int, float]], stamp_ns: int) -> float:
+    """One motor's effort at a stamp, interpolated; NaN where none is within ``HEARD_NS``."""
+    after: tuple[int, float] | None = None
+    for one in reversed(heard):
+        if one[0] > stamp_ns:
+            after = one
+            continue
+        nearest = (
+            stamp_ns - one[0] if after is None else min(stamp_ns - one[0], after[0] - stamp_ns)
+        )
+        if nearest > HEARD_NS:
+            return np.nan
+        if after is None:
+            return one[1]
+        return one[1] + (after[1] - one[1]) * ((stamp_ns - one[0]) / (after[0] - one[0]))
+    return after[1] if after is not None and after[0] - stamp_ns <= HEARD_NS else np.nan
 
 
 def efforts_at(

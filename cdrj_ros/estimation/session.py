@@ -13,12 +13,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.conditioning.time_line import Conditioner, Mode
 from cdrj_ros.estimation.ensemble import Spread
-from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
+from cdrj_ros.estimation.estimator import NEVER, Angles, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import HISTORY_NS, Fusion
 from cdrj_ros.estimation.member_kernels import MOVED, begin_sample, step_members
+from cdrj_ros.estimation.motor_alone import HeardEfforts, MotorAlone
 from cdrj_ros.estimation.preloads import DOUBT, FREE_DRIFT, SLOW_DRIFT
 from cdrj_ros.estimation.rest import RestWatch
 from cdrj_ros.estimation.unsure import (
@@ -31,6 +32,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.shape import shape
+from cdrj_ros.model.status import INVALID
 from cdrj_ros.robot.document import LARGEST, document_complaints
 from cdrj_ros.robot.parameters import allowed_range, find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
@@ -84,6 +86,13 @@ class Output(NamedTuple):
     """In the order of ``spread_columns``; None if no uncertainty is estimated."""
 
 
+class OutputAlone(Output):
+    """An output of a robot with joints without encoder."""
+
+    angles: Angles | None = None
+    """Of these joints, one row; None where no effort is heard."""
+
+
 class LiveEstimator:
     """Conditioning, estimate, uncertainty and sensor fusion of one robot."""
 
@@ -98,14 +107,22 @@ class LiveEstimator:
             UsageError: options that exclude each other or are out of range.
         """
         options = options or Options()
-        if unmeasured := model.robot.unmeasured:
-            names = ", ".join(model.layout.joints[j] for j in unmeasured)
-            raise UsageError(f"{names}: joints without encoder are only estimated by validate")
         measured = options.tension_sensors or options.track_preload
         if measured and not options.uncertainty:
             raise UsageError("tension_sensors and track_preload need uncertainty: true")
+        if measured and model.robot.unmeasured:
+            raise UsageError(
+                f"{_unmeasured_names(model)}: tension_sensors and track_preload are not possible "
+                "for a robot with joints without encoder"
+            )
         self.options = options
-        self.conditioner = Conditioner(model.robot, options.conditioning, tracking=options.tracking)
+        self.conditioner = Conditioner(
+            model.robot.as_read, options.conditioning, tracking=options.tracking
+        )
+        self.heard = HeardEfforts(model.layout.motors)
+        """Efforts of the motors, kept only for joints without encoder."""
+        self.deaf = False
+        """Whether the last sample found no effort although joints have no encoder."""
         self.unsolved = 0
         """Samples with at least one unsolved element."""
         self.unknown_elements = 0
@@ -137,7 +154,8 @@ class LiveEstimator:
         measured = options.tension_sensors or options.track_preload
         spread: Spread | None = None
         fusion: Fusion | None = None
-        if options.uncertainty:
+        self.alone = MotorAlone(model) if model.robot.unmeasured else None
+        if options.uncertainty and self.alone is None:
             known = narrowed(model.robot, self.changes)
             spread = Spread(model, preload_share=DOUBT if measured else 0.0, known=known)
         if spread is not None and measured:
@@ -170,6 +188,9 @@ class LiveEstimator:
         self._pending.clear()
         self._efforts_ns.clear()
         self._watch = RestWatch()
+        self.heard.clear()
+        if self.alone is not None:
+            self.alone.reset()
         if self.spread is not None:
             self.spread.reset()
         if self.fusion is not None:
@@ -272,6 +293,8 @@ class LiveEstimator:
 
     def take(self, sample: Sample) -> Output:
         """Process one sample; ``finish`` can follow once the estimate has been published."""
+        if self.alone is not None:
+            return self._take_alone(self.alone, sample)
         if self._restart_from is not None:
             self._take_up(sample)
         self.state, estimate = step(self.model, self.state, sample)
@@ -296,6 +319,33 @@ class LiveEstimator:
             if undone or self.fusion.contested:
                 mark_all_unsure(estimate.values, self._preload.size)
         return Output(estimate, stddev)
+
+    def _take_alone(self, alone: MotorAlone, sample: Sample) -> OutputAlone:
+        """``take`` for a robot with joints without encoder."""
+        self._restart_from = None
+        efforts = self.heard.at(sample.stamp_ns)
+        self.deaf = not bool(np.isfinite(efforts).any())
+        one = Samples(
+            np.array([sample.stamp_ns]), sample.motor_angle[None, :], sample.joint_angle[None, :]
+        )
+        found = alone.run(one, efforts[None, :])
+        assert found.stddev is not None
+        assert found.angles is not None
+        values, stddev = np.nan_to_num(found.values[0]), np.nan_to_num(found.stddev[0])
+        layout = self.model.layout
+        solved = not any(int(flag) & INVALID for flag in values[layout.status])
+        self.state = self.unaided = State(sample.stamp_ns, alone.state)
+        self.sample = sample
+        self._watch.add(sample)
+        if not solved:
+            self.unsolved += 1
+        mark_unsure(values, self._preload, stddev, self.options.unsure_share)
+        if sample.doubtful:
+            mark_all_unsure(values, self._preload.size)
+        estimate = Estimate(sample.stamp_ns, values, layout, solved)
+        output = OutputAlone(estimate, stddev if self.options.uncertainty else None)
+        output.angles = None if self.deaf else found.angles
+        return output
 
     def feed_tensions(
         self,
@@ -329,6 +379,8 @@ class LiveEstimator:
 
     def wants_efforts(self, stamp_ns: int) -> bool:
         """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
+        if self.alone is not None:
+            return True
         if not self.options.track_preload:
             return False
         used = self._efforts_ns.values()
@@ -340,6 +392,12 @@ class LiveEstimator:
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
     ) -> None:
         """Queue measured efforts of motors [N m]; other names are ignored."""
+        if self.alone is not None:
+            for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
+                if name in self._clock_offset_ns:
+                    at = stamp_ns + self._clock_offset_ns[name]
+                    self.heard.add(at, (name,), (effort,))
+            return
         if not self.options.track_preload:
             return
         for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
@@ -407,6 +465,8 @@ class LiveEstimator:
         """
         if self.sample is None:
             raise UsageError("no angles yet: no reading of every motor and joint has arrived")
+        if self.alone is not None:
+            raise UsageError(f"no reference can be set: {_unmeasured_names(self.model)}")
         if reason := self._watch.in_motion(self.model.robot):
             raise UsageError(reason)
         values, words = {}, []
@@ -465,6 +525,12 @@ class LiveEstimator:
     def last_ns(self) -> int:
         """Stamp of the last sample [ns]; ``NEVER`` before the first."""
         return self.state.stamp_ns if self.sample is not None else NEVER
+
+
+def _unmeasured_names(model: Model) -> str:
+    """The joints without encoder, as the subject of a message."""
+    names = [model.layout.joints[j] for j in model.robot.unmeasured]
+    return f"{', '.join(names)} {'has' if len(names) == 1 else 'have'} no encoder"
 
 
 def with_other_numbers(model: Model, values: Mapping[str, float]) -> Model:

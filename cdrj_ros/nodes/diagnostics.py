@@ -106,6 +106,7 @@ def _verdict(
     silent = health.silence_s > health.timeout_s
     causes = (
         (silent, DiagnosticStatus.STALE, f"no input for {health.timeout_s:g} s"),
+        (live.deaf, error, "no effort of a motor: joints without encoder need it"),
         (flagged[INVALID], error, f"not solved: {', '.join(flagged[INVALID])}"),
         (flagged[OVERLOAD], error, f"overload: {', '.join(flagged[OVERLOAD])}"),
         (

@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from cdrj_ros.commands.compilation import COMPILING
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.tracking import new_track, track
-from cdrj_ros.estimation.session import LiveEstimator, Output, kernels_of
+from cdrj_ros.estimation.session import LiveEstimator, Output, OutputAlone, kernels_of
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.text import counted
@@ -130,12 +130,14 @@ class EstimatorNode(Node):
         if started.friction:
             self.live.set_numbers(started.friction)
         self._warm_up()
-        self.health = HealthWatch(self.live) if started.health else None
+        watched = started.health and self.live.alone is None  # it needs the angle of every joint
+        self.health = HealthWatch(self.live) if watched else None
         if self._state_file is not None:
             self._read_state(self._state_file)
         self.encoder = EstimateEncoder(
-            model.layout, started.frame_id, uncertain=self.live.spread is not None
+            model.layout, started.frame_id, uncertain=started.options.uncertainty
         )
+        self._frame_id = started.frame_id
         self._thinning = Thinning(model.robot, started.output, started.max_rate_hz)
         self.output: Output | None = None
         self.times = StepTimes()
@@ -171,8 +173,13 @@ class EstimatorNode(Node):
         self.forces = publisher(NodalForces, NODAL_FORCES)
         self.efforts = publisher(JointState, EFFORTS)
         self.efforts_stddev = (
-            publisher(JointState, "efforts_stddev") if self.live.spread is not None else None
+            publisher(JointState, "efforts_stddev") if self.live.options.uncertainty else None
         )
+        self._angles = None
+        if self.live.alone is not None:
+            from cdrj_ros.nodes.joint_angles import JointAngles
+
+            self._angles = JointAngles(self.live.alone.names, self._frame_id, publisher)
         self._offered = [
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(Trigger, "~/tare", self._on_tare),
@@ -218,12 +225,15 @@ class EstimatorNode(Node):
 
     def _subscribe(self) -> None:
         layout = self.live.model.layout
-        if self.resolve_topic_name(MOTOR_STATES) == self.resolve_topic_name(JOINT_STATES):
-            kinds = {MOTOR_STATES: ("both", layout.motors + layout.joints)}
+        joints = tuple(joint.name for joint in self.live.model.robot.as_read.joints)
+        if not joints:
+            kinds = {MOTOR_STATES: ("motors", layout.motors)}
+        elif self.resolve_topic_name(MOTOR_STATES) == self.resolve_topic_name(JOINT_STATES):
+            kinds = {MOTOR_STATES: ("both", layout.motors + joints)}
         else:
             kinds = {
                 MOTOR_STATES: ("motors", layout.motors),
-                JOINT_STATES: ("joints", layout.joints),
+                JOINT_STATES: ("joints", joints),
             }
         inputs = []
         for topic, (kind, axes) in kinds.items():
@@ -264,7 +274,7 @@ class EstimatorNode(Node):
         reference = Sample(
             1_000_000_000,
             np.array([motor.reference_angle for motor in robot.motors]),
-            np.array([joint.reference_angle for joint in robot.joints]),
+            np.array([joint.reference_angle for joint in robot.as_read.joints]),
         )
         self.live.take(reference)
         self.live.take(reference._replace(stamp_ns=1_001_000_000))
@@ -293,7 +303,7 @@ class EstimatorNode(Node):
         """The callback of one topic: decodes, conditions, steps and publishes."""
         live, thinning = self.live, self._thinning
         feed, refused = live.feed, live.conditioner.refused
-        with_efforts = live.options.track_preload and kind != "joints"
+        with_efforts = (live.options.track_preload or live.alone is not None) and kind != "joints"
         decode = JointStateDecoder(with_efforts)
         health = None if kind == "joints" else self.health
         topic = TopicHeard("") if heard is None else heard
@@ -348,6 +358,8 @@ class EstimatorNode(Node):
 
     def _publish(self, output: Output) -> None:
         estimate, stddev = output
+        if self._angles is not None and isinstance(output, OutputAlone) and output.angles:
+            self._angles.publish(estimate.stamp_ns, output.angles)
         self.tensions.publish(self.encoder.tensions(estimate, stddev))
         self.forces.publish(self.encoder.nodal_forces(estimate, stddev))
         self.efforts.publish(self.encoder.efforts(estimate))

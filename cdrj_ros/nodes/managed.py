@@ -132,7 +132,9 @@ class ManagedEstimator(EstimatorNode, LifecycleNodeMixin):
     def _unload(self) -> None:
         """Close outputs and services; the parameters show again what was given."""
         self.configured = False
-        for publisher in (self.tensions, self.forces, self.efforts, self.efforts_stddev):
+        angles = () if self._angles is None else self._angles.publishers
+        own = (self.tensions, self.forces, self.efforts, self.efforts_stddev)
+        for publisher in (*own, *angles):
             if publisher is not None:
                 self.destroy_publisher(publisher)
         if self._extra is not None:

@@ -8,61 +8,29 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.motor_alone import (
+    MS,
+    NOISE,
+    START,
+    motion,
+    only_measured,
+    truth_of,
+    without_encoder,
+)
 
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run
-from cdrj_ros.estimation.motor_alone import HEARD_NS, MotorAlone, efforts_at
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.motor_alone import HEARD_NS, HeardEfforts, MotorAlone, efforts_at
+from cdrj_ros.estimation.session import LiveEstimator, Options, OutputAlone
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.inspection.motor_alone import determined_joints, effort_slopes
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
-from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.robot.reader import build_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
-START = 1_700_000_000 * 10**9
-MS = 1_000_000
-NOISE = 1e-3
-"""Standard deviation of the motors' efforts [N m]."""
-
-
-def without_encoder(name: str, *joints: str, **more: Any) -> Model:
-    """A robot of the package, exact, whose named joints have no encoder."""
-    document: Any = deepcopy(dict(load_model(str(ROBOTS / f"{name}.yaml")).robot.document))
-    document["uncertainty"] = {"others": "exact"}
-    for entry in document["joints"]:
-        if entry["name"] in joints:
-            entry |= {"measured": False, **more}
-    for entry in document["motors"]:
-        entry["effort_noise"] = NOISE
-    return prepare(build_robot(document, name))
-
-
-def motion(model: Model, count: int = 1500) -> Samples:
-    """All joints swing at 200 Hz, each at its own rate, and the motors follow them."""
-    robot = model.robot
-    time = 0.005 * np.arange(count)
-    joints = np.empty((count, len(robot.joints)))
-    for j, joint in enumerate(robot.joints):
-        middle, reach = joint.reference_angle, 0.25 * (joint.upper - joint.lower)
-        middle = min(max(middle, joint.lower + reach), joint.upper - reach)
-        joints[:, j] = middle + 0.8 * reach * np.sin((1.5 + 0.7 * j) * time)
-    motors = follow_joints(model, joints).motor_angle
-    return Samples(START + 5 * MS * np.arange(count), motors, joints)
-
-
-def truth_of(model: Model, samples: Samples) -> tuple[Estimates, Any]:
-    """Estimates with all encoders, and the motors' efforts with noise."""
-    _, truth = run(model, initial_state(model), samples)
-    exact = truth.values[:, model.layout.motor_effort]
-    noise = NOISE * np.random.default_rng(3).standard_normal(exact.shape)
-    return truth, exact + noise
-
-
-def only_measured(model: Model, samples: Samples) -> Samples:
-    measured = [j for j, joint in enumerate(model.robot.joints) if joint.measured]
-    return Samples(samples.stamp_ns, samples.motor_angle, samples.joint_angle[:, measured])
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +109,49 @@ def test_a_lost_joint_is_found_again(prototype: Model) -> None:
     assert np.abs(before).max() < 0.01
 
 
+def test_the_live_estimator_gives_what_a_recording_gives(prototype: Model) -> None:
+    samples = motion(prototype, 60)
+    _, efforts = truth_of(prototype, samples)
+    live = LiveEstimator(prototype, Options(tracking=0.0))
+    outputs = []
+    for k in range(60):
+        stamp = int(samples.stamp_ns[k])
+        live.feed_efforts(stamp, ["winch"], efforts[k])
+        outputs += live.feed("motors", stamp, ["winch"], samples.motor_angle[k])[1]
+    whole = MotorAlone(prototype).run(only_measured(prototype, samples), efforts)
+    assert whole.angles is not None
+    assert [output.estimate.stamp_ns for output in outputs] == samples.stamp_ns.tolist()
+    for k, output in enumerate(outputs):
+        assert isinstance(output, OutputAlone)
+        assert output.angles is not None
+        assert output.angles.value[0] == whole.angles.value[k]
+        assert output.angles.stddev[0] == whole.angles.stddev[k]
+        assert np.array_equal(output.estimate.tension, whole.values[k, prototype.layout.tension])
+
+
+def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_encoders(
+    prototype: Model,
+) -> None:
+    samples = motion(prototype, 3)
+    live = LiveEstimator(prototype)
+    for k in range(3):
+        live.feed("motors", int(samples.stamp_ns[k]), ["winch"], samples.motor_angle[k])
+    output = live.take(only_measured(prototype, samples).at(2)._replace(stamp_ns=START + 10**9))
+    assert live.deaf
+    assert isinstance(output, OutputAlone)
+    assert output.angles is None
+    assert not output.estimate.solved
+    assert np.all(output.estimate.status == INVALID)
+    assert np.all(output.estimate.tension == 0.0)
+    live.feed_efforts(START + 2 * 10**9, ["winch"], [0.0])
+    live.take(only_measured(prototype, samples).at(2)._replace(stamp_ns=START + 2 * 10**9))
+    assert not live.deaf
+    with pytest.raises(UsageError, match="elbow has no encoder"):
+        live.tare()
+    with pytest.raises(UsageError, match="elbow has no encoder"):
+        LiveEstimator(prototype, Options(track_preload=True))
+
+
 def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:
     stamps = START + 10 * MS * np.arange(3)
     series = Series(stamps, stamps, np.array([0.0, 1.0, 4.0]))
@@ -149,6 +160,11 @@ def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:
     assert np.allclose(found[1:4, 0], [0.5, 1.0, 2.5])
     assert np.all(np.isnan(found[[0, 4], 0]))
     assert np.all(np.isnan(found[:, 1]))
+    heard = HeardEfforts(("one", "other"))
+    for stamp, value in zip(stamps.tolist(), series.value.tolist(), strict=True):
+        heard.add(stamp, ["one", "strange"], [value, 1.0])
+    one_by_one = np.array([heard.at(int(stamp)) for stamp in at])
+    assert np.allclose(one_by_one, np.column_stack([found[:, 0], found[:, 1]]), equal_nan=True)
 
 
 def test_bad_arguments_are_refused(prototype: Model) -> None:
