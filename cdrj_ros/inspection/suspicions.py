@@ -8,8 +8,8 @@ from math import degrees, isinf, pi
 from typing import Final
 
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, PulleyCheck, pose_text
-from cdrj_ros.model.elasticity import elasticity_of, modulus_at, strain_at
 from cdrj_ros.inspection.motor_alone import determined_joints
+from cdrj_ros.model.elasticity import elasticity_of, modulus_at, strain_at
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Robot, Winch
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
