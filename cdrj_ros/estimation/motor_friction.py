@@ -42,7 +42,8 @@ class MotorFriction:
             robot: the robot.
         """
         passive = [motor.passive for motor in robot.motors]
-        self._stated = np.array([one.bearing_torque for one in passive])
+        self._bearing_torque = np.array([one.bearing_torque for one in passive])
+        self._accuracy = _stated_accuracy(robot)
         breakaway = [
             one.bearing_torque / one.bearing_stiffness
             if one.bearing_stiffness > 0.0 and one.bearing_torque > 0.0
@@ -83,5 +84,21 @@ class MotorFriction:
             motor: index of the motor.
             preload_torque: torque of its preloads [N m], see ``Preloads.scale``.
         """
-        known = FRICTION_KNOWN * float(self._stated[motor])
+        if motor in self._accuracy:
+            return self._accuracy[motor]
+        known = FRICTION_KNOWN * float(self._bearing_torque[motor])
         return float(np.hypot(FRICTION_SHARE * preload_torque, known))
+
+
+def _stated_accuracy(robot: Robot) -> dict[int, float]:
+    """Standard deviation of ``bearing_torque`` [N m], by motor, where the file states it."""
+    known = robot.uncertainty
+    if known is None:
+        return {}
+    place = {path: k for k, path in enumerate(known.parameters[: known.stated])}
+    paths = [f"motors.{motor.name}.bearing_torque" for motor in robot.motors]
+    return {
+        m: float(np.sqrt(known.covariance[place[path], place[path]]))
+        for m, path in enumerate(paths)
+        if path in place
+    }

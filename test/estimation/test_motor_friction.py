@@ -20,6 +20,7 @@ from cdrj_ros.rig.assembly import Truth
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.motion import sine
 from cdrj_ros.rig.truth import simulate
+from cdrj_ros.robot.reader import build_robot, load_document
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 RATE: Final = 100.0
@@ -115,3 +116,11 @@ def test_friction_that_the_file_states_is_known_to_thirty_percent() -> None:
     stated = MotorFriction(replace(robot, motors=(replace(motor, passive=passive),)))
     assert stated.stddev(0, 0.0) == pytest.approx(0.015)
     assert MotorFriction(robot).stddev(0, 0.5) == pytest.approx(0.05)
+
+
+def test_an_accuracy_that_the_file_states_is_taken() -> None:
+    document, source = load_document(ROBOT)
+    assert isinstance(document["uncertainty"], dict)
+    document["uncertainty"]["parameters"].append("motors.winch.bearing_torque")
+    document["uncertainty"]["stddev"].append(0.003)
+    assert MotorFriction(build_robot(document, source)).stddev(0, 0.5) == pytest.approx(0.003)

@@ -275,7 +275,8 @@ def _excerpt(path: Path, begin_s: float, end_s: float, topics: Sequence[str] = (
         schemas: dict[int, int] = {}
         channels: dict[int, int] = {}
         first, beyond = (begin + round(at * 1e9) for at in (begin_s, end_s))
-        for schema, channel, message in reader.iter_messages(topics or None, first, beyond):
+        part = reader.iter_messages(topics or None, starting_at=first, ending_before=beyond)
+        for schema, channel, message in part:
             if schema.id not in schemas:
                 schemas[schema.id] = writer.register_schema(
                     schema.name, schema.encoding, schema.data
