@@ -66,8 +66,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         draw(column[1], channels[f"effort/{joint}"], 1e3, f"{joint} torque [mN·m]")
         column[0].set_title(Path(bag).name.rpartition("_")[2], fontsize=9)
         column[1].set_xlabel("time [s]")
-    axes[0, 0].legend(frameon=False, fontsize=8)
-    figure.tight_layout()
+    figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.95))
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, fontsize=8, ncols=2, loc="upper center")
     figure.savefig(arguments.out, dpi=110)
     return 0
 

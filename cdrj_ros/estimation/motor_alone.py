@@ -27,8 +27,8 @@ from cdrj_ros.estimation.members import (
     wind_differently,
 )
 from cdrj_ros.estimation.motor_alone_kernels import (
+    AGENDA,
     PROGRESS,
-    TODO,
     Alone,
     Recorded,
     Unmeasured,
@@ -286,6 +286,6 @@ def _unmeasured(model: Model) -> Unmeasured:
         inverse=np.zeros((count, count)),
         information=np.zeros((count, count)),
         best=np.zeros(3),
-        todo=np.zeros(TODO, dtype=np.int64),
+        agenda=np.zeros(AGENDA, dtype=np.int64),
         out=np.zeros(model.out_size),
     )

@@ -32,10 +32,10 @@ Table = NDArray[np.float64]
 # Indices in ``Alone.progress``.
 TURN, LAST_STAMP, PROGRESS = range(3)
 
-# Indices in ``Unmeasured.todo``: the phase of a solution, whether it needs derivatives and how many
-# evaluations it has for them, Gauss-Newton steps so far, joint, place and round of a search,
+# Indices in ``Unmeasured.agenda``: the phase of a solution, whether it needs derivatives and how
+# many evaluations it has for them, Gauss-Newton steps so far, joint, place and round of a search,
 # whether a search has just ended, whether all evaluations were solved.
-PHASE, SLOPES, SHIFT, STEPS, JOINT, PLACE, ROUND, SEARCHED, SOLVED, TODO = range(10)
+PHASE, SLOPES, SHIFT, STEPS, JOINT, PLACE, ROUND, SEARCHED, SOLVED, AGENDA = range(10)
 
 # Phases, each of which ends with an evaluation.
 DONE, FOLLOW, PREDICT, CORRECT, FINAL, SEARCH = range(6)
@@ -106,8 +106,8 @@ class Unmeasured(NamedTuple):
     """Scratch, shape (u, u)."""
     best: Vector
     """Scratch of a search: angle before it, best angle and its misfit, shape (3,)."""
-    todo: NDArray[np.int64]
-    """What a solution does next, shape (TODO,)."""
+    agenda: NDArray[np.int64]
+    """What a solution does next, shape (AGENDA,)."""
     out: Vector
     """Scratch of ``advance``."""
 
@@ -224,8 +224,8 @@ def _scratch(plan: NDArray[np.int64], state_size: int, out: Vector) -> ScratchVi
 @lean
 def _shift(joints: Unmeasured) -> None:
     """Shift the angle by which the next derivative is taken."""
-    a = joints.todo[SHIFT]
-    if joints.todo[SLOPES] != 0 and a < joints.joints.size:
+    a = joints.agenda[SHIFT]
+    if joints.agenda[SLOPES] != 0 and a < joints.joints.size:
         joints.angle[joints.joints[a]] += joints.step[a]
 
 
@@ -238,19 +238,19 @@ def _collect(
     For derivatives every angle is shifted in turn; the last evaluation is at the angles themselves.
     ``before`` holds the angle that was shifted.
     """
-    todo, count, a = joints.todo, joints.joints.size, joints.todo[SHIFT]
+    agenda, count, a = joints.agenda, joints.joints.size, joints.agenda[SHIFT]
     if a == 0:
-        todo[SOLVED] = 1
+        agenda[SOLVED] = 1
     if not solved:
-        todo[SOLVED] = 0
+        agenda[SOLVED] = 0
     estimate = _estimate(plan, state.size, joints.out)
     copy_part(estimate.motor_effort, 0, joints.effort)
     for b in range(count):
         joints.load[b] = estimate.joint_effort[joints.joints[b]]
-    if todo[SLOPES] == 0:
+    if agenda[SLOPES] == 0:
         return False
     if a == count:
-        todo[SHIFT] = 0
+        agenda[SHIFT] = 0
         _divide(joints)
         return False
     joints.angle[joints.joints[a]] = before[0]
@@ -258,7 +258,7 @@ def _collect(
         joints.by_effort[m, a] = joints.effort[m]
     for b in range(count):
         joints.by_load[b, a] = joints.load[b]
-    todo[SHIFT] = a + 1
+    agenda[SHIFT] = a + 1
     return True
 
 
@@ -380,7 +380,7 @@ def _follow(
 
 @lean
 def _weigh_prediction(joints: Unmeasured, load: Vector, dt: float) -> None:
-    """Normal equations of a prediction: near ``target``, and with loads near ``load``."""
+    """Normal equations of a prediction, (M1): near ``target``, and with loads near ``load``."""
     for a in range(joints.joints.size):
         weight = 1.0 / (joints.wander[a] * dt)
         joints.right[a] = weight * (joints.target[a] - joints.angle[joints.joints[a]])
@@ -433,15 +433,15 @@ def _begin_correction(memory: Memory, joints: Unmeasured) -> None:
             joints.matrix[a, b] = memory.covariance[a, b]
     _invert(joints.matrix, joints.information)
     _next(joints, CORRECT, True)
-    joints.todo[STEPS] = 0
+    joints.agenda[STEPS] = 0
 
 
 @stage
 def _next(joints: Unmeasured, phase: int, slopes: bool) -> None:
     """The next phase, and whether it needs derivatives."""
-    joints.todo[PHASE] = phase
-    joints.todo[SLOPES] = 1 if slopes else 0
-    joints.todo[SHIFT] = 0
+    joints.agenda[PHASE] = phase
+    joints.agenda[SLOPES] = 1 if slopes else 0
+    joints.agenda[SHIFT] = 0
 
 
 @stage
@@ -467,7 +467,7 @@ def _limit(covariance: Table, joints: Unmeasured) -> None:
 
 @lean
 def _weigh_correction(joints: Unmeasured, read: Reading) -> None:
-    """Normal equations of a correction: near ``target``, and with the measured efforts.
+    """Normal equations of a correction, (M2): near ``target``, and with the measured efforts.
 
     At the start ``read.dt`` is 0, and the efforts count as independent of earlier ones.
     """
@@ -498,7 +498,7 @@ def _misfit(read: Reading, joints: Unmeasured) -> float:
 @lean
 def _begin_search(joints: Unmeasured) -> None:
     """The next phase searches the angles over their ranges."""
-    joints.todo[JOINT] = joints.todo[PLACE] = joints.todo[ROUND] = 0
+    joints.agenda[JOINT] = joints.agenda[PLACE] = joints.agenda[ROUND] = 0
     joints.best[0] = joints.best[1] = joints.angle[joints.joints[0]]
     joints.best[2] = 1e300
     joints.angle[joints.joints[0]] = joints.lower[0]
@@ -512,27 +512,27 @@ def _search(read: Reading, memory: Memory, joints: Unmeasured) -> None:
     Among angles that explain the efforts equally well, the nearest to the one before is taken.
     The angles found are then corrected.
     """
-    todo, best = joints.todo, joints.best
-    a = todo[JOINT]
+    agenda, best = joints.agenda, joints.best
+    a = agenda[JOINT]
     j, span = joints.joints[a], joints.upper[a] - joints.lower[a]
     away = (joints.angle[j] - best[0]) / span
     misfit = _misfit(read, joints) + 1e-3 * away * away
-    if todo[SOLVED] != 0 and misfit < best[2]:
+    if agenda[SOLVED] != 0 and misfit < best[2]:
         best[1], best[2] = joints.angle[j], misfit
-    todo[PLACE] += 1
-    if todo[PLACE] < PLACES:
-        joints.angle[j] = joints.lower[a] + span * (todo[PLACE] / (PLACES - 1.0))
+    agenda[PLACE] += 1
+    if agenda[PLACE] < PLACES:
+        joints.angle[j] = joints.lower[a] + span * (agenda[PLACE] / (PLACES - 1.0))
         return
     joints.angle[j] = best[1]
-    todo[PLACE] = 0
-    todo[JOINT] = (a + 1) % joints.joints.size
-    if todo[JOINT] == 0:
-        todo[ROUND] += 1
-    if todo[ROUND] < (1 if joints.joints.size == 1 else ROUNDS):
-        j = joints.joints[todo[JOINT]]
+    agenda[PLACE] = 0
+    agenda[JOINT] = (a + 1) % joints.joints.size
+    if agenda[JOINT] == 0:
+        agenda[ROUND] += 1
+    if agenda[ROUND] < (1 if joints.joints.size == 1 else ROUNDS):
+        j = joints.joints[agenda[JOINT]]
         best[0] = best[1] = joints.angle[j]
         best[2] = 1e300
-        joints.angle[j] = joints.lower[todo[JOINT]]
+        joints.angle[j] = joints.lower[agenda[JOINT]]
         return
     _end_search(memory, joints)
 
@@ -545,14 +545,14 @@ def _end_search(memory: Memory, joints: Unmeasured) -> None:
         for b in range(joints.joints.size):
             span = joints.upper[a] - joints.lower[a]
             memory.covariance[a, b] = span * span / 12.0 if a == b else 0.0
-    joints.todo[SEARCHED] = 1
+    joints.agenda[SEARCHED] = 1
     _begin_correction(memory, joints)
 
 
 @lean
 def _begin(state: Vector, read: Reading, memory: Memory, joints: Unmeasured) -> None:
     """Prepare the solution of one sample."""
-    joints.todo[:] = 0
+    joints.agenda[:] = 0
     for k in range(joints.measured.size):
         joints.angle[joints.measured[k]] = read.measured_angle[k]
     started = memory.started[0] != 0.0
@@ -569,27 +569,27 @@ def _begin(state: Vector, read: Reading, memory: Memory, joints: Unmeasured) -> 
 def _correct(memory: Memory, read: Reading, joints: Unmeasured) -> None:
     """A Gauss-Newton step of the correction by the efforts."""
     arrived = True
-    if joints.todo[SOLVED] != 0:
+    if joints.agenda[SOLVED] != 0:
         _weigh_correction(joints, read)
         arrived = _move(joints)
         for a in range(joints.joints.size):
             for b in range(joints.joints.size):
                 memory.covariance[a, b] = joints.inverse[a, b]
-    joints.todo[STEPS] += 1
-    if arrived or joints.todo[STEPS] == ITERATIONS:
+    joints.agenda[STEPS] += 1
+    if arrived or joints.agenda[STEPS] == ITERATIONS:
         _next(joints, FINAL, False)
 
 
 @lean
 def _predict(memory: Memory, read: Reading, joints: Unmeasured) -> None:
     """A Gauss-Newton step of the prediction by the loads."""
-    known = joints.todo[SOLVED] != 0
+    known = joints.agenda[SOLVED] != 0
     arrived = True
     if known:
         _weigh_prediction(joints, memory.load, read.dt)
         arrived = _move(joints)
-    joints.todo[STEPS] += 1
-    if arrived or joints.todo[STEPS] == ITERATIONS:
+    joints.agenda[STEPS] += 1
+    if arrived or joints.agenda[STEPS] == ITERATIONS:
         _end_prediction(memory, joints, read.dt, known)
 
 
@@ -604,10 +604,10 @@ def _end(
     joints: Unmeasured,
 ) -> None:
     """Accept a solution, or search: for the angle of a lost joint, or again with friction."""
-    searched, sizes = joints.todo[SEARCHED] != 0, plan_views(plan).sizes
+    searched, sizes = joints.agenda[SEARCHED] != 0, plan_views(plan).sizes
     if memory.started[0] == 0.0 and state_views(sizes, state).started[0] == 0.0:
         if state_views(sizes, joints.out).started[0] == 0.0:  # no such pose
-            joints.todo[PHASE] = DONE
+            joints.agenda[PHASE] = DONE
             return
         copy_part(joints.out, 0, state)
         begin = state.size + estimate_size(sizes)
@@ -625,7 +625,7 @@ def _end(
     for a in range(joints.joints.size):
         memory.angle[a] = joints.angle[joints.joints[a]]
         memory.load[a] = joints.load[a]
-    joints.todo[PHASE] = DONE
+    joints.agenda[PHASE] = DONE
 
 
 @lean
@@ -639,13 +639,13 @@ def _proceed(
     joints: Unmeasured,
 ) -> None:
     """Do what follows from the evaluations of a phase, and choose the next one."""
-    phase = joints.todo[PHASE]
+    phase = joints.agenda[PHASE]
     if phase == FOLLOW:
         _follow(plan, numbers, state, read, joints)
         _aim(joints)
         if _knows_loads(joints):
             _next(joints, PREDICT, True)
-            joints.todo[STEPS] = 0
+            joints.agenda[STEPS] = 0
         else:
             _end_prediction(memory, joints, read.dt, False)
     elif phase == PREDICT:
@@ -683,8 +683,8 @@ def _solve_row(
     dt = (stamp - alone.stamps[row]) * 1e-9 if memory.started[0] != 0.0 else 0.0
     read = Reading(alone.motor_angle, alone.measured_angle, alone.motor_effort, dt)
     _begin(state, read, memory, joints)
-    while joints.todo[PHASE] != DONE:
-        j = joints.joints[joints.todo[SHIFT] % joints.joints.size]
+    while joints.agenda[PHASE] != DONE:
+        j = joints.joints[joints.agenda[SHIFT] % joints.joints.size]
         alone.shifted[0] = joints.angle[j]
         _shift(joints)
         solved = advance_robot(plan, numbers, state, read.motor_angle, joints.angle, dt, joints.out)

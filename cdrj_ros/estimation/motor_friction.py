@@ -62,7 +62,7 @@ class MotorFriction:
         self._direction = np.zeros(self._sign.size)
 
     def turn(self, angle: Vector) -> Vector:
-        """Follow the motors.
+        """Follow the motors: the direction d of (U9).
 
         Args:
             angle: their angles [rad], shape (motors,).

@@ -500,7 +500,7 @@ def _harden(
 
     Where a long cable begins to slip on thousands of pulleys at once, Newton's method finds a few
     of them per iteration.  Soft bristles spread the transition from slip to stick over many
-    pulleys, so that a few iterations find it, and stiffening them narrows it.
+    pulleys, so that a few iterations find it, and stiffening them narrows it: (E23).
 
     Returns:
         Newton iterations and the largest force imbalance with the true stiffness [N].

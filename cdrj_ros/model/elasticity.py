@@ -103,7 +103,7 @@ def secant_at(law: Elasticity, tension: Numeric) -> Numeric:
 
 @usable_in_kernels
 def stiffened_tension(law: Elasticity, strain: float) -> float:
-    """(E21) solved for the tension at a strain that is not negative [N].
+    """(E22): (E21) solved for the tension at a strain that is not negative [N].
 
     With b = T_b / EA + e_b - eps the tension is the positive root of T^2 / EA + b T = T_b eps.
     """

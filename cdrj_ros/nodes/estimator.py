@@ -78,6 +78,9 @@ WATCH_S: Final = 1.0
 DIAGNOSIS_S: Final = 1.0
 """Time between two messages on /diagnostics [s]."""
 
+NO_EFFORTS: Final = np.empty(0)
+"""Efforts of a message whose efforts nobody uses."""
+
 
 class EstimatorNode(Node):
     """Subscribes to the inputs, steps the estimator and publishes the estimates."""
@@ -312,10 +315,13 @@ class EstimatorNode(Node):
             begin = perf_counter()
             try:
                 stamp, names, position = decode(payload)
-                if with_efforts and live.wants_efforts(stamp):
-                    live.feed_efforts(stamp, names, decode.efforts(payload))
-                if health is not None and health.wants_efforts(stamp):
-                    health.read_efforts(stamp, names, decode.efforts(payload))
+                fed = with_efforts and live.wants_efforts(stamp)
+                watched = health is not None and health.wants_efforts(stamp)
+                efforts = decode.efforts(payload) if fed or watched else NO_EFFORTS
+                if fed:
+                    live.feed_efforts(stamp, names, efforts)
+                if health is not None and watched:
+                    health.read_efforts(stamp, names, efforts)
             except MessageError:
                 refused["malformed"] += 1
                 return
