@@ -6,7 +6,8 @@ initial friction histories, reading errors, and paths between readings.  See doc
 
 from __future__ import annotations
 
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from cdrj_ros.robot.tolerances import within_range
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
+Made = TypeVar("Made")
 
 PERTURBATIONS: Final = 1021
 """Rows of random reading errors, used by the members in turn; a prime, so that no member always
@@ -58,7 +60,9 @@ def draw_members(
     """
     known = known or robot.uncertainty
     draws = _draws(robot, known, members, generator)
-    return [] if draws is None or known is None else _members(robot, known, draws)
+    if draws is None or known is None:
+        return []
+    return [one or robot for one in _members(robot, known, draws, lambda possible: possible)]
 
 
 def draw_numbers(
@@ -74,8 +78,8 @@ def draw_numbers(
         return np.repeat(model.numbers[None, :], members, axis=0)
     numbers = drawn_numbers(model, _values(model.robot, known, draws))
     if numbers is None:
-        rows = _members(model.robot, known, draws)
-        numbers = np.stack([prepare(one, check_range=False).numbers for one in rows])
+        rows = _members(model.robot, known, draws, lambda one: prepare(one, False).numbers)
+        numbers = np.stack([model.numbers if one is None else one for one in rows])
     return numbers
 
 
@@ -113,21 +117,27 @@ def _independent_factors(known: Uncertainty) -> Table:
     return factors
 
 
-def _members(robot: Robot, known: Uncertainty, draws: Table) -> list[Robot]:
-    """Robots with their parameters changed by ``draws``, or by less if that robot is invalid."""
+def _members(
+    robot: Robot, known: Uncertainty, draws: Table, use: Callable[[Robot], Made]
+) -> list[Made | None]:
+    """What ``use`` makes of the robot with its parameters changed by each of ``draws``.
+
+    Where that robot is invalid, or ``use`` refuses it because its cables have no path, the
+    parameters are changed by half, then by a quarter as much; None where this is invalid, too.
+    """
     document: Any = robot.document
     values = [_values(robot, known, share * draws) for share in (1.0, 0.5, 0.25)]
-    found = []
+    found: list[Made | None] = []
     for k in range(len(draws)):
+        made = None
         for one in values:
             try:
                 changed = with_numbers(document, {path: float(v[k]) for path, v in one.items()})
-                found.append(build_robot(changed, robot.source))
+                made = use(build_robot(changed, robot.source))
                 break
             except CdrjError:
                 continue
-        else:
-            found.append(robot)
+        found.append(made)
     return found
 
 

@@ -119,6 +119,24 @@ def test_no_draw_is_impossible(name: str) -> None:
     assert not any(one is robot for one in drawn)
 
 
+@pytest.mark.parametrize(
+    "name", sorted(file.stem for file in (ROOT / "config" / "robots").glob("*.yaml"))
+)
+def test_every_shipped_robot_is_estimated_with_its_spread(name: str) -> None:
+    model = load_model(name)
+    live = LiveEstimator(model)
+    motors, joints = (
+        np.array([one.reference_angle for one in axes])
+        for axes in (model.robot.motors, model.robot.joints)
+    )
+    for k in range(64):
+        out = live.take(Sample(10**9 + k * 1_000_000, motors, joints))
+    assert out.stddev is not None
+    tensions = len(model.layout.elements)
+    assert np.isfinite(out.stddev).all()
+    assert (out.stddev[:tensions] > 0.0).all()
+
+
 def fresh(tool: ModuleType) -> Model:
     model: Model = tool.fresh_model(load_model(tool.ROBOT))
     return model
