@@ -61,6 +61,7 @@ def body(argv: Sequence[str]) -> int:
     from cdrj_ros.view.film import film_of
     from cdrj_ros.view.page import PICTURE_HZ, Page, Place
     from cdrj_ros.view.player import Player
+    from cdrj_ros.view.plots import TimeAxis
 
     announce_compilation()
     model = load_model(arguments.robot, arguments.preload)
@@ -69,7 +70,8 @@ def body(argv: Sequence[str]) -> int:
     with progress_bar("estimating", 1.0) as report:
         film = film_of(model, recording, conditioned, report, spread=not arguments.no_uncertainty)
     place = Place(arguments.host, arguments.port, arguments.dark)
-    page = Page(model, place, f"cdrj_ros · {model.robot.name}", "time [s]")
+    axis = TimeAxis("time [s]", 0.0, max(film.duration_s, 1e-3))
+    page = Page(model, place, f"cdrj_ros · {model.robot.name}", axis)
     try:
         player = Player(page, film, Path(arguments.bag).name)
         say(f"view: {page.address}", flush=True)

@@ -45,6 +45,7 @@ from cdrj_ros.nodes.view_words import Heard, words_of
 from cdrj_ros.view.controls import Controls
 from cdrj_ros.view.history import History
 from cdrj_ros.view.page import PICTURE_HZ, Page, Place
+from cdrj_ros.view.plots import TimeAxis
 from cdrj_ros.view.server import load_viser
 from cdrj_ros.view.snapshot import (
     Snapshot,
@@ -52,6 +53,9 @@ from cdrj_ros.view.snapshot import (
     pulley_columns,
     tension_columns,
 )
+
+AXIS: Final = TimeAxis("s before now", -60.0, 0.0)
+"""Of the curves; as long as the history at the highest rate of pictures."""
 
 SILENCE_S: Final = 0.5
 """Time without tensions after which all of them are shown as STALE [s]."""
@@ -80,7 +84,7 @@ class ViewNode(Node):
         estimator = declare_text(self, "estimator", "estimator", "Name of the estimator's node")
         references = declare_names(self, "references", "Topics of true or measured tensions")
         self._references = references or list(REFERENCES)
-        self.page = Page(self.model, place, f"cdrj_ros · {self.model.robot.name}", "s before now")
+        self.page = Page(self.model, place, f"cdrj_ros · {self.model.robot.name}", AXIS)
         self.link = EstimatorLink(self, estimator, self.model)
         self._add_controls()
         self.history = History(self.model.layout)

@@ -13,7 +13,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.view.drawing import Drawing, Labels
 from cdrj_ros.view.history import History, Table, choices
 from cdrj_ros.view.looks import Picture, picture_of
-from cdrj_ros.view.plots import Plots
+from cdrj_ros.view.plots import Plots, TimeAxis
 from cdrj_ros.view.server import address_of, open_server
 from cdrj_ros.view.snapshot import Snapshot, nothing_known
 from cdrj_ros.view.table import table_of
@@ -70,14 +70,14 @@ class Page:
     ``gui`` may be used to add controls to the panels ``above`` and ``below`` the table.
     """
 
-    def __init__(self, model: Model, place: Place, title: str, time_label: str) -> None:
+    def __init__(self, model: Model, place: Place, title: str, axis: TimeAxis) -> None:
         """Start the server and build the page.
 
         Args:
             model: the prepared robot.
             place: where to serve it.
             title: heading of the page.
-            time_label: label of the curves' time axis.
+            axis: of the curves over time.
 
         Raises:
             UsageError: viser is not installed, or this machine does not have the address.
@@ -94,7 +94,7 @@ class Page:
         self._flat = not any(cable.spatial for cable in model.robot.cables)
         self.gui.set_panel_label(title)
         self.drawing = Drawing(self.server.scene, model, self.choose)
-        self._build(place.dark, time_label)
+        self._build(place.dark, axis)
         self._theme(place.dark)
         self.server.on_client_connect(self._aim)
         self.show(nothing_known(model), History(model.layout, 1).table(), ())
@@ -155,7 +155,7 @@ class Page:
         with self.server.atomic():
             self._plots.show(curves, None if now_ns is None else (now_ns - zero_ns) * 1e-9)
 
-    def _build(self, dark: bool, time_label: str) -> None:
+    def _build(self, dark: bool, axis: TimeAxis) -> None:
         gui, layout = self.gui, self.model.layout
         self.words = gui.add_markdown("")
         """State in words."""
@@ -177,7 +177,7 @@ class Page:
         gui.add_html(STYLE)
         with panel.add_tab("Over time"):
             self._choice = gui.add_dropdown("plotted", choices(layout), initial_value=self.chosen)
-            self._plots = Plots(gui, time_label)
+            self._plots = Plots(gui, axis)
         self._choice.on_update(lambda _: self.choose(self._choice.value))
         gui.main_panel.dock_right()
         panel.dock_left()
@@ -192,6 +192,7 @@ class Page:
         for wait_s in (0.0, SETTLED_S):
             sleep(wait_s)
             self._point(client.camera, client)
+        self._plots.appear()
 
     def _point(self, camera: Any, client: Any) -> None:
         """Fit the robot into the visible part of the window, from the front if it is planar."""

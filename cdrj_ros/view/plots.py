@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+import math
+from time import monotonic
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,29 +25,41 @@ HEIGHT: Final = 190
 POINTS: Final = 900
 """Maximum number of points of a curve; more are not visible."""
 
-EMPTY: Final = np.array([0.0, 1.0])
+SETTLED_S: Final = 2.0
+"""Time after which a browser has laid out a plot that has appeared [s]."""
 
 MARGIN: Final = 0.08
 """Space above and below the curves, as a share of their range."""
 
 
+class TimeAxis(NamedTuple):
+    """Of plots over time."""
+
+    label: str
+    start_s: float
+    """[s]."""
+    end_s: float
+    """[s], more than ``start_s``."""
+
+
 class Plots:
     """Three plots, of which those without values are hidden."""
 
-    def __init__(self, gui: Any, time_label: str) -> None:
+    def __init__(self, gui: Any, axis: TimeAxis) -> None:
         """Add the plots where ``gui`` stands.
 
         Args:
             gui: of a viser server.
-            time_label: label of the time axis.
+            axis: of all plots.
         """
+        self._build_s = math.inf
         self._words = gui.add_markdown("")
         line: dict[str, Any] = {"width": 2, "points": {"show": False}}
         hidden: dict[str, Any] = {"stroke": "transparent", "width": 0, "points": {"show": False}}
         time = {"label": "t"}
         now = {"label": "now", "stroke": NOW, "width": 0, "points": {"show": True, "size": 8}}
         self._tension = self._plot(
-            gui, time_label, "tension [N]",
+            gui, axis, "tension [N]",
             (
                 time,
                 {"label": "+2σ", **hidden},
@@ -57,24 +71,35 @@ class Plots:
             bands=({"series": (1, 2), "fill": BAND},),
         )  # fmt: skip
         self._friction = self._plot(
-            gui, time_label, "friction [N]",
+            gui, axis, "friction [N]",
             (time, {"label": "friction", "stroke": FRICTION, **line}, now),
         )  # fmt: skip
         self._slip = self._plot(
-            gui, time_label, "slip [mm/s]",
+            gui, axis, "slip [mm/s]",
             (time, {"label": "slip speed", "stroke": SLIP, **line}, now),
         )  # fmt: skip
 
     def _plot(
-        self, gui: Any, time_label: str, label: str, series: tuple[dict[str, Any], ...], **more: Any
+        self, gui: Any, time: TimeAxis, label: str, series: tuple[dict[str, Any], ...], **more: Any
     ) -> Any:
+        # Without a range, viser 1.1 shows another part of the time if data come before the first
+        # drawing.
         axis: dict[str, Any] = {"labelSize": 18, "labelGap": 0, "size": 52}
+        range_s = (time.start_s, time.end_s)
+        nothing = np.full(2, np.nan)
         return gui.add_uplot(
-            tuple(EMPTY for _ in series), series, height=HEIGHT,
-            scales={"x": {"time": False}, "y": {"range": (0.0, 1.0)}},
-            axes=({**axis, "label": time_label, "size": 28}, {**axis, "label": label}),
+            (np.array(range_s), *(nothing for _ in series[1:])), series, height=HEIGHT,
+            scales={"x": {"time": False, "range": range_s}, "y": {"range": (0.0, 1.0)}},
+            axes=({**axis, "label": time.label, "size": 28}, {**axis, "label": label}),
             legend={"show": False}, visible=False, padding=(8, 12, 0, 0), **more,
         )  # fmt: skip
+
+    def appear(self) -> None:
+        """Build the plots again as soon as a browser has laid them out.
+
+        A plot of viser 1.1 has no axis of time if its width and new data arrive at once.
+        """
+        self._build_s = monotonic() + SETTLED_S
 
     def show(self, curves: Curves, now_s: float | None) -> None:
         """Draw curves.
@@ -87,9 +112,9 @@ class Plots:
         kept = Curves(curves.element, curves.pulley, *(column[thin] for column in curves[2:]))
         if len(kept.time_s) < 2:
             self._words.content = "Waiting for values."
-            self._tension.visible = self._friction.visible = self._slip.visible = False
+            self._set_visible(False, False)
             return
-        self._tension.visible = True
+        self._set_visible(True, bool(kept.pulley))
         at = None if now_s is None else int(np.argmin(np.abs(kept.time_s - now_s)))
         t, spread = kept.time_s, SIGMAS * kept.stddev
         beside = f" · friction and slip at pulley **{kept.pulley}**" if kept.pulley else ""
@@ -99,10 +124,22 @@ class Plots:
             t, kept.tension + spread, kept.tension - spread, kept.tension, kept.reference,
             _point(kept.tension, at),
         ))  # fmt: skip
-        for plot, values in ((self._friction, kept.friction), (self._slip, 1e3 * kept.slip_speed)):
-            plot.visible = bool(kept.pulley)
-            if kept.pulley:
-                _show(plot, (t, values, _point(values, at)))
+        if kept.pulley:
+            _show(self._friction, (t, kept.friction, _point(kept.friction, at)))
+            slip = 1e3 * kept.slip_speed
+            _show(self._slip, (t, slip, _point(slip, at)))
+        if monotonic() > self._build_s:
+            self._build_s = math.inf
+            for plot in (self._tension, self._friction, self._slip):
+                low, high = plot.scales["y"]["range"]
+                _set_height(plot, low, high + 1e-6 * (high - low))  # viser builds it anew
+
+    def _set_visible(self, tension: bool, pulley: bool) -> None:
+        """Show the plots that have values."""
+        if (self._tension.visible, self._slip.visible) != (tension, pulley):
+            self._tension.visible = tension
+            self._friction.visible = self._slip.visible = pulley
+            self.appear()
 
 
 def _show(plot: Any, data: tuple[NDArray[np.float64], ...]) -> None:
@@ -115,13 +152,17 @@ def _show(plot: Any, data: tuple[NDArray[np.float64], ...]) -> None:
     values = values[np.isfinite(values)]
     if values.size:
         low, high = float(values.min()), float(values.max())
-        scales = dict(plot.scales)
-        before = scales["y"]["range"]
+        before = plot.scales["y"]["range"]
         height = before[1] - before[0]
         if not (before[0] <= low and high <= before[1] and high - low > 0.3 * height):
             room = max(MARGIN * (high - low), 0.02 * abs(high), 0.1)
             if (low - room, high + room) != before:
-                plot.scales = {**scales, "y": {"range": (low - room, high + room)}}
+                _set_height(plot, low - room, high + room)
+
+
+def _set_height(plot: Any, low: float, high: float) -> None:
+    """Set the range of the axis of values."""
+    plot.scales = {**plot.scales, "y": {"range": (low, high)}}
 
 
 def _point(values: NDArray[np.float64], at: int | None) -> NDArray[np.float64]:

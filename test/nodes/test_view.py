@@ -209,6 +209,15 @@ def test_a_click_on_a_cable_plots_it(page: Scene) -> None:
     wait_for(lambda: f"Element {wanted}" in page.text(), "the plot's words")
 
 
+def test_every_plot_shows_the_last_minute_with_an_axis(page: Scene) -> None:
+    script = """
+    return Object.values(window.__viserTestpoints.uplots).map(({chart}) =>
+        [chart.scales.x.min, chart.scales.x.max, chart.axes.every(axis => axis._values !== null)])
+    """
+    wanted = [[-60, 0, True]] * 3
+    wait_for(lambda: page.browser.execute_script(script) == wanted, "plots with axes")
+
+
 def test_a_slider_changes_the_parameter_of_the_estimator(page: Scene) -> None:
     from rcl_interfaces.srv import GetParameters
     from selenium.webdriver import Keys
