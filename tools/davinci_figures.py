@@ -112,7 +112,7 @@ def series(run: Run, path: Path) -> None:
 def per_run(groups: dict[str, Sequence[Run]], path: Path) -> None:
     """RMSE of every run."""
     fig, axes = plt.subplots(2, 1, figsize=(7.6, 4.2), sharex=True)
-    colours = {"fitted": "#999999", "held out": ESTIMATED, "other wrist pose, jaw zeroed": THIRD}
+    colours = {"fitted": "#999999", "held out": ESTIMATED, "other pose, by --pose": THIRD}
     for axis, name in zip(axes, CHANNELS, strict=True):
         at, ticks = 0, []
         for group, runs in groups.items():
@@ -120,7 +120,7 @@ def per_run(groups: dict[str, Sequence[Run]], path: Path) -> None:
             axis.bar(
                 range(at, at + len(runs)), values, color=colours[group], label=group, width=0.7
             )
-            ticks += [run.name.replace("Pitch_3_00", "pitch ") for run in runs]
+            ticks += [run.name.replace("Pitch_3_00", "pose ") for run in runs]
             at += len(runs) + 1
             ticks.append("")
         axis.set_ylabel(f"{name[7:]} RMSE\n[mN·m]")
@@ -202,7 +202,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     loops([held_out[k] for k in (0, 1, 2, -1)], arguments.out / "davinci_loops.png")
     series(held_out[len(held_out) // 2], arguments.out / "davinci_time.png")
     per_run(
-        {"fitted": train, "held out": held_out, "other wrist pose, jaw zeroed": other},
+        {"fitted": train, "held out": held_out, "other pose, by --pose": other},
         arguments.out / "davinci_runs.png",
     )
     correction(

@@ -33,6 +33,13 @@ from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar, progress_text
 from cdrj_ros.identification.fit import Identification, Settings, identify
+from cdrj_ros.identification.pose import (
+    Moved,
+    moved_ranges,
+    pose_ranges,
+    pose_unknowns,
+    seeking_ranges,
+)
 from cdrj_ros.identification.residuals import WEIGHTS, Pool, Recorded
 from cdrj_ros.identification.solution import LOSSES
 from cdrj_ros.identification.unknowns import (
@@ -66,9 +73,9 @@ def _parser() -> argparse.ArgumentParser:
         "docs/identification.md",
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
-    parser.add_argument("--robot", required=True, metavar="FILE", help="robot file to start from")
+    parser.add_argument("--robot", metavar="FILE", help="robot file to start from")
     parser.add_argument(
-        "--fit", required=True, metavar="NAME,...",
+        "--fit", metavar="NAME,...",
         help="parameters to identify; 'cables.*.preload': one value for all cables, "
         "'cables.{*}.preload': one for each, 'a=b' and 'a=-b': two tied parameters",
     )  # fmt: skip
@@ -76,6 +83,14 @@ def _parser() -> argparse.ArgumentParser:
         "--only", action="store_true",
         help="fit these alone; otherwise stiffness, preload, drum radius, zeros and drag are "
         "fitted along where the file states no accuracy, with the default tolerance as prior",
+    )  # fmt: skip
+    parser.add_argument(
+        "--from", dest="source", metavar="FILE", help="identified robot file of another pose"
+    )
+    parser.add_argument(
+        "--pose", action="store_true",
+        help="with --from: fit only what another pose changes: zeros, rests of springs, preloads, "
+        "and wraps and drag of the pulleys",
     )  # fmt: skip
     parser.add_argument("--out", metavar="FILE", help="robot file to write; comments are kept")
     parser.add_argument(
@@ -172,6 +187,8 @@ class _Task:
     held_out: tuple[str, ...]
     folds: Mapping[str, tuple[int, ...]]
     """Indices of the bags that each cross-validation fit leaves out, by their pattern."""
+    pose: bool = False
+    """Whether only what another pose changes is fitted."""
 
 
 def _body(argv: Sequence[str]) -> int:
@@ -191,12 +208,17 @@ def _identified(arguments: argparse.Namespace, task: _Task, pool: Pool | None) -
     announce_compilation()
     model = prepare(build_robot(task.document, task.source))
     recordings = _read(task.bags, task.topics, model)
+    left: Moved = {}
+    if task.pose:
+        task, left = _posed(arguments, task, recordings)
+        model = prepare(build_robot(task.document, task.source))
     read = perf_counter()
     with progress_text(_begins_a_round) as progress:
         found = identify(
             task.document, task.source, task.unknowns, recordings, task.settings, progress, pool
         )
     values = {**task.start, **_rounded(found)}
+    values |= {path: _round(end) for path, end in pose_ranges(left, values).items()}
     seen = {path for k in found.seen.tolist() for path in found.unknowns[k].paths}
     written = {path: values[path] for path in values if path in seen or path in task.start}
     text = with_numbers_in_text(task.path.read_text(encoding="utf-8"), written, task.source)
@@ -216,7 +238,7 @@ def _identified(arguments: argparse.Namespace, task: _Task, pool: Pool | None) -
     outcome = Outcome(
         found, values, tuple(Path(bag).name for bag in task.bags),
         tuple(Path(bag).name for bag in task.held_out), task.settings.loss, sections, fold_lines,
-        read - begin, fitting_s,
+        read - begin, fitting_s, Path(task.path).name if task.pose else "",
     )  # fmt: skip
     text = _with_uncertainty(text, task, found, unseen)
     _write(arguments, outcome, moved(text, task.source, arguments.out or task.source))
@@ -237,7 +259,7 @@ def _task(arguments: argparse.Namespace) -> _Task:
     """
     if arguments.scheduler is not None:
         check_address(arguments.scheduler)
-    path = robot_path(arguments.robot)
+    path = robot_path(_chosen_file(arguments))
     held_out = tuple(bag for group in arguments.hold_out for bag in group)
     _check_files(arguments, path, held_out)
     settings = _settings(arguments)
@@ -246,18 +268,74 @@ def _task(arguments: argparse.Namespace) -> _Task:
     document = with_numbers(document, start)
     for complaint in document_complaints(document):
         raise UsageError(f"--start: {complaint}")
-    unknowns = parse_unknowns(document, arguments.fit)
-    if not arguments.only:
-        known = build_robot(document, source).uncertainty
-        unknowns += fitted_along(document, known, unknowns)
-    unknowns = with_priors(with_bounds(unknowns, arguments.bounds), arguments.prior)
+    unknowns = _unknowns(arguments, document, source)
     both = {Path(bag).resolve() for bag in arguments.bags} & {Path(b).resolve() for b in held_out}
     if both:
         raise UsageError(f"{both.pop().name} cannot be fitted and held out at once")
     return _Task(
         path, document, source, start, unknowns, settings, topics_of(arguments),
-        tuple(arguments.bags), held_out, _folds(arguments),
+        tuple(arguments.bags), held_out, _folds(arguments), arguments.pose,
     )  # fmt: skip
+
+
+def _chosen_file(arguments: argparse.Namespace) -> str:
+    """The robot file to start from, by ``--robot`` or by ``--from``.
+
+    Raises:
+        UsageError: options that do not go together, or a missing one.
+    """
+    if arguments.pose != (arguments.source is not None):
+        raise UsageError("--from FILE and --pose go together: the file of one pose, and another")
+    if not arguments.pose:
+        for option in ("robot", "fit"):
+            if getattr(arguments, option) is None:
+                raise UsageError(f"--{option} is missing; or give --from FILE and --pose")
+        return str(arguments.robot)
+    for option in ("robot", "fit", "start"):
+        if getattr(arguments, option):
+            raise UsageError(f"--{option} does not go with --pose, which chooses it")
+    return str(arguments.source)
+
+
+def _unknowns(
+    arguments: argparse.Namespace, document: Document, source: str
+) -> tuple[Unknown, ...]:
+    """The numbers to fit, with bounds and priors."""
+    robot = build_robot(document, source)
+    if arguments.pose:
+        unknowns = tuple(one.unknown for one in pose_unknowns(document, robot))
+    else:
+        unknowns = parse_unknowns(document, arguments.fit)
+        if not arguments.only:
+            unknowns += fitted_along(document, robot.uncertainty, unknowns)
+    return with_priors(with_bounds(unknowns, arguments.bounds), arguments.prior)
+
+
+def _posed(
+    arguments: argparse.Namespace, task: _Task, recordings: Sequence[Recorded]
+) -> tuple[_Task, Moved]:
+    """The task with ranges that contain the new pose, and the joints that have left the old ones.
+
+    Raises:
+        RobotFileError: the geometry does not allow the readings.
+    """
+    left = moved_ranges(task.document, task.source, recordings)
+    for name, span in left.items():
+        say(
+            f"{name}: readings from {span.lowest:.4g} to {span.highest:.4g} leave the range of the "
+            "file; the new file has a range of its own"
+        )
+    ranges = seeking_ranges(task.document, task.source, left)
+    document = with_numbers(task.document, ranges)
+    unknowns = _unknowns(arguments, document, task.source)
+    for one in pose_unknowns(document, build_robot(document, task.source)):
+        say(f"fitted: {one.unknown.name}: {one.why}")
+    zeros = tuple(f"joints.{name}.reference_angle" for name in left)
+    task = replace(
+        task, document=document, unknowns=unknowns, start={**task.start, **ranges},
+        settings=replace(task.settings, sought=zeros),
+    )  # fmt: skip
+    return task, left
 
 
 def _check_files(arguments: argparse.Namespace, robot: Path, held_out: Sequence[str]) -> None:
@@ -374,7 +452,11 @@ def _compared(bags: Sequence[str], topics: Topics, fitted: Model, before: Model)
 
 def _rounded(found: Identification) -> dict[str, float]:
     """The numbers rounded to the digits that are written."""
-    return {path: float(yaml_number(value)) for path, value in found.by_path.items()}
+    return {path: _round(value) for path, value in found.by_path.items()}
+
+
+def _round(value: float) -> float:
+    return float(yaml_number(value))
 
 
 def _begins_a_round(text: str) -> bool:

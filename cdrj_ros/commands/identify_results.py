@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -64,6 +65,8 @@ class Outcome:
     """Time that reading the bags took [s]."""
     fitting_s: float
     """Time that the fit took [s]."""
+    posed_from: str = ""
+    """Robot file of another pose whose other numbers were kept."""
 
 
 def print_outcome(outcome: Outcome) -> None:
@@ -196,6 +199,7 @@ def provenance_section(outcome: Outcome) -> str:
         "identified:                     # origin of the numbers; the estimator does not read it",
         f"  date: {datetime.now(timezone.utc):%Y-%m-%d}",
         f"  tool: cdrj_ros {__version__}",
+        *([f"  from: {json.dumps(outcome.posed_from)}"] if outcome.posed_from else []),
         f"  bags: [{', '.join(outcome.bags)}]",
         f"  references: [{', '.join(found.channels)}]",
         f"  loss: {outcome.loss}",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cdrj_ros.identification.residuals import Problem
 from cdrj_ros.identification.solution import limits
 from cdrj_ros.identification.unknowns import Unknown
+from cdrj_ros.robot.parameters import find_number
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -108,9 +109,20 @@ def _at_bounds(problem: Problem, coordinates: Vector, silent: NDArray[np.bool_])
                 value = unknown.value(float(coordinates[k]))
                 sentences.append(
                     f"{unknown.name} ended at its {end} bound, {value:.5g}: the best fit lies "
-                    "beyond it, or the model is incomplete."
+                    f"beyond it, or the model is incomplete.{_wider(problem, unknown, end)}"
                 )
     return sentences
+
+
+def _wider(problem: Problem, unknown: Unknown, end: str) -> str:
+    """What to do about a zero whose bound is the end of its joint's range in the robot file."""
+    joint, _, key = unknown.paths[0].rpartition(".")
+    if key != "reference_angle" or not joint.startswith("joints."):
+        return ""
+    place, bound = ("1", unknown.lower) if end == "lower" else ("2", unknown.upper)
+    if find_number(problem.document, f"{joint}.range.{place}").value != bound:
+        return ""
+    return f" This is the end of {joint}.range; widen it if the joint moves further."
 
 
 def _pair(

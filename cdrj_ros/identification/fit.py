@@ -45,6 +45,7 @@ from cdrj_ros.identification.solution import (
     many_starts,
     robust_weights,
     solve,
+    sought,
     thresholds,
     with_priors,
 )
@@ -106,6 +107,8 @@ class Settings:
     """Time at the beginning of each recording that is excluded from the comparison [s]."""
     coarse: bool = False
     """Whether to skip the last round, which uses all samples."""
+    sought: tuple[str, ...] = ()
+    """Paths of numbers that are first sought over their whole range."""
 
 
 @dataclass(frozen=True)
@@ -280,7 +283,10 @@ def _roughly(
         Coordinates of the best fit, and a message about the starts if there were several.
     """
     loss = settings.loss
-    found, same = many_starts(scout, settings.starts, settings.seed, "linear", COARSE_STEPS, say)
+    first = sought(scout, settings.sought)
+    found, same = many_starts(
+        scout, settings.starts, settings.seed, "linear", COARSE_STEPS, say, first
+    )
     # the steps far from the minimum cost a quarter: 1.8 times faster
     best = solve(rough, found[0].coordinates, "linear", COARSE_STEPS, say)
     if any(unknown.prior for unknown in rough.unknowns):

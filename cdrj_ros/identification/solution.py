@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, Final, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -22,6 +22,9 @@ STEP: Final = 2e-3
 
 DRAWS: Final = 12
 """Random points evaluated for each random start."""
+
+SOUGHT: Final = 41
+"""Values of a number that is sought over its whole range."""
 
 INSIDE: Final = 1e-3
 """Distance of a start from its bounds, in coordinates."""
@@ -260,16 +263,45 @@ def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
     return [point for _, point in ranked[:count]]
 
 
+def sought(problem: Problem, paths: Collection[str]) -> Vector:
+    """Coordinates of the start, with some numbers replaced by the best between their bounds.
+
+    Around a wrong zero a cable may be slack throughout, and the cost does not change.
+
+    Args:
+        problem: problem whose residuals are compared.
+        paths: of the numbers, one of which is varied after the other.
+    """
+    lower, upper = limits(problem)
+    here = np.zeros(lower.size)
+    for k, unknown in enumerate(problem.unknowns):
+        if not paths or unknown.paths[0] not in paths:
+            continue
+        points = []
+        for x in np.linspace(lower[k], upper[k], SOUGHT):
+            points.append(here.copy())
+            points[-1][k] = x
+        costs = [float(np.sum(found**2)) for found in problem.residuals_of(points)]
+        here = points[int(np.argmin(costs))]
+    return here
+
+
 def many_starts(
-    problem: Problem, count: int, seed: int, loss: Loss, most_steps: int, say: Progress
+    problem: Problem,
+    count: int,
+    seed: int,
+    loss: Loss,
+    most_steps: int,
+    say: Progress,
+    first: Vector,
 ) -> tuple[list[Solved], int]:
-    """Minimise from the robot file's numbers and from random starts.
+    """Minimise from a first start and from random ones.
 
     Returns:
         The solution of each start, best first, and the number of starts that reached the best
         minimum.
     """
-    begins = [np.zeros(len(problem.unknowns)), *_promising(problem, count - 1, seed)]
+    begins = [first, *_promising(problem, count - 1, seed)]
     found = []
     for k, begin in enumerate(begins):
         if len(begins) > 1:

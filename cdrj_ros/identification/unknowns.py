@@ -226,6 +226,8 @@ def _unknown(document: Document, paths: tuple[str, ...], signs: tuple[int, ...])
             find_number(document, f"{paths[0].rsplit('.', 1)[0]}.range.1").value,
             find_number(document, f"{paths[0].rsplit('.', 1)[0]}.range.2").value,
         )
+        step = max(STEP_SHARE * abs(start), TYPICAL[first.key])
+        return Unknown(paths, signs, start, lower, upper, step)
     positive = "exclusiveMinimum" in first.rules
     signless = first.key in ("slope", "sine", "scale") and start != 0.0
     if (positive and start > 0.0) or signless:

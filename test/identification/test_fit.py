@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.made_up import recording
 
-from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
-from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.fit import Identification, Settings, identify
 from cdrj_ros.identification.residuals import Recorded
 from cdrj_ros.identification.standard_errors import remaining_step
@@ -23,54 +21,17 @@ from cdrj_ros.identification.unknowns import (
     with_bounds,
     with_priors,
 )
-from cdrj_ros.model.channels import channel_columns
-from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import number_at, with_numbers
-from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.robot.reader import load_document
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
-EPOCH_NS = 1_700_000_000_000_000_000
-RATE = 200.0
 QUICK = Settings(coarse=True)
 
 
 @pytest.fixture(scope="module")
 def document() -> Document:
     return load_document(PROTOTYPE)[0]
-
-
-def recording(
-    document: Document,
-    seconds: float = 20.0,
-    amplitude: float = 0.6,
-    late_s: float = 0.0,
-    noise: float = 0.02,
-    seed: int = 1,
-    name: str = "made_up",
-    frequency: float = 0.1,
-) -> Recorded:
-    """References computed by the estimator itself, with noise: there is no model error."""
-    model = prepare(build_robot(document, "made up"))
-    time = np.arange(round(seconds * RATE)) / RATE
-    joint = amplitude * np.sin(2.0 * np.pi * frequency * time)
-    motor = 8.0 * np.sin(joint) + 0.08 * np.sin(1.7 * time)
-    stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
-    samples = Samples(stamps, motor[:, None].copy(), joint[:, None].copy())
-    _, estimates = run(model, initial_state(model), samples)
-    generator = np.random.default_rng(seed)
-    references = {}
-    for channel, column in channel_columns(model.layout).items():
-        scale = noise * (0.02 if channel.startswith("effort") else 1.0)
-        values = estimates.values[:, column] + generator.normal(0.0, scale, stamps.size)
-        references[channel] = (stamps, values)
-    reported = stamps - round(late_s * 1e9)
-    return Recorded(
-        name,
-        {"winch": Series(stamps, stamps, motor)},
-        {"elbow": Series(reported, stamps, joint)},
-        references,
-    )
 
 
 def found_from(

@@ -1,0 +1,196 @@
+"""What another pose changes: the unknowns of ``identify --from FILE --pose``.
+
+Between two poses of an instrument, or after a sensor was zeroed anew, the same cables run over the
+same pulleys.  Changed are the zeros of the joints and of the springs at the axes, the preloads (the
+paths have other lengths), and where a joint without a sensor bends the path, the wrap angles and
+the drag of the pulleys.  Everything else stays as the file has it, with its stated accuracy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from math import sqrt
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from cdrj_ros.conditioning.whole_recording import angles_of
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.identification.residuals import Recorded
+from cdrj_ros.identification.unknowns import Unknown, parse_unknowns
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.parameters import find_number, with_numbers
+from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.robot.tolerances import HANDBOOK_REST, SPRING_SCALE
+
+BEND: Final = 0.5
+"""Standard deviation of the change of a wrap angle, as a fraction: by 45 of 90 degrees."""
+
+MARGIN: Final = 0.1
+"""Distance of the range's ends from the readings and the zero, as a fraction of the stroke."""
+
+REACHES: Final = (1.0, 0.5, 0.25, MARGIN)
+"""Distances from the readings within which a zero is sought, in strokes; the greatest that the
+geometry allows."""
+
+
+class Reach(NamedTuple):
+    """Angles that the readings of a joint span [rad]."""
+
+    lowest: float
+    highest: float
+
+    @property
+    def stroke(self) -> float:
+        """Distance of the two [rad]."""
+        return max(self.highest - self.lowest, 1e-3)
+
+
+Moved = Mapping[str, Reach]
+"""Joints whose readings leave the range of the file."""
+
+
+class PoseUnknown(NamedTuple):
+    """A number that another pose changes, and why."""
+
+    unknown: Unknown
+    why: str
+
+
+def pose_unknowns(document: Document, robot: Robot) -> tuple[PoseUnknown, ...]:
+    """The numbers that another pose changes, with the priors of what is known of them.
+
+    Zeros have no prior.  A preload and the drag of a pulley keep the file's number within its
+    stated standard deviation, but at least the default one of a file that states none; a wrap angle
+    keeps it within the fraction ``BEND``.
+
+    Args:
+        document: content of the robot file.
+        robot: built from it.
+    """
+    stated = _stddev_by_path(robot)
+    found = [*_zeros(document)]
+    for cable in document["cables"]:
+        at = f"cables.{cable['name']}"
+        if cable["preload"] > 0.0:
+            path = f"{at}.preload"
+            stddev = max(stated.get(path, 0.0), SPRING_SCALE * float(cable["preload"]))
+            found.append(_with_prior(document, path, stddev, "the path has another length"))
+        for k, node in enumerate(cable["nodes"]):
+            found += _pulley(document, f"{at}.nodes.{k + 1}", node, stated)
+    return tuple(found)
+
+
+def _zeros(document: Document) -> Iterator[PoseUnknown]:
+    """Zeros of the joints, and of springs at motors and joints."""
+    for joint in document.get("joints", ()):
+        path = f"joints.{joint['name']}.reference_angle"
+        yield PoseUnknown(parse_unknowns(document, path)[0], "the joint is zeroed anew")
+    for kind in ("motors", "joints"):
+        for axis in document.get(kind, ()):
+            if axis.get("spring_stiffness", 0.0) > 0.0:
+                path = f"{kind}.{axis['name']}.spring_rest"
+                yield PoseUnknown(parse_unknowns(document, path)[0], "its spring rests elsewhere")
+
+
+def _pulley(
+    document: Document, at: str, node: Mapping[str, Any], stated: Mapping[str, float]
+) -> Iterator[PoseUnknown]:
+    """Wrap angle and drag of a pulley whose wrap the file states as one number."""
+    if node["type"] in ("winch", "anchor") or not isinstance(node.get("wrap_angle"), (int, float)):
+        return
+    if find_number(document, f"{at}.friction.mu_c").value > 0.0:
+        stddev = BEND * float(node["wrap_angle"])
+        yield _with_prior(document, f"{at}.wrap_angle", stddev, "a joint without a sensor bends it")
+    if node.get("bearing_torque", 0.0) > 0.0:
+        path = f"{at}.bearing_torque"
+        stddev = max(stated.get(path, 0.0), HANDBOOK_REST * float(node["bearing_torque"]))
+        yield _with_prior(document, path, stddev, "it grows with the bend")
+
+
+def _with_prior(document: Document, path: str, stddev: float, why: str) -> PoseUnknown:
+    (unknown,) = parse_unknowns(document, path)
+    return PoseUnknown(replace(unknown, prior=(unknown.start, stddev)), why)
+
+
+def _stddev_by_path(robot: Robot) -> dict[str, float]:
+    known = robot.uncertainty
+    if known is None:
+        return {}
+    variances = np.diag(known.covariance).tolist()
+    return dict(zip(known.parameters, map(sqrt, variances), strict=True))
+
+
+def moved_ranges(
+    document: Document, source: str, recordings: Sequence[Recorded]
+) -> dict[str, Reach]:
+    """Joints whose readings leave the range of the file, with the span of their readings.
+
+    Args:
+        document: content of the robot file.
+        source: its name.
+        recordings: readings of the new pose.
+    """
+    robot = build_robot(document, source)
+    found = {}
+    for joint in robot.joints:
+        angles = [angles_of(robot, joint.name, one.joints[joint.name]).value for one in recordings]
+        every = np.concatenate(angles)
+        every = every[np.isfinite(every)]
+        if every.size and not (every.min() >= joint.lower and every.max() <= joint.upper):
+            found[joint.name] = Reach(float(every.min()), float(every.max()))
+    return found
+
+
+def seeking_ranges(document: Document, source: str, moved: Moved) -> dict[str, float]:
+    """Ranges in which the zeros of moved joints are sought, by path [rad]: see ``REACHES``.
+
+    The reference angle of such a joint starts in the middle of its readings.
+
+    Raises:
+        RobotFileError: the geometry allows not even the readings and a margin.
+    """
+    numbers: dict[str, float] = {}
+    for name, span in moved.items():
+        at = f"joints.{name}"
+        numbers |= {f"{at}.range.1": span.lowest, f"{at}.range.2": span.highest}
+        numbers[f"{at}.reference_angle"] = 0.5 * (span.lowest + span.highest)
+    for name, span in moved.items():
+        for end, limit, side in (("1", span.lowest, -1.0), ("2", span.highest, 1.0)):
+            path = f"joints.{name}.range.{end}"
+            for reach in REACHES:
+                wider = numbers | {path: limit + side * reach * span.stroke}
+                if reach == REACHES[-1] or _possible(document, source, wider):
+                    numbers = wider
+                    break
+    prepare(build_robot(with_numbers(document, numbers), source))
+    return numbers
+
+
+def _possible(document: Document, source: str, numbers: Mapping[str, float]) -> bool:
+    try:
+        prepare(build_robot(with_numbers(document, numbers), source))
+    except RobotFileError:
+        return False
+    return True
+
+
+def pose_ranges(moved: Moved, found: Mapping[str, float]) -> dict[str, float]:
+    """Ranges of moved joints for the new file, by path [rad].
+
+    They end where the pose ends: ``MARGIN`` beyond the readings and the zero.
+
+    Args:
+        moved: see ``moved_ranges``.
+        found: the identified numbers by path.
+    """
+    numbers = {}
+    for name, span in moved.items():
+        at, margin = f"joints.{name}", MARGIN * span.stroke
+        zero = found[f"{at}.reference_angle"]
+        numbers[f"{at}.range.1"] = min(span.lowest, zero) - margin
+        numbers[f"{at}.range.2"] = max(span.highest, zero) + margin
+    return numbers

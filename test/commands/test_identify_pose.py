@@ -1,0 +1,104 @@
+"""``identify --from FILE --pose``: a file for another pose from the file of one pose."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.bag import BagWriter, Topics
+from cdrj_ros.commands import identify
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.parameters import number_at, with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document
+
+ROBOT = Path(__file__).parents[2] / "config" / "robots" / "davinci_jaw.yaml"
+SHIFT = 1.6
+"""Angle by which the jaw was zeroed anew, beyond the range of the file [rad]."""
+CHANGED = {
+    "joints.jaw.range.1": 1.5,
+    "joints.jaw.range.2": 3.0,
+    "joints.jaw.reference_angle": 0.815771 + SHIFT,
+    "motors.spindle.spring_rest": 0.25,
+    "cables.b.nodes.3.wrap_angle": 2.2,
+}
+
+
+def bag_of(path: Path, frequency: float, stretch: float) -> Path:
+    """A bag of the robot in another pose; ``stretch`` is the mean turn of the jaw beyond tight."""
+    document, source = load_document(ROBOT)
+    model = prepare(build_robot(with_numbers(document, CHANGED), source))
+    time = np.arange(0.0, 8.0, 5e-3)
+    wave = np.sin(2.0 * np.pi * frequency * time)
+    spindle = 0.53 + 0.5 * wave
+    tight = CHANGED["joints.jaw.reference_angle"] - (spindle - 0.5) * 5.0 / 5.472599
+    jaw = tight - stretch - 0.04 * np.sin(0.7 * np.pi * time)
+    stamps = 1_000_000_000 + np.round(time * 1e9).astype(np.int64)
+    samples = Samples(stamps, spindle[:, None].copy(), jaw[:, None].copy())
+    _, estimates = run(model, initial_state(model), samples)
+    torque = np.random.default_rng(1).normal(0.0, 1e-3, (time.size, 2))
+    torque[:, 0] += estimates.values[:, model.layout.motor_effort.start]
+    torque[:, 1] += estimates.values[:, model.layout.joint_effort.start]
+    topics = Topics()
+    with BagWriter(path) as bag:
+        bag.write_joint_states(topics.motors, stamps, ["spindle"], spindle[:, None])
+        bag.write_joint_states(topics.joints, stamps, ["jaw"], jaw[:, None])
+        bag.write_joint_states(topics.references[2], stamps, ["spindle", "jaw"], effort=torque)
+    return path
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("pose")
+    return bag_of(folder / "slow", 0.3, 0.1), bag_of(folder / "fast", 0.5, 0.18)
+
+
+def test_only_what_the_pose_changed_is_fitted_and_the_range_follows_the_readings(
+    bags: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "posed.yaml"
+    command = [*map(str, bags), "--from", str(ROBOT), "--pose", "--quick", "--out", str(out)]
+    assert identify.main(command) == 0
+    printed = capsys.readouterr().out
+    assert "fitted: joints.jaw.reference_angle: the joint is zeroed anew" in printed
+    before, _ = load_document(ROBOT)
+    posed, _ = load_document(out)
+    stddev = dict(
+        zip(posed["uncertainty"]["parameters"], posed["uncertainty"]["stddev"], strict=True)
+    )
+    for path in ("joints.jaw.reference_angle", "motors.spindle.spring_rest",
+                 "cables.b.nodes.3.wrap_angle"):  # fmt: skip
+        off = number_at(posed, path) - CHANGED[path]
+        assert abs(off) < 3.0 * stddev[path], path
+    kept = ("cables.b.axial_stiffness", "cables.b.nodes.2.friction.mu_c",
+            "cables.b.spans.4.slope", "motors.spindle.bearing_torque")  # fmt: skip
+    old = before["uncertainty"]
+    for path in kept:
+        assert number_at(posed, path) == number_at(before, path)
+        assert stddev[path] == old["stddev"][old["parameters"].index(path)]
+    lower, upper = posed["joints"][0]["range"]
+    assert lower > number_at(before, "joints.jaw.range.2"), "the poses exclude each other"
+    assert lower < CHANGED["joints.jaw.reference_angle"] < upper
+    assert posed["identified"]["from"] == ROBOT.name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--from", str(ROBOT)], "--from FILE and --pose go together"),
+        (["--robot", str(ROBOT), "--pose"], "--from FILE and --pose go together"),
+        (["--from", str(ROBOT), "--pose", "--fit", "rho"], "--fit does not go with --pose"),
+        (["--from", str(ROBOT), "--pose", "--robot", str(ROBOT)], "--robot does not go"),
+        (["--from", str(ROBOT), "--pose", "--start", "preload=3"], "--start does not go"),
+        (["--robot", str(ROBOT)], "--fit is missing"),
+        (["--fit", "rho"], "--robot is missing"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert identify.main(["no_bag", *arguments]) == 2
+    assert words in capsys.readouterr().err
