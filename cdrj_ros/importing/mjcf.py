@@ -30,6 +30,9 @@ DRUM: Final = 0.01
 NEARLY: Final = 1.1
 """A site that comes within this multiple of a body's radius in sampled poses may enter it."""
 
+FARTHEST_M: Final = 1e6
+"""Maximum coordinate or size that is read [m]."""
+
 Document = dict[str, Any]
 
 
@@ -88,7 +91,25 @@ def read_mjcf(path: str | Path, tendons: list[str] | None = None) -> Imported:
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())[:300]
         raise UsageError(f"cannot read {printable(str(path))}: {printable(reason)}") from error
+    _check_numbers(model, path)
     return _Import(mujoco, model, Path(path)).run(tendons)
+
+
+def _check_numbers(model: Any, path: str | Path) -> None:
+    """Raise UsageError if a position or size is not finite, or too large for a robot file."""
+    for what, one, values in (
+        ("body", model.body, model.body_pos),
+        ("joint", model.jnt, model.jnt_pos),
+        ("site", model.site, model.site_pos),
+        ("geom", model.geom, np.hstack([model.geom_pos, model.geom_size])),
+    ):
+        wrong = ~(np.abs(values) <= FARTHEST_M).all(axis=1)
+        if wrong.any():
+            k = int(np.flatnonzero(wrong)[0])
+            raise UsageError(
+                f"{printable(str(path))}: position or size of {what} {printable(one(k).name)!r} "
+                f"must be finite and at most {FARTHEST_M:g} m, got {_numbers(values[k])}"
+            )
 
 
 def _numbers(values: Any) -> list[float]:

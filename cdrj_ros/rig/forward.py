@@ -46,6 +46,9 @@ UNSOLVED: Final = 1e-4
 START_POINTS: Final = 2001
 """Number of poses among which the equilibrium at the start is sought."""
 
+AT_AN_END: Final = 0.01
+"""Share of the range within which a reference angle counts as at its end."""
+
 
 def swing(
     robot: Robot,
@@ -154,9 +157,15 @@ def balanced_start(
         excess[k] = beyond(float(angle))
     stable = np.flatnonzero((excess[:-1] >= 0.0) & (excess[1:] < 0.0))
     if stable.size == 0:
+        room = min(axis.reference_angle - axis.lower, axis.upper - axis.reference_angle)
+        hint = (
+            f", or no pose balances the preloads of {axis.name}, whose reference_angle "
+            f"{axis.reference_angle:g} is at an end of its range; set it inside"
+        )
         raise MotionError(
             f"the cables cannot hold the load in any pose of {axis.name} at the start: the preload "
             "is too small, or the load acts in the wrong direction"
+            + (hint if room < AT_AN_END * (axis.upper - axis.lower) else "")
         )
     near = stable[np.argmin(np.abs(angles[stable] - axis.reference_angle))]
     from scipy.optimize import brentq  # slow to import, so only where used

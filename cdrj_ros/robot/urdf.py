@@ -309,13 +309,19 @@ def _joints(given: Any, measured: list[str], joints: list[UrdfJoint], source: st
     entries += [{"name": name} for name in measured if name not in names]
     limits = {joint.name: joint.limits for joint in joints}
     for entry in entries:
-        if not isinstance(entry, dict) or "range" in entry or entry.get("name") not in limits:
+        name = entry.get("name") if isinstance(entry, dict) else None
+        if not isinstance(name, str) or "range" in entry:
             continue
-        found = limits[entry["name"]]
+        if name not in limits:
+            moving = sorted(joint.name for joint in joints if joint.motion != "fixed")
+            raise RobotFileError(
+                f"joints: the URDF has no joint {name!r}; its moving joints are "
+                f"{', '.join(moving) or 'none'}; any other one needs a range ({source})"
+            )
+        found = limits[name]
         if found is None:
             raise RobotFileError(
-                f"joints: {entry['name']} has no limits in the URDF; list it with its range "
-                f"({source})"
+                f"joints: {name} has no limits in the URDF; list it with its range ({source})"
             )
         entry["range"] = list(found)
         entry.setdefault("reference_angle", min(max(0.0, found[0]), found[1]))

@@ -198,6 +198,11 @@ MISTAKES = {
     "loop.urdf": ("<robot/>", "must have one root link"),
     "broken.xml": ("<mujoco", "cannot read"),
     "empty.xml": ("<mujoco/>", "has no spatial tendon that can become a cable"),
+    "far.xml": (SITES.replace('pos="0.1 0 1"', 'pos="1e300 0 1"'), "must be finite and at most"),
+    "nan.xml": (
+        wrapped(SPHERE.replace("0.1 0 0", "nan 0 0"), '<geom geom="g"/>'),
+        "position or size of geom 'g' must be finite and at most 1e+06 m, got [nan, ",
+    ),
 }
 
 

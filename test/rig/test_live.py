@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace as Robots
 from typing import Any
 
@@ -146,6 +147,17 @@ def test_an_impossible_demonstration_is_refused(
 ) -> None:
     with pytest.raises(UsageError, match=words):
         program_of(prepare(robots.prototype()), 0, RATE, demonstration)
+
+
+def test_a_reference_at_an_end_of_the_range_is_named_where_nothing_balances(robots: Robots) -> None:
+    robot = robots.prototype()
+    joint = robot.joints[0]
+    inside = replace(robot, joints=(replace(joint, lower=0.2, reference_angle=0.5),))
+    at_the_end = replace(robot, joints=(replace(joint, lower=0.2, reference_angle=0.2),))
+    load = make_load("rolling", 5000.0, 0.05)
+    for one, said in ((inside, "wrong direction$"), (at_the_end, "reference_angle 0.2 is at an")):
+        with pytest.raises(UsageError, match=said):
+            live(one, load)
 
 
 def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robots) -> None:

@@ -164,6 +164,12 @@ def test_a_mistake_in_the_urdf_is_one_clear_line(name: str, tmp_path: Path) -> N
     assert "\n" not in str(caught.value)
 
 
+def test_a_listed_joint_that_the_urdf_lacks_is_named_with_those_that_it_has(tmp_path: Path) -> None:
+    text = ROBOT.replace("{name: elbow, range: [-2, 2]}", "{name: knee}")
+    with pytest.raises(RobotFileError, match="no joint 'knee'; its moving joints are elbow, fol"):
+        robot(tmp_path, text)
+
+
 @pytest.mark.parametrize(
     ("frames", "message"),
     [
