@@ -9,6 +9,8 @@ set +u
 _cdrj_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 export VIRTUAL_ENV=$_cdrj_root/.venv
 export PATH=$VIRTUAL_ENV/bin:$PATH
+# Set by some containers; every process would then compile the source of all packages that it imports, for 1.5 s.
+unset PYTHONDONTWRITEBYTECODE
 if [ -e "$VIRTUAL_ENV/share/rclpy" ]; then
     # ROS 2 is in .venv and must not be mixed with another installation.
     export AMENT_PREFIX_PATH=$VIRTUAL_ENV CMAKE_PREFIX_PATH=$VIRTUAL_ENV

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from cdrj_ros.bag import read_recording
 from cdrj_ros.commands.check_robot import main as check_robot
+from cdrj_ros.commands.identify import main as identify
 from cdrj_ros.commands.simulate import main as simulate
+from cdrj_ros.commands.validate import main as validate
 
 ROOT = Path(__file__).parents[2]
 SHORT = ["--duration", "3", "--cells", "1"]
@@ -45,6 +48,73 @@ def test_checks_of_the_page_on_uncertainty_run(
     assert "16 elements" in capsys.readouterr().out
 
 
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files that the pages on recordings speak of."""
+    folder = tmp_path_factory.mktemp("lab")
+    robot = (ROOT / "config" / "robots" / "prototype.yaml").read_text()
+    (folder / "config" / "robots").mkdir(parents=True)
+    for name in ("arm.yaml", "R.yaml", "config/robots/prototype.yaml"):
+        (folder / name).write_text(robot)
+    page = (ROOT / "docs" / "validate.md").read_text()
+    (folder / "limits.yaml").write_text(re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)[0])
+    for name in ("recordings/one", "recordings/two", "other"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        arguments = ["--robot", "prototype", "--duration", "6", "--cells", "1"]
+        assert simulate([str(folder / name), *arguments]) == 0
+    return folder
+
+
+def arguments_of(line: str, lab: Path) -> list[str]:
+    """The words after the command; those that stand for recordings are replaced."""
+    both = [str(lab / "recordings" / name) for name in ("one", "two")]
+    meant = {"BAG...": both, "BAG": both[:1], "OTHER_BAG": [str(lab / "other")]}
+    meant |= {"recordings/*": both, "bags/*": both}
+    words = shlex.split(line, comments=True)[1:]
+    return [part for word in words for part in meant.get(word, [word])]
+
+
+@pytest.mark.parametrize("line", lines("identification.md", "identify"))
+def test_fits_of_the_page_on_identification_run(
+    line: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(lab)
+    assert identify([*arguments_of(line, lab), "--quick"]) == 0
+    assert "rho" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "line", [*lines("validate.md", "validate"), *lines("many_recordings.md", "validate")]
+)
+def test_validations_of_the_pages_run(
+    line: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(lab)
+    words = arguments_of(line, lab)
+    code = validate(words)
+    said = capsys.readouterr()
+    assert code == (1 if "--limits" in words else 0), said.err  # a short bag has too few samples
+    for name in (words[k + 1] for k, word in enumerate(words) if word in ("--html", "--json")):
+        assert (lab / name).stat().st_size > 1000
+    assert ("outside the limits" if "--limits" in words else "Tension") in said.out + said.err
+
+
+def test_a_joint_without_encoder_is_made_as_the_page_shows(
+    lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(lab)
+    text = (ROOT / "docs" / "motor_alone.md").read_text()
+    made = next(one for one in re.findall(r"^sed .*", text, re.MULTILINE) if "prototype" in one)
+    subprocess.run(made, shell=True, check=True)
+    words = next(
+        one for one in lines("motor_alone.md", "validate") if "alone.yaml" in one and "bags" in one
+    )
+    assert validate([str(lab / "recordings" / "one"), *shlex.split(words)[2:]]) == 0
+    assert "Angle" in capsys.readouterr().out
+
+
 def test_the_pages_have_such_lines() -> None:
+    assert len(lines("identification.md", "identify")) > 1
+    assert len(lines("validate.md", "validate")) + len(lines("many_recordings.md", "validate")) > 2
     assert len(lines("rig.md", "simulate")) > 3
     assert lines("uncertainty.md", "check_robot")
