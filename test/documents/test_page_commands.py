@@ -68,7 +68,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def arguments_of(line: str, lab: Path) -> list[str]:
     """The words after the command; those that stand for recordings are replaced."""
     both = [str(lab / "recordings" / name) for name in ("one", "two")]
-    meant = {"BAG...": both, "BAG": both[:1], "OTHER_BAG": [str(lab / "other")]}
+    meant = {"BAG...": both[:1], "BAG": both[:1], "OTHER_BAG": [str(lab / "other")]}
     meant |= {"recordings/*": both, "bags/*": both}
     words = shlex.split(line, comments=True)[1:]
     return [part for word in words for part in meant.get(word, [word])]
