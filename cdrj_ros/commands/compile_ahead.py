@@ -45,7 +45,7 @@ def _compile_step() -> None:
     model = load_model(ROBOT)
     samples = _samples(model)
     step(model, initial_state(model), samples.at(0))
-    track(new_track(), 1_000_000, 0.0, 1.0, 1.0)
+    track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
 
 
 def _compile_deviations() -> None:
@@ -64,7 +64,7 @@ def _compile_recordings() -> None:
     _, estimates = run(model, initial_state(model), samples)
     preload = preload_of_elements(model.robot)
     mark_recording(estimates.values, preload, np.empty((0, 0)), 1.0, np.ones(2, dtype=np.bool_))
-    track_all(samples.stamp_ns, np.zeros(2), 1.0, 1.0, np.zeros(2))
+    track_all(samples.stamp_ns, np.zeros(2), 1.0, 1.0, False, np.zeros(2))
 
 
 def _compile_motor_alone() -> None:

@@ -58,6 +58,8 @@ class Limits:
     """Converts readings to angles."""
     bandwidth: float = 0.0
     """Bandwidth of the tracking filter between counts [Hz]; 0 for no filter."""
+    adaptive: bool = False
+    """Whether that bandwidth rises with the motion."""
     start: float = 0.0
     """An ambiguous first reading stands for the possible angle nearest to this one [rad]."""
     plain: bool = field(init=False)
@@ -112,14 +114,17 @@ def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]
 
     Args:
         robot: names, sensors and limits.
-        tracking: bandwidth [Hz] to use instead of the robot file's; 0 for no tracking.  A sensor
-            without resolution and noise is not tracked.
+        tracking: fixed bandwidth [Hz] to use instead of the robot file's; 0 for no tracking.  A
+            sensor without resolution and noise is not tracked.
     """
 
     def bandwidth(sensor: Sensor) -> float:
         if tracking is None or not half_width(sensor) > 0.0:
             return sensor.tracking_bandwidth
         return tracking
+
+    def adaptive(sensor: Sensor) -> bool:
+        return tracking is None and sensor.tracking == "adaptive"
 
     return (
         *(
@@ -128,6 +133,7 @@ def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]
                 max_speed=motor.max_speed,
                 sensor=motor.sensor,
                 bandwidth=bandwidth(motor.sensor),
+                adaptive=adaptive(motor.sensor),
                 start=motor.reference_angle,
             )
             for motor in robot.motors
@@ -140,6 +146,7 @@ def limits_of(robot: Robot, tracking: float | None = None) -> tuple[Limits, ...]
                 joint.max_speed,
                 joint.sensor,
                 bandwidth(joint.sensor),
+                adaptive(joint.sensor),
                 joint.reference_angle,
             )
             for joint in robot.joints
@@ -379,5 +386,6 @@ class Channel:
     def between_counts(self, stamp: int, value: float) -> float:
         """Tracked angle at an accepted reading [rad]; call before it becomes the last one."""
         limits = self.limits
-        angle = track(self.memory, stamp - self.last_stamp, value, limits.bandwidth, limits.band)
+        since = stamp - self.last_stamp
+        angle = track(self.memory, since, value, limits.bandwidth, limits.band, limits.adaptive)
         return min(max(angle, limits.lower), limits.upper)

@@ -112,7 +112,7 @@ def _between_counts(readings: Series, limits: Limits) -> Series:
         return readings
     angle = np.empty_like(readings.value)
     stamps, values = ordinary(readings.stamp_ns), ordinary(readings.value)
-    track_all(stamps, values, limits.bandwidth, limits.band, angle)
+    track_all(stamps, values, limits.bandwidth, limits.band, limits.adaptive, angle)
     return Series(readings.stamp_ns, readings.log_ns, np.clip(angle, limits.lower, limits.upper))
 
 

@@ -282,7 +282,7 @@ class EstimatorNode(Node):
         self.live.take(reference)
         self.live.take(reference._replace(stamp_ns=1_001_000_000))
         self.live.reset()
-        track(new_track(), 1_000_000, 0.0, 1.0, 1.0)
+        track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
 
     def _read_state(self, path: Path) -> None:
         try:

@@ -81,10 +81,13 @@ def _sensor(path: str, entry: Document, refuse: Refusal) -> Sensor:
             f"{path}.tracking_bandwidth",
             "needs resolution or noise: the angle is kept within them",
         )
+    if "tracking" in entry and "tracking_bandwidth" not in entry:
+        raise refuse(f"{path}.tracking", "needs tracking_bandwidth, its value at rest")
     at, correction = _correction(f"{path}.correction", entry.get("correction"), refuse)
     return Sensor(
         **given(entry, "scale", "offset", "period", "resolution", "noise", "tracking_bandwidth"),
         clock_offset_ns=round(entry.get("clock_offset", 0.0) * 1e9),
+        tracking=entry.get("tracking", Sensor.tracking),
         corrected_at=at,
         correction=correction,
     )

@@ -22,6 +22,9 @@ StribeckForm = Literal["printed", "capstan"]
 FrameMotion = Literal["fixed", "revolute", "prismatic", "rolling"]
 """Type of a frame's motion relative to its parent."""
 
+Tracking = Literal["fixed", "adaptive"]
+"""Bandwidth of the filter between counts: that of the file, or at least that."""
+
 TABLE_INTERVALS: Final = 256
 """Intervals of a tabulated function over its joint's range."""
 
@@ -47,6 +50,8 @@ class Sensor:
     """Standard deviation of a reading, in addition to quantisation [rad]."""
     tracking_bandwidth: float = 0.0
     """Bandwidth of the filter that estimates the angle between counts [Hz]; 0 for no filter."""
+    tracking: Tracking = "fixed"
+    """Whether that bandwidth is fixed or rises with the motion."""
     corrected_at: tuple[float, ...] = ()
     """Angles at which ``correction`` is given, increasing [rad]; empty for no correction."""
     correction: tuple[float, ...] = ()

@@ -47,8 +47,8 @@ for robot in ("prototype", "parallel"):
         live.take(samples.at(k))
     run(model, initial_state(model), samples)
     Spread(model).run(initial_state(model), samples)
-track(new_track(), 1_000_000, 0.0, 1.0, 1.0)
-track_all(stamps, np.zeros(5), 1.0, 1.0, np.zeros(5))
+track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
+track_all(stamps, np.zeros(5), 1.0, 1.0, False, np.zeros(5))
 model = load_model("prototype")
 follow(model.robot, np.arange(5) * 1e-3, np.zeros((5, 1)), cells=2)
 for robot in ("prototype", "parallel"):

@@ -61,7 +61,10 @@ def test_a_correction_is_the_same_bit_for_bit_message_by_message_and_in_bulk(rob
 
 def test_a_sensor_without_correction_is_unchanged() -> None:
     joint = load_robot(PROTOTYPE).joints[0]
-    assert replace(joint.sensor, resolution=0.0, noise=0.0, tracking_bandwidth=0.0) == Sensor()
+    assert (
+        replace(joint.sensor, resolution=0.0, noise=0.0, tracking_bandwidth=0.0, tracking="fixed")
+        == Sensor()
+    )
 
 
 @pytest.mark.parametrize(
