@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """Estimate with a robot file that is wrong, and compare the errors with the standard deviations.
 
-python tools/wrong_files.py            print the table of docs/uncertainty.md
+python tools/wrong_files.py            print the tables of docs/uncertainty.md
 python tools/wrong_files.py --quick    the same over a shorter motion
+python tools/wrong_files.py --heard    only the table with motor effort and load cells
 
 The truth has eight contact cells per pulley and other numbers than the file.  The motion is that of
-bags/prototype_preload_36_26; the readings have the resolution of the file's sensors.
+bags/prototype_preload_36_26; the readings have the resolution of the file's sensors.  The motor's
+effort has a noise of 10 mN m, the load cells at both elements 8 of 0.1 N.
 """
 
 from __future__ import annotations
@@ -29,7 +31,10 @@ from cdrj_ros.conditioning.samples import Sample, Samples  # noqa: E402
 from cdrj_ros.estimation.ensemble import Spread  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run, step  # noqa: E402
 from cdrj_ros.estimation.member_kernels import forget_drums  # noqa: E402
+from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.estimation.unsure import mark_unsure  # noqa: E402
+from cdrj_ros.health.doubts import doubted_elements  # noqa: E402
+from cdrj_ros.health.monitor import HealthMonitor  # noqa: E402
 from cdrj_ros.judgement.validation import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
@@ -45,6 +50,10 @@ ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 BAG = str(ROOT / "bags" / "prototype_preload_36_26")
 RATE = 200.0
 CELLS = 8
+EFFORT_NOISE = 0.01
+"""Of the motor's effort [N m]."""
+CELL_NOISE = 0.1
+"""Of the load cells [N]."""
 LAST = slice(7, None, 8)
 """Element 8 of both cables."""
 TARED = ("motors.winch.reference_angle", "joints.elbow.reference_angle")
@@ -92,6 +101,15 @@ ROWS = (
 )  # fmt: skip
 
 
+class Truth(NamedTuple):
+    """What the real machine does."""
+
+    tension: Table
+    """Of all elements [N], shape (n, elements)."""
+    effort: Table
+    """Of the motor [N m], shape (n, 1)."""
+
+
 class Outcome(NamedTuple):
     """Figures of one estimate."""
 
@@ -136,22 +154,26 @@ def reality(model: Model, wrong: Wrong) -> Any:
     return build_robot(with_numbers(document, values), "reality")
 
 
-def true_tensions(model: Model, wrong: Wrong, motion: Samples) -> Table:
-    """Tensions of the real machine with contact cells [N], shape (n, elements)."""
+def true_readings(model: Model, wrong: Wrong, motion: Samples) -> Truth:
+    """Tensions and effort of the real machine with contact cells."""
     divided = divide(reality(model, wrong), CELLS)
     fine = prepare(divided.robot)
     state = initial_state(fine)
     if not wrong.forgets:
         _, estimates = run(fine, state, motion)
-        return estimates.values[:, fine.layout.tension][:, divided.spans]
+        return Truth(
+            estimates.values[:, fine.layout.tension][:, divided.spans],
+            estimates.values[:, fine.layout.motor_effort],
+        )
     rows = np.empty((motion.stamp_ns.size, len(model.layout.elements)))
+    efforts = np.empty((motion.stamp_ns.size, 1))
     for k, (stamp, motor, joint) in enumerate(
         zip(motion.stamp_ns.tolist(), motion.motor_angle, motion.joint_angle, strict=True)
     ):
         state, estimate = step(fine, state, Sample(stamp, motor, joint))
         forget_drums(fine.plan, fine.numbers, state.values)
-        rows[k] = estimate.tension[divided.spans]
-    return rows
+        rows[k], efforts[k] = estimate.tension[divided.spans], estimate.motor_effort
+    return Truth(rows, efforts)
 
 
 def readings(model: Model, motion: Samples, zero: float) -> Samples:
@@ -200,7 +222,7 @@ def row(wrong: Wrong, motion: Samples) -> list[Outcome]:
     """Figures of a fresh file, of a tared one, of one with preloads set too, of an exact one."""
     exact = load_model(ROBOT)
     model = fresh_model(exact)
-    true = true_tensions(model, wrong, motion)
+    true = true_readings(model, wrong, motion).tension
     read = readings(model, motion, wrong.zero)
     document: Any = model.robot.document
     tared = dict.fromkeys(TARED, 0.0)
@@ -218,13 +240,93 @@ def row(wrong: Wrong, motion: Samples) -> list[Outcome]:
     ]
 
 
+class Heard(NamedTuple):
+    """Figures of an estimate whose status hears the health monitor."""
+
+    ok: tuple[float, ...]
+    """Share of tensions with status OK in the first, second and last third."""
+    misleading: tuple[float, ...]
+    """Share of all tensions that have status OK but lie outside two standard deviations."""
+    verdict: str
+    """Last verdict, in words."""
+
+
+def heard(model: Model, read: Samples, truth: Truth, sensors: tuple[str, ...]) -> Heard:
+    """Estimate as the node does, and compare with the truth.
+
+    Args:
+        model: the file, whose numbers are said to be exact.
+        read: the encoders' readings.
+        truth: what the machine does.
+        sensors: ``effort``, ``cells`` or both; without any, the monitor says nothing.
+    """
+    generator = np.random.default_rng(0)
+    live = LiveEstimator(model, Options())
+    watch = HealthMonitor(model, model.robot.uncertainty, EFFORT_NOISE)
+    names = [model.layout.elements[k] for k in range(*LAST.indices(len(model.layout.elements)))]
+    inside, ok = [], []
+    for k, stamp in enumerate(read.stamp_ns.tolist()):
+        sample = Sample(stamp, read.motor_angle[k], read.joint_angle[k])
+        estimate, stddev = live.take(sample)
+        assert stddev is not None
+        live.finish()
+        error = np.abs(estimate.tension - truth.tension[k])
+        inside.append(error <= 2.0 * stddev[: error.size])
+        ok.append(np.asarray(estimate.status) == OK)
+        if "effort" in sensors:
+            effort = truth.effort[k] + generator.normal(0.0, EFFORT_NOISE, 1)
+            watch.read_efforts(stamp, model.layout.motors, effort)
+        if "cells" in sensors:
+            cells = truth.tension[k, LAST] + generator.normal(0.0, CELL_NOISE, len(names))
+            watch.read_tensions(stamp, names, cells, [CELL_NOISE] * len(names))
+        watch.follow(sample, stddev)
+        if k % round(RATE) == 0:
+            report = watch.report()
+        doubted = doubted_elements(model.robot, watch.standing, corrected=False)
+        live.doubted = doubted if doubted.any() else None
+    good, misleads = np.array(ok), np.array(ok) & ~np.array(inside)
+    return Heard(
+        tuple(float(part.mean()) for part in np.array_split(good, 3)),
+        tuple(float(part.mean()) for part in np.array_split(misleads, 3)),
+        report.message,
+    )
+
+
+def print_heard(motion: Samples) -> None:
+    """Print the table of what the status says if the monitor hears an effort or load cells."""
+    exact = load_model(ROBOT)
+    choices: tuple[tuple[str, ...], ...] = ((), ("effort",), ("cells",), ("effort", "cells"))
+    print("| wrong | angles alone | motor effort | both load cells | effort and cells |")
+    print("|---|---|---|---|---|")
+    for wrong in ROWS:
+        truth = true_readings(fresh_model(exact), wrong, motion)
+        read = readings(exact, motion, wrong.zero)
+        found = [heard(exact, read, truth, sensors) for sensors in choices]
+        cells = [
+            f"{', '.join(f'{100.0 * share:.0f}' for share in one.ok)} %; {one.misleading[-1]:.0%}"
+            for one in found
+        ]
+        print(f"| {wrong.what} | {' | '.join(cells)} |", flush=True)
+        for sensors, one in zip(choices[1:], found[1:], strict=True):
+            print(f"    {' and '.join(sensors)}: {one.verdict}", file=sys.stderr, flush=True)
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="only the first 15 s")
-    motion = true_motion(load_model(ROBOT), 15.0 if parser.parse_args().quick else 60.0)
+    parser.add_argument("--heard", action="store_true", help="only the second table")
+    arguments = parser.parse_args()
+    motion = true_motion(load_model(ROBOT), 15.0 if arguments.quick else 60.0)
+    if not arguments.heard:
+        print_stated(motion)
+    print_heard(motion)
+
+
+def print_stated(motion: Samples) -> None:
+    """Print the table of what the file states."""
     print("| wrong | error of element 8 / all | fresh | tared | preload set too | others: exact |")
     print("|---|---|---|---|---|---|")
     for wrong in ROWS:

@@ -25,6 +25,7 @@ from cdrj_ros.estimation.rest import RestWatch
 from cdrj_ros.estimation.unsure import (
     UNSURE_SHARE,
     mark_all_unsure,
+    mark_some_unsure,
     mark_unsure,
     preload_of_elements,
 )
@@ -129,6 +130,9 @@ class LiveEstimator:
         """Load cell readings of elements that the robot does not have."""
         self.overlooked = 0
         """Load cell readings and efforts discarded because no sample reached their stamp."""
+        self.doubted: NDArray[np.bool_] | None = None
+        """Elements that are ``UNSURE`` whatever their standard deviation, shape (elements,); None
+        for none.  The health monitor sets it."""
         self.fusion: Fusion | None = None
         self._pending: list[tuple[int, str, float, float]] = []
         self._efforts_ns: dict[str, int] = {}
@@ -311,14 +315,20 @@ class LiveEstimator:
             if self.fusion is not None:  # it corrects the members
                 spread.finish()
             mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
-        if sample.doubtful:
-            mark_all_unsure(estimate.values, self._preload.size)
+        self._mark_doubts(sample, estimate)
         if self.fusion is not None and estimate.solved:
             self.fusion.remember(sample, estimate)
             undone = bool(self._pending) and self._use_pending(self.fusion, sample)
             if undone or self.fusion.contested:
                 mark_all_unsure(estimate.values, self._preload.size)
         return Output(estimate, stddev)
+
+    def _mark_doubts(self, sample: Sample, estimate: Estimate) -> None:
+        """Set ``UNSURE`` where readings or the robot itself are in doubt."""
+        if sample.doubtful:
+            mark_all_unsure(estimate.values, self._preload.size)
+        if self.doubted is not None:
+            mark_some_unsure(estimate.values, self.doubted)
 
     def _take_alone(self, alone: MotorAlone, sample: Sample) -> OutputAlone:
         """``take`` for a robot with joints without encoder."""

@@ -54,6 +54,18 @@ def mark_all_unsure(values: Vector, elements: int) -> None:
             values[elements + e] = flags | UNSURE
 
 
+def mark_some_unsure(values: Vector, doubted: NDArray[np.bool_]) -> None:
+    """Set ``UNSURE`` on some elements of an estimate, unless they are ``INVALID``.
+
+    Args:
+        values: an estimate; changed.
+        doubted: which elements, shape (elements,).
+    """
+    status = values[doubted.size : 2 * doubted.size]
+    flags = status.astype(np.int64)
+    status[:] = np.where(doubted & (flags & INVALID == 0), flags | UNSURE, flags)
+
+
 @compiled
 def mark_recording(
     values: Table, preload: Vector, stddev: Table, share: float, doubtful: NDArray[np.bool_]

@@ -134,7 +134,7 @@ class EstimatorNode(Node):
             self.live.set_numbers(started.friction)
         self._warm_up()
         watched = started.health and self.live.alone is None  # it needs the angle of every joint
-        self.health = HealthWatch(self.live) if watched else None
+        self.health = HealthWatch(self.live, marks_unsure=started.health_marks) if watched else None
         if self._state_file is not None:
             self._read_state(self._state_file)
         self.encoder = EstimateEncoder(

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.foundation.text import printable
+from cdrj_ros.health.doubts import doubted_elements
+from cdrj_ros.health.judging import Judged
 from cdrj_ros.health.monitor import HealthMonitor
 from cdrj_ros.robot.tolerances import narrowed
 
@@ -26,9 +28,16 @@ LEVELS: Final = {
 class HealthWatch:
     """A monitor that follows the live estimator, also through changes of its numbers."""
 
-    def __init__(self, live: LiveEstimator) -> None:
-        """Watch the robot of an estimator; prepares all models, which takes some milliseconds."""
+    def __init__(self, live: LiveEstimator, *, marks_unsure: bool = True) -> None:
+        """Watch the robot of an estimator; prepares all models, which takes some milliseconds.
+
+        Args:
+            live: the estimator.
+            marks_unsure: whether the elements that a verdict concerns become ``UNSURE``.
+        """
         self._live = live
+        self._marks = marks_unsure
+        self._standing: Judged | None = None
         self.monitor = self._new()
         self.monitor.prepare()
 
@@ -39,6 +48,7 @@ class HealthWatch:
 
     def reset(self) -> None:
         """Forget readings and results; take up new numbers of the robot."""
+        self._standing = self._live.doubted = None
         if self.monitor.model is self._live.model:
             self.monitor.reset()
         else:
@@ -74,14 +84,35 @@ class HealthWatch:
             self.monitor = self._new()
         # with other sensors the spread is that of a corrected estimate, not of the file
         self.monitor.follow(live.sample, output.stddev if live.fusion is None else None)
+        self._doubt()
+
+    def _doubt(self) -> None:
+        """Let the next estimates say what the present verdict means for them."""
+        live, standing = self._live, self.monitor.standing
+        if not self._marks or standing is self._standing:
+            return
+        self._standing = standing
+        doubted = doubted_elements(live.model.robot, standing, corrected=live.fusion is not None)
+        live.doubted = doubted if doubted.any() else None
 
     def status(self, name: str) -> DiagnosticStatus:
         """The verdict as a DiagnosticStatus."""
         found = self.monitor.report()
+        self._doubt()
+        values = {**found.values, "elements marked UNSURE": self._marked()}
         return DiagnosticStatus(
             level=LEVELS[found.level],
             name=name,
             message=printable(found.message),
             hardware_id=self._live.model.robot.name,
-            values=[KeyValue(key=key, value=value) for key, value in found.values.items()],
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
+
+    def _marked(self) -> str:
+        """Elements that the verdict marks, in words."""
+        doubted, names = self._live.doubted, self._live.model.layout.elements
+        if doubted is None:
+            return "none"
+        if doubted.all():
+            return "all"
+        return ", ".join(name for name, one in zip(names, doubted, strict=True) if one)

@@ -166,6 +166,10 @@ def _sensor_settings() -> tuple[Setting, ...]:
             "Whether to compare the efforts in motor_states and the load cells with the estimate, "
             "and to report on /diagnostics what has changed on the robot",
         ),
+        Setting(
+            "health_marks_unsure", True,
+            "Whether the elements that such a change concerns are UNSURE while it lasts",
+        ),
     )  # fmt: skip
 
 

@@ -47,6 +47,8 @@ class Started(NamedTuple):
     options: Options
     health: bool
     """Whether to run the health monitor."""
+    health_marks: bool
+    """Whether its verdict marks elements ``UNSURE``."""
     friction: dict[str, float]
     """Common friction values that replace those of the robot file, by path."""
 
@@ -102,6 +104,7 @@ def read(node: Node) -> Started:
         values["wrenches"],
         options,
         values["health"],
+        values["health_marks_unsure"],
         _given_friction(values),
     )
 

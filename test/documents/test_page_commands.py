@@ -80,7 +80,8 @@ def test_fits_of_the_page_on_identification_run(
 ) -> None:
     monkeypatch.chdir(lab)
     assert identify([*arguments_of(line, lab), "--quick"]) == 0
-    assert "rho" in capsys.readouterr().out
+    wanted = "reference_angle" if "--pose" in line else "rho"
+    assert wanted in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

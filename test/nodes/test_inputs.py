@@ -29,7 +29,7 @@ from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.status import STALE
+from cdrj_ros.model.status import OK, STALE, UNSURE
 
 ROOT = Path(__file__).parents[2]
 
@@ -67,10 +67,11 @@ def diagnosed(node: Any) -> Any:
     return kept[0].status[0]
 
 
+@pytest.mark.parametrize("marks", [True, False])
 def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_published(
-    bench: Bench,
+    bench: Bench, marks: bool
 ) -> None:
-    node = bench.estimator()
+    node = bench.estimator(health_marks_unsure=marks)
     true = load_model(ROBOT, "29,26.26")
     said: list[Any] = []
     hear_diagnostics(bench, said)
@@ -87,6 +88,17 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
     status = next(one for one in said if one.name.endswith(": health"))
     assert status.level == status.WARN
     assert status.message.startswith("preload of upper has lost 7.")
+    assert node.output is not None
+    flags = np.asarray(node.output.estimate.status)
+    assert set(flags[:8]) == ({UNSURE} if marks else {OK})
+    assert set(flags[8:]) == {OK}, "the lower cable has lost nothing"
+    named = {pair.key: pair.value for pair in status.values}["elements marked UNSURE"]
+    upper = ", ".join(f"upper/{k}" for k in range(1, 9))
+    assert named == (upper if marks else "none")
+    if marks:  # once the operator has dealt with it, the status is that of the estimate again
+        node.health.reset()
+        assert node.live.doubted is None
+        return
     quiet = bench.estimator(health=False)
     quiet.motor(both.encode(BEGIN, position=[0.0], effort=[0.0]))
     quiet.diagnostics = SimpleNamespace(publish=said.append)
