@@ -18,8 +18,9 @@ def telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
     a motor's effort over the joint if the robot has only one.
     """
     layout, robot = model.layout, model.robot
+    sliding = robot.prismatic_joints
     angles = {
-        name: Angle(name, segment.stamp_ns, values[:, k])
+        name: Angle(name, segment.stamp_ns, values[:, k], "m" if name in sliding else "rad")
         for names, values in (
             (layout.motors, segment.motor_angle),
             (layout.joints, segment.joint_angle),

@@ -45,6 +45,10 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
 """All quantities that can be compared, by prefix, in display order."""
 
 
+OF_PRISMATIC: Final[Mapping[str, str]] = MappingProxyType({EFFORT: "N", ANGLE: "m"})
+"""Units of the quantities that have another one at a prismatic joint."""
+
+
 def quantity_of(name: str) -> str:
     """Prefix of a channel's name, a key of QUANTITIES; ValueError if it is not one."""
     prefix, slash, rest = name.partition("/")
@@ -54,9 +58,17 @@ def quantity_of(name: str) -> str:
     return prefix
 
 
-def unit_of(name: str) -> str:
-    """Unit of a channel's values, from the prefix of its name; ValueError if it is unknown."""
-    return QUANTITIES[quantity_of(name)].unit
+def unit_of(name: str, axis: str = "rad") -> str:
+    """Unit of a channel's values, from the prefix of its name; ValueError if it is unknown.
+
+    Args:
+        name: of the channel.
+        axis: unit of the angle of its motor or joint, "m" for a prismatic joint.
+    """
+    quantity = quantity_of(name)
+    if axis == "m" and quantity in OF_PRISMATIC:
+        return OF_PRISMATIC[quantity]
+    return QUANTITIES[quantity].unit
 
 
 def estimate_channels(layout: Layout, values: Floats) -> dict[str, Floats]:
@@ -88,7 +100,7 @@ class Channel:
     name: str
     """Name of the channel: "tension/upper/8", "nodal_force/upper/3" or "effort/spindle"."""
     unit: str
-    """Unit of ``estimate`` and ``reference``: "N", "N·m" or "rad"."""
+    """Unit of ``estimate`` and ``reference``: "N", "N·m", "rad" or "m"."""
     stamp_ns: Stamps
     """Stamps of the reference [ns], strictly increasing, shape (n,).  If the recording's clock
     was set back, the later passes are shifted behind the earlier ones."""
@@ -97,7 +109,7 @@ class Channel:
     reference: Floats
     """Recorded values [unit], finite, shape (n,)."""
     angle: Floats
-    """Angle over which the channel is plotted [rad], NaN where unknown, shape (n,)."""
+    """Angle over which the channel is plotted [angle_unit], NaN where unknown, shape (n,)."""
     angle_name: str
     """Name of the joint or motor to which ``angle`` belongs; empty if there is none."""
     dropped: Mapping[str, int] = field(default_factory=dict)
@@ -106,6 +118,8 @@ class Channel:
     """Standard deviation of ``estimate`` [unit], NaN where unknown, shape (n,); or None."""
     reversal: NDArray[np.bool_] | None = None
     """Whether a motor or joint reverses at that time, shape (n,); None if unknown."""
+    angle_unit: str = "rad"
+    """Unit of ``angle``: "rad", or "m" for a prismatic joint."""
 
     def __post_init__(self) -> None:
         series = (self.stamp_ns, self.estimate, self.reference, self.angle)
@@ -144,7 +158,9 @@ class Angle:
     stamp_ns: Stamps
     """Stamps [ns], strictly increasing, shape (k,)."""
     value: Floats
-    """Angle [rad], shape (k,)."""
+    """Angle [unit], shape (k,)."""
+    unit: str = "rad"
+    """Unit of ``value``: "rad", or "m" for a prismatic joint."""
 
     def __post_init__(self) -> None:
         stamps = np.asarray(self.stamp_ns)

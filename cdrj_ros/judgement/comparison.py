@@ -210,18 +210,24 @@ class Comparing:
             made.append(
                 Channel(
                     name=name,
-                    unit=unit_of(name),
+                    unit=unit_of(name, _unit_of_axis(name, own)),
                     stamp_ns=placement.stamp_ns[kept],
                     estimate=target.estimate[kept],
                     reference=target.reference[kept],
                     angle=angles[key][kept],
                     angle_name=own.name if own is not None else "",
+                    angle_unit=own.unit if own is not None else "rad",
                     dropped=dropped,
                     stddev=self._stddev[name][kept] if name in self._stddev else None,
                     reversal=None if reversal is None else reversal[kept],
                 )
             )
         return tuple(made)
+
+
+def _unit_of_axis(name: str, angle: Angle | None) -> str:
+    """Unit of the angle of the motor or joint that a channel is named after."""
+    return angle.unit if angle is not None and name.endswith(f"/{angle.name}") else "rad"
 
 
 def _fill(target: _Target, into: Floats, values: Floats, begin: int, previous: float) -> None:

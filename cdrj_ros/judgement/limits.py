@@ -67,6 +67,8 @@ class Outside:
     bound: float
     least: bool
     """Whether ``bound`` is a minimum; otherwise it is a maximum."""
+    unit: str = ""
+    """Unit of the channel; empty for that of its quantity."""
 
     @property
     def by(self) -> float | None:
@@ -159,7 +161,7 @@ def _check(
         for name, error in matching.items():
             value = getattr(error, limit.figure)
             if value is None or (value < bound if least else value > bound):
-                outside.append(Outside(where, name, limit.figure, value, bound, least))
+                outside.append(Outside(where, name, limit.figure, value, bound, least, error.unit))
     return checked, outside
 
 

@@ -52,6 +52,8 @@ class ChannelError:
     """Mean |estimate - reference| everywhere else [channel's unit]."""
     coverage: float | None = None
     """Share of references within COVERAGE_SIGMAS standard deviations, where these are known [-]."""
+    unit: str = ""
+    """Unit of the channel, "N or N·m" for several; empty for that of its quantity."""
 
 
 FIGURES: Final = (
@@ -76,6 +78,7 @@ def channel_error(
     *,
     stddev: ArrayLike | None = None,
     reversal: NDArray[np.bool_] | None = None,
+    unit: str = "",
 ) -> ChannelError:
     """Compare an estimate with its reference, sample by sample.
 
@@ -84,11 +87,11 @@ def channel_error(
         reference: finite, shape (n,), in the same unit.
         stddev: of the estimate, NaN where unknown, shape (n,), in the same unit.
         reversal: whether the motion reverses at the sample, shape (n,).
+        unit: of estimate and reference.
 
     Returns:
-        Errors in the given unit; the other figures are dimensionless.  ``mean_relative_error`` is
-        None if the reference is zero throughout, ``r2`` if it does not vary, ``coverage`` if no
-        standard deviation is known, and all figures if n is 0.
+        Errors in that unit; the other figures are dimensionless.  ``mean_relative_error`` is None
+        if the reference is zero throughout, ``r2`` if it does not vary, all figures if n is 0.
 
     Raises:
         ValueError: shapes that differ, or values that are not finite.
@@ -108,28 +111,32 @@ def channel_error(
     size = np.abs(error)
     squares = float(np.dot(error, error))
     magnitude = np.abs(recorded)
-    largest = float(magnitude.max())
     relative: float | None = None
-    if largest > 0.0:
+    if (largest := float(magnitude.max())) > 0.0:
         telling = magnitude >= MINIMUM_SHARE * largest
         relative = float(np.mean(size[telling] / magnitude[telling]))
-    r2: float | None = None
-    # Exact comparison, because the rounded mean of equal numbers may differ from them.
-    if n >= 2 and recorded.min() < recorded.max():
-        deviation = recorded - recorded.mean()
-        variation = float(np.dot(deviation, deviation))
-        r2 = 1.0 - squares / variation if variation > 0.0 else None
     return ChannelError(
         n=n,
         mean_abs_error=float(size.mean()),
         mean_relative_error=relative,
         rmse=float(np.sqrt(squares / n)),
         max_abs_error=float(size.max()),
-        r2=r2,
+        r2=_r2(recorded, squares),
         reversal_error=None if reversal is None else _mean(size[reversal]),
         smooth_error=None if reversal is None else _mean(size[~reversal]),
         coverage=None if stddev is None else _coverage(size, np.asarray(stddev, dtype=np.float64)),
+        unit=unit,
     )
+
+
+def _r2(recorded: NDArray[np.float64], squares: float) -> float | None:
+    """1 - SSE/SST; None if the reference does not vary."""
+    # Exact comparison, because the rounded mean of equal numbers may differ from them.
+    if recorded.min() == recorded.max():
+        return None
+    deviation = recorded - recorded.mean()
+    variation = float(np.dot(deviation, deviation))
+    return 1.0 - squares / variation if variation > 0.0 else None
 
 
 def _mean(values: NDArray[np.float64]) -> float | None:
@@ -175,6 +182,7 @@ def pooled_errors(comparisons: Sequence[BagComparison]) -> dict[str, ChannelErro
             np.concatenate([channel.reference for channel in channels]),
             stddev=_joined([channel.stddev for channel in channels]),
             reversal=_joined([channel.reversal for channel in channels]),
+            unit=channels[0].unit,
         )
         for name, channels in parts.items()
     }
@@ -212,4 +220,5 @@ def mean_over_channels(errors: Iterable[ChannelError]) -> ChannelError:
         reversal_error=mean("reversal_error"),
         smooth_error=mean("smooth_error"),
         coverage=mean("coverage"),
+        unit=" or ".join(sorted({error.unit for error in listed} - {""})),
     )

@@ -184,7 +184,8 @@ def hysteresis(channel: Channel, window: Window) -> Figure:
     """
     part = slice(window.begin, window.end)
     present = np.isfinite(channel.angle[part])
-    angle = np.degrees(channel.angle[part][present])
+    sliding = channel.angle_unit == "m"
+    angle = (1e3 if sliding else np.degrees(1.0)) * channel.angle[part][present]
     stamps = channel.stamp_ns[part][present]
     breaks = gaps(stamps)
     factor, unit = _scale(channel)
@@ -196,7 +197,7 @@ def hysteresis(channel: Channel, window: Window) -> Figure:
     set_limits(axes, angle, 6)
     axes.margins(x=0.03)
     _key(figure, channel, unit)
-    set_x_label(axes, f"{channel.angle_name} [°]")
+    set_x_label(axes, f"{channel.angle_name} [{'mm' if sliding else '°'}]")
     return figure
 
 

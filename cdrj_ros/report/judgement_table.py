@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import Final, TextIO
 
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.judgement.channels import QUANTITIES
-from cdrj_ros.judgement.limits import Judgement
+from cdrj_ros.judgement.limits import Judgement, Outside
 from cdrj_ros.report.columns import new_table, print_table
 from cdrj_ros.report.numbers import (
     format_percent,
     format_r2,
 )
-
-if TYPE_CHECKING:
-    pass
-
 
 OUTSIDE_HEADINGS: Final = ("outside its limit", "figure", "is", "allowed", "beyond by", "in")
 """Headings of the table of figures outside their limits."""
@@ -40,10 +36,7 @@ def judgement_rows(judgement: Judgement) -> list[tuple[str, str, str, str, str, 
     """Figures outside their limits: channel, figure, value, bound, excess, and recording."""
     rows = []
     for one in judgement.outside:
-        value, bound, by = (
-            _figure_text(one.figure, one.channel, number)
-            for number in (one.value, one.bound, one.by)
-        )
+        value, bound, by = (_figure_text(one, number) for number in (one.value, one.bound, one.by))
         if one.by is not None and one.bound:
             by += f" ({100.0 * one.by / abs(one.bound):.2g} %)"
         allowed = f"{'at least' if one.least else 'at most'} {bound}"
@@ -74,7 +67,8 @@ def print_judgement(judgement: Judgement, file: TextIO | None = None) -> None:
         print_table(table, file)
 
 
-def _figure_text(figure: str, channel: str, value: float | None) -> str:
+def _figure_text(one: Outside, value: float | None) -> str:
+    figure = one.figure
     if value is None:
         return "not known"
     if figure in ("mean_relative_error", "coverage"):
@@ -83,6 +77,6 @@ def _figure_text(figure: str, channel: str, value: float | None) -> str:
         return format_r2(value)
     if figure == "n":
         return f"{value:.0f}"
-    quantity = QUANTITIES.get(channel.partition("/")[0])
-    unit = quantity.unit if quantity else ""
+    quantity = QUANTITIES.get(one.channel.partition("/")[0])
+    unit = one.unit or (quantity.unit if quantity else "")
     return f"{value:.4g} {unit}".rstrip()

@@ -44,7 +44,7 @@ def scale_for(largest: float | None, unit: str) -> tuple[float, str]:
 
     The threshold is 0.0995, which rounds to 0.10 with two digits.
     """
-    if largest is not None and 0.0 < largest < 0.0995:
+    if largest is not None and 0.0 < largest < 0.0995 and " or " not in unit:
         return 1e3, f"m{unit}"
     return 1.0, unit
 

@@ -64,12 +64,13 @@ def channel_pictures(
             else "The reversal (dashed) nearest to the largest error.",
         ),
     ]
+    turned = "position" if channel.angle_unit == "m" else "angle"
     if np.isfinite(channel.angle[loop.begin : loop.end]).any():
         shown.append(
             (
                 hysteresis(channel, loop),
-                f"over the angle of {channel.angle_name}",
-                f"Over the angle of {channel.angle_name}, {_span(channel, loop, origin_ns)}.",
+                f"over the {turned} of {channel.angle_name}",
+                f"Over the {turned} of {channel.angle_name}, {_span(channel, loop, origin_ns)}.",
             )
         )
     label = f"{label_start}{channel.name}: recorded and estimated"

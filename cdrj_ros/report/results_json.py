@@ -11,7 +11,6 @@ docs/validate.md describes every key.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
@@ -21,7 +20,7 @@ from typing import Final, TypeAlias
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.judgement.channels import unit_of
 from cdrj_ros.judgement.limits import Judgement
-from cdrj_ros.judgement.metrics import ChannelError, Errors
+from cdrj_ros.judgement.metrics import FIGURES, ChannelError, Errors
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
 
 FORMAT: Final = "cdrj_ros/validation"
@@ -71,8 +70,9 @@ def write_results(
 def _channels(errors: Mapping[str, ChannelError]) -> dict[str, Json]:
     return {
         name: {
-            "unit": unit_of(name),
-            **{figure: _finite(value) for figure, value in dataclasses.asdict(error).items()},
+            "unit": error.unit or unit_of(name),
+            "n": error.n,
+            **{figure: _finite(getattr(error, figure)) for figure in FIGURES},
         }
         for name, error in errors.items()
     }

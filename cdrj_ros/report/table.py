@@ -115,7 +115,7 @@ def table_groups(
         if not members:
             continue
         overall = mean_over_channels(members.values())
-        factor, scaled_unit = scale_for(overall.max_abs_error, unit)
+        factor, scaled_unit = scale_for(overall.max_abs_error, overall.unit or unit)
         decimals = _decimals(members.values(), factor)
         rows = tuple(
             Row(

@@ -127,7 +127,7 @@ def _sentence(quantity: str, errors: Mapping[str, ChannelError]) -> str:
         if grade
         else f"{subject} {'do' if len(members) > 1 else 'does'} not follow the recording"
     )
-    mean_error = _amount(overall.mean_abs_error, quantity)
+    mean_error = _amount(overall, overall.mean_abs_error, quantity)
     average = "on average " if len(members) > 1 else ""
     if _by_r2(quantity, overall):
         if overall.r2 is None:
@@ -155,9 +155,10 @@ def _detail(
     duration = sum(comparison.duration_s for comparison in comparisons)
     recordings = "one recording" if len(comparisons) == 1 else f"{len(comparisons)} recordings"
     channels = "1 channel" if len(errors) == 1 else f"{len(errors)} channels"
+    largest = _amount(worst, worst.max_abs_error, quantity)
     return (
-        f"The largest {title} error of any sample is {_amount(worst.max_abs_error, quantity)}, "
-        f"in {worst_name}{_moment(worst_name, comparisons)}. Compared: {channels} over "
+        f"The largest {title} error of any sample is {largest}, in {worst_name}"
+        f"{_moment(worst_name, comparisons)}. Compared: {channels} over "
         f"{duration:.0f} s in {recordings}."
     )
 
@@ -214,13 +215,15 @@ def _keys(errors: Mapping[str, ChannelError]) -> tuple[KeyNumber, ...]:
 def _key(quantity: str, label: str, members: Mapping[str, ChannelError]) -> KeyNumber:
     overall = mean_over_channels(members.values())
     detail = (
-        f"{_amount(overall.mean_abs_error, quantity)} mean, "
-        f"{_amount(overall.max_abs_error, quantity)} largest"
+        f"{_amount(overall, overall.mean_abs_error, quantity)} mean, "
+        f"{_amount(overall, overall.max_abs_error, quantity)} largest"
     )
     if _by_r2(quantity, overall):
         known = {name: e.r2 for name, e in members.items() if e.r2 is not None}
         if not known:
-            return KeyNumber(label, _amount(overall.mean_abs_error, quantity), "mean error", detail)
+            return KeyNumber(
+                label, _amount(overall, overall.mean_abs_error, quantity), "mean error", detail
+            )
         lowest = min(known, key=lambda name: known[name])
         meaning = f"R², lowest: {lowest.partition('/')[2]}" if len(members) > 1 else "R²"
         return KeyNumber(label, format_r2(known[lowest]), meaning, detail)
@@ -232,5 +235,5 @@ def _members(quantity: str, errors: Mapping[str, ChannelError]) -> dict[str, Cha
     return {name: error for name, error in errors.items() if quantity_of(name) == quantity}
 
 
-def _amount(value: float | None, quantity: str) -> str:
-    return format_amount(value, QUANTITIES[quantity].unit)
+def _amount(error: ChannelError, value: float | None, quantity: str) -> str:
+    return format_amount(value, error.unit or QUANTITIES[quantity].unit)

@@ -108,7 +108,8 @@ def test_pooled_figures_are_those_of_the_joined_samples() -> None:
         BagComparison(f"bag {i}", 1.0, (channel("tension/upper/8", *part),))
         for i, part in enumerate(parts)
     ]
-    joined = channel_error(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    whole = (np.concatenate(column) for column in zip(*parts, strict=True))
+    joined = channel_error(*whole, unit="N")
     assert pooled_errors(bags) == {"tension/upper/8": joined}
     single = [own["tension/upper/8"] for own in errors_of(bags).of_bags]
     assert joined.mean_abs_error != pytest.approx(np.mean([e.mean_abs_error or 0 for e in single]))
