@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """Print the held-out figures of docs/continuum.md and draw its pictures.
 
-    python tools/continuum_figures.py BAGS --out docs/figures
+    python tools/continuum_figures.py BAGS --other LATER/test/2024-12-06-… --out docs/figures
 
-BAGS is what tools/convert_continuum.py has written.  Per run and wire: R², RMSE and the share of
-samples within two standard deviations, with the robot file as it is and after a tare: the screw's
-zero is moved so that the mean error of the run's first ten seconds vanishes, and only what follows
-them is compared.
+BAGS and LATER, of another session, are what tools/convert_continuum.py has written.  Per run and
+wire: R², RMSE and the share of samples within two standard deviations, with the robot file as it is
+and after a tare: the screw's zero is moved so that the mean error of the run's first ten seconds
+vanishes, and only what follows them is compared.
 """
 
 from __future__ import annotations
@@ -155,14 +155,8 @@ def save(fig: Any, path: Path, title: str) -> None:
     plt.close(fig)
 
 
-def main() -> int:
-    """Print both tables, then write three pictures."""
-    parser = argparse.ArgumentParser(description="Figures of docs/continuum.md")
-    parser.add_argument("bags", type=Path, help="the folder with train and test")
-    parser.add_argument("--out", type=Path, required=True, help="folder of the pictures")
-    asked = parser.parse_args()
-    bags = [asked.bags / name for name in HELD_OUT]
-    plain = [compared(bag, model_with({}), spread=True) for bag in bags]
+def print_tables(bags: Sequence[Path], plain: Sequence[BagComparison]) -> None:
+    """Figures of every run as identified, and after a tare."""
     print("as identified")
     for comparison in plain:
         print(f"| {Path(comparison.path).name} | {cells(pooled_errors([comparison]))} |")
@@ -175,12 +169,29 @@ def main() -> int:
         moved = ", ".join(f"{zero / np.pi:+.2f} mm" for zero in zeros.values())
         print(f"| {bag.name} | {moved} | {cells(pooled_errors([after[-1]]))} |")
     print(f"| all | | {cells(pooled_errors(after))} |")
+
+
+def main() -> int:
+    """Print the tables, then draw the pictures."""
+    parser = argparse.ArgumentParser(description="Figures of docs/continuum.md")
+    parser.add_argument("bags", type=Path, help="the folder with train and test")
+    parser.add_argument("--other", type=Path, help="a bag of another session")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the pictures")
+    asked = parser.parse_args()
+    bags = [asked.bags / name for name in HELD_OUT]
+    plain = [compared(bag, model_with({}), spread=True) for bag in bags]
+    print_tables(bags, plain)
     asked.out.mkdir(parents=True, exist_ok=True)
     shown = [plain[0], plain[2]]
     time_figure(shown, asked.out / "continuum_time.png", "wire_0", "Held-out runs")
     failed = [plain[4], plain[5]]
     time_figure(failed, asked.out / "continuum_failure.png", "wire_1", "Held-out runs that fail")
     loop_figure(bags[0], plain[0], asked.out / "continuum_loops.png")
+    if asked.other is not None:
+        other = compared(asked.other, model_with({}), spread=True)
+        print_tables([asked.other], [other])
+        path = asked.out / "continuum_session.png"
+        time_figure([other], path, "wire_0", "Another session, nothing fitted")
     return 0
 
 
