@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -234,19 +234,10 @@ def _replay(
     sources = [(conditioner.feed_motors, (name,), r) for name, r in motors.items()]
     sources += [(conditioner.feed_joints, (name,), r) for name, r in joints.items()]
     feeds = [(feed, name) for feed, name, _ in sources]
-    stamps = np.concatenate([readings.stamp_ns for _, _, readings in sources])
-    values = np.concatenate([readings.value for _, _, readings in sources])
-    order = np.argsort(
-        np.concatenate([readings.log_ns for _, _, readings in sources]), kind="stable"
-    )
-    ends = np.cumsum([readings.stamp_ns.size for _, _, readings in sources])
     motor_count, joint_count = len(robot.motors), len(robot.joints)
     segments = [_Segment(motor_count, joint_count)]
     jumps = 0
-    for begin in range(0, order.size, PIECE):
-        piece = order[begin : begin + PIECE]
-        source = np.searchsorted(ends, piece, side="right").tolist()
-        readings = zip(source, stamps[piece].tolist(), values[piece].tolist(), strict=True)
+    for readings in _in_order([readings for _, _, readings in sources]):
         for k, stamp, value in readings:
             feed, name = feeds[k]
             samples = feed(stamp, name, (value,))
@@ -263,6 +254,38 @@ def _replay(
         conditioner.gaps,
         conditioner.steps,
     )
+
+
+def _in_order(channels: Sequence[Series]) -> Iterator[Iterable[tuple[int, int, float]]]:
+    """Readings in order of arrival, some at a time, since an hour of them would take 200 MB.
+
+    Yields:
+        Index of the channel, stamp [ns] and value; at equal times the first channel comes first.
+    """
+    at = [0] * len(channels)
+    while any(k < c.log_ns.size for k, c in zip(at, channels, strict=True)):
+        parts = _next_parts(channels, at)
+        at = [part.stop for part in parts]
+        taken = [
+            (c.log_ns[p], c.stamp_ns[p], c.value[p]) for c, p in zip(channels, parts, strict=True)
+        ]
+        log, stamp, value = (np.concatenate(column) for column in zip(*taken, strict=True))
+        order = np.argsort(log, kind="stable")
+        source = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
+        yield zip(source[order].tolist(), stamp[order].tolist(), value[order].tolist(), strict=True)
+
+
+def _next_parts(channels: Sequence[Series], at: Sequence[int]) -> list[slice]:
+    """The next readings of every channel, about PIECE of the one with most, up to one time."""
+    logs = [channel.log_ns for channel in channels]
+    further = [log[k + PIECE] for log, k in zip(logs, at, strict=True) if k + PIECE < log.size]
+    if not further:
+        return [slice(k, log.size) for log, k in zip(logs, at, strict=True)]
+    until = min(further)
+    ends = [int(np.searchsorted(log, until)) for log in logs]
+    if ends == list(at):  # as many readings arrived at the same time
+        ends = [int(np.searchsorted(log, until, side="right")) for log in logs]
+    return [slice(k, end) for k, end in zip(at, ends, strict=True)]
 
 
 class _Segment:

@@ -9,11 +9,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import Final
 
-import numpy as np
-
 from cdrj_ros.bag import Topics
 from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.estimates_bag import OUTPUTS, write_estimates
+from cdrj_ros.judgement.estimates_bag import OUTPUTS, log_times, write_estimates
 from cdrj_ros.judgement.motor_alone import condition_alone, read_alone
 from cdrj_ros.judgement.validation import (
     WHOLE,
@@ -98,7 +96,8 @@ def compare_bag_with(
     else:
         recording = read_inputs(path, task.topics, model)
         conditioned = condition_recording(model, recording)
-    if len(conditioned.segments) == 1 and not task.written:
+    log_ns = log_times(recording, conditioned) if task.written else None
+    if len(conditioned.segments) == 1:
         recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
     reading_s = perf_counter() - begin
     if progress:
@@ -118,10 +117,9 @@ def compare_bag_with(
         window=task.window,
         progress=on,
     )
-    if task.written:
+    if log_ns is not None:
         written = str(Path(task.folder, task.written))
-        stamps = np.concatenate([segment.stamp_ns for segment in conditioned.segments])
-        write_estimates(written, path, recording, stamps, validation.pieces(), task.outputs)
+        write_estimates(written, path, log_ns, validation.pieces(), task.outputs)
     else:
         for _ in validation.pieces():
             pass

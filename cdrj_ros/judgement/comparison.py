@@ -147,8 +147,7 @@ class Comparing:
         else:
             placement = place(stamps[finite], own_stamps, self._max_gap_ns)
             recorded = recorded[finite]
-        if len(placement.source) < len(recorded) or np.any(np.diff(placement.source) != 1):
-            recorded = recorded[placement.source]
+        recorded = recorded[_places(placement.source)]
         empty = np.full(len(placement.source), np.nan)
         left_out = int(np.count_nonzero(~finite))
         return _Target(placement, recorded, empty, left_out)
@@ -228,6 +227,13 @@ class Comparing:
 def _unit_of_axis(name: str, angle: Angle | None) -> str:
     """Unit of the angle of the motor or joint that a channel is named after."""
     return angle.unit if angle is not None and name.endswith(f"/{angle.name}") else "rad"
+
+
+def _places(source: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """The indices, as a slice where they follow each other: nothing is copied then."""
+    if source.size and not np.any(np.diff(source) != 1):
+        return slice(int(source[0]), int(source[-1]) + 1)
+    return source
 
 
 def _fill(target: _Target, into: Floats, values: Floats, begin: int, previous: float) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.bag import BagWriter, Recording, list_topics
+from cdrj_ros.conditioning.whole_recording import Conditioned
 from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.judgement.passes import passes_of, slices_of
 from cdrj_ros.messages import topics
@@ -21,12 +22,14 @@ OUTPUTS: Final = (
 )
 """Topics of the estimates, as the node publishes them by default."""
 
+AT_ONCE: Final = 65_536
+"""Log times computed at a time; it does not affect them."""
+
 
 def write_estimates(
     out: str,
     path: str,
-    recording: Recording,
-    stamps: NDArray[np.int64],
+    log_ns: NDArray[np.int64],
     pieces: Iterable[Estimates],
     outputs: tuple[str, str, str] = OUTPUTS,
 ) -> None:
@@ -39,15 +42,13 @@ def write_estimates(
     Args:
         out: the bag to write.
         path: the bag that was read.
-        recording: its recorded series.
-        stamps: of all estimates [ns], shape (n,); they go back where a pass begins.
+        log_ns: log times of all estimates, see ``log_times``.
         pieces: the estimates in this order; each is written before the next is asked for.
         outputs: topics of tensions, nodal forces and efforts.
 
     Raises:
         BagError: ``out`` exists, or one of them cannot be read or written.
     """
-    log_ns = log_times(recording, stamps)
     done = 0
 
     def write(bag: BagWriter, piece: Estimates) -> None:
@@ -103,26 +104,51 @@ def _write_piece(
     )
 
 
-def log_times(recording: Recording, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+def log_times(recording: Recording, conditioned: Conditioned) -> NDArray[np.int64]:
     """Log time of each estimate [ns], shape (n,); never before that of the estimate before it.
 
     The delay from header stamp to log time is that of the first motor's (or joint's) messages.
 
     Args:
         recording: the recorded series.
-        stamps: of the estimates [ns], shape (n,); they go back where a pass begins.
+        conditioned: its samples, at whose stamps the estimates are.
     """
     series = next(iter({**recording.joints, **recording.motors}.values()))
+    segments = [segment.stamp_ns for segment in conditioned.segments]
+    stamps = np.concatenate([np.empty(0, np.int64), *segments])
     logs = np.empty_like(stamps)
     parts = slices_of(stamps)
     for part, own in zip(parts, passes_of(series, len(parts) - 1, series), strict=True):
-        within = stamps[part]
-        in_order = np.argsort(own.stamp_ns, kind="stable")
-        begin = int(within[0])
-        delay = np.interp(
-            (within - begin).astype(np.float64),
-            (own.stamp_ns[in_order] - begin).astype(np.float64),
-            (own.log_ns - own.stamp_ns)[in_order].astype(np.float64),
-        )
-        logs[part] = within + np.rint(delay).astype(np.int64)
-    return np.maximum.accumulate(logs)
+        readings, log_ns = own.stamp_ns, own.log_ns
+        if np.any(readings[1:] < readings[:-1]):
+            in_order = np.argsort(readings, kind="stable")
+            readings, log_ns = readings[in_order], log_ns[in_order]
+        for begin in range(part.start, part.stop, AT_ONCE):
+            piece = slice(begin, min(begin + AT_ONCE, part.stop))
+            delay = _delay_at(stamps[piece], readings, log_ns, int(stamps[part.start]))
+            logs[piece] = stamps[piece] + np.rint(delay).astype(np.int64)
+    np.maximum.accumulate(logs, out=logs)
+    return logs
+
+
+def _delay_at(
+    stamps: NDArray[np.int64],
+    readings: NDArray[np.int64],
+    log_ns: NDArray[np.int64],
+    begin_ns: int,
+) -> NDArray[np.float64]:
+    """Delay from stamp to log time [ns], between the neighbouring readings, shape of ``stamps``.
+
+    Args:
+        stamps: increasing [ns], at least one.
+        readings, log_ns: stamps, in order, and log times of all readings [ns].
+        begin_ns: time that is subtracted from stamps, so that a float holds them exactly.
+    """
+    first = max(int(np.searchsorted(readings, stamps[0], side="right")) - 1, 0)
+    near = slice(first, int(np.searchsorted(readings, stamps[-1])) + 1)
+    delay: NDArray[np.float64] = np.interp(
+        (stamps - begin_ns).astype(np.float64),
+        (readings[near] - begin_ns).astype(np.float64),
+        (log_ns[near] - readings[near]).astype(np.float64),
+    )
+    return delay
