@@ -33,8 +33,13 @@ WINDOW_NS: Final = 1_000_000_000
 """A reading is compared with what the estimate would be without the latest corrections of the same
 sensor, over all times up to this [ns]: otherwise a wrong sensor is followed in small steps."""
 
-SAMPLING_NS: Final = 20_000_000
-"""Minimum interval of the corrections that are kept for this comparison [ns]."""
+LONG_WINDOW_NS: Final = 5_000_000_000
+"""The same for the only load cell of a cable whose motor's effort is measured, too [ns]: the effort
+decides whether a slow change is one of the preload or of the cell.  Over such a time the errors of
+a good cell add up as well, so that it is not doubted without another witness."""
+
+KEPT_IN_WINDOW: Final = 50
+"""Most corrections that are kept for this comparison, evenly spaced in time."""
 
 Answer = Literal["agrees", "contested", "changed"]
 """A reading agrees with the estimate, contradicts it, or is one of several that contradict it."""
@@ -50,7 +55,7 @@ class Taught(NamedTuple):
 
     stamp_ns: int
     correction: float
-    """Sum of its corrections of its own quantity until then [N] or [N m]."""
+    """Sum of its corrections of what is expected of its readings until then [N] or [N m]."""
     variance: float
     """Expected variance of the innovation of that reading."""
 
@@ -67,10 +72,12 @@ class Witness:
     """Standard deviation of the part of this error that is in proportion to the readings so far."""
     history: float = 0.0
     """Standard deviation of changes that follow from its first correction [N] or [N m]."""
+    against_effort: bool = False
+    """Whether it is a load cell for which ``LONG_WINDOW_NS`` holds."""
     surprise: float = 0.0
     """How far the last reading contradicted the estimate [N] or [N m]."""
     _correction: float = 0.0
-    """Sum of the corrections of its own quantity [N] or [N m]."""
+    """Sum of the corrections of what is expected of its readings [N] or [N m]."""
     _taught: deque[Taught] = field(default_factory=deque)
     _row: int = 0
     """Contested readings in a row; negative where they are below the estimate."""
@@ -93,13 +100,13 @@ class Witness:
             stamp_ns: time of the sample that the reading corrects [ns].
             innovation: reading minus estimate minus ``error``.
             variance: expected variance of the innovation.
-            drift: variance per second of the random walk of the measured quantity.
+            drift: variance per second of the random walk of what is expected.
         """
         own = self.share**2 + self.history**2  # need not be constant
         allowed = variance + own
         self.surprise, square = innovation, innovation**2 / allowed
-        taught = self._taught
-        while len(taught) > 1 and stamp_ns - taught[1].stamp_ns >= WINDOW_NS:
+        taught, window_ns = self._taught, LONG_WINDOW_NS if self.against_effort else WINDOW_NS
+        while len(taught) > 1 and stamp_ns - taught[1].stamp_ns >= window_ns:
             taught.popleft()
         if any(variance > RISEN * one.variance for one in taught):
             taught.clear()
@@ -111,7 +118,7 @@ class Witness:
                 self.surprise, square = moved, moved * moved / allowed
         if square <= CONTESTED:
             self._row, self.contested = 0, False
-            if not taught or stamp_ns - taught[-1].stamp_ns >= SAMPLING_NS:
+            if not taught or KEPT_IN_WINDOW * (stamp_ns - taught[-1].stamp_ns) >= window_ns:
                 taught.append(Taught(stamp_ns, self._correction, variance))
             return "agrees"
         side = 1 if self.surprise > 0.0 else -1
@@ -125,7 +132,7 @@ class Witness:
         Args:
             change: of ``deviation`` and ``error`` together in every member, shape (members,).
             error: change of ``error``.
-            correction: change of the estimate of the measured quantity.
+            correction: change of what is expected of its readings.
         """
         self.deviation += change - error
         self.error += error

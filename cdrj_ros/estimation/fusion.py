@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.estimation.contest import Answer, Witness
+from cdrj_ros.estimation.contest import WINDOW_NS, Answer, Witness
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
 from cdrj_ros.estimation.motor_friction import FRICTION_DRIFT, MotorFriction
@@ -88,14 +88,15 @@ class Fusion:
 
         Args:
             spread: the robot's ensemble, changed by every correction.
-            drift: random-walk spread of a preload after one second, as a fraction of the preload.
+            drift: random-walk spread of a preload after one second, as a fraction of the preload,
+                where no load cell measures the cable.
         """
         model = spread.model
         layout, robot = model.layout, model.robot
         self.spread = spread
         self.model = model
         self._drift = drift
-        self._preloads = Preloads(spread, drift)
+        self._preloads = Preloads(spread)
         self._element_cable = {
             name: c for c, cable in enumerate(robot.cables) for name in cable.element_names
         }
@@ -222,7 +223,8 @@ class Fusion:
         now = Estimate(sample.stamp_ns, self._history[-1].values, self.model.layout, True)
         spread.catch_up(sample, now)
         errors = [one.deviation for one in self._witnesses.values()]
-        passed = self._preloads.drift(reading.name, sample.stamp_ns, reading.cables, errors)
+        shares = {c: self._drift_of(c, sample.stamp_ns) for c in reading.cables}
+        passed = self._preloads.drift(reading.name, sample.stamp_ns, shares, errors)
         own = reading.noise**2 + self._model_error(reading) ** 2
         witness = self._witnesses.get(reading.name)
         if witness is not None and reading.motor >= 0:
@@ -251,6 +253,34 @@ class Fusion:
         if reading.motor < 0:
             health.dropped = witness.wrong
         return state
+
+    def _drift_of(self, cable: int, stamp_ns: int) -> float:
+        """Random-walk spread of a preload after 1 s, as a fraction of it.
+
+        It is small where a load cell measures the cable: a preload that changes sooner then shows
+        as a contradiction, and so does a cell that drifts.
+        """
+        return min(self._drift, SLOW_DRIFT) if self._cells(cable, stamp_ns) else self._drift
+
+    def _cells(self, cable: int, stamp_ns: int) -> list[str]:
+        """The trusted load cells of a cable that have been heard lately."""
+        return [
+            name
+            for name in self._witnesses
+            if self._element_cable.get(name) == cable
+            and self._preloads.heard(name, stamp_ns, WINDOW_NS)
+        ]
+
+    def _is_against_effort(self, reading: _Reading, stamp_ns: int) -> bool:
+        """Whether a load cell is the only one of its cable and a trusted effort acts on it."""
+        (cable,) = reading.cables
+        efforts = [
+            name
+            for name in self._witnesses
+            if cable in self._motor_cables.get(name, ())
+            and self._preloads.heard(name, stamp_ns, WINDOW_NS)
+        ]
+        return bool(efforts) and self._cells(cable, stamp_ns) == [reading.name]
 
     def _heed(self, reading: _Reading, first: float) -> Witness:
         """Begin to use a sensor.
@@ -293,7 +323,10 @@ class Fusion:
         would leave half of the loss uncorrected.
         """
         scale = self._preloads.scale(reading.column, reading.cables)
-        drift = (self._drift * scale) ** 2
+        share = max(self._drift_of(c, stamp_ns) for c in reading.cables)
+        drift = (share * scale) ** 2
+        if reading.motor < 0:
+            witness.against_effort = self._is_against_effort(reading, stamp_ns)
         answer: Answer = witness.weigh(stamp_ns, innovation, variance, drift)
         is_effort = reading.motor >= 0
         possible = abs(witness.surprise) <= (SUDDEN if is_effort else DOUBT) * scale
@@ -365,9 +398,8 @@ class Fusion:
             places.stretch(values[None, :], self.model.numbers[None, :], shift[None, :])
             places.stretch(spread.states, spread.numbers, change[:, places.elements])
         own_gain = float(witness.deviation @ h) / (members * variance)
-        witness.learn(
-            differences * own_gain, own_gain * innovation, float(gain[column]) * innovation
-        )
+        heard = float(gain[column]) + (own_gain if witness.against_effort else 0.0)
+        witness.learn(differences * own_gain, own_gain * innovation, heard * innovation)
         deviation += change - gain * innovation
         self._corrected = self._corrected + gain * innovation
         spread.variance[:] = (deviation**2).mean(axis=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -17,7 +17,7 @@ SLOW_DRIFT: Final = 0.002
 """Random-walk spread of a preload after 1 s with load cells, as a fraction of the preload."""
 
 FREE_DRIFT: Final = 0.02
-"""The same where the preload is tracked by a motor's effort."""
+"""The same where a motor's effort alone tracks the preload."""
 
 
 DOUBT: Final = 0.2
@@ -28,16 +28,14 @@ show, as a fraction of the preload."""
 class Preloads:
     """Changes of the preloads in all members."""
 
-    def __init__(self, spread: Spread, share: float) -> None:
+    def __init__(self, spread: Spread) -> None:
         """Prepare for one robot.
 
         Args:
             spread: the robot's ensemble, which every call changes.
-            share: standard deviation of a preload's random walk after 1 s, as a fraction of it.
         """
         self.spread = spread
         self.places = [CablePlaces(spread.model, c) for c in range(len(spread.model.robot.cables))]
-        self._share = share
         self._preload = [max(cable.preload, 1.0) for cable in spread.model.robot.cables]
         self._last_ns: dict[str, int] = {}
 
@@ -45,13 +43,16 @@ class Preloads:
         """Forget when the preloads drifted last."""
         self._last_ns.clear()
 
-    def drift(self, name: str, stamp_ns: int, cables: list[int], apart: Sequence[Vector]) -> float:
+    def drift(
+        self, name: str, stamp_ns: int, shares: Mapping[int, float], apart: Sequence[Vector]
+    ) -> float:
         """Add a random walk to every member's preloads, since preloads are not constant.
 
         Args:
             name: the sensor that is about to correct the cables.
             stamp_ns: time of the sample [ns].
-            cables: the cables.
+            shares: standard deviation of every preload's random walk after 1 s, as a fraction of
+                it, by cable.
             apart: see ``standard``.
 
         Returns:
@@ -62,11 +63,15 @@ class Preloads:
         if passed <= 0.0:
             return 0.0
         spread = self.spread
-        for c in cables:
+        for c, share in shares.items():
             normal = standard(spread.generator, len(spread.states), apart)
-            self._shift(c, self._share * self._preload[c] * np.sqrt(passed) * normal)
+            self._shift(c, share * self._preload[c] * np.sqrt(passed) * normal)
         spread.variance[:] = (spread.deviation**2).mean(axis=0)
         return passed
+
+    def heard(self, name: str, stamp_ns: int, within_ns: int) -> bool:
+        """Whether a sensor has corrected the cables within a time before ``stamp_ns`` [ns]."""
+        return name in self._last_ns and stamp_ns - self._last_ns[name] <= within_ns
 
     def scale(self, column: int, cables: list[int]) -> float:
         """Change of a measured quantity if all preloads vary by themselves [N] or [N m] (RMS)."""

@@ -275,7 +275,7 @@ def test_a_long_gap_beside_a_sensor_on_trial_leaves_no_standard_deviation_too_sm
         assert np.allclose(live.spread.variance, (live.spread.deviation**2).mean(axis=0))
 
     begin = 3 * SECOND
-    part = Course(course.winch[:3080], course.elbow[:3080], course.tension[:3080])
+    part = Course(*(values[:3080] for values in vars(course).values()))
     for end in (begin + 8 * MS, begin + 75 * MS):
         shorter = Course(*(values[: end // MS] for values in vars(part).values()))
         faults = Faults(clock_ns=(begin, 3600 * SECOND), effort=0.0)

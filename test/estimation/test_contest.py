@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 import pytest
-from support.campaign import SECOND, Course, Faults, courses, judge, run
+from support.campaign import SECOND, Course, Faults, Lie, courses, judge, run
 
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.contest import LASTING, Witness
@@ -35,6 +35,11 @@ def course(model: Model) -> Course:
     return courses(model, 8.0, (1,))[0]
 
 
+@pytest.fixture(scope="module")
+def longer(model: Model) -> Course:
+    return courses(model, 12.0, (1,))[0]
+
+
 @pytest.mark.parametrize(
     ("off", "track_preload"), [(2.0, True), (3.0, False), (5.0, True), (-12.0, False)]
 )
@@ -51,6 +56,28 @@ def test_a_trusted_cell_that_is_suddenly_off_leaves_no_wrong_tension_with_status
     assert before.beyond(2.0) == 0.0
     assert verdict.judged > 0
     assert verdict.beyond(5.0) <= 0.001
+
+
+@pytest.mark.parametrize("good_effort", [False, True])
+@pytest.mark.parametrize(
+    ("lie", "off"),
+    [("drifts", 5.0), ("drifts", -5.0), ("drifts", 1.5), ("is off", 1.0), ("is off", -5.0)],
+)
+def test_a_trusted_cell_that_drifts_or_is_off_keeps_to_the_law(
+    lie: Lie, off: float, good_effort: bool, model: Model, longer: Course
+) -> None:
+    """The cell drifts by a fifth of ``off`` in a second; an effort beside it is right."""
+    begin = 6 * SECOND
+    faults = Faults(liar=(lie, begin), off=off, good_effort=good_effort)
+    options = Options(tension_sensors=True, track_preload=good_effort)
+    outputs = run(model, longer, faults, options)
+    before = judge(longer, outputs, begin - SECOND, begin)
+    verdict = judge(longer, outputs, begin, longer.duration_ns)
+    assert before.ratio.size >= (0.99 if good_effort else 0.49) * before.judged
+    assert before.beyond(2.0) == 0.0
+    assert verdict.judged > 0
+    assert verdict.beyond(5.0) <= 0.001
+    assert verdict.beyond(2.0) <= 0.08
 
 
 def _witness() -> Witness:

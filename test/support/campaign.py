@@ -20,7 +20,7 @@ Kind = Literal[
     "gap", "slow", "late", "slip", "cell", "effort", "tare", "restart", "clock", "wrap", "liar"
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-Lie = Literal["freezes", "says zero", "doubles", "is off", "is wild"]
+Lie = Literal["freezes", "says zero", "doubles", "is off", "is wild", "drifts"]
 LIES: tuple[Lie, ...] = get_args(Lie)
 Axis = Literal["winch", "elbow"]
 Mode = Literal["wait", "predict"]
@@ -46,6 +46,8 @@ class Course:
     elbow: Vector
     tension: Vector
     """Undisturbed estimate of the tension [N], shape (n, elements)."""
+    effort: Vector
+    """Undisturbed estimate of the motor's effort [N m], shape (n,)."""
 
     @property
     def duration_ns(self) -> int:
@@ -79,10 +81,12 @@ class Faults:
     """Constant reading of a stuck load cell at ``upper/8`` [N]."""
     effort: float | None = None
     """Constant effort that the motor's driver reports [N m]."""
+    good_effort: bool = False
+    """Whether the preloads are tracked by an effort that is right, beside a liar."""
     liar: tuple[Lie, int] | None = None
     """How, and since when [ns], a load cell at ``upper/8`` lies that was good until then."""
     off: float = 5.0
-    """How much a liar that "is off" reads too high [N]."""
+    """How much a liar that "is off" reads too high, and one that "drifts" after 5 s [N]."""
     tare_ns: int | None = None
     """Time of a call of tare [ns]."""
     mode: Mode = "wait"
@@ -104,11 +108,13 @@ def _course(model: Model, seconds: float, kind: int) -> Course:
     if kind == 2:  # two frequencies
         elbow = 0.75 * elbow + 0.05 * np.sin(2.0 * np.pi * 0.7 * time)
     winch = follow(model, elbow)
-    course = Course(winch, elbow, np.empty(0))
+    course = Course(winch, elbow, np.empty(0), np.empty(0))
     outputs = run(model, course, Faults())
     stamps = [output.estimate.stamp_ns - START for output in outputs]
     assert stamps == (MS * np.arange(winch.size)).tolist()
-    return Course(winch, elbow, np.array([output.estimate.tension for output in outputs]))
+    tension = np.array([output.estimate.tension for output in outputs])
+    effort = np.array([output.estimate.motor_effort[0] for output in outputs])
+    return Course(winch, elbow, tension, effort)
 
 
 def follow(model: Model, elbow: Vector) -> Vector:
@@ -168,7 +174,7 @@ def run(
     options = options or Options(
         conditioning=faults.mode,
         tension_sensors=faults.cell is not None or faults.liar is not None,
-        track_preload=faults.effort is not None,
+        track_preload=faults.effort is not None or faults.good_effort,
     )
     live = LiveEstimator(model, options)
     outputs: list[Output] = []
@@ -211,6 +217,10 @@ def _feed_sensors(
     """Feed the stuck sensors' readings at a stamp [ns]; ``set_by`` is the clock's offset [ns]."""
     if faults.effort is not None:
         live.feed_efforts(START + stamp + set_by, ("winch",), (faults.effort,))
+    elif faults.good_effort and course.effort.size:
+        k = stamp // MS
+        effort = float(course.effort[k]) + 0.005 * np.sin(1e3 * k)
+        live.feed_efforts(START + stamp + set_by, ("winch",), (effort,))
     if faults.cell is not None and stamp % (10 * MS) == 0:
         live.feed_tensions(START + stamp + set_by, ("upper/8",), (faults.cell,), (0.05,))
 
@@ -228,6 +238,7 @@ def _lie(course: Course, liar: tuple[Lie, int], k: int, off: float) -> float:
     return {
         "freezes": float(course.tension[since, CELL]), "says zero": 0.0, "doubles": 2.0 * true,
         "is off": true + off, "is wild": true + (40.0 if k % 30 == 0 else 0.0),
+        "drifts": true + off * (k - since) / 5000.0,
     }[how]  # fmt: skip
 
 
@@ -361,6 +372,8 @@ def _cell(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> 
 def _liar(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
     how = LIES[int(generator.integers(0, len(LIES)))]
     faults.liar = how, int(generator.uniform(0.5, 0.9) * duration_ns)
+    faults.off = float(generator.choice((-1.0, 1.0)) * 10.0 ** generator.uniform(0.0, 1.1))
+    faults.good_effort = bool(generator.random() < 0.5)
 
 
 def _effort(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
