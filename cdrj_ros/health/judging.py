@@ -47,6 +47,10 @@ AS_GOOD: Final = 12.0
 UNEXPLAINED: Final = 9.0
 """Mean square above which no change explains the readings (three times the model's error)."""
 
+PLAIN: Final = 25.0
+"""Median square from which one cycle suffices for readings that no change explains: half of the
+parts are off by five expected errors, which a few wrong readings cannot cause."""
+
 MOST_CHANGES: Final = 3
 """Largest number of changes at once."""
 
@@ -86,6 +90,8 @@ class Judged:
     leave, in the sensor's unit."""
     constant: tuple[str, ...] = ()
     """Efforts that never changed, as of a driver that does not measure them."""
+    typical: float = 0.0
+    """Median square of what the changes leave, in squares of the expected error."""
 
     @property
     def alarming(self) -> bool:
@@ -96,6 +102,11 @@ class Judged:
     def explained(self) -> bool:
         """Whether the readings agree with the model with these changes."""
         return self.left <= UNEXPLAINED
+
+    @property
+    def certain(self) -> bool:
+        """Whether this one cycle suffices."""
+        return self.gain >= CERTAIN if self.explained else self.typical >= PLAIN
 
 
 @dataclass(frozen=True)
@@ -157,7 +168,8 @@ def judge(
         )
         for k, c, e in zip(chosen, amounts, errors, strict=True)
     )  # fmt: skip
-    return Judged(found, gain, left / rest.size, _deviation(system, rest), constant)
+    typical = float(np.median(rest**2))
+    return Judged(found, gain, left / rest.size, _deviation(system, rest), constant, typical)
 
 
 def _system(

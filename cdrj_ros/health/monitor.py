@@ -21,7 +21,7 @@ from cdrj_ros.estimation.estimator import NEVER, State, initial_state, step
 from cdrj_ros.estimation.fusion import LARGEST
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.health.changes import Change, changes_of, magnitude, sensor_changes
-from cdrj_ros.health.judging import CERTAIN, Judged, judge
+from cdrj_ros.health.judging import Judged, judge
 from cdrj_ros.health.window import FEWEST, MOST, SHORTEST_NS, Reading, Turns, Window
 from cdrj_ros.health.words import Report, report
 from cdrj_ros.model.prepared import Model, prepare
@@ -305,9 +305,10 @@ class HealthMonitor:
                 self._standing = None
             return
         self._clear = 0
-        sure = judged.explained and judged.gain >= CERTAIN
         latest = list(self._judged)[-IN_A_ROW:]
-        if sure or (len(latest) == IN_A_ROW and all(_agree(one, judged) for one in latest)):
+        if judged.certain or (
+            len(latest) == IN_A_ROW and all(_agree(one, judged) for one in latest)
+        ):
             self._standing = judged
 
     def report(self) -> Report:

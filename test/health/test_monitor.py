@@ -288,3 +288,22 @@ def test_an_absurd_reading_is_not_taken() -> None:
         stamp = (k + 1) * 1_000_000_000 + 500_000_000
         monitor.read_tensions(stamp, ["upper/8"], np.ones(1), np.array([1e300]))
     assert not monitor.heard
+
+
+def test_one_cycle_suffices_for_what_no_change_explains_unless_few_readings_cause_it(
+    model: Model, motion: Samples
+) -> None:
+    two = 2 * motion.stamp_ns.size // 5 + motion.stamp_ns.size // 20  # the first is not judged
+    short = Samples(*(column[:two] for column in vars(motion).values()))
+    wrong = true_readings(model, same, short)
+    wrong[:, 0] = 3.0 * np.cos(7.0 * short.joint_angle[:, 0])
+    assert watch(model, short, wrong, ("effort",)).standing is not None
+    glitch = true_readings(model, same, motion)
+    glitch[6 * two // 10 :: two // 2, 0] = 100.0  # once or twice per cycle
+    monitor = watch(model, motion, glitch, ("effort",))
+    assert monitor.cycles >= 3
+    lone = watch(model, short, glitch[:two], ("effort",))
+    assert lone.cycles == 1
+    off = lone.report().values["deviation of winch [N m]"]
+    assert float(off.split(",")[0]) > 1.0, "the cycle holds the wrong reading"
+    assert lone.standing is None
