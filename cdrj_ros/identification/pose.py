@@ -32,6 +32,9 @@ BEND: Final = 0.5
 MARGIN: Final = 0.1
 """Distance of the range's ends from the readings and the zero, as a fraction of the stroke."""
 
+OUTLIERS: Final = 1e-3
+"""Share of the readings beyond either end that do not count, as of a sensor with glitches."""
+
 REACHES: Final = (1.0, 0.5, 0.25, MARGIN)
 """Distances from the readings within which a zero is sought, in strokes; the greatest that the
 geometry allows."""
@@ -140,8 +143,11 @@ def moved_ranges(
         angles = [angles_of(robot, joint.name, one.joints[joint.name]).value for one in recordings]
         every = np.concatenate(angles)
         every = every[np.isfinite(every)]
-        if every.size and not (every.min() >= joint.lower and every.max() <= joint.upper):
-            found[joint.name] = Reach(float(every.min()), float(every.max()))
+        if not every.size:
+            continue
+        ends = np.quantile(every, (OUTLIERS, 1.0 - OUTLIERS), method="nearest").tolist()
+        if not joint.lower <= ends[0] <= ends[1] <= joint.upper:
+            found[joint.name] = Reach(*ends)
     return found
 
 

@@ -80,6 +80,16 @@ def test_a_joint_within_its_range_keeps_it() -> None:
     assert moved_ranges(arm(), "arm", [recorded(np.linspace(-1.0, 1.0, 9))]) == {}
 
 
+def test_a_few_wrong_readings_do_not_widen_the_range() -> None:
+    angle = np.linspace(-0.9, 0.9, 5001)
+    angle[[100, 2000]] = 50.0, np.nan
+    assert moved_ranges(arm(), "arm", [recorded(angle)]) == {}
+    angle = np.linspace(0.8, 1.8, 5001)
+    angle[[100, 2000]] = -50.0, 50.0
+    span = moved_ranges(arm(), "arm", [recorded(angle)])["elbow"]
+    assert (span.lowest, span.highest) == pytest.approx((0.8, 1.8), abs=2e-3)
+
+
 def test_the_new_range_ends_a_tenth_of_the_stroke_beyond_the_readings_and_the_zero() -> None:
     readings = [recorded(np.linspace(0.8, 1.5, 9)), recorded(np.linspace(1.0, 1.8, 9))]
     moved = moved_ranges(arm(), "arm", readings)
