@@ -249,7 +249,7 @@ def test_every_robot_of_the_package_performs_the_default_motion(
     told = capsys.readouterr().out
     assert "slack for" not in told
     usual = name.startswith("prototype")
-    plain = usual or name in ("cdpr", "finger3d", "parallel", "wrist")
+    plain = usual or name in ("cdpr", "continuum", "finger3d", "parallel", "wrist")
     assert ("default motion" in told) != plain
     if usual:
         assert np.degrees(np.abs(angle).max()) == pytest.approx(38.0, abs=0.2)

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
+from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import OK, SLACK
@@ -92,7 +93,9 @@ def _winding(robot: Robot, model: Model, joint: Vector, pull: Vector) -> Vector:
             elements, _ = reference.parts(robot, c)
             now, first = length[:, elements].sum(axis=1), rest[elements].sum()
             tension = pull * (cable.preload or 30.0)
-            wound = first - now + (now * tension - first * cable.preload) / cable.axial_stiffness
+            law = elasticity_of(cable)
+            taut, rest_strain = strain_at(law, tension), strain_at(law, cable.preload)
+            wound = first - now + now * taut - first * rest_strain
             motor[:, m] = drive.reference_angle + winch.winding * wound / winch.radius
             break  # a further cable on the motor has to follow
     return motor
