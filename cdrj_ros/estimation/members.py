@@ -103,17 +103,25 @@ def _draws(
 def _independent_factors(known: Uncertainty) -> Table:
     """F with F Fᵀ = covariance, one column per independent cause, shape (p, causes)."""
     stated, size = known.stated, len(known.parameters)
-    values, vectors = np.linalg.eigh(known.covariance[:stated, :stated])
-    left = vectors * np.sqrt(np.maximum(values, 0.0))
-    rest = known.covariance[stated:, stated:]
-    scale = np.sqrt(np.diag(rest))
-    safe = np.where(scale > 0.0, scale, 1.0)
-    values, vectors = np.linalg.eigh(rest / np.outer(safe, safe))  # free of units
-    kept = values > LEAST_FACTOR
-    right = scale[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    left = _factors(known.covariance[:stated, :stated], 0.0)
+    right = _factors(known.covariance[stated:, stated:], LEAST_FACTOR)
     factors = np.zeros((size, left.shape[1] + right.shape[1]))
-    factors[:stated, :stated] = left
-    factors[stated:, stated:] = right
+    factors[:stated, : left.shape[1]] = left[:, np.argsort((left**2).sum(axis=0), kind="stable")]
+    factors[stated:, left.shape[1] :] = right
+    return factors
+
+
+def _factors(covariance: Table, least: float) -> Table:
+    """F with F Fᵀ = covariance, without eigenvalues up to ``least`` of the correlation matrix.
+
+    The eigenvalues are those of the correlations, which have no units: the variances of a stiffness
+    in N/m and of a strain differ by more than the precision of a number.
+    """
+    scale = np.sqrt(np.diag(covariance))
+    safe = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
+    kept = values > least if least else np.ones(len(values), bool)
+    factors: Table = scale[:, None] * vectors[:, kept] * np.sqrt(np.maximum(values[kept], 0.0))
     return factors
 
 

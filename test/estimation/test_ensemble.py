@@ -17,6 +17,7 @@ from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.ensemble import MEMBERS, Spread, spread_columns
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.estimation.members import (
+    _independent_factors,
     draw_members,
     draw_numbers,
     friction_shares,
@@ -317,6 +318,16 @@ def test_members_stay_within_the_limits_of_a_robot_file(model: Model) -> None:
             for pulley in cable.pulleys:
                 assert 0.0 <= pulley.friction.rho <= 1.0
                 assert pulley.friction.mu_s >= pulley.friction.mu_c >= 0.0
+
+
+def test_numbers_of_any_unit_are_drawn_with_their_own_spread() -> None:
+    paths = ("cables.upper.axial_stiffness", "cables.lower.axial_stiffness", "friction.rho", "x")
+    scale = np.array([2e11, 4e5, 1.5e-4, 3e-7])
+    correlation = np.full((4, 4), 0.9) + 0.1 * np.eye(4)
+    covariance = correlation * np.outer(scale, scale)
+    factors = _independent_factors(Uncertainty(paths, covariance, stated=4))
+    given_back = factors @ factors.T / np.outer(scale, scale)
+    np.testing.assert_allclose(given_back, correlation, atol=1e-12)
 
 
 def test_friction_histories_are_symmetric_and_within_bounds() -> None:
