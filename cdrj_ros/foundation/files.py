@@ -24,9 +24,19 @@ def replacing(path: StrPath) -> Iterator[BinaryIO]:
     are kept.  Special files such as /dev/null or a named pipe are written directly.
 
     Raises:
-        OSError: the folder is missing, full or not writable.
+        OSError: the folder is missing, full or not writable; it names the path.
     """
     target = Path(os.path.realpath(path))
+    try:
+        yield from _replacing(target)
+    except OSError as error:
+        if error.errno is not None and error.filename is None:  # a failed write names no file
+            error.filename = os.fspath(path)
+        raise
+
+
+def _replacing(target: Path) -> Iterator[BinaryIO]:
+    """``replacing`` for a path without symbolic links."""
     if _is_device(target):
         with target.open("wb") as stream:
             yield stream

@@ -97,3 +97,11 @@ def test_a_pipe_is_written_to_and_not_replaced(tmp_path: Path) -> None:
 def test_an_unpaired_surrogate_does_not_end_a_write(tmp_path: Path) -> None:
     write_text(tmp_path / "a", '"bag\udcff"')
     assert (tmp_path / "a").read_bytes() == b'"bag\\udcff"'
+
+
+def test_a_full_disk_is_reported_with_the_name_of_the_file(tmp_path: Path) -> None:
+    full = tmp_path / "full"
+    full.symlink_to("/dev/full")
+    with pytest.raises(OSError, match="No space left on device") as found:
+        write_text(full, "a")
+    assert found.value.filename == str(full)
