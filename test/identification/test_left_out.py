@@ -61,17 +61,30 @@ def runs(error: float, count: int = 8, bias: float = 0.0) -> list[np.ndarray]:
     ]
 
 
-def test_the_models_error_is_that_of_runs_left_out_without_the_sensors_noise() -> None:
+def inside(residuals: list[np.ndarray], stddev: float) -> list[float]:
+    return [float(np.mean(np.abs(one) <= 2.0 * stddev)) for one in residuals]
+
+
+def test_the_models_error_is_what_the_numbers_lack_to_cover_runs_left_out() -> None:
     residuals = runs(0.3)
-    found = model_error(residuals, [np.full(one.size, 0.05) for one in residuals])
-    assert found == pytest.approx(0.3, rel=0.1)
+    found = model_error(residuals, [np.full(one.size, 0.1) for one in residuals])
+    assert np.mean(inside(residuals, np.hypot(found, 0.1))) == pytest.approx(0.95, abs=0.002)
+    assert model_error(residuals, [np.full(one.size, 0.05) for one in residuals]) > found
+
+
+def test_a_normal_error_is_found_as_it_is() -> None:
+    generator = np.random.default_rng(0)
+    residuals = [generator.normal(0.0, 0.3, 4000) for _ in range(8)]
+    found = model_error(residuals, [np.zeros(4000)] * 8)
+    assert found == pytest.approx(0.3 * 1.96 / 2.0, rel=0.03)  # within 2 of it are 95 %
 
 
 def test_runs_that_differ_widen_it() -> None:
-    stddevs = [np.full(2000, 0.05)] * 8
-    assert model_error(runs(0.1, bias=0.3), stddevs) > 1.2 * np.sqrt(
-        np.mean(np.concatenate(runs(0.1, bias=0.3)) ** 2)
-    )
+    residuals = [*runs(0.1, 39), *runs(0.6, 1)]
+    found = model_error(residuals, [np.full(one.size, 0.05) for one in residuals])
+    covered = inside(residuals, np.hypot(found, 0.05))
+    assert min(covered) == pytest.approx(0.8, abs=0.01)
+    assert np.mean(covered) > 0.98
 
 
 def test_a_right_model_has_none() -> None:
