@@ -42,7 +42,7 @@ from cdrj_ros.model.prepared import Model, read_only
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
-WANDER: Final = 0.01
+WANDER: Final = 0.04
 """Standard deviation by which a joint departs within 1 s from the motion that its cables impose at
 constant elongation, as a fraction of its range."""
 

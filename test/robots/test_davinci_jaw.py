@@ -95,8 +95,8 @@ def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
 @recordings
 def test_held_out_runs_are_explained(model: Model) -> None:
     spindle, jaw = r2_of(compared(model, "validate"))
-    assert spindle >= 0.988
-    assert jaw >= 0.986
+    assert spindle >= 0.9895
+    assert jaw >= 0.9915
 
 
 @recordings
