@@ -259,7 +259,7 @@ def test_a_given_amplitude_is_never_reduced(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = [str(tmp_path / "bag"), "--robot", "davinci_jaw", "--duration", "8", "--cells", "1"]
-    assert main([*command, "--amplitude-deg", "38"]) == 2
+    assert main([*command, "--amplitude-deg", "28"]) == 2
     assert "element b/4 has no tension" in capsys.readouterr().err
     assert not (tmp_path / "bag").exists()
 
