@@ -86,11 +86,14 @@ def read_mjcf(path: str | Path, tendons: list[str] | None = None) -> Imported:
         UsageError: the model cannot be read, or none of its tendons can be represented.
     """
     mujoco = load_mujoco()
+    mujoco.set_mju_user_warning(lambda _: None)  # MuJoCo would write a log into the current folder
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())[:300]
         raise UsageError(f"cannot read {printable(str(path))}: {printable(reason)}") from error
+    finally:
+        mujoco.set_mju_user_warning(None)
     _check_numbers(model, path)
     return _Import(mujoco, model, Path(path)).run(tendons)
 

@@ -208,9 +208,10 @@ MISTAKES = {
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_wrong_model_is_one_clear_line(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text, message = MISTAKES[name]
+    monkeypatch.chdir(tmp_path)
     if text is not None:
         (tmp_path / name).write_text(text)
     out = tmp_path / "robot.yaml"
@@ -219,6 +220,7 @@ def test_a_wrong_model_is_one_clear_line(
     assert message in said
     assert said.count("\n") == 1
     assert not out.exists()
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 
 def test_only_the_tendons_asked_for_are_imported(
