@@ -103,16 +103,17 @@ def _draws(
 def _independent_factors(known: Uncertainty) -> Table:
     """F with F Fᵀ = covariance, one column per independent cause, shape (p, causes)."""
     stated, size = known.stated, len(known.parameters)
-    left = _factors(known.covariance[:stated, :stated], 0.0)
-    right = _factors(known.covariance[stated:, stated:], LEAST_FACTOR)
+    left = _factors(known.covariance[:stated, :stated])
+    right = _factors(known.covariance[stated:, stated:])
     factors = np.zeros((size, left.shape[1] + right.shape[1]))
+    # smallest first, whatever the order in the file
     factors[:stated, : left.shape[1]] = left[:, np.argsort((left**2).sum(axis=0), kind="stable")]
     factors[stated:, left.shape[1] :] = right
     return factors
 
 
-def _factors(covariance: Table, least: float) -> Table:
-    """F with F Fᵀ = covariance, without eigenvalues up to ``least`` of the correlation matrix.
+def _factors(covariance: Table) -> Table:
+    """F with F Fᵀ = covariance, one column per direction that is drawn.
 
     The eigenvalues are those of the correlations, which have no units: the variances of a stiffness
     in N/m and of a strain differ by more than the precision of a number.
@@ -120,8 +121,8 @@ def _factors(covariance: Table, least: float) -> Table:
     scale = np.sqrt(np.diag(covariance))
     safe = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
-    kept = values > least if least else np.ones(len(values), bool)
-    factors: Table = scale[:, None] * vectors[:, kept] * np.sqrt(np.maximum(values[kept], 0.0))
+    kept = values > LEAST_FACTOR
+    factors: Table = scale[:, None] * vectors[:, kept] * np.sqrt(values[kept])
     return factors
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.outputs import nodal_force_magnitude
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.rig.cells import Divided, divide
 from cdrj_ros.rig.faults import Fault, Wiring, wire
@@ -142,6 +142,29 @@ def require_taut(
         raise SlackError(layout.elements[element], float(time[k]), pose(k))
 
 
+def _turn_in_space(model: Model, joint_angle: Table, motor_angle: Table, cosines: Table) -> None:
+    """Write the cosines of the angles between the two directions of cables in space.
+
+    A cable on a sheath, a helix or a ring wraps by more than the angle between its ends, from which
+    the force on the node follows.
+
+    Args:
+        model: the lumped robot.
+        joint_angle, motor_angle: shapes (n, joints) and (n, motors).
+        cosines: of every pulley, changed, shape (n, pulleys).
+    """
+    before = model.layout.element_before
+    spatial = np.repeat(
+        [cable.spatial for cable in model.robot.cables],
+        [len(cable.pulleys) for cable in model.robot.cables],
+    )
+    if spatial.any():
+        for k in range(len(joint_angle)):
+            along = shape_at(model, joint_angle[k], motor_angle[k]).direction
+            turned = np.sum(along[before] * along[before + 1], axis=1)
+            cosines[k, spatial] = turned[spatial]
+
+
 def read_out(
     rig: Rig,
     time: Vector,
@@ -156,13 +179,14 @@ def read_out(
     robot, layout = rig.lumped.robot, rig.fine.layout
     tension = estimates[:, layout.tension][:, rig.divided.spans]
     _, wraps = shapes_along(rig.lumped, joint_angle)
+    cosines = np.cos(wraps)
+    _turn_in_space(rig.lumped, joint_angle, motor_angle, cosines)
     forces = np.empty((time.size, len(rig.lumped.layout.pulleys)))
     element = pulley = 0
     for cable in robot.cables:
         for _ in cable.pulleys:
             before, after = tension[:, element], tension[:, element + 1]
-            cosine = np.cos(wraps[:, pulley])
-            forces[:, pulley] = nodal_force_magnitude(before, after, cosine)
+            forces[:, pulley] = nodal_force_magnitude(before, after, cosines[:, pulley])
             element += 1
             pulley += 1
         element += 1

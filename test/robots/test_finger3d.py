@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import acos, atan2, cos, exp, hypot, radians, sin, sqrt
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from cdrj_ros.bag import Topics
+from cdrj_ros.commands.simulate import main as simulate
+from cdrj_ros.judgement.bag_task import validate_bag
+from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 
 PROXIMAL, MIDDLE, RATIO = 0.03978, 0.02238, 0.66
@@ -121,3 +126,14 @@ def test_the_unchanged_file_estimates_the_sample_motion(
     _, estimates = drive(model, (whole[0] - whole) / DRUM, joint)
     tension = estimates.values[:, model.layout.tension]
     assert 1.0 < tension.min() < tension.max() < 40.0
+
+
+def test_the_rigs_force_on_a_sheath_is_that_of_both_pulls(tmp_path: Path) -> None:
+    """A sheath turns the cable by more than the angle between its ends."""
+    bag = str(tmp_path / "bag")
+    assert simulate([bag, "--robot", "finger3d", "--duration", "2", "--cells", "2"]) == 0
+    compared = validate_bag(load_model("finger3d"), bag, Topics())
+    forces = {one.name: one for one in compared.channels if one.name.startswith("nodal_force")}
+    assert {"nodal_force/flexor/2", "nodal_force/left/2"} < set(forces)
+    for one in forces.values():
+        assert np.abs(one.estimate - one.reference).mean() < 0.2, one.name
