@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from time import monotonic, sleep
-from typing import Any, Final
-
-import numpy as np
+from time import monotonic
+from typing import Final
 
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.view.aim import Aim
 from cdrj_ros.view.drawing import Drawing, Labels
 from cdrj_ros.view.history import History, Table, choices
 from cdrj_ros.view.looks import Picture, picture_of
@@ -27,31 +26,16 @@ PLOT_S: Final = 0.25
 FEW: Final = 6
 """Number of elements up to which all of them have labels at first."""
 
-FIELD: Final = 0.6
-"""Angle of view [rad]."""
-
 SIDE: Final = 330.0
 """Width of the panels on the sides [px]."""
-
-
-NARROW: Final = 576.0
-"""Width of a window below which viser puts the panels at its bottom [px]."""
-
-WIDE: Final = 1000.0
-"""Width of a window that has space for a panel on either side [px]."""
-
-SHEET: Final = 0.5
-"""Share of a narrow window that the panels cover."""
-
-SETTLED_S: Final = 1.0
-"""Time after which a browser has put the panels in place [s]."""
 
 STYLE: Final = (
     "<style>@media (max-width: 576px) {"
     " div[style*='20em'] { width: 100% !important; max-height: 50% !important; }"
+    " div:has(> canvas[style*='pointer-events']) { bottom: 50% !important; }"
     " }</style>"
 )
-"""Uses the whole width of a narrow window."""
+"""In a narrow window the panels take the whole width of its lower half, the picture the upper."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +80,9 @@ class Page:
         self.drawing = Drawing(self.server.scene, model, self.choose)
         self._build(place.dark, axis)
         self._theme(place.dark)
-        self.server.on_client_connect(self._aim)
+        aim = Aim(self.drawing.size, self._flat, self._plots.appear)
+        aim.begin(self.server.initial_camera)
+        self.server.on_client_connect(aim.follow)
         self.show(nothing_known(model), History(model.layout, 1).table(), ())
 
     def close(self) -> None:
@@ -186,30 +172,3 @@ class Page:
 
     def _theme(self, dark: bool) -> None:
         self.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
-
-    def _aim(self, client: Any) -> None:
-        """Point the camera of a new browser at the robot, again once its panels are in place."""
-        for wait_s in (0.0, SETTLED_S):
-            sleep(wait_s)
-            self._point(client.camera, client)
-        self._plots.appear()
-
-    def _point(self, camera: Any, client: Any) -> None:
-        """Fit the robot into the visible part of the window, from the front if it is planar."""
-        wide, high = float(max(camera.image_width, 1)), float(max(camera.image_height, 1))
-        hidden = SHEET if wide < NARROW else 0.0
-        if wide > WIDE:  # a browser reports the width without the panels only once it is resized
-            wide -= 2.0 * SIDE + 40.0
-        x, y, z = self.drawing.size
-        across, up = (x, y) if self._flat else (np.hypot(x, y), z + 0.5 * np.hypot(x, y))
-        view = 1.15 * max(up / (1.0 - hidden), across * high / wide)  # height of the whole window
-        away, below = view / (2.0 * np.tan(0.5 * FIELD)), 0.5 * hidden * view
-        if self._flat:
-            upwards, side = np.array([0.0, 1.0, 0.0]), np.array([0.12, 0.15, 0.98])
-        else:
-            upwards, side = np.array([0.0, 0.0, 1.0]), np.array([0.64, -0.64, 0.42])
-        with client.atomic():
-            camera.fov = FIELD
-            camera.up_direction = upwards
-            camera.position = away * side - below * upwards
-            camera.look_at = -below * upwards

@@ -84,7 +84,22 @@ class Scene:
         from PIL import Image
 
         picture = Image.open(io.BytesIO(self.browser.get_screenshot_as_png())).convert("RGB")
-        return np.asarray(picture, float)[:, 340:700]  # between the panels
+        return np.asarray(picture, float)[160:, 340:820]  # between the panels, below a notice
+
+    @property
+    def canvas(self) -> Any:
+        """The picture, not a plot."""
+        return self.browser.find_element("css selector", "canvas[style*='pointer-events']")
+
+    def places(self, points: np.ndarray) -> np.ndarray:
+        """Where points are in the picture [px], from its middle to the right and down."""
+        from viser.transforms import SO3
+
+        height = self.canvas.size["height"]
+        camera = next(iter(self.view.page.server.get_clients().values())).camera
+        turned = (points - camera.position) @ SO3(camera.wxyz).as_matrix()
+        scale = 0.5 * height / np.tan(0.5 * camera.fov)
+        return np.asarray(scale * turned[:, :2] / turned[:, 2:])
 
     def red(self) -> float:
         """Share of pixels of the colour of the limit, not of the orange of a browser's notice."""
@@ -102,7 +117,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory, executables: Path) -> Iterat
 
     from cdrj_ros.nodes.view import ViewNode
 
-    with chromium(tmp_path_factory.mktemp("browser"), 1000, 500) as browser:
+    with chromium(tmp_path_factory.mktemp("browser"), 1200, 800) as browser:
         rclpy.init()
         given = {"robot": "finger", "port": 0, "rate": 10.0}
         view = ViewNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
@@ -184,23 +199,61 @@ def test_cables_take_the_colour_of_a_known_tension_on_the_screen(page: Scene) ->
     page.tension = 18.0
 
 
+@pytest.mark.parametrize("window", [(540, 900), (1200, 800)], ids=["narrow", "desk"])
+def test_the_robot_fills_the_visible_part_of_the_window(
+    page: Scene, window: tuple[int, int]
+) -> None:
+    page.browser.set_window_size(*window)
+    cables = page.view.page.drawing.cables.values()
+    canvas = page.canvas
+
+    def filled() -> bool:
+        places = page.places(np.concatenate([np.array(one.vertices) for one in cables]))
+        size = np.array([canvas.size["width"], canvas.size["height"]])
+        return bool((0.7 * size < 2.0 * np.abs(places).max(axis=0)).any()) and bool(
+            (2.0 * np.abs(places).max(axis=0) < size).all()
+        )
+
+    wait_for(filled, "the whole robot in the picture")
+    panels = page.browser.find_elements("xpath", "//*[text()='cdrj_ros · finger']")
+    sheet = max(panel.rect["y"] for panel in panels)
+    below = canvas.rect["y"] + canvas.rect["height"]
+    assert window[0] > 576 or below <= sheet, "the panels hide the picture"
+
+
+def test_a_camera_that_the_visitor_moved_stays(page: Scene) -> None:
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
+
+    camera = next(iter(page.view.page.server.get_clients().values())).camera
+    before = float(np.linalg.norm(camera.position))
+    origin = ScrollOrigin.from_element(page.canvas)
+
+    def nearer() -> bool:
+        ActionChains(page.browser).scroll_from_origin(origin, 0, -120).perform()
+        return bool(np.linalg.norm(camera.position) < 0.8 * before)
+
+    wait_for(nearer, "the zoom")
+    page.browser.set_window_size(1300, 800)
+    wait_for(lambda: camera.image_width == page.canvas.size["width"] > 520, "the size")
+    assert float(np.linalg.norm(camera.position)) < 0.8 * before
+    page.browser.set_window_size(1200, 800)
+
+
 def test_a_click_on_a_cable_plots_it(page: Scene) -> None:
     from selenium.webdriver import ActionChains
-    from viser.transforms import SO3
 
     view = page.view.page
     wait_for(lambda: not any(view.drawing._dashed.values()), "full lines")
     wanted = "extensor/1"
-    canvas = page.browser.find_element("tag name", "canvas")
+    canvas = page.canvas
 
     def click() -> bool:
-        """Click where the camera shows the middle of the element's vertices."""
-        camera = next(iter(page.view.page.server.get_clients().values())).camera
+        """Click where the picture shows the middle of the element's vertices."""
         point = np.array(view.drawing.cables[wanted].vertices).mean(axis=0)
-        x, y, z = SO3(camera.wxyz).inverse() @ (point - camera.position)
-        scale = 0.5 * canvas.size["height"] / np.tan(0.5 * camera.fov)
+        place = page.places(point[None])[0]
         mouse = ActionChains(page.browser)
-        mouse.move_to_element_with_offset(canvas, int(scale * x / z), int(scale * y / z))
+        mouse.move_to_element_with_offset(canvas, int(place[0]), int(place[1]))
         mouse.click().perform()
         sleep(0.3)
         return bool(view.chosen == f"element {wanted}")

@@ -34,6 +34,7 @@ def chromium(folder: Path, width: int, height: int) -> Iterator[Any]:
     one = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
     try:
         one.set_page_load_timeout(60.0)
+        one.set_script_timeout(60.0)
         yield one
     finally:
         one.quit()
