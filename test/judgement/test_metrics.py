@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -45,6 +48,22 @@ def test_a_perfect_estimate_has_no_error_and_explains_everything() -> None:
 def test_the_mean_of_the_reference_explains_nothing() -> None:
     reference = np.array([1.0, 2.0, 6.0])
     assert channel_error(np.full(3, 3.0), reference).r2 == pytest.approx(0.0)
+
+
+def test_digits_do_not_depend_on_the_number_of_processors() -> None:
+    code = (
+        "import numpy as np; from cdrj_ros.judgement.metrics import channel_error; "
+        "random = np.random.default_rng(7); "
+        "print(*(channel_error(*random.normal(size=(2, 20_001))) for _ in range(10)))"
+    )
+
+    def figures(processors: str) -> bytes:
+        variables = os.environ | {"OPENBLAS_NUM_THREADS": processors}
+        return subprocess.run(
+            [sys.executable, "-c", code], check=True, capture_output=True, env=variables
+        ).stdout
+
+    assert figures("1") == figures("2") != b""
 
 
 @pytest.mark.parametrize("scale", [1e-6, -3.0, 1e9])
