@@ -8,7 +8,7 @@ which there is no estimate are left out and counted.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -173,14 +173,20 @@ class Comparing:
             if name not in self._targets or not n:
                 continue
             target = self._targets[name]
-            deviation = _known(name, stddev[name], n) if name in stddev else None
+            deviation = stddev.get(name)
+            if deviation is not None and deviation.shape != (n,):
+                raise ValueError(
+                    f"{name}: stddev must have one value per estimate, shape {(n,)}; "
+                    f"got {deviation.shape}"
+                )
             before = self._last.get(name, (np.nan, np.nan))
             _fill(target, target.estimate, values, self._taken, before[0])
             if deviation is not None:
                 if name not in self._stddev:
                     self._stddev[name] = np.full(len(target.estimate), np.nan)
-                _fill(target, self._stddev[name], deviation, self._taken, before[1])
-            last = np.nan if deviation is None else float(deviation[-1])
+                into = self._stddev[name]
+                _fill(target, into, deviation, self._taken, before[1], accept=_known)
+            last = np.nan if deviation is None else float(_known(deviation[-1:])[0])
             self._last[name] = float(values[-1]), last
         self._taken += n
 
@@ -236,7 +242,14 @@ def _places(source: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     return source
 
 
-def _fill(target: _Target, into: Floats, values: Floats, begin: int, previous: float) -> None:
+def _fill(
+    target: _Target,
+    into: Floats,
+    values: Floats,
+    begin: int,
+    previous: float,
+    accept: Callable[[Floats], Floats] | None = None,
+) -> None:
     """Interpolate at the stamps that fall on or between ``previous`` and ``values``.
 
     Args:
@@ -245,6 +258,7 @@ def _fill(target: _Target, into: Floats, values: Floats, begin: int, previous: f
         values: estimates ``begin`` to ``begin + len(values) - 1``.
         begin: index of the first of them.
         previous: the estimate before them, NaN if there is none.
+        accept: applied to the neighbours of every stamp.
     """
     placement = target.placement
     first, last = np.searchsorted(placement.right, (begin, begin + len(values)))
@@ -253,15 +267,13 @@ def _fill(target: _Target, into: Floats, values: Floats, begin: int, previous: f
     before = values[np.maximum(left, 0)]
     before[left < 0] = previous
     after = values[placement.right[part] - begin]
+    if accept is not None:
+        before, after = accept(before), accept(after)
     into[part] = interpolated(before, after, placement, part)
 
 
-def _known(name: str, given: Floats, n: int) -> Floats:
+def _known(given: Floats) -> Floats:
     """Standard deviations, with NaN in place of values that are negative or not finite."""
-    if given.shape != (n,):
-        raise ValueError(
-            f"{name}: stddev must have one value per estimate, shape {(n,)}; got {given.shape}"
-        )
     return np.where(np.isfinite(given) & (given >= 0.0), given, np.nan)
 
 

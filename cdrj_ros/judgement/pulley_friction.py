@@ -8,10 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.judgement.reversals import envelope
+from cdrj_ros.judgement.reversals import envelopes
 from cdrj_ros.model.prepared import Layout
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 BLOCK: Final = 4096
 """Samples per block, such that a block fits into the processor's cache."""
@@ -57,7 +58,8 @@ class FrictionSums:
         self._count = 0
         self._last_ns: int | None = None
         self._passed = np.zeros(pulleys)
-        self._loops: list[list[tuple[Floats, Floats]]] = [[] for _ in range(pulleys)]
+        self._loops: list[tuple[Indices, Floats, Floats]] = []
+        """Of every block: the samples kept, cable passed and friction there, a row per pulley."""
 
     def add(self, stamp_ns: NDArray[np.int64], values: Floats) -> None:
         """Add the next estimates.
@@ -77,7 +79,8 @@ class FrictionSums:
         layout = self._layout
         tension, friction = values[:, layout.tension], values[:, layout.friction]
         held = np.abs(friction)
-        larger = np.maximum(tension[:, self._before], tension[:, self._after])
+        larger = tension[:, self._before]
+        np.maximum(larger, tension[:, self._after], out=larger)
         pulled = larger > 0.0
         share = np.divide(held, larger, out=np.zeros_like(held), where=pulled)
         self._sum += held.sum(axis=0)
@@ -91,9 +94,10 @@ class FrictionSums:
         moved = values[:, layout.slip_speed] * step[:, np.newaxis]
         passed = self._passed + np.cumsum(moved, axis=0)
         self._passed, self._last_ns = passed[-1], int(stamp_ns[-1])
-        for k, loop in enumerate(self._loops):
-            kept = envelope(LOOP_BUCKETS, passed[:, k], friction[:, k])
-            loop.append((passed[kept, k], friction[kept, k]))
+        by_pulley = np.ascontiguousarray(passed.T), np.ascontiguousarray(friction.T)
+        kept = envelopes(LOOP_BUCKETS, *by_pulley)
+        passed, friction = (np.take_along_axis(rows, kept, axis=1) for rows in by_pulley)
+        self._loops.append((kept, passed, friction))
 
     def result(self) -> tuple[PulleyFriction, ...]:
         """Friction of all pulleys; only the pulley of the largest mean share has a loop."""
@@ -102,9 +106,7 @@ class FrictionSums:
             return ()
         mean_share = self._share_sum / np.maximum(self._taut, 1)
         telling = int(mean_share.argmax())
-        passed, friction = (
-            np.concatenate(column) for column in zip(*self._loops[telling], strict=True)
-        )
+        passed, friction = self._loop(telling)
         return tuple(
             PulleyFriction(
                 name,
@@ -117,3 +119,12 @@ class FrictionSums:
             )
             for k, name in enumerate(self._layout.pulleys)
         )
+
+    def _loop(self, pulley: int) -> tuple[Floats, Floats]:
+        """Cable passed and friction at the samples kept of a pulley, each once."""
+        parts = []
+        for kept, passed, friction in self._loops:
+            new = np.diff(kept[pulley], prepend=-1) > 0
+            parts.append((passed[pulley, new], friction[pulley, new]))
+        whole_passed, whole_friction = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return whole_passed, whole_friction

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.judgement.channels import BagComparison, Channel
-from cdrj_ros.judgement.reversals import envelope, turning_points
+from cdrj_ros.judgement.reversals import envelope, envelopes, turning_points
 from cdrj_ros.report.series import closer_look, gaps, loop_window
 
 
@@ -46,6 +46,14 @@ def test_an_envelope_of_several_series_keeps_the_peaks_of_each() -> None:
     for series in (one, two):
         assert series.argmax() in kept
         assert series.argmin() in kept
+
+
+@pytest.mark.parametrize("n", [3, 640, 50_001])
+def test_envelopes_of_many_drawings_are_those_of_each(n: int) -> None:
+    one, two = np.random.default_rng(n).normal(size=(2, 5, n))
+    rows = envelopes(100, one, two)
+    for row, x, y in zip(rows, one, two, strict=True):
+        assert np.unique(row).tolist() == envelope(100, x, y).tolist()
 
 
 def test_a_missing_stretch_breaks_the_line() -> None:
