@@ -152,7 +152,7 @@ def _measure(path: Path, figures: Path) -> list[Row]:
         raise RuntimeError(f"the prolonged bag is not clean: {dict(conditioned.refused)}")
     _quietly(arguments)
     whole, process, reading, estimating, decoded, both = ([] for _ in range(6))
-    command = [sys.executable, "-c", "from cdrj_ros.commands.validate import main; main()"]
+    command = [sys.executable, "-c", "from cdrj_ros.commands.entry import validate; validate()"]
     for _ in turns(ROUNDS, MESSAGES_S):
         whole.append(seconds(lambda: _quietly(arguments)))
         taken, deserialised = deserialise(path)

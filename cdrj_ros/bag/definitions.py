@@ -7,8 +7,6 @@ from functools import lru_cache
 from importlib import resources
 from typing import Final, NamedTuple
 
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
 from cdrj_ros.bag.bounds import (
     ARRAY_VALUES,
     DEFINITION_BYTES,
@@ -155,6 +153,8 @@ def _resolve(kind: str, package: str) -> str:
 @lru_cache(maxsize=1)
 def _definitions() -> dict[str, Definition]:
     """Texts and hashes of this project's messages, from Jazzy's definitions and our .msg files."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # slow
+
     store = get_typestore(Stores.ROS2_JAZZY)
     for entry in sorted(resources.files("cdrj_ros.bag").joinpath("msg").iterdir(), key=str):
         if entry.name.endswith(".msg"):

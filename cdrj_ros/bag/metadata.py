@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from io import StringIO
 from textwrap import indent
 from typing import Any, Final
@@ -42,8 +43,10 @@ def _qos() -> dict[str, Any]:
     }
 
 
-OFFERED_QOS: Final = _text([_qos()]).strip()
-"""QoS profiles that a channel's metadata states for the publishers of written topics."""
+@cache
+def offered_qos() -> str:
+    """QoS profiles that a channel's metadata states for the publishers of written topics."""
+    return _text([_qos()]).strip()
 
 
 @dataclass(frozen=True)

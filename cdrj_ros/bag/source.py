@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -132,14 +133,18 @@ def _exists(path: Path) -> bool:
         return False
 
 
-def _file_names(text: str) -> list[str]:
-    """File names listed in a metadata.yaml; empty if the text is not valid metadata."""
+@lru_cache(maxsize=1)
+def _file_names(text: str) -> tuple[str, ...]:
+    """File names listed in a metadata.yaml; empty if the text is not valid metadata.
+
+    A command opens a bag once to check its topics and again to read it.
+    """
     try:
         content: Any = load_yaml(text, METADATA)
         information = content["rosbag2_bagfile_information"]
-        return [str(name) for name in information["relative_file_paths"]]
+        return tuple(str(name) for name in information["relative_file_paths"])
     except (YamlError, KeyError, TypeError):
-        return []
+        return ()
 
 
 def _found(folder: Path, notes: list[str]) -> list[Path]:

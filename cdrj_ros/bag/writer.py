@@ -10,17 +10,16 @@ from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Final, TypeVar
+from typing import IO, TYPE_CHECKING, Any, Final, TypeVar
 from uuid import uuid4
 
 import numpy as np
 import numpy.typing as npt
-from mcap.writer import CompressionType, Writer
 
 from cdrj_ros.bag.batch import Channel, Int64s
 from cdrj_ros.bag.definitions import message_type, own_definition, parse_definition
 from cdrj_ros.bag.messages import read_messages
-from cdrj_ros.bag.metadata import OFFERED_QOS, WrittenTopic, information, metadata_file
+from cdrj_ros.bag.metadata import WrittenTopic, information, metadata_file, offered_qos
 from cdrj_ros.bag.recording import require_cdr
 from cdrj_ros.bag.source import METADATA, open_source
 from cdrj_ros.foundation.errors import BagError
@@ -28,14 +27,14 @@ from cdrj_ros.foundation.files import write_text
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.messages.templates import Template
 
+if TYPE_CHECKING:
+    from mcap.writer import Writer
+
 _CHUNK_BYTES: Final = 1 << 20
 _AT_ONCE: Final = 4096
 """Number of messages encoded at once."""
-_COMPRESSIONS: Final = {
-    "zstd": CompressionType.ZSTD,
-    "lz4": CompressionType.LZ4,
-    "": CompressionType.NONE,
-}
+_COMPRESSIONS: Final = {"zstd": "ZSTD", "lz4": "LZ4", "": "NONE"}
+"""Names of mcap's compressions."""
 
 ArrayLike = npt.ArrayLike
 Piece = TypeVar("Piece")
@@ -271,7 +270,10 @@ class BagWriter:
 
     def _write_file(self, stream: IO[bytes], name: str) -> str:
         """Write the MCAP file; return the metadata text, which is also stored inside the file."""
-        writer = Writer(stream, chunk_size=self._chunk_bytes, compression=self._compression)
+        from mcap.writer import CompressionType, Writer  # slow
+
+        compression = CompressionType[self._compression]
+        writer = Writer(stream, chunk_size=self._chunk_bytes, compression=compression)
         writer.start(profile="ros2", library="cdrj_ros")
         numbers = self._register(writer)
         counts = dict.fromkeys(self._channels, 0)
@@ -304,7 +306,7 @@ class BagWriter:
                 name, encoding, text = key
                 schemas[key] = writer.register_schema(name, encoding, text.encode())
             metadata = {
-                "offered_qos_profiles": OFFERED_QOS,
+                "offered_qos_profiles": offered_qos(),
                 "topic_type_hash": _type_hash(channel),
             }
             numbers[topic] = writer.register_channel(topic, "cdr", schemas[key], metadata)

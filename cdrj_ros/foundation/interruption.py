@@ -10,6 +10,7 @@ waits until ``run_interruptibly`` can handle it.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -117,7 +118,7 @@ def run_interruptibly(
     _watch(name)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     sys.unraisablehook = _without_interrupts
-    main = load()
+    main = _loaded(load)
     try:
         _PHASE.loading = False
         code = main()
@@ -131,6 +132,19 @@ def run_interruptibly(
         code = interrupted
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(code)
+
+
+def _loaded(load: Callable[[], Callable[[], int]]) -> Callable[[], int]:
+    """The command, imported without searching for garbage, which took a fifth of the time.
+
+    What it has imported lives as long as the process and is left out of all later searches.
+    """
+    gc.disable()
+    try:
+        return load()
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _end(name: str) -> NoReturn:

@@ -110,3 +110,17 @@ run_interruptibly("failing", lambda: lambda: run_command("failing", body, []))
         check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (2, "failing: \n")
+
+
+def test_only_what_is_imported_is_left_out_of_the_search_for_garbage() -> None:
+    script = """
+import gc
+from cdrj_ros.foundation.interruption import run_interruptibly
+
+def load():
+    assert not gc.isenabled()
+    return lambda: not (gc.isenabled() and gc.get_freeze_count() > 1000)
+
+run_interruptibly("loaded", load)
+"""
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0

@@ -15,6 +15,15 @@ def test_matplotlib_and_rich_are_imported_only_where_something_is_drawn() -> Non
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_validate_imports_nothing_that_only_writing_a_bag_needs() -> None:
+    code = (
+        "import sys, cdrj_ros.commands.validate; "
+        "print(*sorted({'rosbags', 'mcap.writer', 'rich', 'matplotlib'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.split() == []
+
+
 def test_the_estimator_node_imports_nothing_that_only_recordings_need() -> None:
     code = (
         "import sys, cdrj_ros.nodes.estimator_command; "
