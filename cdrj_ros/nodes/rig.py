@@ -97,6 +97,11 @@ class RigNode(Node):
             f"{model.robot.joints[settings.joint].name} moves freely, motion "
             f"{self.options.demonstration.kind}"
         )
+        if self.rig.at_stop:
+            self.get_logger().warning(
+                f"{model.robot.joints[settings.joint].name} rests on its end stop at "
+                f"{self.rig.joint_angle[settings.joint]:.4g}: the preloads do not hold it elsewhere"
+            )
 
     def _open(self, model: Any) -> None:
         """Open topics, services and timers."""
@@ -212,11 +217,7 @@ class RigNode(Node):
         return response
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            self.rig.reset()
-        except CdrjError as error:  # no equilibrium at the start with the new load
-            response.success, response.message = False, f"nothing changed: {error}"
-            return response
+        self.rig.reset()
         self._base_s = self._time_s
         self.drives.reset()
         self.outputs.thaw()

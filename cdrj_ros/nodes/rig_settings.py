@@ -27,6 +27,7 @@ from cdrj_ros.rig.live_motion import MOTIONS, Demonstration, MotionName
 from cdrj_ros.rig.load import KINDS as LOADS
 from cdrj_ros.rig.load import Load, LoadKind, make_load, usual_load
 from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, Encoder, LoadCells
+from cdrj_ros.rig.start import usual_payload
 
 USUAL: Final = 0.0
 """Value of a parameter for which the rig chooses a default."""
@@ -176,9 +177,6 @@ def _load(node: Node, model: Model, joint: int) -> tuple[LoadKind, Load]:
     if name and name not in LOADS:
         raise UsageError(f"load must be one of {', '.join(LOADS)}, got {name!r}")
     kind: LoadKind = name or usual_load(model.robot, joint)
-    mass = declare_number(
-        node, "payload", 0.3, 0.0, 1e4, "Mass that the joint carries [kg]", changeable=True
-    )
     gravity = declare_number(
         node,
         "gravity",
@@ -190,6 +188,15 @@ def _load(node: Node, model: Model, joint: int) -> tuple[LoadKind, Load]:
     )
     damping = declare_number(
         node, "damping", 0.05, 0.0, 1e6, "Damping of the joint [N m s/rad]", changeable=True
+    )
+    mass = declare_number(
+        node,
+        "payload",
+        usual_payload(model.robot, joint, kind, gravity),
+        0.0,
+        1e4,
+        "Mass that the joint carries [kg]; default: 0.3, or less if the joint would sag far",
+        changeable=True,
     )
     return kind, make_load(kind, mass, damping, gravity)
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.compiled import compiled
-from cdrj_ros.model.mechanism import advance, advance_robot
+from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import scratch_size
-from cdrj_ros.rig.assembly import MotionError, Rig, Truth, make_rig, read_out, require_taut
+from cdrj_ros.rig.assembly import MotionError, Truth, make_rig, read_out, require_taut
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.load import (
     DAMPING,
@@ -29,9 +29,9 @@ from cdrj_ros.rig.load import (
     WEIGHT_COS,
     WEIGHT_COS_2,
     Load,
-    weight,
 )
 from cdrj_ros.rig.prescribed import BATCH, Progress
+from cdrj_ros.rig.start import balanced_start
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
@@ -42,12 +42,6 @@ MOTION_TOLERANCE: Final = 1e-9
 
 UNSOLVED: Final = 1e-4
 """Largest imbalance of torque that is accepted in a step that did not converge [N m]."""
-
-START_POINTS: Final = 2001
-"""Number of poses among which the equilibrium at the start is sought."""
-
-AT_AN_END: Final = 0.01
-"""Share of the range within which a reference angle counts as at its end."""
 
 
 def swing(
@@ -133,44 +127,6 @@ def swing(
         if progress is not None:
             progress(end)
     return read_out(rig, time, motors, joints, estimates, offset, residual)
-
-
-def balanced_start(
-    rig: Rig, drums: Vector, joints: Vector, joint: int, coefficients: Vector
-) -> float:
-    """Angle nearest to the reference at which cables without friction hold the load."""
-    axis = rig.lumped.robot.joints[joint]
-    angles = np.linspace(axis.lower, axis.upper, START_POINTS)
-    excess = np.empty(angles.size)
-    place = rig.fine.layout.joint_effort.start + joint
-    out = np.empty(rig.fine.out_size)
-    empty = np.zeros(rig.fine.state_size)
-
-    def beyond(angle: float) -> float:
-        pose = joints.copy()
-        pose[joint] = angle
-        advance(rig.fine.plan, rig.fine.numbers, empty, drums, pose, 0.0, out)
-        effort = out[empty.size + place] * axis.effort_sign
-        return float(effort - weight(coefficients, np.array([angle]))[0])
-
-    for k, angle in enumerate(angles):
-        excess[k] = beyond(float(angle))
-    stable = np.flatnonzero((excess[:-1] >= 0.0) & (excess[1:] < 0.0))
-    if stable.size == 0:
-        room = min(axis.reference_angle - axis.lower, axis.upper - axis.reference_angle)
-        hint = (
-            f", or no pose balances the preloads of {axis.name}, whose reference_angle "
-            f"{axis.reference_angle:g} is at an end of its range; set it inside"
-        )
-        raise MotionError(
-            f"the cables cannot hold the load in any pose of {axis.name} at the start: the preload "
-            "is too small, or the load acts in the wrong direction"
-            + (hint if room < AT_AN_END * (axis.upper - axis.lower) else "")
-        )
-    near = stable[np.argmin(np.abs(angles[stable] - axis.reference_angle))]
-    from scipy.optimize import brentq  # slow to import, so only where used
-
-    return float(brentq(beyond, angles[near], angles[near + 1], xtol=1e-14))
 
 
 @compiled

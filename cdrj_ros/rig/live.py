@@ -20,9 +20,10 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.rig.assembly import Rig, make_rig
 from cdrj_ros.rig.faults import Fault, wire
-from cdrj_ros.rig.forward import UNSOLVED, balanced_start, swing_steps
+from cdrj_ros.rig.forward import UNSOLVED, swing_steps
 from cdrj_ros.rig.live_faults import Breakable, FaultName, possible_faults
 from cdrj_ros.rig.load import WEIGHT, Load
+from cdrj_ros.rig.start import resting_start
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
@@ -55,7 +56,7 @@ class LiveSettings:
     upper: float | None = None
     """Upper end stop [rad] or [m]; None for the end of its range."""
     start: float | None = None
-    """Angle at which the joint is released at rest [rad]; None for its equilibrium."""
+    """Angle at which the joint is released at rest [rad]; None for its equilibrium or end stop."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +76,10 @@ class LiveRig:
     """
 
     def __init__(self, robot: Robot, settings: LiveSettings | None = None) -> None:
-        """Put the rig at rest: motors at their reference angles, the joint in equilibrium.
+        """Put the rig at rest: motors at their reference angles, the joint held or on a stop.
 
         Raises:
-            UsageError: no joint, stops outside the range, or no equilibrium pose.
+            UsageError: no joint, or stops outside the range.
         """
         self.robot = robot
         self.settings = _checked(robot, settings or LiveSettings())
@@ -95,11 +96,7 @@ class LiveRig:
         self.reset()
 
     def reset(self) -> None:
-        """Remove all faults and restart at time 0; the load and the stops are kept.
-
-        Raises:
-            UsageError: the cables cannot hold the load in any pose; the rig is left unchanged.
-        """
+        """Remove all faults and restart at time 0; the load and the stops are kept."""
         robot, fine = self.robot, self._sound.fine
         motors = np.array([motor.reference_angle for motor in robot.motors])
         joints = np.array([[joint.reference_angle for joint in robot.joints]])
@@ -107,10 +104,10 @@ class LiveRig:
         coefficients = self.load.coefficients()
         start = self.settings.start
         if start is None:
-            start = balanced_start(
-                self._sound, drums[0], joints[0], self.settings.joint, coefficients
-            )
-            start = min(max(start, self.lower), self.upper)
+            start = resting_start(
+                self._sound, drums[0], joints[0], self.settings.joint, coefficients,
+                (self.lower, self.upper),
+            )  # fmt: skip
         joints[0, self.settings.joint] = start
         self._rig: Rig = self._sound
         self._coefficients = coefficients
@@ -119,7 +116,7 @@ class LiveRig:
         self.steps = 0
         self.unsolved = 0
         self.stalled = 0
-        self.at_stop = False
+        self.at_stop = start in (self.lower, self.upper)
         self.motor_angle = motors
         self._joints = joints
         self._state = np.zeros(fine.state_size)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.rig import motion
 from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.rig.live_drives import Program
+from cdrj_ros.rig.start import AT_AN_END
+
+Vector = NDArray[np.float64]
 
 MotionName = Literal["none", "sine", "ramps", "dwell", "random"]
 
@@ -23,13 +28,16 @@ BEGIN_S: Final = 1.0
 USUAL_SHARE: Final = 0.6
 """Default amplitude, as a share of the distance to the nearer end of the range."""
 
+APPROACH_S: Final = 2.0
+"""Duration of the move to the middle of the range if the reference is at its end [s]."""
+
 AHEAD: Final = 50
 """Number of steps that are computed at once."""
 
 
 @dataclass(frozen=True)
 class Demonstration:
-    """A motion of the free joint about the reference pose."""
+    """A motion of the free joint about the reference, or about the middle if it is at an end."""
 
     kind: MotionName = "none"
     amplitude: float | None = None
@@ -43,7 +51,7 @@ class Demonstration:
 def program_of(
     model: Model, joint: int, rate: float, demonstration: Demonstration
 ) -> Program | None:
-    """Motor angles by step of a rig, the same as in ``simulate --mode forward``.
+    """Motor angles by step of a rig, as in ``simulate --mode forward``.
 
     Args:
         model: the prepared robot.
@@ -65,22 +73,28 @@ def program_of(
         if first < 0 or not first <= step < first + AHEAD:
             first = step
             poses = np.tile(reference, (AHEAD, 1))
-            poses[:, joint] = course(np.arange(step, step + AHEAD) / rate).angle
+            poses[:, joint] = course(np.arange(step, step + AHEAD) / rate)
             angles = follow_joints(model, poses).motor_angle
         return angles[step - first].copy()
 
     return program
 
 
-def _course(model: Model, joint: int, demonstration: Demonstration) -> motion.Motion | None:
+def _course(
+    model: Model, joint: int, demonstration: Demonstration
+) -> Callable[[Vector], Vector] | None:
+    """Angle of the joint as a function of time."""
     kind = demonstration.kind
     if kind not in MOTIONS:
         raise UsageError(f"motion must be one of {', '.join(MOTIONS)}, got {kind!r}")
     if kind == "none":
         return None
     axis = model.robot.joints[joint]
-    centre = axis.reference_angle
+    centre, begin = axis.reference_angle, BEGIN_S
     most = min(centre - axis.lower, axis.upper - centre)
+    if most < AT_AN_END * (axis.upper - axis.lower):
+        centre, begin = 0.5 * (axis.lower + axis.upper), BEGIN_S + APPROACH_S
+        most = 0.5 * (axis.upper - axis.lower)
     amplitude = demonstration.amplitude
     if amplitude is None:
         amplitude = USUAL_SHARE * most
@@ -90,6 +104,14 @@ def _course(model: Model, joint: int, demonstration: Demonstration) -> motion.Mo
         )
     shape = (amplitude, demonstration.frequency)
     if kind == "random":
-        return motion.random(*shape, demonstration.seed, BEGIN_S, centre)
-    make = {"sine": motion.sine, "ramps": motion.ramps, "dwell": motion.dwell}[kind]
-    return make(*shape, BEGIN_S, centre)
+        course = motion.random(*shape, demonstration.seed, begin, centre)
+    else:
+        make = {"sine": motion.sine, "ramps": motion.ramps, "dwell": motion.dwell}[kind]
+        course = make(*shape, begin, centre)
+    away = axis.reference_angle - centre
+
+    def angle(time: Vector) -> Vector:
+        share = np.clip((time - BEGIN_S) / APPROACH_S, 0.0, 1.0)
+        return course(time).angle + away * (1.0 - share * share * (3.0 - 2.0 * share))
+
+    return angle

@@ -130,7 +130,8 @@ def make_load(kind: LoadKind, mass: float, damping: float = 0.0, gravity: float 
 def usual_load(robot: Robot, joint: int) -> LoadKind:
     """Default load for the joint's type of frame motion; rolling for a joint without frames."""
     name = robot.joints[joint].name
-    motions = {frame.motion for frame in robot.frames if frame.joint == name}
-    if motions == {"prismatic"}:
+    if name in robot.prismatic_joints:
         return "lift"
-    return "pendulum" if motions == {"revolute"} else "rolling"
+    planar = {frame.motion for frame in robot.frames if frame.joint == name}
+    in_space = {frame.motion for frame in robot.spatial_frames if frame.joint == name}
+    return "pendulum" if planar | in_space == {"revolute"} else "rolling"

@@ -157,7 +157,7 @@ def test_a_reference_at_an_end_of_the_range_is_named_where_nothing_balances(robo
     load = make_load("rolling", 5000.0, 0.05)
     for one, said in ((inside, "wrong direction$"), (at_the_end, "reference_angle 0.2 is at an")):
         with pytest.raises(UsageError, match=said):
-            live(one, load)
+            swing(one, TIME[:10], np.zeros((10, 1)), load, 1)
 
 
 def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robots) -> None:
