@@ -2,7 +2,7 @@
 
 from cdrj_ros.bag.messages import RawMessage, TopicInfo, list_topics, read_messages
 from cdrj_ros.bag.recording import Recording, Topics, read_recording
-from cdrj_ros.bag.source import open_source, size_of
+from cdrj_ros.bag.source import open_source
 from cdrj_ros.bag.writer import BagWriter
 from cdrj_ros.foundation.series import Series
 
@@ -17,5 +17,4 @@ __all__ = [
     "open_source",
     "read_messages",
     "read_recording",
-    "size_of",
 ]

@@ -71,16 +71,6 @@ def open_source(path: Path | str) -> Source:
     return Source(path, tuple(files), tuple(notes))
 
 
-def size_of(path: Path | str) -> int:
-    """Total size of a bag's files [bytes], at least 1; only for progress display."""
-    path = Path(path)
-    try:
-        files = list(path.iterdir()) if path.is_dir() else [path]
-        return max(sum(file.stat().st_size for file in files if file.is_file()), 1)
-    except OSError:
-        return 1
-
-
 def _open(path: Path) -> BagFile:
     if path.name.endswith(".db3.zstd"):
         raise BagError(f"{path} is a compressed sqlite3 bag: undo that first, `zstd -d {path}`")

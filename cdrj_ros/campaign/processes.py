@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import threading
 from collections import deque
 from collections.abc import Callable
-from multiprocessing import get_context
+from multiprocessing import forkserver, get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess, parent_process
 from typing import Any, Final, Generic, TypeVar
@@ -32,6 +33,15 @@ def in_processes(work: Work[T, R], jobs: int, report: Progress) -> list[R | Fail
     process died is repeated once in another process.
     """
     return _Pool(work, jobs, report).results()
+
+
+def prepare_processes(module: str) -> None:
+    """Start the process from which others are forked, with a module that they need.
+
+    Called before the caller's own imports, both import at the same time.
+    """
+    forkserver.set_forkserver_preload([module])
+    forkserver.ensure_running()
 
 
 class _Worker:
@@ -59,15 +69,16 @@ class _Pool(Generic[T, R]):
 
     def __init__(self, work: Work[T, R], jobs: int, report: Progress) -> None:
         self._work, self._report = work, report
-        self._waiting = deque(range(len(work.tasks)))
+        # a large task at the end would leave the other processes without work
+        by_size = sorted(range(len(work.tasks)), key=lambda k: -work.sizes[k])
+        self._waiting = deque(by_size)
         self._attempts = [0] * len(work.tasks)
         self._shares = [0.0] * len(work.tasks)
         self._found: dict[int, R | Failed] = {}
         self._jobs = min(jobs, len(work.tasks))
         self._workers: list[_Worker] = []
         self._context = get_context("forkserver")
-        # one import for all processes
-        self._context.set_forkserver_preload([work.function.__module__])
+        prepare_processes(work.function.__module__)
 
     def results(self) -> list[R | Failed]:
         """Process all tasks."""
@@ -154,6 +165,7 @@ def _serve(connection: Connection, function: Callable[[Any, Progress], Any]) -> 
     """Process tasks until the parent process closes the connection or dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process decides when to stop
     threading.Thread(target=_end_with_the_parent, name="parent", daemon=True).start()
+    gc.freeze()  # what has been imported is as old as the process
 
     def on(share: float) -> None:
         connection.send((SHARE, share))

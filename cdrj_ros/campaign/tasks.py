@@ -9,9 +9,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Generic, TypeVar
 
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.files import size_of
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -20,6 +22,9 @@ Progress = Callable[[float], None]
 
 WORTH_PROCESSES: Final = 16 * 1024 * 1024
 """Total size of recordings above which additional processes save time despite their start [B]."""
+
+SUFFIXES: Final = (".mcap", ".mcap.zstd", ".db3")
+"""Ends of the names of recordings that are single files."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,14 @@ def default_jobs(sizes: Sequence[int]) -> int:
     if sum(sizes) < WORTH_PROCESSES:
         return 1
     return max(1, min(processors(), len(sizes)))
+
+
+def several_large(arguments: Sequence[str]) -> bool:
+    """Whether a command that has not parsed its arguments yet is going to need processes."""
+    if any(one.startswith(("--job", "--sched")) for one in arguments):
+        return False
+    paths = [one for one in arguments if one.endswith(SUFFIXES) or Path(one).is_dir()]
+    return default_jobs([size_of(path) for path in paths]) > 1
 
 
 def reason_of(error: Exception) -> str:

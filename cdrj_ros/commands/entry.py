@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import NoReturn
 
@@ -67,6 +68,12 @@ def validate() -> NoReturn:
     """Run ``validate``."""
 
     def load() -> Callable[[], int]:
+        from cdrj_ros.campaign.tasks import several_large
+
+        if several_large(sys.argv[1:]):
+            from cdrj_ros.campaign.processes import prepare_processes
+
+            prepare_processes("cdrj_ros.judgement.bag_task")
         from cdrj_ros.commands.validate import main
 
         return main

@@ -9,7 +9,7 @@ from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 
-from cdrj_ros.bag import open_source, size_of
+from cdrj_ros.bag import open_source
 from cdrj_ros.campaign.tasks import (
     Failed,
     Progress,
@@ -31,7 +31,7 @@ from cdrj_ros.commands.shared import (
     write_files,
 )
 from cdrj_ros.foundation.errors import BagError, UsageError
-from cdrj_ros.foundation.files import check_outputs
+from cdrj_ros.foundation.files import check_outputs, size_of
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.judgement.bag_task import BagTask, compare_bag, prepared_model
@@ -50,7 +50,8 @@ def _compared(
     arguments: argparse.Namespace, tasks: Sequence[BagTask], report: Progress
 ) -> list[BagComparison | Failed]:
     """The comparison of every bag, wherever it is computed; a single one here, with its errors."""
-    work = Work(compare_bag, tasks, [task.path for task in tasks], _sizes(tasks))
+    sizes = [size_of(task.path) for task in tasks]
+    work = Work(compare_bag, tasks, [task.path for task in tasks], sizes)
     if arguments.scheduler:
         from cdrj_ros.campaign.cluster import on_cluster
 
@@ -63,17 +64,6 @@ def _compared(
     from cdrj_ros.campaign.processes import in_processes
 
     return in_processes(work, jobs, report)
-
-
-def _sizes(tasks: Sequence[BagTask]) -> list[int]:
-    """Size of every bag [B]; 1 where there is none on this machine."""
-    sizes = []
-    for task in tasks:
-        try:
-            sizes.append(size_of(task.path))
-        except (BagError, OSError):
-            sizes.append(1)
-    return sizes
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -204,7 +194,7 @@ def _body(argv: Sequence[str]) -> int:
     readable = [task for task in tasks if task.path not in unreadable]
     if arguments.scheduler:
         readable = [_from_elsewhere(task) for task in readable]
-    with progress_bar("validating", sum(_sizes(readable))) as report:
+    with progress_bar("validating", sum(size_of(task.path) for task in readable)) as report:
         results = _compared(arguments, readable, report) if readable else []
     bags = [result for result in results if not isinstance(result, Failed)]
     failed = [*unreadable.values(), *(one for one in results if isinstance(one, Failed))]

@@ -1,4 +1,4 @@
-"""Atomic writing of files, and checks that outputs do not overwrite inputs."""
+"""Atomic writing of files, checks that outputs do not overwrite inputs, and sizes."""
 
 from __future__ import annotations
 
@@ -130,3 +130,13 @@ def check_new(outputs: Mapping[str, StrPath | None], *, force: bool) -> None:
     for option, path in outputs.items():
         if path is not None and not force and Path(path).exists():
             raise UsageError(f"{option} {path} exists already; --force replaces it")
+
+
+def size_of(path: StrPath) -> int:
+    """Size of a file, or of the files in a folder [B]; at least 1, also if there is none."""
+    path = Path(path)
+    try:
+        files = list(path.iterdir()) if path.is_dir() else [path]
+        return max(sum(file.stat().st_size for file in files if file.is_file()), 1)
+    except (OSError, ValueError):
+        return 1

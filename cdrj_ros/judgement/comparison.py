@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -211,23 +211,31 @@ class Comparing:
             dropped["reference_not_finite"] = target.not_finite
             dropped["estimate_not_finite"] = int(np.count_nonzero(~usable))
             whole = bool(usable.all())
-            kept = slice(None) if whole else np.flatnonzero(usable)
+            kept = None if whole else np.flatnonzero(usable)
             made.append(
                 Channel(
                     name=name,
                     unit=unit_of(name, _unit_of_axis(name, own)),
-                    stamp_ns=placement.stamp_ns[kept],
-                    estimate=target.estimate[kept],
-                    reference=target.reference[kept],
-                    angle=angles[key][kept],
+                    stamp_ns=_taken(placement.stamp_ns, kept),
+                    estimate=_taken(target.estimate, kept),
+                    reference=_taken(target.reference, kept),
+                    angle=_taken(angles[key], kept),
                     angle_name=own.name if own is not None else "",
                     angle_unit=own.unit if own is not None else "rad",
                     dropped=dropped,
-                    stddev=self._stddev[name][kept] if name in self._stddev else None,
-                    reversal=None if reversal is None else reversal[kept],
+                    stddev=_taken(self._stddev[name], kept) if name in self._stddev else None,
+                    reversal=None if reversal is None else _taken(reversal, kept),
                 )
             )
         return tuple(made)
+
+
+def _taken(values: NDArray[Any], kept: NDArray[np.intp] | None) -> NDArray[Any]:
+    """The values at these indices; all of them as the same object, which channels then share.
+
+    Shared arrays are kept, and sent between processes, once.
+    """
+    return values if kept is None else values[kept]
 
 
 def _unit_of_axis(name: str, angle: Angle | None) -> str:

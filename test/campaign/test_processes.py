@@ -8,7 +8,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from support.many_tasks import killed_once, square
+from support.many_tasks import killed_once, noted, square
 
 from cdrj_ros.campaign.processes import in_processes
 from cdrj_ros.campaign.tasks import (
@@ -18,6 +18,7 @@ from cdrj_ros.campaign.tasks import (
     default_jobs,
     in_this_process,
     processors,
+    several_large,
 )
 
 
@@ -81,3 +82,29 @@ def test_processes_are_used_by_default_only_where_they_pay_off() -> None:
     assert default_jobs([1000] * 100) == 1
     assert default_jobs([WORTH_PROCESSES]) == 1
     assert default_jobs([WORTH_PROCESSES] * 1000) == processors()
+
+
+def test_large_tasks_begin_first(tmp_path: Path) -> None:
+    note = str(tmp_path / "note")
+    tasks = [(note, name) for name in ("small", "large", "middle")]
+    names = [name for _, name in tasks]
+    assert in_processes(Work(noted, tasks, names, [1, 3, 2]), 1, lambda _: None) == names
+    assert Path(note).read_text().split() == ["large", "middle", "small"]
+
+
+def test_processes_are_prepared_only_for_several_large_recordings(tmp_path: Path) -> None:
+    for name in ("a.mcap", "b.mcap", "robot.yaml"):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(WORTH_PROCESSES)
+    (tmp_path / "folder").mkdir()
+    one, other, robot, folder = (
+        str(tmp_path / name) for name in ("a.mcap", "b.mcap", "robot.yaml", "folder")
+    )
+    needed = processors() > 1
+    assert several_large([one, other, "--robot", robot]) == needed
+    assert several_large([folder, one]) == needed
+    assert not several_large([one, "--robot", robot])
+    assert not several_large([folder, folder])
+    assert not several_large([one, other, "--jobs", "1"])
+    assert not several_large([one, other, "--scheduler=tcp://127.0.0.1:8786"])
+    assert not several_large([str(tmp_path / "none.mcap"), "a\0b"])

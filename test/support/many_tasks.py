@@ -38,6 +38,15 @@ def killed_once(task: str, progress: Callable[[float], None]) -> str:
     return path.name
 
 
+def noted(task: tuple[str, str], progress: Callable[[float], None]) -> str:
+    """Append its name to a file."""
+    progress(0.5)
+    note, name = task
+    with Path(note).open("a", encoding="utf-8") as file:
+        file.write(f"{name}\n")
+    return name
+
+
 def sum_with(first: float, table: NDArray[np.float64]) -> float:
     """Works; a negative number fails."""
     if first < 0:
