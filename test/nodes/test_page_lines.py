@@ -1,0 +1,173 @@
+"""Lines of `ros2` on the pages run as printed, with the installed executables and services.
+
+`ros2` itself is not on PyPI; its `run`, `service call`, `topic pub --once`, `param set` and
+`lifecycle set` are followed here.  Launch files have tests of their own.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 60.0
+PAGES = (
+    "controllers.md", "lifecycle.md", "markers.md", "replay.md", "rig_node.md", "view.md",
+    "watch.md",
+)  # fmt: skip
+NEEDS = {"view.md": "viser", "watch.md": "rich"}
+FOLLOWED = (
+    "ros2 run cdrj_ros ", "ros2 service call", "ros2 topic pub --once", "ros2 param set",
+    "ros2 lifecycle set", "python3 ",
+)  # fmt: skip
+
+
+def lines_of(page: str) -> list[str]:
+    """Lines that can be followed; those with a file that the reader is to have are left out."""
+    blocks = re.findall(r"```bash\n(.*?)```", (ROOT / "docs" / page).read_text(), re.DOTALL)
+    lines = re.sub(r"\\\n", " ", "".join(blocks)).splitlines()
+    return [line for line in lines if line.startswith(FOLLOWED) and "my_" not in line]
+
+
+class Shell:
+    """Follows lines: starts processes, calls services, publishes."""
+
+    def __init__(self, node: Any, executables: Path, folder: Path) -> None:
+        self.node, self._executables, self._folder = node, executables, folder
+        self.started: list[tuple[str, subprocess.Popen[bytes], Path]] = []
+
+    def follow(self, line: str) -> None:
+        words = shlex.split(line.partition(" | ")[0].rstrip("& "), comments=True)
+        match words[1:] if words[0] == "ros2" else words:
+            case ["run", "cdrj_ros", name, *rest]:
+                self._start(name, [str(self._executables / name), *rest])
+            case ["python3", script, *rest]:
+                path = ROOT / "examples" / script
+                self._start(Path(script).stem, [sys.executable, str(path), *rest])
+            case ["service", "call", name, kind, *given]:
+                self._call(name, kind, yaml.safe_load(given[0]) if given else {})
+            case ["topic", "pub", "--once", name, kind, given]:
+                self._publish(name, kind, yaml.safe_load(given))
+            case ["param", "set", node, name, value]:
+                self._set(node, name, float(value))
+            case ["lifecycle", "set", node, transition]:
+                self._change(node, transition)
+            case _:
+                raise AssertionError(f"not followed: {line}")
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        import rclpy
+
+        deadline = self.node.get_clock().now().nanoseconds + round(PATIENCE_S * 1e9)
+        while not condition():
+            rclpy.spin_once(self.node, timeout_sec=0.02)
+            now = self.node.get_clock().now().nanoseconds
+            assert now < deadline, f"waited in vain for {what}\n{self.said()}"
+
+    def said(self) -> str:
+        return "\n".join(f"{name}: {path.read_text()}" for name, _, path in self.started)
+
+    def running(self, name: str) -> Callable[[], bool]:
+        """Whether there is a node of that name, or its process has done its work."""
+        process = next(one for other, one, _ in reversed(self.started) if other == name)
+        return lambda: (
+            process.poll() == 0
+            or any(name in other for other in self.node.get_node_names() if other != "test")
+        )
+
+    def _start(self, name: str, command: list[str]) -> None:
+        path = self._folder / f"{len(self.started)}.txt"
+        with path.open("wb") as said:
+            process = subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=said)
+        self.started.append((name, process, path))
+
+    def _ask(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, name)
+        future = client.call_async(request)
+        self.until(future.done, f"the answer of {name}")
+        return future.result()
+
+    def _call(self, name: str, kind: str, given: dict[str, Any]) -> None:
+        service = type_of(kind)
+        answer = self._ask(service, name, filled(service.Request(), given))
+        assert answer.success, f"{name}: {answer.message}"
+
+    def _publish(self, name: str, kind: str, given: dict[str, Any]) -> None:
+        publisher = self.node.create_publisher(type_of(kind), name, 10)
+        self.until(publisher.get_subscription_count, f"a subscription of {name}")
+        publisher.publish(filled(type_of(kind)(), given))
+
+    def _set(self, node: str, name: str, value: float) -> None:
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        (result,) = self._ask(SetParameters, f"{node}/set_parameters", request).results
+        assert result.successful, result.reason
+
+    def _change(self, node: str, transition: str) -> None:
+        from lifecycle_msgs.srv import ChangeState
+
+        request = ChangeState.Request()
+        request.transition.label = transition
+        assert self._ask(ChangeState, f"{node}/change_state", request).success
+
+    def end(self) -> None:
+        """Interrupt all that still runs; it must have run well until then."""
+        for _, process, _ in reversed(self.started):
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        for name, process, path in self.started:
+            code = process.wait(PATIENCE_S)
+            assert code in (0, 130), f"{name} ended with {code}: {path.read_text()}"
+            assert "Traceback" not in path.read_text(), path.read_text()
+
+
+def type_of(name: str) -> Any:
+    package, kind, own = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), own)
+
+
+def filled(message: Any, given: dict[str, Any]) -> Any:
+    for name, value in given.items():
+        if isinstance(value, dict):
+            filled(getattr(message, name), value)
+        else:
+            setattr(message, name, value)
+    return message
+
+
+@pytest.fixture
+def shell(node: Any, executables: Path, tmp_path: Path) -> Iterator[Shell]:
+    one = Shell(node, executables, tmp_path)
+    yield one
+    for _, process, _ in one.started:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_lines_of_a_page_run(page: str, shell: Shell) -> None:
+    if page in NEEDS:
+        pytest.importorskip(NEEDS[page])
+    lines = lines_of(page)
+    assert lines
+    for line in lines:
+        shell.follow(line)
+    for name, _, _ in shell.started:
+        shell.until(shell.running(name), f"the node {name}")
+    shell.end()
