@@ -38,6 +38,9 @@ class CablePlaces:
         wrap = np.array([_mean_wrap(model, pulley + k) for k in range(cable.pulleys)])
         self.lever = 2.0 * np.sin(0.5 * wrap)
         """Force on every pulley per newton of tension [-]."""
+        length = shape_at(model, _reference(model)).length[self.elements]
+        self.weight = length / length.sum()
+        """Share of every element in the cable's mean tension, which slip does not change [-]."""
         motors = {motor.name: k for k, motor in enumerate(robot.motors)}
         offset = elements + len(layout.pulleys)
         self.motors = [
@@ -62,5 +65,9 @@ class CablePlaces:
 
 def _mean_wrap(model: Model, pulley: int) -> float:
     """Wrap angle of a pulley in the reference pose [rad]."""
-    reference = np.array([joint.reference_angle for joint in model.robot.joints])
-    return float(shape_at(model, reference).wrap[pulley])
+    return float(shape_at(model, _reference(model)).wrap[pulley])
+
+
+def _reference(model: Model) -> NDArray[np.float64]:
+    """Angles of the joints in the reference pose [rad] or [m]."""
+    return np.array([joint.reference_angle for joint in model.robot.joints])

@@ -15,6 +15,8 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.estimation.claims import Claim
+
 Vector = NDArray[np.float64]
 
 CONTESTED: Final = 9.0
@@ -74,6 +76,8 @@ class Witness:
     """Standard deviation of changes that follow from its first correction [N] or [N m]."""
     against_effort: bool = False
     """Whether it is a load cell for which ``LONG_WINDOW_NS`` holds."""
+    claim: Claim = field(default_factory=Claim)
+    """What a load cell has said of its cable's preload."""
     surprise: float = 0.0
     """How far the last reading contradicted the estimate [N] or [N m]."""
     _correction: float = 0.0

@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.claims import HISTORY_ERROR, Claim
 from cdrj_ros.estimation.contest import WINDOW_NS, Answer, Witness
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
 from cdrj_ros.estimation.motor_friction import FRICTION_DRIFT, MotorFriction
 from cdrj_ros.estimation.preloads import DOUBT, SLOW_DRIFT, Preloads, standard
-from cdrj_ros.estimation.sensor_health import SensorHealth
+from cdrj_ros.estimation.sensor_health import SensorHealth, enough
 from cdrj_ros.robot.description import Winch
 
 Vector = NDArray[np.float64]
@@ -34,10 +35,6 @@ measured value: of a lasting error, and of another one in every reading."""
 EFFORT_ERROR: Final = 0.02
 """The same for an effort, as a fraction of the torque of the preloads: an effort is a small
 difference of cables, and its errors last over many readings."""
-
-HISTORY_ERROR: Final = 0.05
-"""Standard deviation of what follows from a sensor's first correction, as a fraction of it: the
-friction history was formed at another preload."""
 
 HISTORY_NS: Final = 200_000_000
 """Maximum age of a measurement [ns]."""
@@ -117,6 +114,8 @@ class Fusion:
         self._history: deque[_Past] = deque(maxlen=KEPT)
         self._friction = MotorFriction(robot)
         self._corrected = np.zeros(spread.columns.size)
+        self._changed = np.zeros(len(robot.cables))
+        """Sum of the corrections of every preload [N]."""
 
     def reset(self) -> None:
         """Discard all measurements; every sensor is on trial again."""
@@ -145,6 +144,7 @@ class Fusion:
         self._preloads.forget()
         self._witnesses.clear()
         self._corrected = np.zeros(self.spread.columns.size)
+        self._changed[:] = 0.0
 
     @property
     def dropped(self) -> int:
@@ -251,8 +251,20 @@ class Fusion:
         health.used += 1
         state = self._teach(witness, factor, state, reading, innovation, own)
         if reading.motor < 0:
+            witness.claim.follow(unaided, enough(own, unaided))
+            self._doubt(witness, reading)
             health.dropped = witness.wrong
         return state
+
+    def _doubt(self, witness: Witness, reading: _Reading) -> None:
+        """Leave open whether a load cell drifts or the preload creeps, (U10)."""
+        (cable,) = reading.cables
+        stddev = self._preloads.stddev(cable)
+        size = witness.claim.contradicted(float(self._changed[cable]), stddev)
+        if size > 0.0:
+            known = [one.deviation for one in self._witnesses.values()]
+            change = self._preloads.exchange(size, reading.column, cable, known)
+            witness.deviation -= change
 
     def _drift_of(self, cable: int, stamp_ns: int) -> float:
         """Random-walk spread of a preload after 1 s, as a fraction of it.
@@ -291,7 +303,7 @@ class Fusion:
         """
         members = len(self.spread.states)
         if reading.motor < 0:
-            witness = Witness(np.zeros(members), history=HISTORY_ERROR * first)
+            witness = Witness(np.zeros(members), history=HISTORY_ERROR * first, claim=Claim(first))
         else:
             witness = Witness(self._unknown(reading) * self._draw())
         self._witnesses[reading.name] = witness
@@ -364,6 +376,7 @@ class Fusion:
             witness.deviation += size * standard(spread.generator, len(spread.states), known)
         for one in self._witnesses.values():
             one.forget()
+            one.claim.renew()
 
     def _teach(
         self,
@@ -395,6 +408,7 @@ class Fusion:
         for c in cables:
             places = self._preloads.places[c]
             shift = gain[places.elements] * innovation
+            self._changed[c] += float(gain[places.elements] @ places.weight) * innovation
             places.stretch(values[None, :], self.model.numbers[None, :], shift[None, :])
             places.stretch(spread.states, spread.numbers, change[:, places.elements])
         own_gain = float(witness.deviation @ h) / (members * variance)

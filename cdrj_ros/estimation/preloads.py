@@ -85,6 +85,30 @@ class Preloads:
             self._shift(c, size / abs(arm) * standard(spread.generator, len(spread.states), apart))
         spread.variance[:] = (spread.deviation**2).mean(axis=0)
 
+    def stddev(self, c: int) -> float:
+        """Standard deviation of the preload of a cable, that is of its mean tension [N]."""
+        mean = self.spread.deviation[:, self.places[c].elements] @ self.places[c].weight
+        return float(np.sqrt((mean**2).mean()))
+
+    def exchange(self, size: float, column: int, c: int, apart: Sequence[Vector]) -> Vector:
+        """Vary a preload by itself, with a standard deviation of ``size`` [N].
+
+        Args:
+            size: the standard deviation [N].
+            column: of a tension in that cable, with which the change is not correlated.
+            c: the cable.
+            apart: see ``standard``.
+
+        Returns:
+            The change of that tension in every member [N], shape (members,).
+        """
+        spread = self.spread
+        known = [*apart, spread.deviation[:, column]]
+        change = size * standard(spread.generator, len(spread.states), known)
+        self._shift(c, change)
+        spread.variance[:] = (spread.deviation**2).mean(axis=0)
+        return change
+
     def _arms(self, column: int, cables: list[int]) -> list[tuple[int, float]]:
         """Cables that act on a measured quantity, and its change per newton in each of them."""
         if column < len(self.spread.model.layout.elements):

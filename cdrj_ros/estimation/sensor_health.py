@@ -143,7 +143,7 @@ class SensorHealth:
             return False
         self._trial.append((value, unaided))
         readings, estimates = np.array(self._trial).T
-        if _to_and_fro(estimates) <= max(STIFF * own**0.5, PROOF * float(np.abs(estimates).max())):
+        if _to_and_fro(estimates) <= enough(own, float(np.abs(estimates).max())):
             return False
         response, error = _slope(estimates, readings, own)
         low, high = RESPONSE
@@ -158,6 +158,16 @@ class SensorHealth:
             self.tried -= 1
             self._trial.clear()
         return self.trusted
+
+
+def enough(own: float, largest: float) -> float:
+    """How far an estimate must rise and fall to judge a sensor by it [N] or [N m].
+
+    Args:
+        own: see ``SensorHealth.judge``.
+        largest: largest magnitude of the estimate.
+    """
+    return max(STIFF * float(own**0.5), PROOF * abs(largest))
 
 
 def _to_and_fro(estimates: Vector) -> float:

@@ -11,6 +11,7 @@ import pytest
 from support.campaign import SECOND, Course, Faults, Lie, courses, judge, run
 
 from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.claims import Claim
 from cdrj_ros.estimation.contest import LASTING, Witness
 from cdrj_ros.estimation.preloads import standard
 from cdrj_ros.estimation.session import LiveEstimator, Options
@@ -40,6 +41,11 @@ def longer(model: Model) -> Course:
     return courses(model, 12.0, (1,))[0]
 
 
+@pytest.fixture(scope="module")
+def slow(model: Model) -> Course:
+    return courses(model, 18.0, (0,))[0]
+
+
 @pytest.mark.parametrize(
     ("off", "track_preload"), [(2.0, True), (3.0, False), (5.0, True), (-12.0, False)]
 )
@@ -58,6 +64,21 @@ def test_a_trusted_cell_that_is_suddenly_off_leaves_no_wrong_tension_with_status
     assert verdict.beyond(5.0) <= 0.001
 
 
+def _assert_law(model: Model, course: Course, faults: Faults) -> None:
+    """The liar is trusted before, and leaves no wrong tension with status 0 afterwards."""
+    assert faults.liar is not None
+    begin = faults.liar[1]
+    options = Options(tension_sensors=True, track_preload=faults.good_effort)
+    outputs = run(model, course, faults, options)
+    before = judge(course, outputs, begin - SECOND, begin)
+    verdict = judge(course, outputs, begin, course.duration_ns)
+    assert before.ratio.size >= (0.99 if faults.good_effort else 0.49) * before.judged
+    assert before.beyond(2.0) == 0.0
+    assert verdict.judged > 0
+    assert verdict.beyond(5.0) <= 0.001
+    assert verdict.beyond(2.0) <= 0.08
+
+
 @pytest.mark.parametrize("good_effort", [False, True])
 @pytest.mark.parametrize(
     ("lie", "off"),
@@ -67,17 +88,50 @@ def test_a_trusted_cell_that_drifts_or_is_off_keeps_to_the_law(
     lie: Lie, off: float, good_effort: bool, model: Model, longer: Course
 ) -> None:
     """The cell drifts by a fifth of ``off`` in a second; an effort beside it is right."""
-    begin = 6 * SECOND
-    faults = Faults(liar=(lie, begin), off=off, good_effort=good_effort)
-    options = Options(tension_sensors=True, track_preload=good_effort)
-    outputs = run(model, longer, faults, options)
-    before = judge(longer, outputs, begin - SECOND, begin)
-    verdict = judge(longer, outputs, begin, longer.duration_ns)
-    assert before.ratio.size >= (0.99 if good_effort else 0.49) * before.judged
-    assert before.beyond(2.0) == 0.0
-    assert verdict.judged > 0
-    assert verdict.beyond(5.0) <= 0.001
-    assert verdict.beyond(2.0) <= 0.08
+    faults = Faults(liar=(lie, 6 * SECOND), off=off, good_effort=good_effort)
+    _assert_law(model, longer, faults)
+
+
+@pytest.mark.parametrize(
+    ("off", "good_effort", "seconds"),
+    [(-5.0, False, 14), (-1.5, False, 10), (-5.0, True, 14), (-1.5, True, 14)],
+)
+def test_a_cell_that_drifts_during_a_slow_motion_keeps_to_the_law(
+    off: float, good_effort: bool, seconds: int, model: Model, slow: Course
+) -> None:
+    """A single cell cannot tell its drift from a preload that creeps: both are left open."""
+    faults = Faults(liar=("drifts", seconds * SECOND), off=off, good_effort=good_effort)
+    _assert_law(model, slow, faults)
+
+
+def test_a_cell_that_says_the_same_leaves_nothing_open() -> None:
+    claim = Claim()
+    generator = np.random.default_rng(0)
+    assert claim.contradicted(0.3, 0.5) == 0.0
+    assert not any(claim.contradicted(0.3 + 0.2 * x, 0.6) for x in generator.uniform(-2, 2, 1000))
+
+
+@pytest.mark.parametrize("steps", [1, 7, 100])
+def test_what_a_creeping_claim_leaves_open_does_not_depend_on_its_steps(steps: int) -> None:
+    claim = Claim()
+    assert claim.contradicted(0.0, 0.5) == 0.0
+    added = [claim.contradicted(4.0 * k / steps, 0.6) for k in range(1, steps + 1)]
+    assert np.sum(np.square(added)) == pytest.approx(0.5 * (4.0**2 - 0.5**2))
+    assert claim.contradicted(3.0, 0.6) == 0.0, "nothing is added on the way back"
+
+
+def test_a_first_correction_allows_more_until_a_motion_to_and_fro() -> None:
+    def opened(claim: Claim) -> float:
+        assert claim.contradicted(0.0, 0.2) == 0.0
+        return claim.contradicted(1.5, 0.2)
+
+    early, late = Claim(first=10.0), Claim(first=10.0)
+    for unaided in (20.0, 24.0, 20.0):
+        assert not late.settled
+        late.follow(unaided, 3.0)
+    assert late.settled
+    assert opened(early) == 0.0
+    assert opened(late) > 0.5
 
 
 def _witness() -> Witness:
