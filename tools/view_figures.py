@@ -1,6 +1,6 @@
 """Renew the pictures of docs/view.md with a headless Chromium, as `make figures` does.
 
-A simulated finger is shown: view_desk.png light on a desk, view_phone.png dark on a phone.
+The sample recording is shown: view_desk.png light on a desk, view_phone.png dark on a phone.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from PIL import Image
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 FIGURES: Final = ROOT / "docs" / "figures"
+BAG: Final = ROOT / "bags" / "prototype_preload_36_26"
 
 DESK: Final = (1400, 900)
 PHONE: Final = (400, 800)
@@ -45,6 +46,13 @@ OPTIONS: Final = (
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
     "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars",
 )  # fmt: skip
+
+
+def known() -> str:
+    """The robot that has positions, with the standard deviations of the one that has none."""
+    robots = ROOT / "config" / "robots"
+    _, _, stated = (robots / "prototype.yaml").read_text().partition("\nuncertainty:")
+    return (robots / "prototype_positions.yaml").read_text() + "\nuncertainty:" + stated
 
 
 @contextmanager
@@ -122,9 +130,9 @@ def main() -> int:
         return 0
     with tempfile.TemporaryDirectory() as scratch:
         work = Path(scratch)
-        simulate = [sys.executable, "-m", "cdrj_ros.commands.simulate", "--robot", "finger"]
-        subprocess.run([*simulate, "--duration", "20", str(work / "bag")], check=True)
-        with shown(work / "bag", "finger") as address:
+        robot = work / "prototype_positions.yaml"
+        robot.write_text(known())
+        with shown(BAG, str(robot)) as address:
             picture(work / "desk", address, DESK, FIGURES / "view_desk.png")
             picture(work / "phone", f"{address}?darkMode", PHONE, FIGURES / "view_phone.png")
     return 0

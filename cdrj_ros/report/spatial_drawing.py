@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped,unused-ignore]
 from numpy.typing import NDArray
 
@@ -190,7 +191,8 @@ def _number(axes: Any, paths: list[list[Points]]) -> None:
         at = int(np.argmax(lengths))
         axes.text(
             *(line[at] + (0.35 + 0.06 * (c % 4)) * (line[at + 1] - line[at])), str(c + 1),
-            fontsize=FONT_SIZE - 1, color=cable_colour(c), weight="bold",
+            fontsize=FONT_SIZE - 1, color=cable_colour(c), weight="bold", ha="center", va="center",
+            path_effects=[withStroke(linewidth=4.0, foreground="white")],
         )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import ceil
 from time import monotonic
 from typing import Any, Final
 
@@ -36,9 +37,10 @@ class Player:
         self._behind = True
         """Whether table and curves have not been updated since the picture changed."""
         gui = page.gui
-        length = max(film.duration_s, 1e-3)
+        digits = 2 if film.duration_s >= 10.0 else 3  # more do not fit beside the slider
+        end = max(ceil(film.duration_s * 10**digits), 1) / 10**digits
         with page.above:
-            self._slider = gui.add_slider("time [s]", 0.0, length, length / 1000.0, 0.0)
+            self._slider = gui.add_slider("time [s]", 0.0, end, 10.0**-digits, 0.0)
             self._button = gui.add_button("pause")
             self._rate = gui.add_dropdown("rate", RATES, initial_value="1")
         page.above.visible = True
@@ -55,7 +57,7 @@ class Player:
     def _on_slider(self, event: Any) -> None:
         if event.client is not None:  # moved by hand
             self._touched_s = monotonic()
-            self.time_s = float(self._slider.value)
+            self.time_s = min(float(self._slider.value), self.film.duration_s)
 
     def tick(self) -> None:
         """Advance by the time since the last call, and draw if a browser shows the page."""
