@@ -135,6 +135,7 @@ def print_results(
     judgement: Judgement | None = None,
 ) -> None:
     """Print notes, counters and the table, then the names of the files; arguments as above."""
+    from cdrj_ros.report.health import health_of
     from cdrj_ros.report.judgement_table import print_judgement
     from cdrj_ros.report.table import print_errors
 
@@ -148,6 +149,8 @@ def print_results(
                 words = cause.replace("_", " ")
                 say(f"readings: {bag.path}: {count} {words} (docs/conditioning.md)")
     print_errors(errors.pooled, title=title, beside=_published(model))
+    for line in (line for bag in errors.bags for line in health_of(bag)):
+        say(line)
     if judgement:
         print_judgement(judgement)
     if arguments.json:

@@ -34,7 +34,7 @@ from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.files import check_outputs, size_of
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
-from cdrj_ros.judgement.bag_task import BagTask, compare_bag, prepared_model
+from cdrj_ros.judgement.bag_task import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.estimates_bag import OUTPUTS
 from cdrj_ros.judgement.limits import judge, load_limits
@@ -109,6 +109,12 @@ def _parser() -> argparse.ArgumentParser:
         "file has numbers that are not exact, or a bag is written (default %(default)s)",
     )  # fmt: skip
     parser.add_argument(
+        "--health", choices=HEALTH, default="auto",
+        help="let the health monitor compare motor efforts and load cells with the robot file "
+        "(docs/health.md); auto: those that the node would hear; references: also recorded "
+        "references (default %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
         "--quiet", action="store_true", help="print errors and violated limits only"
     )
     add_result_options(parser)
@@ -125,7 +131,18 @@ def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
     prefix = topic_prefix(arguments)
     outputs = (prefix + OUTPUTS[0], prefix + OUTPUTS[1], prefix + OUTPUTS[2])
     return [
-        BagTask(path, topics, arguments.robot, preload, window, outputs, spread, written)
+        BagTask(
+            path,
+            topics,
+            arguments.robot,
+            preload,
+            window,
+            outputs,
+            spread,
+            written,
+            arguments.health,
+            prefix + LOAD_CELLS,
+        )
         for path, preload, written in zip(
             bags, _preloads(arguments), _written(arguments.write_bag, bags), strict=True
         )

@@ -2,32 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from time import perf_counter
-from typing import Final
+from typing import Final, Literal, get_args
 
-from cdrj_ros.bag import Topics
+from cdrj_ros.bag import Recording, Series, Topics, open_source, read_recording
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.estimates_bag import OUTPUTS, log_times, write_estimates
 from cdrj_ros.judgement.motor_alone import condition_alone, read_alone
 from cdrj_ros.judgement.validation import (
     WHOLE,
+    Sensors,
     Validation,
     Window,
     condition_recording,
     read_inputs,
     require_axes,
 )
+from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
+from cdrj_ros.model.channels import EFFORT, TENSION
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
+
+LOAD_CELLS: Final = in_namespace(TENSION_SENSORS)
+"""Topic of the load cells in the default namespace."""
 
 READING_SHARE: Final = 0.3
 """Share of the processing time of a bag that reading takes, for the progress display."""
 
 Progress = Callable[[float], None]
+
+Health = Literal["auto", "references", "off"]
+HEALTH: Final[tuple[Health, ...]] = get_args(Health)
+"""What the health monitor may hear: what the node would hear, references too, or nothing."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +58,10 @@ class BagTask:
     """Whether standard deviations are computed."""
     written: str = ""
     """Bag to write with the original messages and the estimates; empty for none."""
+    health: Health = "off"
+    """What the health monitor hears: what the node would hear, or also the references."""
+    load_cells: str = LOAD_CELLS
+    """Topic of the load cells that the node would hear."""
     folder: str = ""
     """Folder from which relative paths start, for a process with another working folder."""
 
@@ -88,14 +102,17 @@ def compare_bag_with(
 ) -> BagComparison:
     """``compare_bag`` with a given model."""
     begin = perf_counter()
+    sensors = None  # a robot with joints without encoder has no health monitor, as in the node
     path = str(Path(task.folder, task.path)) if task.folder else task.path
     if model.robot.unmeasured:
         recording = read_alone(path, task.topics, model.robot)
         require_axes(path, recording, model.robot.as_read)
         conditioned = condition_alone(model, recording)
     else:
-        recording = read_inputs(path, task.topics, model)
+        recording = read_inputs(path, task.topics, model, motor_efforts=task.health != "off")
         conditioned = condition_recording(model, recording)
+        if task.health != "off":
+            sensors = _sensors(path, task, model, recording)
     log_ns = log_times(recording, conditioned) if task.written else None
     if len(conditioned.segments) == 1:
         recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
@@ -116,6 +133,7 @@ def compare_bag_with(
         spread=task.spread,
         window=task.window,
         progress=on,
+        sensors=sensors,
     )
     if log_ns is not None:
         written = str(Path(task.folder, task.written))
@@ -132,3 +150,25 @@ def compare_bag_with(
     if task.preload is not None:
         facts["preload"] = f"{task.preload} N"
     return replace(comparison, facts=facts)
+
+
+def _sensors(path: str, task: BagTask, model: Model, recording: Recording) -> Sensors:
+    """Readings for the health monitor: efforts of the motors, and load cells.
+
+    Raises:
+        BagError: the topic of the load cells cannot be read.
+    """
+    tensions: Mapping[str, Series] = {}
+    if task.load_cells in task.topics.references:
+        tensions = recording.references
+    elif task.load_cells in open_source(path).channels():
+        topics = replace(task.topics, references=(task.load_cells,))
+        tensions = read_recording(path, topics).references
+    also = recording.references if task.health == "references" else {}
+    efforts = {name: also.get(f"{EFFORT}/{name}") for name in model.layout.motors}
+    cells = {
+        name: tensions.get(f"{TENSION}/{name}", also.get(f"{TENSION}/{name}"))
+        for name in model.layout.elements
+    }
+    efforts |= {n: one for n, one in recording.motor_efforts.items() if n in efforts}
+    return Sensors(*({n: one for n, one in o.items() if one} for o in (efforts, cells)))

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cdrj_ros.health.recorded import Verdict
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION, channel_columns
 from cdrj_ros.model.prepared import Layout
@@ -147,6 +148,8 @@ class BagComparison:
     """Further facts as text, by label: rate achieved, latency, versions."""
     friction: tuple[PulleyFriction, ...] = ()
     """Estimated friction at the pulleys; empty if it was not kept."""
+    health: Verdict | None = None
+    """Verdict of the health monitor; None if it did not run or had no sensor."""
 
 
 @dataclass(frozen=True, eq=False)

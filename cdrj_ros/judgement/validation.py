@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from cdrj_ros.conditioning.whole_recording import Conditioned, condition
 from cdrj_ros.estimation.estimator import Angles, Estimates
 from cdrj_ros.estimation.motor_alone import efforts_at
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.health.recorded import RecordedHealth
 from cdrj_ros.judgement.angles import telling_angles
 from cdrj_ros.judgement.channels import (
     ANGLE,
@@ -60,13 +62,15 @@ def require_reference_topics(path: str, topics: Topics) -> None:
         raise _no_references(path)
 
 
-def read_inputs(path: str, topics: Topics, model: Model) -> Recording:
+def read_inputs(
+    path: str, topics: Topics, model: Model, *, motor_efforts: bool = False
+) -> Recording:
     """Read a bag and check that it has all motors and joints of a robot.
 
     Raises:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
     """
-    recording = read_recording(path, topics)
+    recording = read_recording(path, topics, motor_efforts=motor_efforts)
     require_axes(path, recording, model.robot)
     return recording
 
@@ -126,6 +130,15 @@ class ByChannel(NamedTuple):
     """Standard deviations where they are known [unit of the channel], shape (n,) each."""
 
 
+class Sensors(NamedTuple):
+    """Readings of the sensors that the health monitor compares with the robot file."""
+
+    efforts: Mapping[str, Series]
+    """Of the motors by name [N m]."""
+    cells: Mapping[str, Series]
+    """Tensions by element [N]."""
+
+
 class Validation:
     """A recording that is estimated and compared with its references, piece by piece."""
 
@@ -139,6 +152,7 @@ class Validation:
         spread: bool = False,
         window: Window = WHOLE,
         progress: Callable[[float], None] | None = None,
+        sensors: Sensors | None = None,
     ) -> None:
         """Choose the references.
 
@@ -150,10 +164,14 @@ class Validation:
             spread: whether to estimate standard deviations.
             window: time interval of the references that are compared.
             progress: called with the completed fraction, from 0 to 1.
+            sensors: readings for the health monitor; None or none at all: it does not run.
 
         Raises:
             BagError: there is nothing to compare.
         """
+        self._sensors = sensors or Sensors({}, {})
+        named = [name for readings in self._sensors for name in readings]
+        self._health = RecordedHealth(model, named) if named else None
         self._references = _references(path, recording, conditioned, window)
         self._model, self._path, self._recording = model, path, recording
         self._conditioned, self._window, self._progress = conditioned, window, progress
@@ -176,8 +194,17 @@ class Validation:
         longest = max(segments, key=lambda segment: segment.stamp_ns.size)
         of_passes = references_of_passes(self._references, self._recording, len(segments))
         efforts = references_of_passes(self._efforts, self._recording, len(segments))
+        watched = zip(
+            *(references_of_passes(o, self._recording, len(segments)) for o in self._sensors),
+            strict=True,
+        )
         done = 0
-        for segment, references, heard in zip(segments, of_passes, efforts, strict=True):
+        for segment, references, heard, sensors in zip(
+            segments, of_passes, efforts, watched, strict=True
+        ):
+            if self._health:
+                self._health.begin_pass(*sensors)
+            begin = done
             comparing = _comparing(segment.stamp_ns, self._names, references)
             found: list[Angles] = []
             for piece in self._pieces(segment, heard):
@@ -187,6 +214,9 @@ class Validation:
                     self._friction.add(piece.stamp_ns, piece.values)
                 named = _named(piece)
                 comparing.add(named.estimates, named.stddev, named.n)
+                if self._health:
+                    part = slice(done - begin, done - begin + piece.stamp_ns.size)
+                    self._health.follow(segment.part(part), piece.stddev)
                 yield piece
                 done += piece.stamp_ns.size
                 if self._progress:
@@ -205,7 +235,7 @@ class Validation:
         """The comparison of all pieces."""
         channels = one_after_another(self._passes)
         passes = len(self._passes)
-        return summed_up(
+        compared = summed_up(
             self._path,
             _duration_s(self._recording, self._window),
             channels,
@@ -218,6 +248,7 @@ class Validation:
             ),
             friction=self._friction.result(),
         )
+        return replace(compared, health=self._health.verdict() if self._health else None)
 
 
 def validate_recording(

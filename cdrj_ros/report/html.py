@@ -26,6 +26,7 @@ from cdrj_ros.judgement.metrics import (
     Errors,
 )
 from cdrj_ros.judgement.reversals import AROUND_NS, REVERSAL_SHARE
+from cdrj_ros.report.health import health_lines
 from cdrj_ros.report.judgement_table import OUTSIDE_HEADINGS, judgement_rows, judgement_sentence
 from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
 from cdrj_ros.report.parameters import parameter_tables
@@ -173,6 +174,7 @@ def _bags(errors: Errors) -> list[dict[str, Any]]:
                 "path": bag.path,
                 "facts": _facts(bag),
                 "notes": bag.notes,
+                "health": _health(bag),
                 "table": _table(own, anchors) if len(errors.bags) > 1 else None,
                 "telling": [sections[number, name] for name in telling],
                 "friction": _friction(bag, f"bag{number + 1}-friction"),
@@ -180,6 +182,14 @@ def _bags(errors: Errors) -> list[dict[str, Any]]:
             }
         )
     return shown
+
+
+def _health(bag: BagComparison) -> dict[str, Any] | None:
+    """Verdict of the health monitor and its figures; None if it did not run."""
+    if bag.health is None:
+        return None
+    kind = "outside" if bag.health.alarms else "within"
+    return {"kind": kind, "lines": health_lines(bag.health), "values": bag.health.values}
 
 
 def _sections(errors: Errors) -> dict[tuple[int, str], _Section]:

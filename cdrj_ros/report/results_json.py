@@ -1,11 +1,11 @@
 """Comparisons as a JSON file, for continuous integration, spreadsheets and other tools.
 
 ``{"format", "version", "bags": [{"path", "duration_s", "channels", "friction", "counters",
-"notes", "facts"}], "all": {"channels"}, "limits"}`` where ``channels`` maps a channel's name to its
-``unit``, ``n`` and the figures of ChannelError, ``friction`` a pulley's name to the figures of
-PulleyFriction, and ``limits`` is null or ``{"file", "checked", "outside": [{"where", "channel",
-"figure", "value", "min" or "max", "by"}]}``.  An unknown figure is
-null; NaN and infinity never appear.
+"notes", "facts", "health"}], "all": {"channels"}, "limits"}`` where ``channels`` maps a channel's
+name to its ``unit``, ``n`` and the figures of ChannelError, ``friction`` a pulley's name to the
+figures of PulleyFriction, ``health`` is null or the verdict of the health monitor, and ``limits``
+is null or ``{"file", "checked", "outside": [{"where", "channel", "figure", "value", "min" or "max",
+"by"}]}``.  An unknown figure is null; NaN and infinity never appear.
 docs/validate.md describes every key.
 """
 
@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from typing import Final, TypeAlias
 
 from cdrj_ros.foundation.files import write_text
+from cdrj_ros.health.recorded import Verdict
 from cdrj_ros.judgement.channels import unit_of
 from cdrj_ros.judgement.limits import Judgement
 from cdrj_ros.judgement.metrics import FIGURES, ChannelError, Errors
@@ -47,6 +48,7 @@ def results(errors: Errors, judgement: Judgement | None = None) -> dict[str, Jso
                 "counters": {cause: int(n) for cause, n in comparison.counters.items()},
                 "notes": list(comparison.notes),
                 "facts": dict(comparison.facts),
+                "health": None if comparison.health is None else _health(comparison.health),
             }
             for comparison, own in zip(errors.bags, errors.of_bags, strict=True)
         ],
@@ -82,6 +84,27 @@ def _friction(one: PulleyFriction) -> dict[str, Json]:
     return {
         name: _finite(getattr(one, name))
         for name in ("mean", "largest", "mean_share", "largest_share")
+    }
+
+
+def _health(verdict: Verdict) -> dict[str, Json]:
+    return {
+        "level": verdict.level,
+        "message": verdict.message,
+        "cycles": verdict.cycles,
+        "sensors": list(verdict.sensors),
+        "alarms": [
+            {
+                "level": one.level,
+                "message": one.message,
+                "first_cycle": one.first_cycle,
+                "last_cycle": one.last_cycle,
+                "begin_s": _finite(one.begin_s),
+                "end_s": _finite(one.end_s),
+            }
+            for one in verdict.alarms
+        ],
+        "values": dict(verdict.values),
     }
 
 

@@ -41,6 +41,7 @@ def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagCom
             "counters",
             "notes",
             "facts",
+            "health",
         }
     for channels, errors in (
         (read["bags"][0]["channels"], pooled_errors([comparison])),
