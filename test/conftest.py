@@ -2,8 +2,9 @@
 
 The environment is set before rclpy is imported, and processes started by tests inherit it: every
 run and, under pytest-xdist, every worker has its own ROS domain, and discovery is limited to this
-machine, so parallel runs do not receive each other's messages. Hypothesis has no deadline, because
-the duration of an example depends on the load of the machine.
+machine, so parallel runs do not receive each other's messages. NumPy calculates in one thread, as
+in every command; workers beside each other would otherwise wait for each other's processors.
+Hypothesis has no deadline, because the duration of an example depends on the load of the machine.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from cdrj_ros.foundation.interruption import BLAS_THREADS
 
 if TYPE_CHECKING:
     from cdrj_ros.conditioning.samples import Samples
@@ -33,6 +36,7 @@ def _domain() -> int:
 
 os.environ["ROS_DOMAIN_ID"] = str(_domain())
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ.setdefault(BLAS_THREADS, "1")
 
 settings.register_profile(
     "steady", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]

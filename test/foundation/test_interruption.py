@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
 
 import pytest
+
+from cdrj_ros.foundation.interruption import BLAS_THREADS
 
 PATIENCE_S = 30.0
 WAITING = """
@@ -124,3 +127,29 @@ def load():
 run_interruptibly("loaded", load)
 """
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(("chosen", "threads"), [({}, 1), ({BLAS_THREADS: "2"}, 2)])
+def test_numpy_calculates_in_one_thread_unless_the_user_chose_more(
+    chosen: dict[str, str], threads: int
+) -> None:
+    script = """
+import os
+from cdrj_ros.foundation.interruption import run_interruptibly
+
+def load():
+    import numpy
+
+    def main():
+        table = numpy.ones((500, 500))
+        table @ table
+        return 100 + len(os.listdir("/proc/self/task"))
+
+    return main
+
+run_interruptibly("counting", load)
+"""
+    kept = {name: value for name, value in os.environ.items() if name != BLAS_THREADS}
+    done = subprocess.run([sys.executable, "-c", script], check=False, env=kept | chosen)
+    watcher = 1  # waits for Ctrl-C
+    assert done.returncode == 100 + min(threads, len(os.sched_getaffinity(0))) + watcher

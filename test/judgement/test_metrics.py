@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cdrj_ros.foundation.interruption import BLAS_THREADS
 from cdrj_ros.judgement.channels import BagComparison, Channel
 from cdrj_ros.judgement.metrics import (
     MINIMUM_SHARE,
@@ -58,7 +59,7 @@ def test_digits_do_not_depend_on_the_number_of_processors() -> None:
     )
 
     def figures(processors: str) -> bytes:
-        variables = os.environ | {"OPENBLAS_NUM_THREADS": processors}
+        variables = os.environ | {BLAS_THREADS: processors}
         return subprocess.run(
             [sys.executable, "-c", code], check=True, capture_output=True, env=variables
         ).stdout
