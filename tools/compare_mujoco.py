@@ -7,6 +7,7 @@ python tools/compare_mujoco.py FOLDER [--poses N]    every MJCF model below FOLD
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -178,7 +179,7 @@ def main() -> int:
         "beyond | there by length | no path"
     )
     for path in sorted(arguments.folder.rglob("*.xml")):
-        if b"<mujoco" not in path.read_bytes():
+        if not re.search(rb"<mujoco[\s>]", path.read_bytes()):  # a part of a model is not one
             continue
         name = path.relative_to(arguments.folder)
         try:

@@ -29,6 +29,9 @@ Kind = Literal["winch", "pulley", "anchor"]
 ROW: Final = 3.0
 """Distance between unrolled cables, in radii of the largest pulley [-]."""
 
+LONG_SPAN: Final = 5.0
+"""Length of a span at an end, over the size of the rest, beyond which it hides the rest."""
+
 SLACK_COLOUR: Final[Colour] = (0.27, 0.46, 0.87)
 TAUT_COLOUR: Final[Colour] = (0.22, 0.62, 0.36)
 HIGH_COLOUR: Final[Colour] = (0.94, 0.70, 0.16)
@@ -86,6 +89,14 @@ def scene_of(model: Model, joint_angle: Vector) -> Scene:
             radius = 0.0 if cable.spatial else node.radius
             wheels.append(Wheel(f"{cable.name}/{k + 1}", kind, centre, radius))
     return Scene(tuple(elements), tuple(wheels))
+
+
+def inner_size(model: Model, scene: Scene) -> float:
+    """Size of the robot without the ends of its cables; of all if there is nothing else [m]."""
+    elements = iter(scene.elements)
+    paths = [[next(elements) for _ in cable.nodes[1:]] for cable in model.robot.cables]
+    inner = [path for own in paths for path in own[1:-1]]
+    return float(np.ptp(np.concatenate(inner or scene.elements), axis=0).max())
 
 
 def _elements_in_space(pieces: list[Points]) -> tuple[list[Points], list[Centre]]:

@@ -21,6 +21,7 @@ from cdrj_ros.model.spatial_paths import bodies_in_space, paths_in_space
 from cdrj_ros.report.body_outlines import outlines
 from cdrj_ros.report.drawing_style import FONT_SIZE, INK, MUTED, RULE, RULE_LIGHT, cable_colour
 from cdrj_ros.report.scale_drawing import GHOST, ghost_poses, poses_text
+from cdrj_ros.report.scene import LONG_SPAN
 from cdrj_ros.robot.description import Robot, Winch
 
 Points = NDArray[np.float64]
@@ -35,10 +36,6 @@ VIEWS: Final = (
     ("from the right (+x)", 0.0, 0.0, "ortho"),
 )
 """Title, elevation and azimuth [deg], and projection of every view."""
-
-
-LONG_SPAN: Final = 5.0
-"""Length of a span at an end, over the size of the rest, beyond which it is drawn shorter."""
 
 
 def draw_in_space(inspection: Inspection, size: tuple[float, float] | None = None) -> Figure:

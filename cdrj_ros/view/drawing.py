@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.scene import Colour, scene_of
+from cdrj_ros.report.scene import Colour
+from cdrj_ros.view.extent import extent_of
 from cdrj_ros.view.looks import CableLook, Picture, WheelLook, dashes_of, middle_of
 from cdrj_ros.view.tubes import dashed_tube, disc, tube
 
@@ -43,30 +42,11 @@ CLEAR: Final = 0.5
 LAYER: Final = 2.5
 """Distance between the layers of two cables in the plane, in widths of a cable."""
 
-CORNERS: Final = (np.array([1.0, 1.0, 0.0]), np.array([-1.0, -1.0, 0.0]))
-
 
 def rgb(colour: Colour) -> Bytes:
     """A colour with components from 0 to 255."""
     red, green, blue = (round(255.0 * part) for part in colour)
     return red, green, blue
-
-
-def extent_of(model: Model) -> tuple[Vector, Vector]:
-    """Lowest and highest corner of the robot [m], shape (3,), in its reference and end poses."""
-    joints = model.robot.joints
-    lower, upper = ([getattr(joint, end) for joint in joints] for end in ("lower", "upper"))
-    points: list[Vector] = []
-    for pose in ([joint.reference_angle for joint in joints], lower, upper):
-        if np.isfinite(pose).all():
-            with suppress(CdrjError):
-                scene = scene_of(model, np.array(pose, float))
-                points += scene.elements
-                points += [np.array(w.centre) + s * w.radius for w in scene.wheels for s in CORNERS]
-    if not points:
-        return np.full(3, -1.0), np.ones(3)
-    every = np.concatenate([np.atleast_2d(point) for point in points])
-    return every.min(axis=0), every.max(axis=0)
 
 
 def layers_of(model: Model) -> dict[str, int]:

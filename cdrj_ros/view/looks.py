@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import SLACK, UNSURE
 from cdrj_ros.report.live_table import SIGMAS
-from cdrj_ros.report.scene import Colour, Kind, Scene, scene_of, tension_colour
+from cdrj_ros.report.scene import Colour, Kind, Scene, inner_size, scene_of, tension_colour
 from cdrj_ros.view.snapshot import Snapshot, usable
 
 Points = NDArray[np.float64]
@@ -29,6 +29,9 @@ DASHES: Final = 12
 
 PALE: Final = 0.4
 """Opacity of an element that is UNSURE."""
+
+POINTS_ONLY: Final = 0.05
+"""Radius on which the picture of a robot without pulleys is based, as a share of its size."""
 
 THIN: Final = 0.4
 """Width of a slack element, as a share of that of a taut one."""
@@ -122,10 +125,10 @@ def cable_numbers(model: Model) -> NDArray[np.intp]:
     return np.repeat(np.arange(len(counts)), counts)
 
 
-def typical_radius(scene: Scene) -> float:
-    """Median radius of the wheels [m]."""
-    radii = [wheel.radius for wheel in scene.wheels if wheel.radius > 0.0]
-    return float(np.median(radii)) if radii else 0.01
+def typical_radius(model: Model, scene: Scene) -> float:
+    """Median radius of winches, pulleys and anchors, or a share of the robot's size [m]."""
+    radii = [node.radius for cable in model.robot.cables for node in cable.nodes if node.radius > 0]
+    return float(np.median(radii)) if radii else POINTS_ONLY * inner_size(model, scene)
 
 
 def dashes_of(path: Points) -> Points:
@@ -142,7 +145,7 @@ def middle_of(path: Points) -> Points:
 
 
 def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[CableLook]:
-    width = 0.1 * typical_radius(scene)
+    width = 0.1 * typical_radius(model, scene)
     flags, known = shown.status, usable(shown.status)
     looks = []
     for e, (name, c) in enumerate(
@@ -168,7 +171,7 @@ def _wheels(model: Model, scene: Scene, shown: Snapshot) -> list[WheelLook]:
     known = usable(shown.pulley_status)
     slipping = known & (np.abs(np.nan_to_num(shown.slip_speed)) > SLIP_SPEED)
     slips = dict(zip(model.layout.pulleys, slipping.tolist(), strict=True))
-    least = 0.3 * typical_radius(scene)
+    least = 0.3 * typical_radius(model, scene)
     return [
         WheelLook(
             wheel.name,
@@ -187,7 +190,7 @@ def _arrows(model: Model, scene: Scene, shown: Snapshot, scale: float) -> list[A
     forces = np.where(known[:, None], shown.force, np.nan)
     by_name = dict(zip(model.layout.pulleys, forces, strict=True))
     placed = {cable.name for cable in model.robot.cables if cable.routed or cable.spatial}
-    width = 0.05 * typical_radius(scene)
+    width = 0.05 * typical_radius(model, scene)
     looks = []
     for k, wheel in enumerate(scene.wheels):
         if wheel.name.rpartition("/")[0] in placed and wheel.kind == "pulley":
