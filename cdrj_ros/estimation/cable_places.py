@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.elasticity import elasticities, strain_at, tensions_at
+from cdrj_ros.model.elasticity import Elasticity, elasticities, strain_at, tensions_at
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.prepared import Model, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Winch
 
+Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 
@@ -38,8 +39,8 @@ class CablePlaces:
         wrap = np.array([_mean_wrap(model, pulley + k) for k in range(cable.pulleys)])
         self.lever = 2.0 * np.sin(0.5 * wrap)
         """Force on every pulley per newton of tension [-]."""
-        length = shape_at(model, _reference(model)).length[self.elements]
-        self.weight = length / length.sum()
+        self._length = shape_at(model, _reference(model)).length[self.elements]
+        self.weight = self._length / self._length.sum()
         """Share of every element in the cable's mean tension, which slip does not change [-]."""
         motors = {motor.name: k for k, motor in enumerate(robot.motors)}
         offset = elements + len(layout.pulleys)
@@ -52,15 +53,53 @@ class CablePlaces:
             if isinstance(node, Winch)
         ]
 
-    def stretch(self, states: Table, numbers: Table, shift: Table) -> None:
-        """Change the tensions in ``states`` by ``shift`` [N], shape (states, elements)."""
-        cables: Any = number_views(self._sizes, numbers).cables
-        law = elasticities(cables[:, self._cable, None])
+    def stretch(self, states: Table, numbers: Table, shift: Table) -> Vector:
+        """Change the tensions in ``states`` by ``shift`` [N], shape (states, elements).
+
+        Returns:
+            Change of the cable's material [m], shape (states,).
+        """
+        law = self._law(numbers)
         state = state_views(self._sizes, states)
         length, material = state.length[:, self.elements], state.material[:, self.elements]
         tension = tensions_at(law, length / material - 1.0) + shift
+        before = material.sum(axis=1)
         material[:] = length / (1.0 + strain_at(law, tension))
         state.bristle[:, self._own_pulleys] = np.diff(np.maximum(tension, 0.0), axis=1)
+        change: Vector = material.sum(axis=1) - before
+        return change
+
+    def lengthen(self, numbers: Table, change: Vector) -> None:
+        """Let states begin with more material, so that they know a correction of the preload.
+
+        Args:
+            numbers: of the prepared robots, shape (rows, numbers), changed.
+            change: of the cable's material [m], shape (rows,).
+        """
+        material = self._material(numbers)
+        material *= 1.0 + (change / material.sum(axis=1))[:, None]
+
+    def preload(self, numbers: Table, shift: Vector) -> None:
+        """Let states begin with other preloads, but at least 0.
+
+        Args:
+            numbers: as for ``lengthen``.
+            shift: of the preload [N], shape (rows,).
+        """
+        law, material = self._law(numbers), self._material(numbers)
+        tension = tensions_at(law, self._length / material - 1.0) + shift[:, None]
+        material[:] = self._length / (1.0 + strain_at(law, np.maximum(tension, 0.0)))
+
+    def _law(self, numbers: Table) -> Elasticity:
+        """The cable's law of every row of ``numbers``."""
+        cables: Any = number_views(self._sizes, numbers).cables
+        return elasticities(cables[:, self._cable, None])
+
+    def _material(self, numbers: Table) -> Table:
+        """Material of the cable's elements in the reference pose [m], a view of ``numbers``."""
+        elements: Any = number_views(self._sizes, numbers).elements
+        material: Table = elements["material"][:, self.elements]
+        return material
 
 
 def _mean_wrap(model: Model, pulley: int) -> float:

@@ -9,8 +9,9 @@ preload, until other sensors decide.  See docs/uncertainty.md.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,9 @@ a good cell add up as well, so that it is not doubted without another witness.""
 
 KEPT_IN_WINDOW: Final = 50
 """Most corrections that are kept for this comparison, evenly spaced in time."""
+
+LARGEST: Final = 1e300
+"""Stands for an infinite standard deviation in a file [N]."""
 
 Answer = Literal["agrees", "contested", "changed"]
 """A reading agrees with the estimate, contradicts it, or is one of several that contradict it."""
@@ -142,7 +146,42 @@ class Witness:
         self.error += error
         self._correction += correction
 
+    def memory(self) -> dict[str, Any]:
+        """What it is known by, as JSON; ``recalled`` reads it."""
+        claim = self.claim
+        return {
+            "deviation": self.deviation.tolist(),
+            "own": [self.error, self.share, self.history],
+            "claim": [claim.first, claim.change, min(claim.stddev, LARGEST), claim.opened],
+            "settled": claim.settled,
+        }
+
+    @classmethod
+    def recalled(cls, memory: Mapping[str, Any], members: int) -> Witness:
+        """The sensor of an earlier run, from ``memory``.
+
+        Raises:
+            KeyError, TypeError, ValueError: not such a memory.
+        """
+        deviation = finite(memory["deviation"], members)
+        error, share, history = finite(memory["own"], 3).tolist()
+        first, change, stddev, opened = finite(memory["claim"], 4).tolist()
+        claim = Claim(first, bool(memory["settled"]), change, stddev, opened)
+        return cls(deviation, error, share, history, claim=claim)
+
     def forget(self) -> None:
         """Discard what it has taught; its error remains."""
         self._taught.clear()
         self._row, self.contested = 0, False
+
+
+def finite(values: Sequence[float], count: int) -> Vector:
+    """The values as an array.
+
+    Raises:
+        ValueError, TypeError: not ``count`` finite numbers.
+    """
+    array = np.array(values, dtype=np.float64)
+    if array.shape != (count,) or not np.all(np.isfinite(array)):
+        raise ValueError(f"not {count} finite numbers")
+    return array

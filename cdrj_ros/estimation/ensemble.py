@@ -27,6 +27,7 @@ from cdrj_ros.estimation.member_kernels import (
     ANY,
     LAST_STAMP,
     PROGRESS,
+    TURN,
     Members,
     Path,
     begin_sample,
@@ -42,6 +43,7 @@ from cdrj_ros.estimation.members import (
     wind_differently,
 )
 from cdrj_ros.model.compiled import direct, ordinary
+from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model, read_only
 from cdrj_ros.robot.description import Uncertainty
 
@@ -142,12 +144,34 @@ class Spread:
         if preload_share > 0.0:
             preload_differently(model, numbers, preload_share, generator)
         self.numbers = numbers
+        self._drawn = numbers.copy()
         self._members = _new_members(model, self.columns, numbers, seed, generator)
         self.states, self.stamps = self._members.states, self._members.stamps
         self.deviation, self.variance = self._members.deviation, self._members.variance
         self._kernels: tuple[Any, Any] | None = None
         self.generator = generator
         self.reset()
+
+    @property
+    def started(self) -> bool:
+        """Whether the members have had a sample since the last reset."""
+        return bool(self._members.progress[TURN] > 0)
+
+    def restore_preloads(self) -> None:
+        """Discard the members' history, and what other sensors have taught of their preloads."""
+        self.numbers[:] = self._drawn
+        self.reset()
+
+    def keep_preloads(self, other: Spread) -> None:
+        """Take over what other sensors have taught of the preloads of another ensemble's members.
+
+        Both are of the same robot, which may have different numbers.
+        """
+        mine, theirs, drawn = (
+            number_views(self.model.sizes, numbers).elements["material"]  # type: ignore[call-overload]
+            for numbers in (self.numbers, other.numbers, other._drawn)
+        )
+        mine *= theirs / drawn
 
     def reset(self) -> None:
         """Discard the members' history; the next sample starts them anew."""

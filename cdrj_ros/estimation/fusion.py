@@ -11,19 +11,20 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.claims import HISTORY_ERROR, Claim
-from cdrj_ros.estimation.contest import WINDOW_NS, Answer, Witness
+from cdrj_ros.estimation.contest import WINDOW_NS, Answer, Witness, finite
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
 from cdrj_ros.estimation.motor_friction import FRICTION_DRIFT, MotorFriction
 from cdrj_ros.estimation.preloads import DOUBT, SLOW_DRIFT, Preloads, standard
 from cdrj_ros.estimation.sensor_health import SensorHealth, enough
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Winch
 
 Vector = NDArray[np.float64]
@@ -128,6 +129,76 @@ class Fusion:
         self.reset()
         self.drop(dropped)
 
+    def pause(self) -> None:
+        """Keep what is known of preloads and sensors, although the estimate starts anew.
+
+        While friction is unknown nothing contradicts a sensor, so that all are on trial again.
+        """
+        self._compare_anew()
+        for health in self.health.values():
+            health.try_again()
+
+    def keep(self, other: Fusion) -> None:
+        """Take over what is known of preloads and sensors, for other numbers of the same robot."""
+        self.health, self._witnesses = other.health, other._witnesses
+        self._changed, self._preloads.known = other._changed, other._preloads.known
+        self.spread.keep_preloads(other.spread)
+        self._compare_anew()
+
+    def _compare_anew(self) -> None:
+        """Compare readings to come with estimates to come only."""
+        self._forget_readings()
+        for health in self.health.values():
+            health.pause()
+        for witness in self._witnesses.values():
+            witness.forget()
+
+    def memory(self) -> dict[str, Any]:
+        """What ``recall`` needs to go on with the sensors of an earlier run, as JSON."""
+        return {
+            "sensors": {name: one.memory() for name, one in self.health.items()},
+            "witnesses": {name: one.memory() for name, one in self._witnesses.items()},
+            "changed": self._changed.tolist(),
+            "known": self._preloads.known.tolist(),
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up ``memory``; the ensemble is that of the earlier run, too.
+
+        Raises:
+            KeyError, TypeError, ValueError, AttributeError: it is not one of this robot; nothing
+                has changed then.
+        """
+        cables, members = self._changed.size, len(self.spread.states)
+        health = {str(n): SensorHealth.recalled(n, o) for n, o in memory["sensors"].items()}
+        witnesses = {str(n): Witness.recalled(o, members) for n, o in memory["witnesses"].items()}
+        if not set(witnesses) <= set(health) <= {*self._element, *self._motor}:
+            raise ValueError("sensors that the robot does not have")
+        changed, known = (finite(memory[key], cables) for key in ("changed", "known"))
+        self.health, self._witnesses = health, witnesses
+        self._changed, self._preloads.known = changed, known
+
+    def beginning(self) -> Model:
+        """The robot with the preloads that are known by now, for the first sample."""
+        return self._preloads.corrected(self.model)
+
+    def pass_unwatched(self, seconds: float) -> None:
+        """Let the preloads drift over a time without readings [s]."""
+        measured = {self._element_cable.get(name) for name in self._witnesses}
+        cables = range(self._changed.size)
+        shares = [min(self._drift, SLOW_DRIFT) if c in measured else self._drift for c in cables]
+        self._preloads.pass_unwatched(seconds, shares)
+
+    def take_back(self, name: str) -> None:
+        """Forget all corrections, because a sensor that made some was wrong.
+
+        What it said last may be right all the same: the preloads are at least that uncertain.
+        """
+        self.forget()
+        column = self._element[name] if name in self._element else self._motor[name]
+        cables = self._motor_cables.get(name) or [self._element_cable[name]]
+        self._preloads.widen(self.health[name].away, column, cables)
+
     def faults(self) -> dict[str, str]:
         """Why sensors have been dropped, by name."""
         return {name: one.dropped for name, one in self.health.items() if one.dropped}
@@ -138,13 +209,21 @@ class Fusion:
             self.health[name] = SensorHealth(name, dropped=why)
 
     def forget(self) -> None:
-        """Discard all measurements, but keep which sensors are trusted or dropped."""
+        """Discard all measurements and corrections, but keep which sensors are trusted or dropped.
+
+        The ensemble starts anew, with preloads as uncertain as at first.
+        """
+        self._forget_readings()
+        self._witnesses.clear()
+        self._changed[:] = 0.0
+        self._preloads.restore()
+
+    def _forget_readings(self) -> None:
+        """Forget the latest estimates and when sensors were read; the next ones begin anew."""
         self._history.clear()
         self._friction.forget()
         self._preloads.forget()
-        self._witnesses.clear()
         self._corrected = np.zeros(self.spread.columns.size)
-        self._changed[:] = 0.0
 
     @property
     def dropped(self) -> int:
@@ -234,8 +313,9 @@ class Fusion:
         variance = self._variance(column, witness, factor) + own
         unaided = expected - float(self._corrected[column])
         usable = health.judge(value, expected + error, unaided, variance, own)
-        if not health.trusted or health.dropped:
+        if health.dropped:
             self._witnesses.pop(reading.name, None)
+        if not health.trusted or health.dropped:
             return state
         if witness is None:
             witness = self._heed(reading, abs(value - expected))
@@ -280,6 +360,7 @@ class Fusion:
             name
             for name in self._witnesses
             if self._element_cable.get(name) == cable
+            and self.health[name].trusted
             and self._preloads.heard(name, stamp_ns, WINDOW_NS)
         ]
 
@@ -290,6 +371,7 @@ class Fusion:
             name
             for name in self._witnesses
             if cable in self._motor_cables.get(name, ())
+            and self.health[name].trusted
             and self._preloads.heard(name, stamp_ns, WINDOW_NS)
         ]
         return bool(efforts) and self._cells(cable, stamp_ns) == [reading.name]
@@ -409,8 +491,7 @@ class Fusion:
             places = self._preloads.places[c]
             shift = gain[places.elements] * innovation
             self._changed[c] += float(gain[places.elements] @ places.weight) * innovation
-            places.stretch(values[None, :], self.model.numbers[None, :], shift[None, :])
-            places.stretch(spread.states, spread.numbers, change[:, places.elements])
+            self._preloads.correct(c, values, shift, change[:, places.elements])
         own_gain = float(witness.deviation @ h) / (members * variance)
         heard = float(gain[column]) + (own_gain if witness.against_effort else 0.0)
         witness.learn(differences * own_gain, own_gain * innovation, heard * innovation)

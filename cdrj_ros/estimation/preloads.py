@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -10,8 +11,10 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.cable_places import CablePlaces
 from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.model.prepared import Model, read_only
 
 Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
 
 SLOW_DRIFT: Final = 0.002
 """Random-walk spread of a preload after 1 s with load cells, as a fraction of the preload."""
@@ -38,10 +41,68 @@ class Preloads:
         self.places = [CablePlaces(spread.model, c) for c in range(len(spread.model.robot.cables))]
         self._preload = [max(cable.preload, 1.0) for cable in spread.model.robot.cables]
         self._last_ns: dict[str, int] = {}
+        self.known = np.zeros(len(self.places))
+        """What the estimate's cables have more in material than the robot file's [m]."""
 
     def forget(self) -> None:
         """Forget when the preloads drifted last."""
         self._last_ns.clear()
+
+    def restore(self) -> None:
+        """Forget all corrections: every preload is that of the robot file, as uncertain as then."""
+        self.forget()
+        self.known[:] = 0.0
+        self.spread.restore_preloads()
+
+    def corrected(self, model: Model) -> Model:
+        """The robot with the preloads that are known by now."""
+        if not self.known.any():
+            return model
+        numbers = model.numbers[None, :].copy()
+        for places, known in zip(self.places, self.known, strict=True):
+            places.lengthen(numbers, np.array([known]))
+        return replace(model, numbers=read_only(numbers[0]))
+
+    def correct(self, c: int, state: Vector, shift: Vector, changes: Table) -> None:
+        """Change the tensions of a cable, and what is known of its preload.
+
+        Args:
+            c: the cable.
+            state: of the estimate, changed.
+            shift: of its tensions [N], shape (elements,).
+            changes: of those of all members, shape (members, elements).
+        """
+        places, spread = self.places[c], self.spread
+        nominal = spread.model.numbers[None, :]
+        self.known[c] += places.stretch(state[None, :], nominal, shift[None, :])[0]
+        change = places.stretch(spread.states, spread.numbers, changes)
+        places.lengthen(spread.numbers, change)
+
+    def pass_unwatched(self, seconds: float, shares: Sequence[float]) -> None:
+        """Let the preloads drift while nothing was measured, by no more than they may at the start.
+
+        Args:
+            seconds: the time [s].
+            shares: as for ``drift``, of every cable.
+        """
+        for c, share in enumerate(shares):
+            normal = standard(self.spread.generator, len(self.spread.states))
+            size = min(share * np.sqrt(seconds), DOUBT) * self._preload[c]
+            if self.spread.started:
+                self._shift(c, size * normal)
+            else:
+                self.places[c].preload(self.spread.numbers, size * normal)
+        self.spread.variance[:] = (self.spread.deviation**2).mean(axis=0)
+
+    def widen(self, size: float, column: int, cables: list[int]) -> None:
+        """Add to every preload what would change a measured quantity by ``size``, before a start.
+
+        At most its own size is added to a preload.
+        """
+        for c, arm in self._arms(column, cables):
+            normal = standard(self.spread.generator, len(self.spread.states))
+            change = min(abs(size / arm), self._preload[c])
+            self.places[c].preload(self.spread.numbers, change * normal)
 
     def drift(
         self, name: str, stamp_ns: int, shares: Mapping[int, float], apart: Sequence[Vector]
@@ -71,7 +132,7 @@ class Preloads:
 
     def heard(self, name: str, stamp_ns: int, within_ns: int) -> bool:
         """Whether a sensor has corrected the cables within a time before ``stamp_ns`` [ns]."""
-        return name in self._last_ns and stamp_ns - self._last_ns[name] <= within_ns
+        return name in self._last_ns and 0 <= stamp_ns - self._last_ns[name] <= within_ns
 
     def scale(self, column: int, cables: list[int]) -> float:
         """Change of a measured quantity if all preloads vary by themselves [N] or [N m] (RMS)."""
@@ -120,7 +181,8 @@ class Preloads:
         """Change the tension of a cable [N] in every member, shape (members,)."""
         spread, places = self.spread, self.places[c]
         shift = np.outer(tension, np.ones(places.count))
-        places.stretch(spread.states, spread.numbers, shift)
+        change = places.stretch(spread.states, spread.numbers, shift)
+        places.lengthen(spread.numbers, change)
         spread.deviation[:, places.elements] += shift
         spread.deviation[:, places.pulleys] += shift[:, :1] * places.lever
         for column, arm in places.motors:

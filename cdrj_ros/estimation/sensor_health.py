@@ -7,8 +7,9 @@ these rates.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +67,10 @@ class SensorHealth:
     """Why the sensor was dropped; empty while it is not."""
     trusted: bool = False
     """Whether the readings have followed a motion in proportion; until then none is used."""
+    returning: bool = False
+    """Whether it was trusted before it came on trial again.
+
+    Its contradictions are then weighed once it is trusted: a preload may have changed meanwhile."""
     used: int = 0
     """Readings used so far."""
     refused: int = 0
@@ -80,9 +85,45 @@ class SensorHealth:
     _last: float | None = None
     _equal: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     """Uncorrected estimates at the latest readings that are all equal."""
+    _away: deque[float] = field(default_factory=lambda: deque(maxlen=MANY))
+    """The latest readings less the uncorrected estimates; as many as drop a sensor."""
     _in_motion: int = 0
     """Readings on trial while the estimate moved."""
     _trial: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRIED))
+
+    def memory(self) -> dict[str, Any]:
+        """What it is known by, as JSON; ``recalled`` reads it."""
+        returning = self.trusted or self.returning
+        return {"dropped": self.dropped, "returning": returning, "largest": self.largest}
+
+    @classmethod
+    def recalled(cls, name: str, memory: Mapping[str, Any]) -> SensorHealth:
+        """The sensor of an earlier run on trial, from ``memory``.
+
+        Raises:
+            KeyError, TypeError, ValueError: not such a memory.
+        """
+        dropped, largest = str(memory["dropped"]), float(memory["largest"])
+        if not 0.0 <= largest < np.inf:
+            raise ValueError("a sensor's largest reading is not a number")
+        return cls(name, dropped, returning=bool(memory["returning"]), largest=largest)
+
+    def try_again(self) -> None:
+        """Put the sensor on trial again."""
+        self.returning = self.returning or self.trusted
+        self.trusted = False
+        self._in_motion = 0
+
+    def pause(self) -> None:
+        """Forget the latest readings: the estimates to compare them with begin anew."""
+        for latest in (self._squares, self._equal, self._trial, self._away):
+            latest.clear()
+        self._last = None
+
+    @property
+    def away(self) -> float:
+        """How far the latest readings are from the uncorrected estimate [N] or [N m]."""
+        return float(np.median(self._away)) if self._away else 0.0
 
     def judge(
         self, value: float, expected: float, unaided: float, variance: float, own: float
@@ -99,7 +140,9 @@ class SensorHealth:
         if self.dropped:
             self.refused += 1
             return False
-        self._squares.append((value - expected) ** 2 / variance)
+        if self.trusted or not self.returning:
+            self._squares.append((value - expected) ** 2 / variance)
+        self._away.append(value - unaided)
         if value != self._last:
             self._equal.clear()
         self._last = value

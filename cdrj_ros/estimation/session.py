@@ -164,8 +164,8 @@ class LiveEstimator:
             spread = Spread(model, preload_share=DOUBT if measured else 0.0, known=known)
         if spread is not None and measured:
             fusion = Fusion(spread, FREE_DRIFT if options.track_preload else SLOW_DRIFT)
-            if self.fusion is not None:  # a sensor that was dropped stays dropped
-                fusion.health = self.fusion.health
+            if self.fusion is not None:  # what is known of sensors and preloads stays known
+                fusion.keep(self.fusion)
         self.model, self.spread, self.fusion = model, spread, fusion
         self._clock_offset_ns = {
             motor.name: motor.sensor.clock_offset_ns for motor in model.robot.motors
@@ -177,15 +177,16 @@ class LiveEstimator:
         self.conditioner.reset()
         if self.fusion is not None:
             self.fusion.reset()
-        self._restart()
+        self._restart(known=False)
 
-    def _restart(self) -> None:
+    def _restart(self, *, known: bool) -> None:
+        """Begin anew; ``known`` keeps what is known of preloads and sensors."""
         self._restart_from: tuple[State, Any, Any, Any] | None = None
         self._jumps = self.conditioner.clock_jumps
         self.state: State = initial_state(self.model)
         self.unaided: State = self.state
         """The state without corrections by other sensors."""
-        self.taught: set[str] = set()
+        self.taught: set[str] = self.taught if known else set()
         """Sensors whose corrections distinguish ``state`` from ``unaided``."""
         self.sample: Sample | None = None
         self.overlooked += len(self._pending)
@@ -197,7 +198,9 @@ class LiveEstimator:
             self.alone.reset()
         if self.spread is not None:
             self.spread.reset()
-        if self.fusion is not None:
+        if self.fusion is not None and known:
+            self.fusion.pause()
+        elif self.fusion is not None:
             self.fusion.restart()
 
     def resume(
@@ -234,7 +237,7 @@ class LiveEstimator:
         known = self.conditioner.memory()
         members = None if self.spread is None else deepcopy(self.spread.memory())
         self.conditioner.reset()
-        self._restart()
+        self._restart(known=True)
         self.conditioner.recall(known)
         if self.spread is not None and members is not None:
             self.spread.recall(members)
@@ -259,6 +262,8 @@ class LiveEstimator:
                 moved = max(moved, float(np.max(np.abs(now - before))))
         if moved > MOVED and not 0 < late <= UNWATCHED_NS and self.spread is not None:
             self.spread.reset()  # the robot moved between the runs along an unknown path
+        if late > 0 and self.fusion is not None:
+            self.fusion.pass_unwatched(late * 1e-9)
 
     def feed(
         self,
@@ -287,7 +292,7 @@ class LiveEstimator:
             samples = conditioner.feed_both(stamp_ns, names, positions)
         jumped = conditioner.clock_jumps != self._jumps
         if jumped:
-            self._restart()
+            self._restart(known=True)
         return jumped, [self.take(sample) for sample in samples]
 
     def finish(self) -> None:
@@ -301,7 +306,10 @@ class LiveEstimator:
             return self._take_alone(self.alone, sample)
         if self._restart_from is not None:
             self._take_up(sample)
-        self.state, estimate = step(self.model, self.state, sample)
+        model = self.model
+        if self.fusion is not None and self.state.stamp_ns == NEVER:
+            model = self.fusion.beginning()
+        self.state, estimate = step(model, self.state, sample)
         if self.fusion is not None:
             self.unaided = step(self.model, self.unaided, sample)[0]
         self.sample = sample
@@ -447,12 +455,12 @@ class LiveEstimator:
                 self.taught.add(name)
             self.state = state
             if fusion.dropped != dropped and name in self.taught:
-                self._take_back(fusion)
+                self._take_back(fusion, name)
                 return True
         self._pending = later
         return False
 
-    def _take_back(self, fusion: Fusion) -> None:
+    def _take_back(self, fusion: Fusion, name: str) -> None:
         """Undo all corrections by other sensors, because one of these sensors was wrong.
 
         The uncorrected state replaces the state, and the ensemble starts anew.  Sensors that are
@@ -461,8 +469,7 @@ class LiveEstimator:
         self._pending.clear()
         self.taught.clear()
         self.state = self.unaided
-        fusion.spread.reset()
-        fusion.forget()
+        fusion.take_back(name)
 
     def tare(self) -> str:
         """Make the current angles the reference pose.
@@ -529,7 +536,7 @@ class LiveEstimator:
         self.changes.update(values)
         self.use(model)
         self.conditioner.reset(keep_turns=True)
-        self._restart()
+        self._restart(known=False)
 
     @property
     def last_ns(self) -> int:

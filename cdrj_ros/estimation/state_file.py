@@ -22,7 +22,7 @@ from cdrj_ros.foundation.files import write_bytes
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model
 
-HEADER: Final = b"cdrj_ros state 4\n"
+HEADER: Final = b"cdrj_ros state 5\n"
 """First bytes of a state file."""
 
 MAXIMUM_BYTES: Final = 50_000_000
@@ -102,7 +102,7 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
         }
         arrays |= live.conditioner.memory()
         if live.fusion is not None:
-            arrays["dropped"] = _packed(live.fusion.faults())
+            arrays["sensors"] = _packed(live.fusion.memory())
         if live.spread is not None:
             arrays |= live.spread.memory()
     buffer = BytesIO()
@@ -161,16 +161,14 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
         raise StateFileError(f"{path} holds no stamp")
     try:
         taught = [str(name) for name in json.loads(arrays["taught"].tobytes())]
-        said = json.loads(arrays["dropped"].tobytes()) if "dropped" in arrays else {}
-        dropped = {str(name): str(why) for name, why in said.items()}
+        if live.fusion is not None and "sensors" in arrays:
+            live.fusion.recall(json.loads(arrays["sensors"].tobytes()))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StateFileError(f"{path} holds no usable list of sensors: {error}") from error
     if live.spread is not None and not live.spread.recall(arrays):
         live.spread.reset()
     state = State(int(stamp[0]), values.astype(np.float64))
     live.conditioner.recall(arrays)
-    if live.fusion is not None:
-        live.fusion.drop(dropped)
     live.resume(state, arrays, unaided.astype(np.float64), taught)
 
 
