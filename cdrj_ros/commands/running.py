@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import Final, NoReturn
+from typing import Any, Final, NoReturn
 
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption, was_interrupted
@@ -23,6 +24,14 @@ class CommandParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print usage and the message, then exit with code 2."""
         super().error(printable(message))
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; if the shell asks for completions, answer and exit."""
+        if "_ARGCOMPLETE" in os.environ:
+            from argcomplete import autocomplete
+
+            autocomplete(self)
+        return super().parse_args(args, namespace)
 
 
 def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:
