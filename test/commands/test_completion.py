@@ -20,7 +20,7 @@ import pytest
 )
 def test_options_are_completed(line: str, expected: set[str], tmp_path: Path) -> None:
     pytest.importorskip("argcomplete")
-    command, said = line.split()[0], tmp_path / "said"
+    command, said = line.split(maxsplit=1)[0], tmp_path / "said"
     asked = {
         "_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(said), "COMP_LINE": line,
         "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": " ",

@@ -14,7 +14,7 @@ SHORT = {
     "health.py": (["--only", "both −30 %", "--seeds", "1"], "| preload of both −30 % |"),
     "layouts.py": (["--out", "LAYOUTS"], "plotjuggler_prototype.xml"),
     "seen_by.py": ([], "| preload of both cables −10 % |"),
-    "track_preload.py": (["--only", "calm", "--cycles", "14"], "| 20 mN·m | 42 | 0 |"),
+    "track_preload.py": (["--only", "calm", "--cycles", "6"], "| 20 mN·m | 18 | 0 |"),
     "wrong_files.py": (["--quick", "--heard"], "| joint zero off by 1° |"),
 }
 """Arguments that shorten each tool, and what it prints."""
