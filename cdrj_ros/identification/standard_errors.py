@@ -1,26 +1,17 @@
 """Standard errors and correlations of the numbers, and combinations that are indistinguishable.
 
-Residuals of a fitted mechanism are not white noise.  Most of them is model error, which lasts for
-a good part of a stroke, appears in many references at once and repeats in every cycle of the
-motion.  The usual errors, sigma^2 (J'J)^-1, would treat each of a million samples as independent
-and be wrong by orders of magnitude.  Blocks of time (or a bootstrap over them) would treat every
-cycle as independent, which it is not; and neither shows an error that acts the same way
-everywhere, because the fit has already absorbed it in the parameters.
+Residuals of a fitted mechanism are not white noise.  Most of them is error of the model, which
+lasts for a good part of a stroke, appears in many references at once and repeats in every cycle of
+the motion.  The usual errors, sigma^2 (J'J)^-1, would treat each of a million samples as
+independent and be wrong by orders of magnitude.  The standard errors here have two parts:
 
-Residuals are therefore counted by the information they carry.  Their power is the sum of the
-sensors' noise, estimated from second differences, in which every sample is independent, and a
-remainder, in which there are only
+- Numbers of the file that are not fitted are not exact.  Their errors act in the same direction in
+  every cycle, so that the residuals do not show what the fit has absorbed.  Their effect on the
+  residuals is computed, and by the fit that on the numbers (``left_alone``).
+- What is left of the residuals, as far as it lasts, counts once per state of the mechanism, however
+  many cycles, samples and references there are in it (``left_variance``).
 
-    D = min((sum lambda)^2 / sum lambda^2,  G)
-
-independent pieces: lambda is the power of the residuals' principal components at every frequency
-(the participation ratio of their spectrum: one line for an error that repeats, many for noise),
-and G the number of states that the mechanism visited: each of the ``STRETCHES`` stretches of its
-main motion, forward and back, in every recording.  With N residuals,
-
-    variance = noise + (mean(r^2) - noise) N / D,        cov = (A / variance + K)^-1,    A = J' W J,
-
-where K is the information of priors and bounds.  docs/identification.md derives and tests it.
+See (I2), (I3) and (I6) in docs/identification.md.
 """
 
 from __future__ import annotations
@@ -32,23 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.identification.findings import findings, without_influence
-from cdrj_ros.identification.residuals import Problem, samples_of, thinned
+from cdrj_ros.identification.left_alone import causes_left_alone, effects
+from cdrj_ros.identification.left_variance import Linear, Places, variance_left
+from cdrj_ros.identification.residuals import Problem
 from cdrj_ros.identification.solution import limits
+from cdrj_ros.identification.states import cells_of_residuals, states_of_residuals, visited_states
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
-STRETCHES: Final = 4
-"""Number of stretches into which the main motion is divided, each forward and back."""
-
-VISITED: Final = 0.01
-"""Fraction of a recording from which a state counts as visited."""
-
 AT_BOUND: Final = 1e-6
 """Distance within which a number counts as at a bound, as a fraction of the range."""
-
-RATE_WINDOW_S: Final = 0.05
-"""Half the window in which the direction of motion is determined [s]."""
 
 
 class Certainty(NamedTuple):
@@ -76,10 +61,10 @@ def certainty(
         jacobian: Jacobian without priors, shape (n, p).
         weights: robust weights, shape (n,); ones for the linear loss.
     """
-    information = jacobian.T @ (jacobian * weights[:, None])
-    information = information / effective_variance(problem, residuals * np.sqrt(weights))
-    known = np.diag(_known_beforehand(problem, coordinates))
-    covariance = np.asarray(np.linalg.inv(information + known), dtype=np.float64)
+    root = np.sqrt(weights)
+    covariance, information = _covariance(
+        problem, coordinates, residuals * root, jacobian * root[:, None], root
+    )
     slope = np.array(
         [u.slope(float(x)) for u, x in zip(problem.unknowns, coordinates, strict=True)]
     )
@@ -96,6 +81,39 @@ def certainty(
     )
 
 
+def _covariance(
+    problem: Problem, coordinates: Vector, residuals: Vector, slopes: Table, root: Vector
+) -> tuple[Table, Table]:
+    """(I3): covariance of the numbers, and the information of the data alone, in coordinates.
+
+    Args:
+        problem: problem with the observations of the residuals.
+        coordinates: the solution's coordinates, shape (p,).
+        residuals: with robust weights applied, shape (n,).
+        slopes: Jacobian with robust weights applied, shape (n, p).
+        root: square roots of the robust weights, shape (n,).
+    """
+    causes = causes_left_alone(problem.begin.robot.uncertainty, problem.unknowns)
+    others = effects(problem, coordinates, causes) * root[:, None]
+    known = _known_beforehand(problem, coordinates)
+    everything = Linear(
+        np.hstack([slopes, others]), residuals,
+        np.concatenate([known, np.ones(len(causes))]),
+        np.concatenate([_pull(problem, coordinates), np.zeros(len(causes))]),
+    )  # fmt: skip
+    places = Places(
+        states_of_residuals(problem), cells_of_residuals(problem), visited_states(problem)
+    )
+    variance = effective_variance(problem, residuals)
+    left = variance_left(everything, places, variance)
+    square = slopes.T @ slopes
+    fitted = np.linalg.inv(square / variance + np.diag(known))
+    absorbed = fitted @ (slopes.T @ others) / variance
+    own = fitted @ (square * (left / variance**2) + np.diag(known)) @ fitted
+    covariance = np.asarray(own + absorbed @ absorbed.T, dtype=np.float64)
+    return covariance, square / left
+
+
 def remaining_step(
     problem: Problem, coordinates: Vector, residuals: Vector, jacobian: Table, weights: Vector
 ) -> tuple[Vector, Vector]:
@@ -109,10 +127,7 @@ def remaining_step(
     information = jacobian.T @ (jacobian * weights[:, None]) / variance
     information += np.diag(_known_beforehand(problem, coordinates))
     uphill = jacobian.T @ (residuals * weights) / variance
-    for k, (unknown, x) in enumerate(zip(problem.unknowns, coordinates, strict=True)):
-        if unknown.prior is not None:
-            off = unknown.value(float(x)) - unknown.prior[0]
-            uphill[k] += unknown.slope(float(x)) * off / unknown.prior[1] ** 2
+    uphill += _pull(problem, coordinates)
     lower, upper = limits(problem)
     margin = AT_BOUND * (upper - lower)
     leaves = ((coordinates <= lower + margin) & (uphill > 0.0)) | (
@@ -134,7 +149,7 @@ def expected_gain(step: Vector, residuals: Vector, jacobian: Table, weights: Vec
 
 
 def effective_variance(problem: Problem, residuals: Vector) -> float:
-    """Variance that a residual would have if all residuals were independent.
+    """(I2): variance that gives residuals and priors their weights in the fit.
 
     Args:
         problem: problem with the observations of the residuals.
@@ -155,7 +170,7 @@ def effective_variance(problem: Problem, residuals: Vector) -> float:
     mean = float(np.mean(residuals[:at] ** 2))
     white = min(noise / size, mean)
     independent = float(power.sum()) ** 2 / max(float(np.sum(power**2)), 1e-300)
-    pieces = max(1.0, min(independent, float(_states(problem)), float(size)))
+    pieces = max(1.0, min(independent, float(visited_states(problem)), float(size)))
     return max(white + (mean - white) * size / pieces, 1e-300)
 
 
@@ -175,37 +190,14 @@ def _powers(parts: Sequence[Vector]) -> Vector:
     return (np.abs(np.fft.fft(directions.T @ series, axis=1)) ** 2 / n).ravel()
 
 
-def _states(problem: Problem) -> int:
-    """Number of stretches of the main motion, forward and back, that the recordings visit."""
-    samples = [
-        one.samples or thinned(samples_of(problem.begin, one.recorded), one.stride)
-        for one in problem.observations
-    ]
-    angles = [np.hstack([one.motor_angle, one.joint_angle]) for one in samples]
-    every = np.concatenate(angles)
-    scale = np.maximum(every.std(axis=0), 1e-12)
-    centre = every.mean(axis=0)
-    _, directions = np.linalg.eigh(np.atleast_2d(np.cov(((every - centre) / scale).T)))
-    along = [((angle - centre) / scale) @ directions[:, -1] for angle in angles]
-    edges = np.quantile(np.concatenate(along), np.linspace(0.0, 1.0, STRETCHES + 1)[1:-1])
-    count = 0
-    for one, position in zip(samples, along, strict=True):
-        state = 2 * np.searchsorted(edges, position) + _moves_forward(one.stamp_ns, position)
-        _, visits = np.unique(state, return_counts=True)
-        count += int(np.count_nonzero(visits > VISITED * state.size))
-    return count
-
-
-def _moves_forward(stamp_ns: NDArray[np.int64], position: Vector) -> NDArray[np.int64]:
-    """1 where the position rises, 0 where it falls; at rest, the previous value."""
-    time = (stamp_ns - stamp_ns[0]) * 1e-9
-    earlier = np.interp(time - RATE_WINDOW_S, time, position)
-    later = np.interp(time + RATE_WINDOW_S, time, position)
-    change = later - earlier
-    moving = np.abs(change) > 1e-3 * max(float(np.ptp(position)), 1e-12)
-    last = np.maximum.accumulate(np.where(moving, np.arange(time.size), 0))
-    forward: NDArray[np.int64] = (change[last] > 0.0).astype(np.int64)
-    return forward
+def _pull(problem: Problem, coordinates: Vector) -> Vector:
+    """Gradient of the priors' half sum of squares, in coordinates."""
+    pull = np.zeros(coordinates.size)
+    for k, (unknown, x) in enumerate(zip(problem.unknowns, coordinates, strict=True)):
+        if unknown.prior is not None:
+            off = unknown.value(float(x)) - unknown.prior[0]
+            pull[k] = unknown.slope(float(x)) * off / unknown.prior[1] ** 2
+    return pull
 
 
 def _known_beforehand(problem: Problem, coordinates: Vector) -> Vector:

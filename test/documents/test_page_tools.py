@@ -24,7 +24,7 @@ ELSEWHERE = {
     "convert_continuum.py": "its own test",
     "continuum_figures.py": "its recordings are not part of this repository",
     "narrow_fits.py": "half a minute",
-    "standard_errors.py": "a minute",
+    "standard_errors.py": "half an hour",
 }
 """Tools on the pages that are not run here, and why."""
 

@@ -1,0 +1,151 @@
+"""Numbers of the robot file that a fit leaves as they are, and what their errors do to residuals.
+
+An error of a number that is not fitted, such as a pulley's radius, acts in the same direction in
+every cycle.  The fit absorbs it in the numbers that it adjusts, so the residuals do not show it.
+See (I3) in docs/identification.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.identification.residuals import (
+    CONDITIONING_KEYS,
+    Observations,
+    Problem,
+    residuals_of_one,
+)
+from cdrj_ros.identification.unknowns import Unknown, values_by_path
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.description import Uncertainty
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.parameters import find_number, with_numbers
+from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.robot.tolerances import within_range
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+Cause = Mapping[str, float]
+"""One standard deviation of numbers that deviate together [SI], by path, signed."""
+
+STEP: Final = 0.5
+"""Deviation at which the effect of a cause is computed [standard deviations]."""
+
+NEGLIGIBLE: Final = 1e-9
+"""Share of the variance below which a combination of numbers is left out."""
+
+
+def causes_left_alone(known: Uncertainty | None, unknowns: Sequence[Unknown]) -> tuple[Cause, ...]:
+    """Independent causes of error among the numbers that a fit does not adjust.
+
+    Args:
+        known: standard deviations and correlations of the file's numbers, stated and default.
+        unknowns: the numbers that the fit adjusts.
+    """
+    if known is None:
+        return ()
+    fitted = {_same(path) for unknown in unknowns for path in unknown.paths}
+    stddev = np.sqrt(np.diag(known.covariance))
+    rest = [
+        k
+        for k, path in enumerate(known.parameters)
+        if _same(path) not in fitted and stddev[k] > 0.0
+    ]
+    correlation = known.covariance / np.outer(
+        np.where(stddev > 0.0, stddev, 1.0), np.where(stddev > 0.0, stddev, 1.0)
+    )
+    causes: list[Cause] = []
+    for group in _related(rest, correlation):
+        shares, directions = np.linalg.eigh(correlation[np.ix_(group, group)])
+        for share, direction in zip(shares, directions.T, strict=True):
+            if share > NEGLIGIBLE * len(group):
+                sizes = np.sqrt(share) * direction * stddev[group]
+                sizes = sizes if sizes[int(np.abs(direction).argmax())] > 0.0 else -sizes
+                names = [known.parameters[k] for k in group]
+                causes.append(dict(zip(names, sizes.tolist(), strict=True)))
+    return tuple(causes)
+
+
+def effects(problem: Problem, coordinates: Vector, causes: Sequence[Cause]) -> Table:
+    """Change of the residuals by one standard deviation of every cause, shape (n, causes).
+
+    Args:
+        problem: the fit.
+        coordinates: of the fitted numbers, shape (p,).
+        causes: of errors of all other numbers.
+    """
+    here = problem.residuals(coordinates)
+    fitted = values_by_path(problem.unknowns, problem.values(coordinates))
+    document = with_numbers(problem.document, fitted)
+    columns = np.zeros((here.size, len(causes)))
+    for k, cause in enumerate(causes):
+        observed = _observed(problem, cause)
+        models = [_deviating(document, problem.source, cause, way) for way in (STEP, -STEP)]
+        there = [one for one in models if one is not None]
+        parts = list(
+            problem.pool.map(
+                residuals_of_one,
+                [model for model in there for _ in observed],
+                [one for _ in there for one in observed],
+            )
+        )
+        size = len(observed)
+        found = [np.concatenate(parts[at : at + size]) for at in range(0, len(parts), size)]
+        problem.evaluations += len(there)
+        if len(found) == 2:
+            columns[:, k] = (found[0] - found[1]) / (2.0 * STEP)
+        elif len(found) == 1:
+            columns[:, k] = (found[0] - here) / (STEP if models[0] is not None else -STEP)
+    columns[:, ~np.isfinite(columns).all(axis=0)] = 0.0
+    return columns
+
+
+def _deviating(document: Document, source: str, cause: Cause, way: float) -> Model | None:
+    """The model with some numbers deviating; None if no robot can have them."""
+    changed = {}
+    for path, size in cause.items():
+        value = find_number(document, path).value
+        changed[path] = float(within_range(document, path, np.array([way * size]))[0])
+        if abs(changed[path] - value - way * size) > 1e-9 * abs(size):
+            return None
+    try:
+        return prepare(build_robot(with_numbers(document, changed), source), check_range=False)
+    except RobotFileError:
+        return None
+
+
+def _observed(problem: Problem, cause: Cause) -> Sequence[Observations]:
+    """The recordings; conditioned anew if the cause changes how readings become angles."""
+    if not any(
+        path.startswith(("motors.", "joints."))
+        and not set(CONDITIONING_KEYS).isdisjoint(path.split("."))
+        for path in cause
+    ):
+        return problem.observations
+    return [replace(one, samples=None, groups=None) for one in problem.observations]
+
+
+def _same(path: str) -> str:
+    """One name for the numbers that stand for each other: EA and the modulus of a cable."""
+    return path.replace(".youngs_modulus", ".axial_stiffness")
+
+
+def _related(members: Sequence[int], correlation: Table) -> list[list[int]]:
+    """Members in groups, between which there is no correlation."""
+    from scipy.sparse.csgraph import connected_components
+
+    if not members:
+        return []
+    near = np.abs(correlation[np.ix_(members, members)]) > NEGLIGIBLE
+    count, label = connected_components(near, directed=False)
+    return [
+        [one for one, group in zip(members, label.tolist(), strict=True) if group == k]
+        for k in range(count)
+    ]

@@ -1,0 +1,208 @@
+"""Standard errors: those of truths drawn from what a robot file leaves open, and their parts."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import norm, qmc
+from support.made_up import recording
+
+from cdrj_ros.identification.fit import Settings, identify
+from cdrj_ros.identification.left_alone import causes_left_alone, effects
+from cdrj_ros.identification.left_variance import Linear, Places, lasting_power, variance_left
+from cdrj_ros.identification.residuals import Problem, observe, samples_of, spreads
+from cdrj_ros.identification.unknowns import parse_unknowns
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.parameters import number_at, with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.robot.tolerances import (
+    DRAWN_RADIUS,
+    HANDBOOK_FRICTION,
+    SPRING_SCALE,
+    default_tolerances,
+)
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+FIT = "drum_radius,joints.elbow.reference_angle,rho"
+SETTINGS = Settings(channels=("tension/*/[128]", "effort/*"), coarse=True)
+DRAWS = 8
+RHO = 0.03
+
+
+@pytest.fixture(scope="module")
+def fresh() -> Document:
+    """The prototype with drag, none of whose numbers has been measured."""
+    whole = load_document(PROTOTYPE)[0]
+    document = {key: value for key, value in whole.items() if key != "uncertainty"}
+    drag = [f"cables.{c}.nodes.{k}.bearing_torque" for c in ("upper", "lower") for k in range(2, 9)]
+    return with_numbers(document, dict.fromkeys(drag, 0.012))
+
+
+def drawn(document: Document, *, others: bool) -> list[dict[str, float]]:
+    """True numbers: the fitted ones, and all others if wanted, evenly over their tolerances."""
+    unknowns = parse_unknowns(document, FIT)
+    tolerances = [one.factor for one in default_tolerances(document)]
+    fitted = {path for unknown in unknowns for path in unknown.paths}
+    table = norm.ppf(
+        qmc.LatinHypercube(len(tolerances) + 2, seed=np.random.default_rng(1)).random(DRAWS)
+    )
+    truths = []
+    for row in table:
+        values = {}
+        for factor, x in zip(tolerances, row, strict=False):
+            for path, stddev in factor.items():
+                if others or path in fitted:
+                    values[path] = number_at(document, path) + float(x) * stddev
+                    if path.endswith("bearing_torque"):
+                        values[path] = max(values[path], 0.0)
+        values.pop("friction.rho", None)
+        for cable, x in zip(("upper", "lower"), row[-2:], strict=True):
+            values[f"cables.{cable}.friction.rho"] = 0.2 + RHO * float(x)
+        truths.append(values)
+    return truths
+
+
+def deviations(document: Document, truths: list[dict[str, float]]) -> np.ndarray:
+    """(found - true) / standard error, shape (draws, numbers)."""
+    unknowns = parse_unknowns(document, FIT)
+    rows = []
+    for seed, values in enumerate(truths):
+        real = with_numbers(document, values)
+        recorded = recording(real, 4.0, seed=seed, frequency=0.5, amplitude=0.5)
+        found = identify(document, "test", unknowns, [recorded], SETTINGS)
+        true = [number_at(real, unknown.paths[0]) for unknown in unknowns]
+        rows.append((found.values - true) / found.stddev)
+    return np.array(rows)
+
+
+def test_errors_of_a_file_whose_other_numbers_are_wrong_are_as_large_as_claimed(
+    fresh: Document,
+) -> None:
+    z = deviations(fresh, drawn(fresh, others=True))
+    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.4
+    assert np.mean(np.abs(z) > 3.0) < 0.05
+    each = np.sqrt(np.mean(z**2, axis=0))
+    assert np.all((each > 0.3) & (each < 2.0)), each
+
+
+def test_a_file_that_says_that_all_others_are_exact_is_believed(fresh: Document) -> None:
+    exact = {**fresh, "uncertainty": {"others": "exact"}}
+    truths = drawn(fresh, others=False)
+    z = deviations(exact, truths[:4])
+    assert np.sqrt(np.mean(z**2)) < 1.6
+    claimed = [
+        identify(
+            document, "test", parse_unknowns(document, FIT),
+            [recording(with_numbers(document, truths[0]), 4.0, frequency=0.5, amplitude=0.5)],
+            SETTINGS,
+        ).stddev
+        for document in (fresh, exact)
+    ]  # fmt: skip
+    assert np.all(claimed[0] > 3.0 * claimed[1])
+
+
+def test_causes_are_independent_and_leave_out_what_is_fitted(fresh: Document) -> None:
+    known = build_robot(fresh, "test").uncertainty
+    assert known is not None
+    causes = causes_left_alone(known, parse_unknowns(fresh, FIT + ",preload,EA"))
+    named = [set(cause) for cause in causes]
+    assert {"friction.mu_c", "friction.mu_s"} in named, "they deviate together"
+    assert not any("preload" in path or "stiffness" in path.split(".") for c in named for path in c)
+    paths = [path for cause in named for path in cause]
+    assert len(paths) == len(set(paths))
+    together = next(cause for cause in causes if "friction.mu_c" in cause)
+    assert together["friction.mu_c"] == pytest.approx(HANDBOOK_FRICTION * 0.15)
+    radii = next(cause for cause in causes if "cables.upper.nodes.2.radius" in cause)
+    assert radii["cables.upper.nodes.2.radius"] == pytest.approx(DRAWN_RADIUS)
+
+
+def test_stated_correlations_give_causes_with_the_same_covariance(fresh: Document) -> None:
+    paths = ["cables.upper.preload", "cables.lower.preload", "cables.upper.axial_stiffness"]
+    stated = {
+        "parameters": paths, "stddev": [1.0, 0.5, 60.0],
+        "correlation": [[1.0, 0.6, 0.2], [0.6, 1.0, 0.0], [0.2, 0.0, 1.0]], "others": "exact",
+    }  # fmt: skip
+    known = build_robot({**fresh, "uncertainty": stated}, "test").uncertainty
+    assert known is not None
+    causes = causes_left_alone(known, parse_unknowns(fresh, "rho"))
+    root = np.array([[cause.get(path, 0.0) for cause in causes] for path in paths])
+    np.testing.assert_allclose(root @ root.T, known.covariance, rtol=1e-9, atol=1e-12)
+    rest = causes_left_alone(known, parse_unknowns(fresh, "EA"))
+    assert {path for cause in rest for path in cause} == set(paths[:2])
+
+
+def test_effects_are_changes_of_the_residuals_by_one_standard_deviation(fresh: Document) -> None:
+    unknowns = parse_unknowns(fresh, "rho")
+    model = prepare(build_robot(fresh, "test"))
+    recorded = recording(fresh, 5.0)
+    sigmas = spreads([recorded], list(recorded.references), "spread")
+    samples = samples_of(model, recorded)
+    seen = observe(model, recorded, samples, sigmas, 2, 100_000, 0.0, False)
+    preload = "cables.upper.preload"
+    size = SPRING_SCALE * number_at(fresh, preload)
+    causes = ({preload: size}, {"friction.bristle_damping": -1.0}, {"joints.elbow.offset": 0.01})
+    with ThreadPoolExecutor(1) as pool:
+        problem = Problem(fresh, "test", unknowns, [seen], pool)
+        here = np.zeros(len(unknowns))
+        found = effects(problem, here, causes)
+        more, offset = (
+            Problem(with_numbers(fresh, {path: value}), "test", unknowns, [seen], pool)
+            for path, value in (
+                (preload, number_at(fresh, preload) + 0.01 * size),
+                ("friction.rho", number_at(fresh, "friction.rho")),
+            )
+        )
+        slope = (more.residuals(here) - problem.residuals(here)) / 0.01
+        assert np.abs(found[:, 0] - slope).mean() < 0.02 * np.abs(slope).mean()
+        assert np.abs(found[:, 1]).max() < np.abs(found[:, 0]).max(), "one way only"
+        assert np.abs(found[:, 2]).max() > 0.0, "the samples change, too"
+        assert np.all(offset.residuals(here) == problem.residuals(here))
+
+
+SIZE, STATES = 8000, 8
+
+
+def linear(residuals: np.ndarray, slopes: np.ndarray) -> Linear:
+    q = slopes.shape[1]
+    return Linear(slopes, residuals, np.full(q, 1e-9), np.zeros(q))
+
+
+def cyclic() -> tuple[np.ndarray, Places]:
+    """Phase of four cycles, the states visited in them, and finer ones."""
+    phase = np.arange(SIZE) * 4.0 * 2.0 * np.pi / SIZE
+    share = (phase % (2.0 * np.pi)) / (2.0 * np.pi)
+    states = (share * STATES).astype(np.int64)
+    return phase, Places(states, (share * 4 * STATES).astype(np.int64), STATES)
+
+
+def test_white_residuals_have_their_own_variance() -> None:
+    phase, places = cyclic()
+    slopes = np.column_stack([np.sin(phase), np.cos(phase), np.ones(SIZE)])
+    found = [
+        variance_left(linear(np.random.default_rng(k).normal(0.0, 0.3, SIZE), slopes), places, 1.0)
+        for k in range(10)
+    ]
+    assert np.mean(found) == pytest.approx(0.09, rel=0.5)
+
+
+def test_an_error_that_lasts_in_every_state_counts_once_per_state() -> None:
+    _, places = cyclic()
+    error = np.random.default_rng(1).normal(0.0, 0.2, STATES)[places.states]
+    found = variance_left(linear(error, np.ones((SIZE, 1))), places, 1.0)
+    power = float(np.var(error))
+    assert lasting_power(error - error.mean(), places.cells) == pytest.approx(power, rel=0.01)
+    assert found > power * SIZE / STATES
+
+
+def test_what_other_numbers_explain_is_not_counted_again() -> None:
+    phase, places = cyclic()
+    noise = np.random.default_rng(2).normal(0.0, 0.01, SIZE)
+    cause = np.sign(np.sin(phase))
+    slopes = np.column_stack([np.sin(phase), cause])
+    explained = variance_left(linear(noise + 0.5 * cause, slopes), places, 1.0)
+    assert explained < 3e-4
+    assert variance_left(linear(noise + 0.5 * cause, slopes[:, :1]), places, 1.0) > 1.0
