@@ -13,7 +13,7 @@ from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import build_robot, load_document
 
 ROBOT = Path(__file__).resolve().parents[2] / "config" / "robots" / "continuum.yaml"
-PRELOAD = (2.315076, 1.422280)
+PRELOAD = (2.318132, 1.423510)
 """Tension of both wires in the straight pose, as identified [N]."""
 WIRE_DISTANCE = 3.63e-3
 """Distance of a wire from the middle of the arcs in the software that drives the instrument [m]."""
