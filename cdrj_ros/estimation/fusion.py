@@ -9,7 +9,6 @@ together.  See docs/uncertainty.md.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
@@ -22,6 +21,7 @@ from cdrj_ros.estimation.contest import WINDOW_NS, Answer, Witness, finite
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
 from cdrj_ros.estimation.motor_friction import FRICTION_DRIFT, MotorFriction
+from cdrj_ros.estimation.past import PastEstimates
 from cdrj_ros.estimation.preloads import DOUBT, SLOW_DRIFT, Preloads, standard
 from cdrj_ros.estimation.sensor_health import SensorHealth, enough
 from cdrj_ros.model.prepared import Model
@@ -37,29 +37,11 @@ EFFORT_ERROR: Final = 0.02
 """The same for an effort, as a fraction of the torque of the preloads: an effort is a small
 difference of cables, and its errors last over many readings."""
 
-HISTORY_NS: Final = 200_000_000
-"""Maximum age of a measurement [ns]."""
-
 SUDDEN: Final = 0.5
 """Largest sudden change of the preloads that a motor's effort may show, as a fraction of them."""
 
-KEPT: Final = 5_000
-"""Maximum number of past estimates kept for late measurements."""
-
 LARGEST: Final = 1e9
 """Measured values of larger magnitude are refused [N or N m]."""
-
-
-class _Past(NamedTuple):
-    """An estimate that late measurements are compared with."""
-
-    stamp_ns: int
-    values: Vector
-    """The estimate, see ``Estimate.values``."""
-    corrected: Vector
-    """The total correction of each column until then."""
-    direction: Vector
-    """Effort per unit of friction of every motor [-], see ``MotorFriction.turn``."""
 
 
 class _Reading(NamedTuple):
@@ -112,9 +94,8 @@ class Fusion:
         self.health: dict[str, SensorHealth] = {}
         self._witnesses: dict[str, Witness] = {}
         """The trusted sensors whose readings have been used."""
-        self._history: deque[_Past] = deque(maxlen=KEPT)
+        self._past = PastEstimates(spread.columns)
         self._friction = MotorFriction(robot)
-        self._corrected = np.zeros(spread.columns.size)
         self._changed = np.zeros(len(robot.cables))
         """Sum of the corrections of every preload [N]."""
 
@@ -220,10 +201,9 @@ class Fusion:
 
     def _forget_readings(self) -> None:
         """Forget the latest estimates and when sensors were read; the next ones begin anew."""
-        self._history.clear()
+        self._past.forget()
         self._friction.forget()
         self._preloads.forget()
-        self._corrected = np.zeros(self.spread.columns.size)
 
     @property
     def dropped(self) -> int:
@@ -246,11 +226,8 @@ class Fusion:
 
     def remember(self, sample: Sample, estimate: Estimate) -> None:
         """Store an estimate for late measurements."""
-        history = self._history
         direction = self._friction.turn(sample.motor_angle)
-        history.append(_Past(estimate.stamp_ns, estimate.values, self._corrected, direction))
-        while estimate.stamp_ns - history[0].stamp_ns > HISTORY_NS:
-            history.popleft()
+        self._past.add(estimate.stamp_ns, estimate.values, direction)
 
     def noise_of(self, element: str) -> float:
         """Noise of a load cell whose messages give no standard deviation [N]."""
@@ -294,12 +271,12 @@ class Fusion:
         """Judge a reading and use it."""
         spread, column, value = self.spread, reading.column, reading.value
         health = self.health.setdefault(reading.name, SensorHealth(reading.name))
-        found = self._expected(reading)
+        found = self._past.expected(reading.stamp_ns, column, reading.motor)
         if not abs(value) <= LARGEST or found is None:
             health.refused += 1
             return state
         expected, factor = found
-        now = Estimate(sample.stamp_ns, self._history[-1].values, self.model.layout, True)
+        now = Estimate(sample.stamp_ns, self._past.last, self.model.layout, True)
         spread.catch_up(sample, now)
         errors = [one.deviation for one in self._witnesses.values()]
         shares = {c: self._drift_of(c, sample.stamp_ns) for c in reading.cables}
@@ -311,7 +288,7 @@ class Fusion:
             witness.deviation += share * self._unknown(reading) * self._draw()
         error = factor * witness.error if witness is not None else 0.0
         variance = self._variance(column, witness, factor) + own
-        unaided = expected - float(self._corrected[column])
+        unaided = expected - float(self._past.corrected[column])
         usable = health.judge(value, expected + error, unaided, variance, own)
         if health.dropped:
             self._witnesses.pop(reading.name, None)
@@ -496,36 +473,6 @@ class Fusion:
         heard = float(gain[column]) + (own_gain if witness.against_effort else 0.0)
         witness.learn(differences * own_gain, own_gain * innovation, heard * innovation)
         deviation += change - gain * innovation
-        self._corrected = self._corrected + gain * innovation
+        self._past.corrected = self._past.corrected + gain * innovation
         spread.variance[:] = (deviation**2).mean(axis=0)
         return State(state.stamp_ns, values)
-
-    def _expected(self, reading: _Reading) -> tuple[float, float] | None:
-        """The current estimate for the time of a measurement; None outside the stored history.
-
-        It includes the corrections made since then; otherwise late measurements would apply the
-        same correction repeatedly.
-
-        Returns:
-            The expected quantity, and its change per unit of its sensor's lasting error [-].
-        """
-        history, stamp_ns, column = self._history, reading.stamp_ns, reading.column
-        if not history or not history[0].stamp_ns <= stamp_ns <= history[-1].stamp_ns:
-            return None
-        place = int(self.spread.columns[column])
-
-        def then(k: int) -> Vector:
-            past = history[k]
-            value = past.values[place] + (self._corrected[column] - past.corrected[column])
-            return np.array([value, past.direction[reading.motor] if reading.motor >= 0 else 1.0])
-
-        after = len(history) - 1
-        while after > 0 and history[after - 1].stamp_ns >= stamp_ns:
-            after -= 1
-        found = then(after)
-        stamp = history[after].stamp_ns
-        if stamp != stamp_ns and after > 0:
-            before = history[after - 1].stamp_ns
-            share = (stamp_ns - before) / (stamp - before)
-            found = then(after - 1) + share * (found - then(after - 1))
-        return float(found[0]), float(found[1])

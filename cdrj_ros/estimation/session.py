@@ -17,7 +17,7 @@ from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.conditioning.time_line import Conditioner, Mode
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Angles, Estimate, State, initial_state, step
-from cdrj_ros.estimation.fusion import HISTORY_NS, Fusion
+from cdrj_ros.estimation.fusion import Fusion
 from cdrj_ros.estimation.member_kernels import MOVED, begin_sample, step_members
 from cdrj_ros.estimation.motor_alone import HeardEfforts, MotorAlone
 from cdrj_ros.estimation.preloads import DOUBT, FREE_DRIFT, SLOW_DRIFT
@@ -29,6 +29,7 @@ from cdrj_ros.estimation.unsure import (
     mark_unsure,
     preload_of_elements,
 )
+from cdrj_ros.estimation.waiting import Measurement, WaitingMeasurements
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model, prepare
@@ -40,9 +41,6 @@ from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import narrowed
 
 Vector = NDArray[np.float64]
-
-EFFORT_INTERVAL_NS: Final = 50_000_000
-"""Minimum interval between used efforts of a motor [ns]: their errors are correlated over time."""
 
 SMALLEST_NOISE: Final = 1e-6
 LARGEST_NOISE: Final = 1e6
@@ -128,20 +126,22 @@ class LiveEstimator:
         """Samples with at least one unsolved element."""
         self.unknown_elements = 0
         """Load cell readings of elements that the robot does not have."""
-        self.overlooked = 0
-        """Load cell readings and efforts discarded because no sample reached their stamp."""
         self.doubted: NDArray[np.bool_] | None = None
         """Elements that are ``UNSURE`` whatever their standard deviation, shape (elements,); None
         for none.  The health monitor sets it."""
         self.fusion: Fusion | None = None
-        self._pending: list[tuple[int, str, float, float]] = []
-        self._efforts_ns: dict[str, int] = {}
+        self._waiting = WaitingMeasurements()
         self.started = model
         """The robot as given at construction."""
         self.changes: dict[str, float] = {}
         """Reference angles and preloads that were set since then, by path [SI]."""
         self.use(model)
         self.reset()
+
+    @property
+    def overlooked(self) -> int:
+        """Load cell readings and efforts discarded because no sample reached their stamp."""
+        return self._waiting.overlooked
 
     def set_unsure_share(self, share: float) -> None:
         """Change ``Options.unsure_share``."""
@@ -189,9 +189,7 @@ class LiveEstimator:
         self.taught: set[str] = self.taught if known else set()
         """Sensors whose corrections distinguish ``state`` from ``unaided``."""
         self.sample: Sample | None = None
-        self.overlooked += len(self._pending)
-        self._pending.clear()
-        self._efforts_ns.clear()
+        self._waiting.forget()
         self._watch = RestWatch()
         self.heard.clear()
         if self.alone is not None:
@@ -326,7 +324,7 @@ class LiveEstimator:
         self._mark_doubts(sample, estimate)
         if self.fusion is not None and estimate.solved:
             self.fusion.remember(sample, estimate)
-            undone = bool(self._pending) and self._use_pending(self.fusion, sample)
+            undone = bool(self._waiting) and self._use_waiting(self.fusion, sample)
             if undone or self.fusion.contested:
                 mark_all_unsure(estimate.values, self._preload.size)
         return Output(estimate, stddev)
@@ -393,7 +391,7 @@ class LiveEstimator:
             noise = float(stddevs[k]) if len(stddevs) else 0.0
             if not SMALLEST_NOISE <= noise <= LARGEST_NOISE:
                 noise = fusion.noise_of(name)
-            self._queue(stamp_ns, name, float(tensions[k]), noise)
+            self._waiting.add(Measurement(stamp_ns, name, float(tensions[k]), noise))
 
     def wants_efforts(self, stamp_ns: int) -> bool:
         """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
@@ -401,10 +399,7 @@ class LiveEstimator:
             return True
         if not self.options.track_preload:
             return False
-        used = self._efforts_ns.values()
-        return len(used) < len(self.model.layout.motors) or any(
-            abs(stamp_ns - last) >= EFFORT_INTERVAL_NS for last in used
-        )
+        return self._waiting.wants_efforts(stamp_ns, len(self.model.layout.motors))
 
     def feed_efforts(
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
@@ -419,35 +414,13 @@ class LiveEstimator:
         if not self.options.track_preload:
             return
         for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
-            if name not in self.model.layout.motors:
-                continue
-            last = self._efforts_ns.get(name)
-            if last is not None and abs(stamp_ns - last) < EFFORT_INTERVAL_NS:
-                continue
-            self._efforts_ns[name] = stamp_ns
-            self._queue(
-                stamp_ns + self._clock_offset_ns[name],
-                name,
-                float(effort),
-                self.options.effort_noise,
-            )
+            if name in self.model.layout.motors and not self._waiting.is_early(name, stamp_ns):
+                at, noise = stamp_ns + self._clock_offset_ns[name], self.options.effort_noise
+                self._waiting.add(Measurement(at, name, float(effort), noise))
 
-    def _queue(self, stamp_ns: int, name: str, value: float, noise: float) -> None:
-        if len(self._pending) >= 10_000:  # without angles no sample consumes them
-            del self._pending[:5_000]
-            self.overlooked += 5_000
-        self._pending.append((stamp_ns, name, value, noise))
-
-    def _use_pending(self, fusion: Fusion, sample: Sample) -> bool:
-        """Apply the pending measurements up to the sample; True if corrections were undone."""
-        later = []
-        for stamp, name, value, noise in self._pending:
-            if stamp > sample.stamp_ns:
-                if stamp - sample.stamp_ns <= 5 * HISTORY_NS:
-                    later.append((stamp, name, value, noise))
-                else:
-                    self.overlooked += 1
-                continue
+    def _use_waiting(self, fusion: Fusion, sample: Sample) -> bool:
+        """Apply the measurements up to the sample; True if corrections were undone."""
+        for stamp, name, value, noise in self._waiting.due(sample.stamp_ns):
             dropped = fusion.dropped
             correct = fusion.tension if "/" in name else fusion.motor_effort
             state = correct(sample, self.state, stamp, name, value, noise)
@@ -457,7 +430,6 @@ class LiveEstimator:
             if fusion.dropped != dropped and name in self.taught:
                 self._take_back(fusion, name)
                 return True
-        self._pending = later
         return False
 
     def _take_back(self, fusion: Fusion, name: str) -> None:
@@ -466,7 +438,7 @@ class LiveEstimator:
         The uncorrected state replaces the state, and the ensemble starts anew.  Sensors that are
         still trusted then correct both again.
         """
-        self._pending.clear()
+        self._waiting.clear()
         self.taught.clear()
         self.state = self.unaided
         fusion.take_back(name)
