@@ -155,10 +155,15 @@ def test_names_from_the_inputs_are_escaped(tmp_path: Path) -> None:
     assert text.count("<svg") == 2 * 3
 
 
+@pytest.fixture(scope="module")
+def ten_minutes(made_up: Callable[..., BagComparison]) -> BagComparison:
+    return made_up(duration_s=600.0)
+
+
 def test_ten_minutes_at_a_kilohertz_stay_below_three_megabytes(
-    tmp_path: Path, made_up: Callable[..., BagComparison]
+    tmp_path: Path, ten_minutes: BagComparison
 ) -> None:
-    written(tmp_path, made_up(duration_s=600.0))
+    written(tmp_path, ten_minutes)
     assert (tmp_path / "report.html").stat().st_size < 3_000_000
 
 
@@ -250,16 +255,15 @@ def test_the_page_has_bands_friction_parameters_and_limits(
 
 
 def test_ten_minutes_with_bands_and_friction_stay_below_three_megabytes(
-    tmp_path: Path, made_up: Callable[..., BagComparison]
+    tmp_path: Path, ten_minutes: BagComparison
 ) -> None:
-    long = made_up(duration_s=600.0)
     random = np.random.default_rng(3)
     channels = tuple(
-        replace(c, stddev=0.3 + 0.1 * random.random(len(c.stamp_ns))) for c in long.channels
+        replace(c, stddev=0.3 + 0.1 * random.random(len(c.stamp_ns))) for c in ten_minutes.channels
     )
     walk = np.cumsum(random.normal(size=600_000))
     loop = PulleyFriction("upper/2", 1.0, 2.0, 0.1, 0.2, walk, random.normal(size=600_000))
-    written(tmp_path, replace(long, channels=channels, friction=(loop,)))
+    written(tmp_path, replace(ten_minutes, channels=channels, friction=(loop,)))
     assert (tmp_path / "report.html").stat().st_size < 3_000_000
 
 
