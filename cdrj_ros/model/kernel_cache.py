@@ -14,12 +14,13 @@ import logging
 import os
 import pickle
 from collections.abc import Callable
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Final
 
 import numba
-from numba.core import caching, codegen, registry, runtime
+from numba.core import caching, codegen, registry
+from numba.core.runtime import nrt
 
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.linked import bring_callees
@@ -28,7 +29,7 @@ _LOG: Final = logging.getLogger(__name__)
 _caching: Final[Any] = caching  # numba has no types of its own
 _codegen: Final[Any] = codegen
 _registry: Final[Any] = registry
-_runtime: Final[Any] = runtime
+_nrt: Final[Any] = nrt._nrt  # type: ignore[attr-defined,unused-ignore]
 _config: Final[Any] = numba.config
 _told: Final[set[str]] = set()
 
@@ -38,6 +39,17 @@ def _say_once(kind: str, text: str, *values: object) -> None:
     if kind not in _told:
         _told.add(kind)
         _LOG.warning(text, *values)
+
+
+@cache
+def _declare_runtime() -> None:
+    """Make numba's run-time system known by name to the machine code of kernels from disk.
+
+    ``rtsys.initialize`` also compiles functions for use in compilations, which takes 0.02 s and
+    23 MB.  A compilation calls it.
+    """
+    for name, address in _nrt.c_helpers.items():
+        _codegen.ll.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 def _in_tree() -> Any:
@@ -142,10 +154,10 @@ class KernelCache(_caching.FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load the kernel from disk; None if it is missing or damaged and has to be compiled.
 
-        Numba's own method also loads what a compilation needs, which takes 0.2 s and 20 MB.
-        Machine code from disk needs only the run-time system.
+        Numba's own method also loads what a compilation needs, which takes 0.2 s and 43 MB.
+        Machine code from disk needs only the names of the run-time system.
         """
-        _runtime.rtsys.initialize(target_context)
+        _declare_runtime()
         if self._built is not None:
             found = self._load_from(self._built, sig, target_context)[0]
             if found is not None:
