@@ -18,7 +18,7 @@ from cdrj_ros.model.elasticity import elasticities, strain_at
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Robot, Uncertainty
-from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import within_range
 
@@ -134,14 +134,15 @@ def _members(
     Where that robot is invalid, or ``use`` refuses it because its cables have no path, the
     parameters are changed by half, then by a quarter as much; None where this is invalid, too.
     """
-    document: Any = robot.document
+    document: Any = {**robot.document, "uncertainty": {"others": "exact"}}  # numbers alone matter
+    write = writer_of(document, known.parameters)
     values = [_values(robot, known, share * draws) for share in (1.0, 0.5, 0.25)]
     found: list[Made | None] = []
     for k in range(len(draws)):
         made = None
         for one in values:
             try:
-                changed = with_numbers(document, {path: float(v[k]) for path, v in one.items()})
+                changed = write([float(v[k]) for v in one.values()])
                 made = use(build_robot(changed, robot.source))
                 break
             except CdrjError:

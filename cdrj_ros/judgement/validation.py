@@ -333,17 +333,18 @@ def _references(
     """The references to compare with; BagError if there is nothing to compare."""
     references = _windowed(recording, window)
     if not references:
-        raise _no_references(path, " in that time" if recording.references else "")
+        raise _no_references(path, recording)
     if not any(segment.stamp_ns.size for segment in conditioned.segments):
         raise BagError(f"{path}: not one sample of all motors and joints was acceptable")
     return references
 
 
-def _no_references(path: str, when: str = "") -> BagError:
-    return BagError(
-        f"{path} holds no references{when}; name their topics with --reference (CableTensions, "
-        "NodalForces, or JointState with efforts)"
-    )
+def _no_references(path: str, recording: Recording | None = None) -> BagError:
+    when = " in that time" if recording is not None and recording.references else ""
+    notes = () if recording is None else recording.notes
+    refused = "; ".join(note for note in notes if " malformed messages, the first: " in note)
+    advice = "name their topics with --reference (CableTensions, NodalForces, or JointState with "
+    return BagError(f"{path} holds no references{when}; {refused or advice + 'efforts)'}")
 
 
 def _comparing(

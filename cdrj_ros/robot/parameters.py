@@ -14,7 +14,7 @@ it scales the modulus.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import MISSING, dataclass, fields
 from difflib import get_close_matches
@@ -169,14 +169,27 @@ def with_numbers(document: Document, values: Mapping[str, float]) -> Document:
     Raises:
         UsageError: as ``find_number``, except that numbers without a default may be set.
     """
-    numbers = [(_find(document, path), value) for path, value in values.items()]
-    changed = deepcopy(document)
-    for number, value in numbers:
-        place: Any = changed
-        for key in number.keys[:-1]:
-            place = place.setdefault(key, {}) if isinstance(place, dict) else place[key]
-        place[number.keys[-1]] = value / number.factor
-    return changed
+    return writer_of(document, tuple(values))(tuple(values.values()))
+
+
+def writer_of(document: Document, paths: Sequence[str]) -> Callable[[Sequence[float]], Document]:
+    """``with_numbers`` for many sets of values at the same paths, which are looked up only once.
+
+    Raises:
+        UsageError: as ``with_numbers``.
+    """
+    numbers = [_find(document, path) for path in paths]
+
+    def written(values: Sequence[float]) -> Document:
+        changed = deepcopy(document)
+        for number, value in zip(numbers, values, strict=True):
+            place: Any = changed
+            for key in number.keys[:-1]:
+                place = place.setdefault(key, {}) if isinstance(place, dict) else place[key]
+            place[number.keys[-1]] = value / number.factor
+        return changed
+
+    return written
 
 
 def matching_paths(document: Document, pattern: str) -> tuple[tuple[str, ...], ...]:

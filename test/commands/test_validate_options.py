@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
@@ -225,6 +226,28 @@ def test_a_bag_without_references_is_refused_before_any_bag_is_read(
     monkeypatch.setattr(bag_task, "read_inputs", never)
     assert run(tmp_path, second, bare)[0] == 2
     one_line(capsys, [f"{bare} holds no references", "--reference"])
+
+
+def test_references_that_cannot_be_read_are_named_with_the_reason(
+    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All references are XCDR2: the bag has them, and they must be recorded again."""
+    (recorded,) = second.glob("*.mcap")
+    other = tmp_path / "other.mcap"
+    with recorded.open("rb") as source, other.open("wb") as target:
+        writer, channels = Writer(target), {}
+        writer.start("ros2")
+        for schema, channel, message in make_reader(source).iter_messages():
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+            data = message.data
+            if channel.topic not in ("/cdrj/motor_states", "/cdrj/joint_states"):
+                data = bytes((0, 7)) + data[2:]
+            writer.add_message(channels[channel.topic], message.log_time, data, message.log_time)
+        writer.finish()
+    assert validate.main([str(other), "--robot", "prototype"]) == 2
+    one_line(capsys, ["holds no references; ", "malformed messages, the first: payload is XCDR2"])
 
 
 def test_names_in_a_bag_do_not_control_the_terminal(
