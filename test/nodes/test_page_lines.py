@@ -99,9 +99,13 @@ class Shell:
         return future.result()
 
     def _call(self, name: str, kind: str, given: dict[str, Any]) -> None:
-        service = type_of(kind)
-        answer = self._ask(service, name, filled(service.Request(), given))
-        assert answer.success, f"{name}: {answer.message}"
+        service, answers = type_of(kind), []
+
+        def succeeds() -> bool:  # a service may be there before the recording has begun to play
+            answers.append(self._ask(service, name, filled(service.Request(), given)))
+            return bool(answers[-1].success)
+
+        self.until(succeeds, f"success of {name}")
 
     def _publish(self, name: str, kind: str, given: dict[str, Any]) -> None:
         publisher = self.node.create_publisher(type_of(kind), name, 10)
