@@ -37,6 +37,9 @@ class Sample(NamedTuple):
     """
     doubtful: bool = False
     """Whether an angle may be wrong because the readings of its sensor have stepped."""
+    predicted: bool = False
+    """Whether an angle is extrapolated.  The next sample that is not predicted follows the last one
+    that was not, and may be earlier than this one."""
 
 
 @dataclass(frozen=True)

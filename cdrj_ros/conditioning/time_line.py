@@ -4,8 +4,8 @@ Every motor and joint is a channel with a gate of its own.  Accepted readings ar
 time line: the union of all stamps, with every channel interpolated linearly between its own
 readings.  An estimate therefore waits for the slowest channel: holding the last joint angle while
 the motor moves on would add a sawtooth to the tensions.  The result does not depend on the order in
-which different topics arrive.  Where waiting costs too much, ``predict`` extrapolates the slower
-channels instead.  See docs/conditioning.md.
+which different topics arrive.  Where waiting costs too much, ``predict`` gives further samples in
+advance, for which the slower channels are extrapolated.  See docs/conditioning.md.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ STRAGGLERS: Final = 100
 
 Mode = Literal["wait", "predict"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
-"""How a lagging channel is handled: wait for it, or extrapolate it with its velocity."""
+"""How a lagging channel is handled: wait for it, or extrapolate it with its velocity meanwhile."""
 
 HORIZON_NS: Final = 20_000_000
 """A channel is predicted at most this far beyond its last reading [ns]."""
@@ -162,6 +162,11 @@ class Conditioner:
         self._doubts: list[Doubt] = []
         self._resumed = -1
         self._given_out = -1
+        """Stamp of the last sample that is not predicted [ns]; -1 before the first one."""
+        self._ahead = -1
+        """Stamp of the last predicted sample [ns]."""
+        self._ahead_from = -1
+        """Stamp of the sample that a predicted one continues, predicted or not [ns]."""
         self._missing = len(self._channels)
 
     def memory(self) -> dict[str, NDArray[np.float64]]:
@@ -427,12 +432,18 @@ class Conditioner:
         if until <= self._given_out and not self._predict:
             return []
         samples = self._interpolated(until)
-        if self._predict and self._given_out < newest <= until + self._horizon:
-            lagging = (channel for channel in self._channels if channel.last_stamp < newest)
-            if all(channel.recent_ns for channel in lagging):  # their velocities are known
-                samples.append(self._predicted(newest))
-        self.lag_ns = newest - self._given_out
+        if self._predict and self._is_predictable(newest, until):
+            samples.append(self._predicted(newest))
+        self.lag_ns = newest - max(self._given_out, self._ahead)
         return samples
+
+    def _is_predictable(self, newest: int, until: int) -> bool:
+        """Whether to give a sample at the newest stamp; all channels have reached ``until``."""
+        if not max(self._given_out, self._ahead) < newest <= until + self._horizon:
+            return False
+        lagging = (channel for channel in self._channels if channel.last_stamp < newest)
+        known = all(channel.recent_ns for channel in lagging)  # their velocities
+        return known and self._given_out >= 0
 
     def _interpolated(self, until: int) -> list[Sample]:
         """The next samples, up to the stamp ``until`` that every channel has reached."""
@@ -458,7 +469,8 @@ class Conditioner:
             doubtful = self._is_doubtful(stamp) if self._doubts else False
             samples.append(Sample(stamp, values[:motors], values[motors:], unseen, doubtful))
             given_out, began = stamp, True
-        self._given_out = given_out
+        if samples:
+            self._given_out = self._ahead_from = given_out
         return samples
 
     def _predicted(self, stamp: int) -> Sample:
@@ -466,13 +478,10 @@ class Conditioner:
         channels = self._channels
         motors = self._motor_count
         values = np.array([predicted(channel, stamp) for channel in channels])
-        unseen = unseen_ahead(channels, stamp, self._given_out)
-        self._given_out = stamp
-        for channel in channels:  # no later sample needs readings before this one
-            while len(channel.readings) > 1 and channel.readings[1][0] <= stamp:
-                channel.readings.popleft()
-        doubtful = self._is_doubtful(stamp) if self._doubts else False
-        return Sample(stamp, values[:motors], values[motors:], unseen, doubtful)
+        unseen = unseen_ahead(channels, stamp, self._ahead_from)
+        self._ahead = self._ahead_from = stamp
+        doubtful = any(doubt.after_ns < stamp < doubt.until_ns for doubt in self._doubts)
+        return Sample(stamp, values[:motors], values[motors:], unseen, doubtful, predicted=True)
 
     def _is_doubtful(self, stamp: int) -> bool:
         """Whether some sensor may have stepped before a sample; drops doubts that have ended."""

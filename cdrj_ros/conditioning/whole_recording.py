@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cdrj_ros.conditioning.gate import LARGEST, MAX_GAP_NS, RANGE_MARGIN, Limits, limits_of
 from cdrj_ros.conditioning.motion import curvatures
 from cdrj_ros.conditioning.samples import ALL_SEEN_OVER_TIME, NO_DOUBTS, Sample, Samples
-from cdrj_ros.conditioning.time_line import REFUSALS, Conditioner, Mode
+from cdrj_ros.conditioning.time_line import REFUSALS, Conditioner
 from cdrj_ros.conditioning.tracking import Vector, track_all
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.compiled import ordinary
@@ -42,24 +42,24 @@ def condition(
     robot: Robot,
     motors: Mapping[str, Series],
     joints: Mapping[str, Series],
-    mode: Mode = "wait",
 ) -> Conditioned:
     """Condition a recording; the samples equal those of single messages bit for bit.
+
+    Predicted samples are not among them: nothing lags in a recording.
 
     Args:
         robot: names, sensors and limits of the channels.
         motors: readings by name, of every motor of the robot.
         joints: readings by name, of every joint of the robot.
-        mode: one of ``MODES``.
 
     Returns:
         The samples, and how many readings were refused.
     """
     known = [motors[motor.name] for motor in robot.motors]
     known += [joints[joint.name] for joint in robot.joints]
-    samples = _at_once(robot, known) if mode == "wait" else None
+    samples = _at_once(robot, known)
     if samples is None:
-        return _replay(robot, motors, joints, mode)
+        return _replay(robot, motors, joints)
     names = {*(motor.name for motor in robot.motors), *(joint.name for joint in robot.joints)}
     refused = dict.fromkeys(REFUSALS, 0)
     refused["unknown_name"] = sum(
@@ -227,10 +227,10 @@ def _values_at(readings: Series, stamps: Stamps) -> Vector:
 
 
 def _replay(
-    robot: Robot, motors: Mapping[str, Series], joints: Mapping[str, Series], mode: Mode
+    robot: Robot, motors: Mapping[str, Series], joints: Mapping[str, Series]
 ) -> Conditioned:
     """Condition reading by reading, in order of arrival."""
-    conditioner = Conditioner(robot, mode)
+    conditioner = Conditioner(robot)
     sources = [(conditioner.feed_motors, (name,), r) for name, r in motors.items()]
     sources += [(conditioner.feed_joints, (name,), r) for name, r in joints.items()]
     feeds = [(feed, name) for feed, name, _ in sources]

@@ -42,6 +42,7 @@ from cdrj_ros.estimation.members import (
     unseen_ways,
     wind_differently,
 )
+from cdrj_ros.estimation.snapshot import Snapshot
 from cdrj_ros.model.compiled import direct, ordinary
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model, read_only
@@ -149,6 +150,12 @@ class Spread:
         self.states, self.stamps = self._members.states, self._members.stamps
         self.deviation, self.variance = self._members.deviation, self._members.variance
         self._kernels: tuple[Any, Any] | None = None
+        own = self._members
+        self._before_look = Snapshot(
+            *(own.states, own.stamps, own.progress),
+            *(own.deviation, own.variance, own.intervals, own.angle),
+        )
+        """What ``look_ahead`` changes."""
         self.generator = generator
         self.reset()
 
@@ -175,6 +182,7 @@ class Spread:
 
     def reset(self) -> None:
         """Discard the members' history; the next sample starts them anew."""
+        self._before_look.forget()
         self.states[:] = 0.0
         self._members.progress[:] = (0, -1, 0)
         self._members.intervals[:] = 0
@@ -187,6 +195,7 @@ class Spread:
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """The ensemble's memory, which ``recall`` restores."""
+        self.look_back()
         self.finish()
         return {
             "members": self.states,
@@ -236,10 +245,28 @@ class Spread:
         What is sent need not wait for a member, which changes the standard deviations by one part
         in as many as there are members.  ``finish`` can follow at any time before the next call.
         """
+        self.look_back()
         self.finish()
         stddev = np.empty(self.columns.size)
         self._begin(sample, estimate, 1, stddev)
         return stddev
+
+    def look_ahead(self, sample: Sample, estimate: Estimate) -> Vector:
+        """Standard deviations at a predicted sample, which the ensemble forgets again.
+
+        Members are updated only where the prediction adds to their deviations.
+        """
+        if not self._before_look.taken:
+            self.finish()
+            self._before_look.take()
+        stddev = np.empty(self.columns.size)
+        self._begin(sample, estimate, 1, stddev)
+        self._waiting = False
+        return stddev
+
+    def look_back(self) -> None:
+        """Undo ``look_ahead``; without effect if nothing has been predicted."""
+        self._before_look.restore()
 
     def finish(self) -> None:
         """The second half of ``update``; without effect if it has already been called."""

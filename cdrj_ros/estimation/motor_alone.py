@@ -35,6 +35,7 @@ from cdrj_ros.estimation.motor_alone_kernels import (
     forget,
     run_alone,
 )
+from cdrj_ros.estimation.snapshot import Snapshot
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.compiled import ordinary
 from cdrj_ros.model.prepared import Model, read_only
@@ -82,6 +83,10 @@ class MotorAlone:
         self.names = tuple(model.layout.joints[j] for j in model.robot.unmeasured)
         self._columns = spread_columns(model.layout)
         self._alone = _new_alone(model, members, self._columns, np.random.default_rng(seed))
+        own = self._alone
+        self._before_look = Snapshot(
+            *(own.states, own.memories, own.stamps, own.progress, own.deviation, own.variance)
+        )
 
     @property
     def state(self) -> Vector:
@@ -90,7 +95,16 @@ class MotorAlone:
 
     def reset(self) -> None:
         """Discard the history; the next effort starts anew."""
+        self._before_look.forget()
         forget(self._alone)
+
+    def look_ahead(self) -> None:
+        """Note the history, to which ``look_back`` returns from predicted samples."""
+        self._before_look.take()
+
+    def look_back(self) -> None:
+        """Undo everything since ``look_ahead``; without effect if it was not called."""
+        self._before_look.restore()
 
     def run(self, samples: Samples, efforts: Table) -> Estimates:
         """Estimate samples that follow those of the call before.

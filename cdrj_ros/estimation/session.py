@@ -123,7 +123,7 @@ class LiveEstimator:
         self.deaf = False
         """Whether the last sample found no effort although joints have no encoder."""
         self.unsolved = 0
-        """Samples with at least one unsolved element."""
+        """Samples with at least one unsolved element, without predicted ones."""
         self.unknown_elements = 0
         """Load cell readings of elements that the robot does not have."""
         self.doubted: NDArray[np.bool_] | None = None
@@ -167,6 +167,8 @@ class LiveEstimator:
             if self.fusion is not None:  # what is known of sensors and preloads stays known
                 fusion.keep(self.fusion)
         self.model, self.spread, self.fusion = model, spread, fusion
+        self._ahead: State | None = None
+        """The state after the last predicted sample, if one was taken since the last other one."""
         self._clock_offset_ns = {
             motor.name: motor.sensor.clock_offset_ns for motor in model.robot.motors
         }
@@ -186,6 +188,9 @@ class LiveEstimator:
         self.state: State = initial_state(self.model)
         self.unaided: State = self.state
         """The state without corrections by other sensors."""
+        self._ahead = None
+        self._given_ns = NEVER
+        """Stamp of the last estimate that was given out [ns]."""
         self.taught: set[str] = self.taught if known else set()
         """Sensors whose corrections distinguish ``state`` from ``unaided``."""
         self.sample: Sample | None = None
@@ -291,7 +296,13 @@ class LiveEstimator:
         jumped = conditioner.clock_jumps != self._jumps
         if jumped:
             self._restart(known=True)
-        return jumped, [self.take(sample) for sample in samples]
+        outputs = []
+        for sample in samples:
+            output = self.take(sample)
+            if sample.stamp_ns > self._given_ns:  # else a predicted one has been given out
+                self._given_ns = sample.stamp_ns
+                outputs.append(output)
+        return jumped, outputs
 
     def finish(self) -> None:
         """Do what the last estimate need not wait for; the next sample does it otherwise."""
@@ -299,9 +310,20 @@ class LiveEstimator:
             self.spread.finish()
 
     def take(self, sample: Sample) -> Output:
-        """Process one sample; ``finish`` can follow once the estimate has been published."""
+        """Process one sample; ``finish`` can follow once the estimate has been published.
+
+        A predicted sample leaves the memory as it is; only the next predicted one continues it.
+        """
+        if sample.predicted:
+            return self._look_ahead(sample)
+        self._ahead = None
         if self.alone is not None:
+            self.alone.look_back()
             return self._take_alone(self.alone, sample)
+        return self._take_next(sample)
+
+    def _take_next(self, sample: Sample) -> Output:
+        """``take`` for a sample that continues the memory."""
         if self._restart_from is not None:
             self._take_up(sample)
         model = self.model
@@ -329,6 +351,21 @@ class LiveEstimator:
                 mark_all_unsure(estimate.values, self._preload.size)
         return Output(estimate, stddev)
 
+    def _look_ahead(self, sample: Sample) -> Output:
+        """``take`` for a predicted sample."""
+        if self.alone is not None:
+            self.alone.look_ahead()
+            return self._take_alone(self.alone, sample)
+        self._ahead, estimate = step(self.model, self._ahead or self.state, sample)
+        stddev = None
+        if self.spread is not None:
+            stddev = self.spread.look_ahead(sample, estimate)
+            mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
+        self._mark_doubts(sample, estimate)
+        if self.fusion is not None and self.fusion.contested:
+            mark_all_unsure(estimate.values, self._preload.size)
+        return Output(estimate, stddev)
+
     def _mark_doubts(self, sample: Sample, estimate: Estimate) -> None:
         """Set ``UNSURE`` where readings or the robot itself are in doubt."""
         if sample.doubtful:
@@ -350,11 +387,11 @@ class LiveEstimator:
         values, stddev = np.nan_to_num(found.values[0]), np.nan_to_num(found.stddev[0])
         layout = self.model.layout
         solved = not any(int(flag) & INVALID for flag in values[layout.status])
-        self.state = self.unaided = State(sample.stamp_ns, alone.state)
-        self.sample = sample
-        self._watch.add(sample)
-        if not solved:
-            self.unsolved += 1
+        if not sample.predicted:
+            self.state = self.unaided = State(sample.stamp_ns, alone.state)
+            self.sample = sample
+            self._watch.add(sample)
+            self.unsolved += not solved
         mark_unsure(values, self._preload, stddev, self.options.unsure_share)
         if sample.doubtful:
             mark_all_unsure(values, self._preload.size)

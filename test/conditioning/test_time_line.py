@@ -483,7 +483,10 @@ def test_prediction_gives_at_once_the_samples_that_waiting_gives_late():
         assert worst == lag
         late = [s for s in samples if s.stamp_ns > 20_000_000]
         assert np.allclose([s.joint_angle[0] + s.stamp_ns * 1e-9 for s in late], 0.0, atol=1e-9)
-        assert np.all(np.diff([s.stamp_ns for s in samples]) > 0)
+        for predicted in (False, True):
+            stamps = [s.stamp_ns for s in samples if s.predicted == predicted]
+            assert np.all(np.diff(stamps) > 0)
+        assert any(s.predicted for s in samples) == (mode == "predict")
 
 
 def test_prediction_ends_at_its_horizon_and_continues_without_a_lost_reading():
@@ -493,9 +496,12 @@ def test_prediction_ends_at_its_horizon_and_continues_without_a_lost_reading():
     silent = (stamps > 100_000_000) & (stamps < 200_000_000)
     joint = _readings(stamps[~silent], np.zeros(int(np.sum(~silent))))
     samples = _in_order(conditioner, robot, motor, joint)
-    stamped = [s.stamp_ns for s in samples]
+    ahead = [s.stamp_ns for s in samples if s.predicted and silent[s.stamp_ns // 1_000_000 - 1]]
+    assert ahead == list(range(101_000_000, 121_000_000, 1_000_000))
+    seen = [s for s in samples if not s.predicted]
+    stamped = [s.stamp_ns for s in seen]
     assert np.array_equal(stamped, stamps)  # the joint's silence is filled in once it is over
-    assert np.allclose([s.motor_angle[0] for s in samples], stamps * 1e-9)
+    assert np.allclose([s.motor_angle[0] for s in seen], stamps * 1e-9)
 
 
 def test_prediction_keeps_no_more_readings_the_longer_it_runs():
@@ -507,13 +513,15 @@ def test_prediction_keeps_no_more_readings_the_longer_it_runs():
     assert max(len(c.readings) + len(c.recent) for c in conditioner._channels) < 60
 
 
-def test_prediction_offline_is_prediction_online():
+def test_apart_from_predicted_samples_prediction_gives_those_of_the_recording():
     motor, joint = _lagging_joint()
     robot, conditioner = _two_clocks("predict")
     online = _in_order(conditioner, robot, motor, joint)
-    bulk = condition(robot, {"m": motor}, {"j": joint}, mode="predict").segments[0]
-    assert np.array_equal(bulk.stamp_ns, [s.stamp_ns for s in online])
-    assert np.array_equal(bulk.joint_angle[:, 0], [s.joint_angle[0] for s in online])
+    seen = [s for s in online if not s.predicted]
+    assert len(seen) < len(online)
+    bulk = condition(robot, {"m": motor}, {"j": joint}).segments[0]
+    assert np.array_equal(bulk.stamp_ns, [s.stamp_ns for s in seen])
+    assert np.array_equal(bulk.joint_angle[:, 0], [s.joint_angle[0] for s in seen])
 
 
 def test_late_readings_of_a_slower_topic_do_not_undo_a_loop_of_the_recording():

@@ -126,22 +126,42 @@ def test_samples_are_finite_within_limits_and_later_than_the_one_before(
     limits = limits_of(ROBOTS[robot])
     offsets = {limit.sensor.clock_offset_ns for limit in limits}
     possible: set[int] = set()
-    last, jumps, given_out = -1, 0, 0
+    last, ahead, jumps, given_out = -1, -1, 0, 0
     for message in stream:
         possible |= {message.stamp + offset for offset in offsets}
         samples = feed(conditioner, message)
         if conditioner.clock_jumps != jumps:
-            jumps, last = conditioner.clock_jumps, -1
+            jumps, last, ahead = conditioner.clock_jumps, -1, -1
         for sample in samples:
             assert sample.stamp_ns > max(last, 0)
             assert sample.stamp_ns in possible
-            last = sample.stamp_ns
+            if sample.predicted:
+                assert sample.stamp_ns > ahead
+                ahead = sample.stamp_ns
+            else:
+                last = sample.stamp_ns
+                given_out += 1
             values = np.concatenate((sample.motor_angle, sample.joint_angle))
             assert np.all(np.isfinite(values))
             for value, limit in zip(values, limits, strict=True):
                 assert limit.lower - 2 * RANGE_MARGIN <= value <= limit.upper + 2 * RANGE_MARGIN
-        given_out += len(samples)
     assert given_out <= conditioner.accepted
+
+
+@thorough
+@given(ROBOT, STREAMS)
+def test_apart_from_predicted_samples_prediction_changes_nothing(
+    robot: str, stream: list[Message]
+) -> None:
+    """At most one is predicted by a message, and it comes last."""
+    waiting, predicting = Conditioner(ROBOTS[robot]), Conditioner(ROBOTS[robot], "predict")
+    for message in stream:
+        samples = feed(predicting, message)
+        seen = [sample for sample in samples if not sample.predicted]
+        assert _bits(seen) == _bits(feed(waiting, message))
+        assert _bits(samples[: len(seen)]) == _bits(seen)
+        assert len(samples) <= len(seen) + 1
+    assert predicting.refused == waiting.refused
 
 
 @thorough
@@ -301,6 +321,7 @@ def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(
         sample
         for k in range(1990, 2100)
         for sample in conditioner.feed_joints(begin + k * MILLISECOND, ("p", "q"), (0.0, 1.0))
+        if not sample.predicted
     ]
     stamps = [sample.stamp_ns for sample in last]
     assert stamps == sorted(set(stamps))

@@ -229,18 +229,21 @@ def test_a_turn_while_the_process_is_down_is_part_of_the_standard_deviation(
 
 def test_nothing_is_predicted_from_a_single_reading(model: Model, course: Course) -> None:
     """It says nothing of the velocity."""
-    first: list[int] = []
+    given: list[int] = []
     live = LiveEstimator(model, Options(conditioning="predict"))
     for k in range(700):
         stamp = START + k * MS
+        made = []
         if k % 300 == 0:
-            live.feed("joints", stamp, ("elbow",), (course.elbow[k],))
-        made = live.feed("motors", stamp, ("winch",), (course.winch[k],))[1]
-        first += [(output.estimate.stamp_ns - START) // MS for output in made][: not first]
+            made += live.feed("joints", stamp, ("elbow",), (course.elbow[k],))[1]
+        made += live.feed("motors", stamp, ("winch",), (course.winch[k],))[1]
+        given += [(output.estimate.stamp_ns - START) // MS for output in made]
         if k == 299:
             assert live.sample is not None
             assert live.last_ns == START, "of the one time that has a reading of both"
-    assert live.last_ns == START + 620 * MS, "20 ms beyond the third reading"
+            assert given == [0]
+    assert given == list(range(621)), "20 ms beyond the third reading"
+    assert live.last_ns == START + 600 * MS, "what was predicted is not continued"
 
 
 @pytest.mark.parametrize(

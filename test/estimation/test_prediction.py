@@ -1,0 +1,129 @@
+"""What ``conditioning: predict`` gives in advance leaves no trace in what follows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from support.campaign import (
+    MS,
+    SECOND,
+    START,
+    Course,
+    Faults,
+    Mode,
+    courses,
+    judge,
+    run,
+)
+from support.motor_alone import motion, only_measured, truth_of, without_encoder
+
+from cdrj_ros.estimation.session import LiveEstimator, Options, Output
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+
+ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+NEVER_NS = 1000 * SECOND
+SLOW = {"winch": MS, "elbow": 100_144_075}
+"""Intervals of the readings by axis [ns]: the elbow's readings wander against the reversals."""
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return load_model(ROBOT)
+
+
+@pytest.fixture(scope="module")
+def fast(model: Model) -> Course:
+    """Two frequencies, so that reversals are frequent."""
+    return courses(model, 12.0, (2,))[0]
+
+
+def _everything(live: LiveEstimator) -> dict[str, object]:
+    """All memory of an estimator that later estimates depend on."""
+    found: dict[str, object] = {
+        "state": live.state.values.tobytes(),
+        "unaided": live.unaided.values.tobytes(),
+        "stamp": live.last_ns,
+        "unsolved": live.unsolved,
+    }
+    if live.spread is not None:
+        arrays = live.spread.memory() | {"variance": live.spread.variance}
+        found |= {name: array.tobytes() for name, array in arrays.items()}
+    if live.fusion is not None:
+        found["sensors"] = live.fusion.memory()
+    return found
+
+
+@pytest.mark.parametrize(
+    ("period_ns", "late_ns"), [(SLOW, 0), (SLOW, 30 * MS), ({"winch": MS, "elbow": 2 * MS}, 3 * MS)]
+)
+@pytest.mark.parametrize("sensors", [False, True])
+def test_prediction_leaves_the_memory_as_it_is_without(
+    period_ns: dict[str, int], late_ns: int, sensors: bool, model: Model, fast: Course
+) -> None:
+    found: dict[Mode, dict[str, object]] = {}
+    outputs: dict[Mode, list[Output]] = {}
+    course = Course(*(values[:4001] for values in vars(fast).values()))
+    for mode in ("wait", "predict"):
+        faults = Faults(period_ns=period_ns, late_ns={"elbow": late_ns}, mode=mode)
+        if sensors:
+            faults.liar, faults.good_effort = ("freezes", NEVER_NS), True
+        outputs[mode] = run(
+            model, course, faults,
+            watch=lambda live, mode=mode: found.update({mode: _everything(live)}),  # type: ignore[misc]
+        )  # fmt: skip
+    assert found["predict"] == found["wait"]
+    stamps = [output.estimate.stamp_ns for output in outputs["predict"]]
+    assert stamps == sorted(set(stamps))
+    assert stamps[-1] >= outputs["wait"][-1].estimate.stamp_ns
+
+
+@pytest.mark.parametrize("sensors", ["cell", "effort", "both", "none"])
+def test_a_good_sensor_beside_a_slow_topic_that_is_predicted_keeps_to_the_law(
+    sensors: str, model: Model, fast: Course
+) -> None:
+    """A cell does not correct the error of a predicted angle, which the next reading removes."""
+    faults = Faults(period_ns=SLOW, mode="predict", good_effort=sensors in ("effort", "both"))
+    if sensors in ("cell", "both"):
+        faults.liar = "freezes", NEVER_NS
+    dropped: list[dict[str, str]] = []
+
+    def watch(live: LiveEstimator) -> None:
+        dropped.append(live.fusion.faults() if live.fusion is not None else {})
+
+    outputs = run(model, fast, faults, watch=watch)
+    verdict = judge(fast, outputs, 0, fast.duration_ns)
+    assert dropped == [{}]
+    assert verdict.ratio.size > 0.25 * verdict.judged
+    assert verdict.beyond(2.0) <= 0.04
+    assert verdict.beyond(5.0) == 0.0
+
+
+@pytest.mark.parametrize("unmeasured", ["pip", "mcp"])
+def test_prediction_leaves_the_memory_of_a_robot_without_all_encoders(unmeasured: str) -> None:
+    model = without_encoder("finger", unmeasured)
+    samples = motion(model, 300)
+    _, efforts = truth_of(model, samples)
+    read = only_measured(model, samples)
+    robot = model.robot
+    motors = tuple(motor.name for motor in robot.motors)
+    joints = tuple(joint.name for joint in robot.joints if joint.measured)
+    found, stamps = [], []
+    for mode in ("wait", "predict"):
+        live = LiveEstimator(model, Options(conditioning=mode))
+        given = []
+        for k, stamp in enumerate(read.stamp_ns.tolist()):
+            live.feed_efforts(stamp, motors, efforts[k])
+            given += live.feed("motors", stamp, motors, read.motor_angle[k])[1]
+            if k % 20 == 0:
+                given += live.feed("joints", stamp, joints, read.joint_angle[k])[1]
+        assert live.alone is not None
+        live.alone.look_back()
+        found.append((live.last_ns, live.alone.state.tobytes(), live.state.values.tobytes()))
+        stamps.append([output.estimate.stamp_ns for output in given])
+    assert found[0] == found[1]
+    assert stamps[0] == sorted(set(stamps[0]))
+    assert stamps[1] == sorted(set(stamps[1]))
+    assert stamps[1][-1] == stamps[0][-1] + 20 * MS
+    assert found[0][0] > START
