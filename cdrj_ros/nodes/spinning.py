@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 import signal
-from collections.abc import Callable, Iterator, MutableMapping, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import Final, NoReturn
 
@@ -19,6 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 from cdrj_ros.commands.running import DONE
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption, deferring
+from cdrj_ros.foundation.output import say
 
 STOP_POLL_S: Final = 0.1
 """Maximum time until a stop request is noticed [s]."""
@@ -38,6 +41,10 @@ REACH: Final = (
     "CYCLONEDDS_URI",
 )
 """Environment variables that determine with which computers nodes communicate."""
+
+LOG_FOLDERS: Final[Mapping[str, str]] = {"ROS_LOG_DIR": "", "ROS_HOME": "log", "HOME": ".ros/log"}
+"""Environment variables that determine where ROS keeps log files, the first that is set, and the
+folder in it."""
 
 
 class RosError(CdrjError):
@@ -119,6 +126,18 @@ def starting() -> Iterator[None]:
         raise RosError(words.split(", at /")[0].removesuffix(".")) from error
 
 
+def _no_log_files(environment: Mapping[str, str]) -> str:
+    """Why ROS cannot keep log files; empty if it can."""
+    given = [(name, environment[name]) for name in LOG_FOLDERS if environment.get(name)]
+    if not given:
+        return f"none of {', '.join(LOG_FOLDERS)} is set"
+    name, value = given[0]
+    folder = Path(value).expanduser() / LOG_FOLDERS[name]
+    there = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+    usable = there.is_dir() and os.access(there, os.W_OK | os.X_OK)
+    return "" if usable else f"{there} is not a folder that can be written to"
+
+
 @contextmanager
 def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
     """Initialise rclpy and shut it down on exit; yields the request to stop.
@@ -132,6 +151,9 @@ def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
     stay_on_this_machine(os.environ)
     try:
         with starting():
+            if reason := _no_log_files(os.environ):
+                say(f"no log file: {reason}; ROS_LOG_DIR names another folder", file=sys.stderr)
+                arguments = [*arguments, "--ros-args", "--disable-external-lib-logs"]
             rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         yield StopRequest()
     finally:
