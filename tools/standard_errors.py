@@ -3,6 +3,7 @@
 
 python tools/standard_errors.py               print the table of docs/identification.md
 python tools/standard_errors.py --draws 100   the same with more recordings
+python tools/standard_errors.py --estimates   print how well the new files estimate another motion
 
 Every recording has another motion of 20 s, other sensor noise and another truth with eight contact
 cells per pulley; the encoders have their counts.  The numbers of the truths are drawn from the
@@ -15,26 +16,34 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from cdrj_ros.commands.identify_uncertainty import uncertainty_section  # noqa: E402
+from cdrj_ros.conditioning.samples import Samples  # noqa: E402
+from cdrj_ros.estimation.ensemble import Spread  # noqa: E402
+from cdrj_ros.estimation.estimator import initial_state  # noqa: E402
 from cdrj_ros.foundation.series import Series  # noqa: E402
-from cdrj_ros.identification.fit import Settings, identify  # noqa: E402
+from cdrj_ros.identification.fit import Identification, Settings, identify  # noqa: E402
 from cdrj_ros.identification.left_alone import causes_left_alone  # noqa: E402
 from cdrj_ros.identification.residuals import Recorded  # noqa: E402
 from cdrj_ros.identification.unknowns import Unknown, parse_unknowns  # noqa: E402
 from cdrj_ros.identification.wide import fitted_along  # noqa: E402
 from cdrj_ros.model.joint import RollingLoad  # noqa: E402
 from cdrj_ros.model.prepared import prepare  # noqa: E402
+from cdrj_ros.rig.assembly import Truth  # noqa: E402
 from cdrj_ros.rig.motion import random, sine  # noqa: E402
 from cdrj_ros.rig.truth import simulate  # noqa: E402
+from cdrj_ros.robot.description import Robot  # noqa: E402
 from cdrj_ros.robot.parameters import number_at, with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
 from cdrj_ros.robot.tolerances import SPRING_SCALE, within_range  # noqa: E402
@@ -44,6 +53,12 @@ Vector = NDArray[np.float64]
 ROBOT: Final = ROOT / "config" / "robots" / "prototype.yaml"
 RATE: Final = 200.0
 SECONDS: Final = 20.0
+OTHER_SECONDS: Final = 30.0
+"""Length of the motion that is estimated with the new file [s]."""
+START_SECONDS: Final = 5.0
+"""Its beginning, in which the friction history is unknown, is left out [s]."""
+OTHER_SEED: Final = 101
+"""Seed of the first of these motions."""
 CABLES: Final = ("upper", "lower")
 RHO: Final = 0.05
 """Standard deviation of the true rho; the fit has no prior for it."""
@@ -101,11 +116,20 @@ def truths(
         yield values
 
 
-def recording(document: Any, values: dict[str, float], seed: int) -> Recorded:
-    """What the rig's sensors read."""
-    generator = np.random.default_rng([seed, 1])
-    robot = build_robot(with_numbers(document, values), "truth")
-    time = np.arange(0.0, SECONDS, 1.0 / RATE)
+class Motion(NamedTuple):
+    """A motion of the rig and what its encoders read."""
+
+    stamp_ns: NDArray[np.int64]
+    truth: Truth
+    motor: Vector
+    """Readings [rad], shape (n,)."""
+    joint: Vector
+    """Readings [rad], shape (n,)."""
+
+
+def moved(robot: Robot, seed: int, seconds: float, generator: np.random.Generator) -> Motion:
+    """A sine or a random motion."""
+    time = np.arange(0.0, seconds, 1.0 / RATE)
     amplitude, frequency = np.radians(generator.uniform(25.0, 35.0)), generator.uniform(0.1, 0.25)
     move = (
         random(np.radians(33.0), 0.4, seed, 0.5)
@@ -119,6 +143,14 @@ def recording(document: Any, values: dict[str, float], seed: int) -> Recorded:
     counts = [axis.sensor.resolution for axis in robot.axes]
     motor = np.round(truth.motor_angle[:, 0] / counts[0]) * counts[0]
     joint = np.round(truth.joint_angle[:, 0] / counts[1]) * counts[1]
+    return Motion(stamps, truth, motor, joint)
+
+
+def recording(document: Any, values: dict[str, float], seed: int) -> Recorded:
+    """What the rig's sensors read."""
+    generator = np.random.default_rng([seed, 1])
+    robot = build_robot(with_numbers(document, values), "truth")
+    stamps, truth, motor, joint = moved(robot, seed, SECONDS, generator)
     layout = prepare(robot).layout
     at = np.ascontiguousarray(stamps[::2])
     references = {}
@@ -134,6 +166,18 @@ def recording(document: Any, values: dict[str, float], seed: int) -> Recorded:
     return Recorded("rig", motors, {"elbow": Series(stamps, stamps, joint)}, references)
 
 
+def fitted(
+    document: Any,
+    unknowns: Sequence[Unknown],
+    values: dict[str, float],
+    channels: tuple[str, ...],
+    seed: int,
+) -> Identification:
+    """Fit to one recording."""
+    settings = Settings(channels=channels, coarse=True, starts=3 if channels else 1)
+    return identify(document, "file", unknowns, [recording(document, values, seed)], settings)
+
+
 def deviations(
     document: Any,
     unknowns: Sequence[Unknown],
@@ -142,9 +186,7 @@ def deviations(
     seed: int,
 ) -> dict[str, list[float]]:
     """Errors of all fitted numbers in standard errors, by kind."""
-    settings = Settings(channels=channels, coarse=True, starts=3 if channels else 1)
-    recorded = recording(document, values, seed)
-    found = identify(document, "file", unknowns, [recorded], settings)
+    found = fitted(document, unknowns, values, channels, seed)
     real = with_numbers(document, values)
     result: dict[str, list[float]] = {}
     for unknown, value, stddev in zip(found.unknowns, found.values, found.stddev, strict=True):
@@ -162,6 +204,56 @@ def row_of(found: Sequence[dict[str, list[float]]]) -> str:
     return f"{' | '.join(cells)} | {np.mean(np.abs(every[-1]) > 2.0):.0%}"
 
 
+class Estimated(NamedTuple):
+    """Tensions of a motion that was not fitted, after the first seconds."""
+
+    error: float
+    """Mean absolute error [N]."""
+    stddev: float
+    """Median standard deviation [N]."""
+    covered: float
+    """Share of tensions within two standard deviations."""
+
+
+def estimated(
+    document: Any, found: Identification, values: dict[str, float], seed: int
+) -> Estimated:
+    """Estimate another motion with the file that `identify` would write.
+
+    The file says that the cable holds on its drum, as it does here.
+    """
+    block = yaml.safe_load(uncertainty_section(found, {"drums": "hold"}, {}))
+    model = prepare(build_robot({**with_numbers(document, found.by_path), **block}, "file"))
+    robot = build_robot(with_numbers(document, values), "truth")
+    motion = moved(robot, seed, OTHER_SECONDS, np.random.default_rng([seed, 1]))
+    samples = Samples(motion.stamp_ns, motion.motor[:, None].copy(), motion.joint[:, None].copy())
+    _, estimates = Spread(model).run(initial_state(model), samples)
+    assert estimates.stddev is not None
+    late = slice(round(START_SECONDS * RATE), None)
+    error = np.abs(estimates.values[:, model.layout.tension] - motion.truth.tension)[late]
+    stddev = estimates.stddev[late, : error.shape[1]]
+    inside = float(np.mean(error <= 2.0 * stddev))
+    return Estimated(float(error.mean()), float(np.median(stddev)), inside)
+
+
+def print_estimates(document: Any, unknowns: Sequence[Unknown], draws: int) -> None:
+    """Print the table of estimates, also with fitted numbers independent of all others."""
+    print("| references | others | mean error | standard deviation | within 2σ, mean and lowest |")
+    print("|---|---|---|---|---|")
+    for name, channels in (("32", ()), ("4", FEW)):
+        rows: dict[str, list[Estimated]] = {"as written": [], "independent": []}
+        for seed, values in enumerate(truths(document, unknowns, "all", draws)):
+            found = fitted(document, unknowns, values, channels, seed)
+            alone = replace(found, others=None)
+            for what, one in zip(rows, (found, alone), strict=True):
+                rows[what].append(estimated(document, one, values, seed + OTHER_SEED))
+        for what, row in rows.items():
+            error, stddev, covered = np.mean(row, axis=0)
+            lowest = min(one.covered for one in row)
+            print(f"| {name} | {what} | {error:.2f} N | {stddev:.2f} N | {covered:.1%}, "
+                  f"{lowest:.1%} |", flush=True)  # fmt: skip
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -170,9 +262,13 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=24)
     parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--fit", default="rho,preload", help="as for identify (%(default)s)")
+    parser.add_argument("--estimates", action="store_true", help="estimates with the new files")
     arguments = parser.parse_args()
     document = robot_file()
     unknowns = fitted_numbers(document, arguments.fit)
+    if arguments.estimates:
+        print_estimates(document, unknowns, arguments.draws)
+        return
     print(f"| truth | references | {' | '.join(KINDS)} | all | beyond 2 |")
     print("|---|---|" + "---|" * (len(KINDS) + 2))
     for case in arguments.cases:

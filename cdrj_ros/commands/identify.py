@@ -16,7 +16,6 @@ from cdrj_ros.campaign.cluster import check_address
 from cdrj_ros.commands.compilation import announce_compilation
 from cdrj_ros.commands.identify_model_error import model_errors
 from cdrj_ros.commands.identify_results import (
-    COVARIANCE_LIMIT,
     Compared,
     Outcome,
     Section,
@@ -24,8 +23,8 @@ from cdrj_ros.commands.identify_results import (
     fold_line,
     print_outcome,
     provenance_section,
-    uncertainty_section,
 )
+from cdrj_ros.commands.identify_uncertainty import COVARIANCE_LIMIT, uncertainty_section
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_topic_options, topics_of
 from cdrj_ros.foundation.errors import UsageError

@@ -9,9 +9,6 @@ from datetime import datetime, timezone
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cdrj_ros import __version__
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
@@ -23,9 +20,6 @@ from cdrj_ros.robot.writer import yaml_number
 
 TABLE_WIDTH: Final = 120
 """Columns of a table where there is no terminal."""
-
-COVARIANCE_LIMIT: Final = 64
-"""Parameters whose covariance a robot file can hold."""
 
 Section = Literal["fit", "hold_out", "cross_validation"]
 
@@ -142,54 +136,6 @@ def _beside(error: ChannelError, old: ChannelError | None, figure: str, form: st
         return "–" if value is None else format(value, form)
 
     return shown(error) + (f" ({shown(old)})" if old is not None else "")
-
-
-def _expanded(found: Identification) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
-    """Paths, standard deviations and correlation of all places of the numbers that were seen."""
-    seen = found.seen.tolist()
-    paths = [path for k in seen for path in found.unknowns[k].paths]
-    signs = np.array([sign for k in seen for sign in found.unknowns[k].signs], dtype=float)
-    which = np.array([k for k in seen for _ in found.unknowns[k].paths], dtype=np.int64)
-    correlation = found.correlation[np.ix_(which, which)] * np.outer(signs, signs)
-    return paths, found.stddev[which], correlation
-
-
-def uncertainty_section(
-    found: Identification, before: Mapping[str, Any], model_error: Mapping[str, float]
-) -> str:
-    """The entry ``uncertainty`` of the robot file.
-
-    Args:
-        found: the fit.
-        before: the same entry before the fit; what it states about other numbers is kept.
-        model_error: errors of the model by channel; if empty, those of ``before`` are kept.
-    """
-    paths, stddev, correlation = _expanded(found)
-    old = list(before.get("parameters", ()))
-    kept = [k for k, path in enumerate(old) if path not in paths]
-    lines = ["uncertainty:                    # standard deviations and correlations of the fit"]
-    lines += [f"  {key}: {before[key]}" for key in ("others", "drums") if key in before]
-    errors = dict(model_error) or dict(before.get("model_error", {}))
-    if errors:
-        lines.append("  model_error:                  # from runs that were not fitted")
-        lines += [f"    {name}: {yaml_number(value, 3)}" for name, value in errors.items()]
-    if not 0 < len(paths) + len(kept) <= COVARIANCE_LIMIT:
-        return "\n".join(lines) if len(lines) > 1 else "uncertainty: {}"
-    size = len(paths)
-    together = np.eye(size + len(kept))
-    together[:size, :size] = correlation
-    if "correlation" in before:
-        together[size:, size:] = np.array(before["correlation"])[np.ix_(kept, kept)]
-    deviations = [*stddev.tolist(), *(before["stddev"][k] for k in kept)]
-    lines.append("  parameters:")
-    lines += [f"    - {path}" for path in [*paths, *(old[k] for k in kept)]]
-    lines.append(f"  stddev: [{', '.join(yaml_number(float(s), 3) for s in deviations)}]")
-    lines.append("  correlation:")
-    lines += [
-        "    - [" + ", ".join(f"{value:.4f}".rstrip("0").rstrip(".") for value in row) + "]"
-        for row in together
-    ]
-    return "\n".join(lines)
 
 
 def provenance_section(outcome: Outcome) -> str:

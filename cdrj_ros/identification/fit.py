@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.identification.left_alone import LeftAlone
 from cdrj_ros.identification.residuals import (
     CONDITIONING_KEYS,
     WEIGHTS,
@@ -137,6 +138,8 @@ class Identification:
     silent: tuple[bool, ...] = ()
     """Whether each number has no influence on the data; it then keeps its starting value and the
     standard deviation that it had before."""
+    others: LeftAlone | None = None
+    """Numbers that were not fitted, and how the errors of the fitted ones go with theirs."""
 
     @property
     def by_path(self) -> dict[str, float]:
@@ -261,6 +264,7 @@ def _fitted(rounds: _Rounds, channels: tuple[str, ...]) -> Identification:
         float(np.sqrt(np.mean(residuals**2))),
         evaluations + rough.evaluations,
         tuple(known.silent.tolist()),
+        known.others,
     )
 
 

@@ -8,7 +8,7 @@ See (I3) in docs/identification.md.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -40,6 +40,21 @@ STEP: Final = 0.5
 
 NEGLIGIBLE: Final = 1e-9
 """Share of the variance below which a combination of numbers is left out."""
+
+
+@dataclass(frozen=True)
+class LeftAlone:
+    """Numbers that are not fitted, and how the errors of the fitted ones go with theirs."""
+
+    paths: tuple[str, ...]
+    stddev: Vector
+    """Standard deviations [SI], shape (q,)."""
+    correlation: Table
+    """Correlation among them, shape (q, q)."""
+    with_fitted: Table
+    """Correlation of the fitted numbers with them, shape (p, q)."""
+    groups: tuple[tuple[int, ...], ...]
+    """Indices of numbers that deviate together; the groups are independent."""
 
 
 def causes_left_alone(known: Uncertainty | None, unknowns: Sequence[Unknown]) -> tuple[Cause, ...]:
@@ -105,6 +120,27 @@ def effects(problem: Problem, coordinates: Vector, causes: Sequence[Cause]) -> T
             columns[:, k] = (found[0] - here) / (STEP if models[0] is not None else -STEP)
     columns[:, ~np.isfinite(columns).all(axis=0)] = 0.0
     return columns
+
+
+def left_alone(causes: Sequence[Cause], absorbed: Table, stddev: Vector) -> LeftAlone:
+    """Errors of the numbers that are not fitted beside those of the fitted ones: (I7).
+
+    Args:
+        causes: of errors of all other numbers.
+        absorbed: change of the fitted numbers if the file has one standard deviation too much of
+            a cause [SI], shape (p, causes).
+        stddev: standard errors of the fitted numbers [SI], shape (p,).
+    """
+    paths = tuple(dict.fromkeys(path for cause in causes for path in cause))
+    roots = np.array([[cause.get(path, 0.0) for cause in causes] for path in paths])
+    roots = roots.reshape(len(paths), len(causes))
+    spread = np.sqrt((roots**2).sum(axis=1))
+    roots = roots / spread[:, None]
+    correlation = np.clip(roots @ roots.T, -1.0, 1.0)
+    safe = np.where(stddev > 0.0, stddev, 1.0)
+    with_fitted = np.clip((absorbed / safe[:, None]) @ roots.T, -1.0, 1.0)
+    groups = _related(range(len(paths)), correlation)
+    return LeftAlone(paths, spread, correlation, with_fitted, tuple(map(tuple, groups)))
 
 
 def _deviating(document: Document, source: str, cause: Cause, way: float) -> Model | None:

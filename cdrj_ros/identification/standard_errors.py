@@ -23,7 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.identification.findings import findings, without_influence
-from cdrj_ros.identification.left_alone import causes_left_alone, effects
+from cdrj_ros.identification.left_alone import (
+    Cause,
+    LeftAlone,
+    causes_left_alone,
+    effects,
+    left_alone,
+)
 from cdrj_ros.identification.left_variance import Linear, Places, variance_left
 from cdrj_ros.identification.residuals import Problem
 from cdrj_ros.identification.solution import limits
@@ -47,6 +53,8 @@ class Certainty(NamedTuple):
     """Messages about what the data cannot determine."""
     silent: NDArray[np.bool_]
     """Which numbers have neither influence on the data nor a prior, shape (p,)."""
+    others: LeftAlone
+    """Numbers that are not fitted."""
 
 
 def certainty(
@@ -62,8 +70,9 @@ def certainty(
         weights: robust weights, shape (n,); ones for the linear loss.
     """
     root = np.sqrt(weights)
-    covariance, information = _covariance(
-        problem, coordinates, residuals * root, jacobian * root[:, None], root
+    causes = causes_left_alone(problem.begin.robot.uncertainty, problem.unknowns)
+    covariance, absorbed, information = _covariance(
+        problem, coordinates, causes, residuals * root, jacobian * root[:, None], root
     )
     slope = np.array(
         [u.slope(float(x)) for u, x in zip(problem.unknowns, coordinates, strict=True)]
@@ -73,27 +82,37 @@ def certainty(
     correlation = covariance / np.outer(in_coordinates, in_coordinates)
     correlation = correlation * np.outer(np.sign(slope), np.sign(slope))
     np.fill_diagonal(correlation, 1.0)
+    stddev = np.minimum(in_coordinates * np.abs(slope), most)
+    absorbed = absorbed * (np.sign(slope) * stddev / in_coordinates)[:, None]
     return Certainty(
-        np.minimum(in_coordinates * np.abs(slope), most),
+        stddev,
         np.clip(correlation, -1.0, 1.0),
         findings(problem, coordinates, information, covariance),
         without_influence(information) & [u.prior is None for u in problem.unknowns],
+        left_alone(causes, absorbed, stddev),
     )
 
 
 def _covariance(
-    problem: Problem, coordinates: Vector, residuals: Vector, slopes: Table, root: Vector
-) -> tuple[Table, Table]:
-    """(I3): covariance of the numbers, and the information of the data alone, in coordinates.
+    problem: Problem,
+    coordinates: Vector,
+    causes: Sequence[Cause],
+    residuals: Vector,
+    slopes: Table,
+    root: Vector,
+) -> tuple[Table, Table, Table]:
+    """(I3): covariance of the numbers, their change by each cause, and the data's information.
+
+    All are in coordinates; the information is that of the data alone.
 
     Args:
         problem: problem with the observations of the residuals.
         coordinates: the solution's coordinates, shape (p,).
+        causes: of errors of all other numbers.
         residuals: with robust weights applied, shape (n,).
         slopes: Jacobian with robust weights applied, shape (n, p).
         root: square roots of the robust weights, shape (n,).
     """
-    causes = causes_left_alone(problem.begin.robot.uncertainty, problem.unknowns)
     others = effects(problem, coordinates, causes) * root[:, None]
     known = _known_beforehand(problem, coordinates)
     everything = Linear(
@@ -108,10 +127,10 @@ def _covariance(
     left = variance_left(everything, places, variance)
     square = slopes.T @ slopes
     fitted = np.linalg.inv(square / variance + np.diag(known))
-    absorbed = fitted @ (slopes.T @ others) / variance
+    absorbed = -fitted @ (slopes.T @ others) / variance
     own = fitted @ (square * (left / variance**2) + np.diag(known)) @ fitted
     covariance = np.asarray(own + absorbed @ absorbed.T, dtype=np.float64)
-    return covariance, square / left
+    return covariance, absorbed, square / left
 
 
 def remaining_step(

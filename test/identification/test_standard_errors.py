@@ -206,3 +206,29 @@ def test_what_other_numbers_explain_is_not_counted_again() -> None:
     explained = variance_left(linear(noise + 0.5 * cause, slopes), places, 1.0)
     assert explained < 3e-4
     assert variance_left(linear(noise + 0.5 * cause, slopes[:, :1]), places, 1.0) > 1.0
+
+
+def test_errors_of_fitted_numbers_go_with_those_left_alone_as_stated(fresh: Document) -> None:
+    unknowns = parse_unknowns(fresh, FIT)
+    arms = [f"cables.{c}.spans.{k}.sine" for c in ("upper", "lower") for k in (6, 7)]
+    size = {path: 0.3 * DRAWN_RADIUS * np.sign(number_at(fresh, path)) for path in arms}
+    real = with_numbers(fresh, {path: number_at(fresh, path) - size[path] for path in arms})
+    right, wrong = (
+        identify(
+            fresh, "test", unknowns, [recording(one, 4.0, frequency=0.5, amplitude=0.5)], SETTINGS
+        )
+        for one in (fresh, real)
+    )
+    assert right.others is not None
+    column = right.others.paths.index(arms[0])
+    assert right.others.stddev[column] == pytest.approx(DRAWN_RADIUS)
+    expected = 0.3 * np.sign(size[arms[0]]) * right.others.with_fitted[:, column] * right.stddev
+    moved = wrong.values - right.values
+    assert np.abs(moved[0]) > 1e-5, "the drum's radius takes up the error"
+    off = (moved - expected) / right.stddev
+    assert np.abs(off).max() < 0.1 * np.abs(moved / right.stddev).max(), off
+    others = right.others
+    together = np.block(
+        [[right.correlation, others.with_fitted], [others.with_fitted.T, others.correlation]]
+    )
+    assert np.linalg.eigvalsh(together)[0] > -1e-9, "a covariance"

@@ -1,0 +1,138 @@
+"""The block ``uncertainty`` of the robot file that ``identify`` writes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.identification.fit import Identification
+from cdrj_ros.robot.writer import yaml_number
+
+Table = NDArray[np.float64]
+
+COVARIANCE_LIMIT: Final = 64
+"""Parameters whose covariance a robot file can hold."""
+
+NOTICEABLE: Final = 0.02
+"""Correlation with a fitted number from which a number that was not fitted is written."""
+
+
+def uncertainty_section(
+    found: Identification, before: Mapping[str, Any], model_error: Mapping[str, float]
+) -> str:
+    """The entry ``uncertainty`` of the robot file.
+
+    Args:
+        found: the fit.
+        before: the same entry before the fit; what it states about other numbers is kept.
+        model_error: errors of the model by channel; if empty, those of ``before`` are kept.
+    """
+    lines = ["uncertainty:                    # standard deviations and correlations of the fit"]
+    lines += [f"  {key}: {before[key]}" for key in ("others", "drums") if key in before]
+    errors = dict(model_error) or dict(before.get("model_error", {}))
+    if errors:
+        lines.append("  model_error:                  # from runs that were not fitted")
+        lines += [f"    {name}: {yaml_number(value, 3)}" for name, value in errors.items()]
+    fitted = _of_the_fit(found)
+    kept = _kept(before, fitted.paths)
+    if not 0 < len(fitted.paths) + len(kept.paths) <= COVARIANCE_LIMIT:
+        return "\n".join(lines) if len(lines) > 1 else "uncertainty: {}"
+    return "\n".join([*lines, *_matrix(_joined(found, fitted, kept))])
+
+
+class _Numbers(NamedTuple):
+    """Some numbers of the robot file."""
+
+    paths: tuple[str, ...]
+    stddev: tuple[float, ...]
+    """[SI]"""
+    correlation: Table
+    """Shape (n, n)."""
+
+
+def _of_the_fit(found: Identification) -> _Numbers:
+    """All places of the numbers on which the data depend."""
+    which, signs = _places(found)
+    paths = tuple(path for k in found.seen.tolist() for path in found.unknowns[k].paths)
+    correlation = found.correlation[np.ix_(which, which)] * np.outer(signs, signs)
+    return _Numbers(paths, tuple(found.stddev[which].tolist()), correlation)
+
+
+def _places(found: Identification) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Index and sign of the unknown at every place of those on which the data depend."""
+    unknowns = [(k, found.unknowns[k]) for k in found.seen.tolist()]
+    which = np.array([k for k, unknown in unknowns for _ in unknown.paths], dtype=np.int64)
+    return which, np.array([s for _, unknown in unknowns for s in unknown.signs], dtype=float)
+
+
+def _kept(before: Mapping[str, Any], fitted: Sequence[str]) -> _Numbers:
+    """What the file states about numbers that were not fitted."""
+    old = list(before.get("parameters", ()))
+    kept = [k for k, path in enumerate(old) if path not in fitted]
+    correlation = np.array(before.get("correlation", np.eye(len(old))), dtype=float)
+    correlation = correlation.reshape(len(old), len(old))[np.ix_(kept, kept)]
+    return _Numbers(
+        tuple(old[k] for k in kept), tuple(float(before["stddev"][k]) for k in kept), correlation
+    )
+
+
+def _joined(found: Identification, fitted: _Numbers, kept: _Numbers) -> _Numbers:
+    """Both, with others that the fit left alone if its numbers depend on them."""
+    size, stated = len(fitted.paths), len(kept.paths)
+    others = found.others
+    if others is None:
+        chosen, index = [], {}
+    else:
+        chosen = _noticeable(found, fitted, kept, COVARIANCE_LIMIT - size - stated)
+        index = {path: k for k, path in enumerate(others.paths)}
+    rest = (*kept.paths, *chosen)
+    together = np.eye(size + len(rest))
+    together[:size, :size] = fitted.correlation
+    stddev = [*fitted.stddev, *kept.stddev]
+    if others is not None:
+        columns = np.array([index.get(path, -1) for path in rest], dtype=np.int64)
+        which, signs = _places(found)
+        cross = np.pad(others.with_fitted, ((0, 0), (0, 1)))[np.ix_(which, columns)]
+        together[:size, size:] = cross * signs[:, None]
+        together[size:, :size] = together[:size, size:].T
+        new = [index[path] for path in chosen]
+        together[size + stated :, size + stated :] = others.correlation[np.ix_(new, new)]
+        stddev += others.stddev[new].tolist()
+    together[size : size + stated, size : size + stated] = kept.correlation
+    return _Numbers((*fitted.paths, *rest), tuple(stddev), together)
+
+
+def _noticeable(found: Identification, fitted: _Numbers, kept: _Numbers, most: int) -> list[str]:
+    """Numbers with a default standard deviation with which errors of the fitted ones go.
+
+    Groups of numbers that deviate together are taken whole, those with the largest effect first.
+    """
+    others = found.others
+    assert others is not None
+    effect = np.abs(others.with_fitted[found.seen]).max(axis=0, initial=0.0)
+    named = {*fitted.paths, *kept.paths}
+    chosen: list[str] = []
+    for group in sorted(others.groups, key=lambda one: -effect[list(one)].max()):
+        paths = [others.paths[k] for k in group]
+        if effect[list(group)].max() < NOTICEABLE:
+            break
+        if named.isdisjoint(paths) and len(chosen) + len(paths) <= most:
+            chosen += paths
+    return chosen
+
+
+def _matrix(numbers: _Numbers) -> list[str]:
+    """The lines of the parameters, their standard deviations and correlation."""
+    return [
+        "  parameters:",
+        *(f"    - {path}" for path in numbers.paths),
+        f"  stddev: [{', '.join(yaml_number(s, 3) for s in numbers.stddev)}]",
+        "  correlation:",
+        *(
+            "    - [" + ", ".join(f"{value:.5f}".rstrip("0").rstrip(".") for value in row) + "]"
+            for row in numbers.correlation
+        ),
+    ]
