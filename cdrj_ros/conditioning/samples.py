@@ -40,6 +40,8 @@ class Sample(NamedTuple):
     predicted: bool = False
     """Whether an angle is extrapolated.  The next sample that is not predicted follows the last one
     that was not, and may be earlier than this one."""
+    silent: bool = False
+    """Whether its estimate is not given out, because a predicted sample was at least as late."""
 
 
 @dataclass(frozen=True)

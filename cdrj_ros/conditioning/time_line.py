@@ -467,7 +467,8 @@ class Conditioner:
             else:
                 unseen = unseen_before(channels, stamp, self._resumed)
             doubtful = self._is_doubtful(stamp) if self._doubts else False
-            samples.append(Sample(stamp, values[:motors], values[motors:], unseen, doubtful))
+            sample = Sample(stamp, values[:motors], values[motors:], unseen, doubtful)
+            samples.append(sample if stamp > self._ahead else sample._replace(silent=True))
             given_out, began = stamp, True
         if samples:
             self._given_out = self._ahead_from = given_out

@@ -157,7 +157,7 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     Returns:
         The new state and the estimate at the sample's stamp.
     """
-    stamp, motor_angle, joint_angle, _, _, _ = sample
+    stamp, motor_angle, joint_angle = sample[:3]
     before, values = state
     plan, numbers, size, state_part, estimate_part, layout = model.parts
     out = _empty(size)

@@ -189,8 +189,6 @@ class LiveEstimator:
         self.unaided: State = self.state
         """The state without corrections by other sensors."""
         self._ahead = None
-        self._given_ns = NEVER
-        """Stamp of the last estimate that was given out [ns]."""
         self.taught: set[str] = self.taught if known else set()
         """Sensors whose corrections distinguish ``state`` from ``unaided``."""
         self.sample: Sample | None = None
@@ -296,13 +294,8 @@ class LiveEstimator:
         jumped = conditioner.clock_jumps != self._jumps
         if jumped:
             self._restart(known=True)
-        outputs = []
-        for sample in samples:
-            output = self.take(sample)
-            if sample.stamp_ns > self._given_ns:  # else a predicted one has been given out
-                self._given_ns = sample.stamp_ns
-                outputs.append(output)
-        return jumped, outputs
+        taken = [(self.take(sample), sample.silent) for sample in samples]
+        return jumped, [output for output, silent in taken if not silent]
 
     def finish(self) -> None:
         """Do what the last estimate need not wait for; the next sample does it otherwise."""

@@ -86,6 +86,8 @@ class Run:
                 refused["malformed"] += 1
                 return
             for sample in feed(stamp, names, position):
+                if sample.silent:
+                    continue
                 self._unanswerable = 0
                 self._expected.append(sample.stamp_ns)
                 self._asked_s.append(perf_counter())

@@ -135,8 +135,9 @@ def test_samples_are_finite_within_limits_and_later_than_the_one_before(
         for sample in samples:
             assert sample.stamp_ns > max(last, 0)
             assert sample.stamp_ns in possible
+            assert sample.silent == (sample.stamp_ns <= ahead)
             if sample.predicted:
-                assert sample.stamp_ns > ahead
+                assert not sample.silent
                 ahead = sample.stamp_ns
             else:
                 last = sample.stamp_ns

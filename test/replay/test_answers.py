@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.conditioning.time_line import Mode
 from cdrj_ros.estimation.estimator import Estimate, initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.conversions import EstimateEncoder
@@ -28,9 +29,9 @@ FIRST_NS = 1_000 * MS
 class Bench:
     """A run with its inputs and an estimator whose answers the test determines."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, conditioning: Mode = "wait") -> None:
         self.model = model
-        self.run = Run(model)
+        self.run = Run(model, conditioning)
         gate, layout = self.run.conditioner, model.layout
         self._motor = Template(JOINT_STATE, layout.motors, ("position",))
         self._joint = Template(JOINT_STATE, layout.joints, ("position",))
@@ -217,3 +218,13 @@ def test_where_runs_overlap_the_later_one_counts(model: Model) -> None:
     assert outcome.stamp_ns.size == 8
     np.testing.assert_allclose(outcome.value[3:] - outcome.value[0], 1.0)
     assert any("was reset 2 times" in note for note in outcome.notes())
+
+
+def test_an_estimate_that_was_predicted_is_expected_once(model: Model) -> None:
+    """The joint is read at every fifth stamp; what was predicted between is computed again."""
+    bench = Bench(model, "predict")
+    for number in range(1, 31):
+        bench.send(number, joints=number % 5 == 0)
+        assert list(bench.run._expected) == sorted(set(bench.run._expected))
+    bench.answer(*range(5, 31))
+    assert bench.run.tally() == Tally(36, 26, 26, 0, 0, 0)
