@@ -5,10 +5,14 @@ run and, under pytest-xdist, every worker has its own ROS domain, and discovery 
 machine, so parallel runs do not receive each other's messages. NumPy calculates in one thread, as
 in every command; workers beside each other would otherwise wait for each other's processors.
 Hypothesis has no deadline, because the duration of an example depends on the load of the machine.
+
+Python's garbage collector looks at every object again and again, most of which are modules and
+tests: it waits until these are loaded, leaves them out, and runs less often afterwards.
 """
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -34,6 +38,7 @@ def _domain() -> int:
     return 1 + (8 * run + int(worker.removeprefix("gw") or 0)) % DOMAINS
 
 
+gc.disable()
 os.environ["ROS_DOMAIN_ID"] = str(_domain())
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.setdefault(BLAS_THREADS, "1")
@@ -61,6 +66,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return LONGEST_FIRST.index(file) if file in LONGEST_FIRST else len(LONGEST_FIRST)
 
     items.sort(key=rank)
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage again, but neither modules nor tests, and after 20 000 new objects."""
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
+    gc.enable()
 
 
 SAMPLE = Path(__file__).parents[1] / "bags" / "prototype_preload_36_26"
