@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import IO, Protocol
 
 import numpy as np
 import pytest
+from support.forked import Forked, end
 
 from cdrj_ros.bag import BagWriter, Topics, read_recording
 
@@ -18,7 +17,7 @@ PATIENCE_S = 60.0
 SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
 
 
-class StartNode(Protocol):
+class StartExecutable(Protocol):
     """Start an installed executable; it is interrupted after the test as by Ctrl-C."""
 
     def __call__(
@@ -28,6 +27,9 @@ class StartNode(Protocol):
         stdout: int | IO[bytes] | None = None,
         stderr: int | IO[bytes] | None = None,
     ) -> subprocess.Popen[bytes]: ...
+
+
+StartNode = Callable[..., Forked]
 
 
 @pytest.fixture(scope="session")
@@ -63,7 +65,7 @@ def node(ros: None) -> Iterator[object]:
 
 
 @pytest.fixture
-def start_node(executables: Path) -> Iterator[StartNode]:
+def start_executable(executables: Path) -> Iterator[StartExecutable]:
     """Start installed executables as processes; those still running are ended after the test."""
     started: list[subprocess.Popen[bytes]] = []
 
@@ -79,13 +81,21 @@ def start_node(executables: Path) -> Iterator[StartNode]:
 
     yield start
     for process in reversed(started):
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(PATIENCE_S)
-        if process.poll() is None:
-            process.kill()
-            process.wait()
+        end(process)
+
+
+@pytest.fixture
+def start_node() -> Iterator[StartNode]:
+    """As ``start_executable``, for tests of a running node: forked, which saves its imports."""
+    started: list[Forked] = []
+
+    def start(name: str, *arguments: str) -> Forked:
+        started.append(Forked(name, arguments, 2))
+        return started[-1]
+
+    yield start
+    for process in reversed(started):
+        end(process)
 
 
 @pytest.fixture

@@ -148,8 +148,11 @@ class Bench:
 
 
 @pytest.fixture
-def bench(start_node: Any) -> Iterator[Callable[..., Bench]]:
-    """Start an estimator with a given timeout, and connect the robot's topics to it."""
+def bench(start_node: Any, start_executable: Any) -> Iterator[Callable[..., Bench]]:
+    """Start an estimator with a given timeout, and connect the robot's topics to it.
+
+    With ``options``, which may be empty, it is the installed executable.
+    """
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.experimental import EventsExecutor
 
@@ -159,10 +162,13 @@ def bench(start_node: Any) -> Iterator[Callable[..., Bench]]:
         opened: list[Bench] = []
 
         def open_bench(
-            remap: tuple[str, ...] = (), timeout_s: float = 3600.0, options: tuple[str, ...] = ()
+            remap: tuple[str, ...] = (),
+            timeout_s: float = 3600.0,
+            options: tuple[str, ...] | None = None,
         ) -> Bench:
-            process = start_node(
-                "estimator", *options, "--ros-args", "-p", f"robot:={ROBOT}",
+            start = start_node if options is None else start_executable
+            process = start(
+                "estimator", *(options or ()), "--ros-args", "-p", f"robot:={ROBOT}",
                 "-p", f"timeout:={timeout_s}", *remap,
             )  # fmt: skip
             robot = Robot(load_model(ROBOT).layout, remap)
@@ -359,9 +365,11 @@ QOS = "qos_overrides./cdrj/tensions.publisher.reliability"
     ],
 )
 def test_a_wrong_start_is_one_clear_line_and_exit_code_2(
-    start_node: Any, arguments: list[str], words: str
+    start_executable: Any, arguments: list[str], words: str
 ) -> None:
-    process = start_node("estimator", *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = start_executable(
+        "estimator", *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
     _, errors = process.communicate(timeout=COMPILING_S)
     assert process.returncode == 2
     assert words in errors.decode()

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from support.forked import Forked, end
 
 from cdrj_ros.bag import BagWriter, Topics, read_recording
 
@@ -44,16 +45,6 @@ os.execv(sys.argv[1], sys.argv[1:])
 """Script that makes standard input the controlling terminal, then executes the command."""
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(PATIENCE_S)
-    if process.poll() is None:
-        process.kill()
-        process.wait()
-
-
 @pytest.fixture(scope="module")
 def estimator(
     executables: Path, tmp_path_factory: pytest.TempPathFactory
@@ -72,13 +63,13 @@ def estimator(
         assert time.monotonic() < deadline, log.read_text(errors="replace")
         time.sleep(0.05)
     yield process
-    _end(process)
+    end(process)
 
 
 class Replay:
     """A replay process whose output is read while it runs."""
 
-    def __init__(self, process: subprocess.Popen[bytes], stream: int) -> None:
+    def __init__(self, process: Forked | subprocess.Popen[bytes], stream: int) -> None:
         self.process = process
         self.output = ""
         self._thread = threading.Thread(target=self._read, args=(stream,), daemon=True)
@@ -164,17 +155,16 @@ def replay(executables: Path) -> Iterator[Callable[..., Replay]]:
         more: Sequence[str] = (),
         terminal: tuple[int, int] | None = None,
     ) -> Replay:
-        command = [executables / "replay", bag, *more, "--robot", ROBOT, *arguments]
+        command = ["replay", bag, *more, "--robot", ROBOT, *arguments]
+        process: Forked | subprocess.Popen[bytes]
         if terminal is None:
             reader, writer = os.pipe()
-            process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=writer, stderr=writer
-            )
+            process = Forked(command[0], command[1:], writer)
             os.close(writer)
         else:
             reader, screen = terminal
             process = subprocess.Popen(
-                [sys.executable, "-c", TAKE_TERMINAL, *command],
+                [sys.executable, "-c", TAKE_TERMINAL, executables / command[0], *command[1:]],
                 stdin=screen,
                 stdout=screen,
                 stderr=screen,
@@ -185,7 +175,7 @@ def replay(executables: Path) -> Iterator[Callable[..., Replay]]:
 
     yield start
     for one in started:
-        _end(one.process)
+        end(one.process)
 
 
 def _facts(path: Path) -> dict[str, str]:

@@ -70,11 +70,11 @@ def source(node: Any) -> Source:
 
 
 def test_once_prints_one_table_in_the_encoding_of_its_output_and_ends_with_code_0(
-    start_node: Any, source: Source, monkeypatch: pytest.MonkeyPatch
+    start_executable: Any, source: Source, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONIOENCODING", "ascii")
     source.message.name[0] = "über/1"
-    process = start_node("watch", "--once", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = start_executable("watch", "--once", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     source.publish_until(lambda: process.poll() is not None)
     output, errors = (stream.decode() for stream in process.communicate())
     assert (process.returncode, errors) == (0, "")
@@ -85,12 +85,12 @@ def test_once_prints_one_table_in_the_encoding_of_its_output_and_ends_with_code_
 
 
 def test_a_pipe_gets_lines_that_report_silence_and_ctrl_c_ends_it(
-    start_node: Any, source: Source, tmp_path: Path
+    start_executable: Any, source: Source, tmp_path: Path
 ) -> None:
     reader, writer = os.pipe()
     errors = tmp_path / "errors"
     with errors.open("wb") as stream:
-        process = start_node("watch", "--limit", "100", stdout=writer, stderr=stream)
+        process = start_executable("watch", "--limit", "100", stdout=writer, stderr=stream)
     os.close(writer)
     output = Output(reader)
     line = (
@@ -118,11 +118,11 @@ def test_a_pipe_gets_lines_that_report_silence_and_ctrl_c_ends_it(
     [(signal.SIGINT, 130, "watch: interrupted\r\n"), (signal.SIGTERM, 143, "")],
 )
 def test_a_terminal_gets_a_table_and_its_cursor_back(
-    start_node: Any, source: Source, number: signal.Signals, code: int, last: str
+    start_executable: Any, source: Source, number: signal.Signals, code: int, last: str
 ) -> None:
     ours, theirs = pty.openpty()
     try:
-        process = start_node("watch", stdout=theirs, stderr=theirs)
+        process = start_executable("watch", stdout=theirs, stderr=theirs)
         output = Output(ours)
         source.publish_until(lambda: output.text.count("upper/1") > 3)  # drawn repeatedly
         process.send_signal(number)
@@ -137,8 +137,8 @@ def test_a_terminal_gets_a_table_and_its_cursor_back(
     assert "Traceback" not in text
 
 
-def test_it_ends_when_its_output_is_closed(start_node: Any, ros: None) -> None:
-    process = start_node("watch", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+def test_it_ends_when_its_output_is_closed(start_executable: Any, ros: None) -> None:
+    process = start_executable("watch", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdout.readline().startswith(b"/cdrj/tensions")
     process.stdout.close()
     assert process.wait(PATIENCE_S) == 0
@@ -146,8 +146,10 @@ def test_it_ends_when_its_output_is_closed(start_node: Any, ros: None) -> None:
         assert errors.read() == b""
 
 
-def test_once_without_a_publisher_ends_with_code_2_and_one_line(start_node: Any, ros: None) -> None:
-    process = start_node(
+def test_once_without_a_publisher_ends_with_code_2_and_one_line(
+    start_executable: Any, ros: None
+) -> None:
+    process = start_executable(
         "watch", "--once", "--wait", "0.5", stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     output, errors = (stream.decode() for stream in process.communicate(timeout=PATIENCE_S))
@@ -159,13 +161,15 @@ def test_once_without_a_publisher_ends_with_code_2_and_one_line(start_node: Any,
     )
 
 
-def test_it_reports_why_no_message_arrives(start_node: Any, node: Any, tmp_path: Path) -> None:
+def test_it_reports_why_no_message_arrives(
+    start_executable: Any, node: Any, tmp_path: Path
+) -> None:
     from std_msgs.msg import String
 
     elsewhere = Source(node, "/left/cdrj/tensions")
     reader, writer = os.pipe()
     with (tmp_path / "errors").open("wb") as stream:
-        process = start_node(
+        process = start_executable(
             "watch", "--ros-args", "-p",
             "qos_overrides./cdrj/tensions.subscription.reliability:=reliable",
             stdout=writer, stderr=stream,
