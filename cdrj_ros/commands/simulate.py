@@ -23,7 +23,7 @@ from cdrj_ros.commands.simulate_motion import (
     make_plan,
     swing_text,
 )
-from cdrj_ros.commands.simulate_options import check_ranges, encoders, parser
+from cdrj_ros.commands.simulate_options import Sensors, check_ranges, parser, sensors
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
@@ -34,7 +34,7 @@ from cdrj_ros.rig.assembly import MotionError, SlackError, Truth
 from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.rig.forward import swing
 from cdrj_ros.rig.prescribed import Progress, follow
-from cdrj_ros.rig.sensors import Encoder, LoadCells, read_cells, read_encoder, schedule
+from cdrj_ros.rig.sensors import Encoder, read_cells, read_encoder, schedule
 from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Joint, Motor, Robot
 
@@ -57,9 +57,9 @@ def _body(argv: Sequence[str]) -> int:
     _check_output(Path(arguments.out))
     announce_compilation()
     model = load_model(arguments.robot, arguments.preload)
-    sensors = encoders(arguments)
+    read = sensors(arguments)
     plan, truth, reason = _simulated(model, arguments)
-    _write(arguments.out, model, truth, arguments.warm_up, arguments.seed, *sensors)
+    _write(arguments.out, model, truth, arguments.warm_up, arguments.seed, read)
     notes = [
         *truth.notes,
         *_slack_notes(model, truth, arguments.warm_up),
@@ -195,10 +195,9 @@ def _write(
     truth: Truth,
     begin: float,
     seed: int,
-    motor_encoder: Encoder,
-    joint_encoder: Encoder,
-    cells: LoadCells,
+    read: Sensors,
 ) -> None:
+    cells = read.cells
     generator = np.random.default_rng(seed)
     end = float(truth.time[-1])
     layout, robot = model.layout, model.robot
@@ -210,8 +209,8 @@ def _write(
 
     with BagWriter(path) as bag:
         inputs: tuple[tuple[str, Encoder, Axes, NDArray[np.float64]], ...] = (
-            (topics.motors, motor_encoder, robot.motors, truth.motor_angle),
-            (topics.joints, joint_encoder, robot.joints, truth.joint_angle),
+            (topics.motors, read.motors, robot.motors, truth.motor_angle),
+            (topics.joints, read.joints, robot.joints, truth.joint_angle),
         )
         for k, (topic, encoder, axes, angles) in enumerate(inputs):
             own = np.random.default_rng([seed, 1 + k])
@@ -222,29 +221,46 @@ def _write(
                 )
                 for a, axis in enumerate(axes)
             }
+            efforts = _efforts(truth, plan.times, read, seed) if axes is robot.motors else None
             # a message has one stamp, so axes with different clocks need separate messages
             for offset in dict.fromkeys(axis.sensor.clock_offset_ns for axis in axes):
-                names = [axis.name for axis in axes if axis.sensor.clock_offset_ns == offset]
+                alike = [a for a, axis in enumerate(axes) if axis.sensor.clock_offset_ns == offset]
+                names = [axes[a].name for a in alike]
                 position = np.stack([readings[name] for name in names], axis=1)
-                bag.write_joint_states(topic, stamps(plan.stamps, offset), names, position=position)
+                effort = None if efforts is None else efforts[:, alike]
+                bag.write_joint_states(
+                    topic, stamps(plan.stamps, offset), names, position=position, effort=effort
+                )
         plan = schedule(cells, begin, end, np.random.default_rng([seed, 3]))
 
-        def read(
+        def readings_of(
             values: NDArray[np.float64], noise: float, step: float, bias: float
         ) -> NDArray[np.float64]:
             return read_cells(values, truth.time, plan.times, noise, step, generator, bias)
 
-        tensions, forces, efforts = topics.references
+        tensions, forces, torques = topics.references
         force = (cells.force_noise, cells.force_step, cells.force_bias)
         torque = (cells.torque_noise, cells.torque_step, cells.torque_bias)
         at = stamps(plan.stamps)
-        bag.write_tensions(tensions, at, layout.elements, read(truth.tension, *force))
+        bag.write_tensions(tensions, at, layout.elements, readings_of(truth.tension, *force))
         if layout.pulleys:
-            bag.write_nodal_forces(forces, at, layout.pulleys, read(truth.nodal_force, *force))
+            bag.write_nodal_forces(
+                forces, at, layout.pulleys, readings_of(truth.nodal_force, *force)
+            )
         both = np.concatenate([truth.motor_effort, truth.joint_effort], axis=1)
         bag.write_joint_states(
-            efforts, at, layout.motors + layout.joints, effort=read(both, *torque)
+            torques, at, layout.motors + layout.joints, effort=readings_of(both, *torque)
         )
+
+
+def _efforts(truth: Truth, times: Vector, read: Sensors, seed: int) -> NDArray[np.float64] | None:
+    """Efforts that the drives report with the motors' angles [N m]; None if they report none."""
+    if read.effort_noise is None:
+        return None
+    return read_cells(
+        truth.motor_effort, truth.time, times, read.effort_noise, read.cells.torque_step,
+        np.random.default_rng([seed, 4]),
+    )  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:

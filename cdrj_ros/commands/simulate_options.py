@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 from dataclasses import replace
-from typing import Final, Literal, get_args
+from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -160,6 +160,11 @@ def _add_sensor_options(group: argparse._ArgumentGroup) -> None:
                        help="noise of recorded tensions and forces [N] (%(default)s)")  # fmt: skip
     group.add_argument("--cell-bias", type=float, default=0.0, metavar="N",
                        help="bias of recorded tensions and forces [N] (0)")  # fmt: skip
+    group.add_argument(
+        "--effort-noise", type=float, metavar="NM",
+        help="write efforts beside the motors' angles, as drives report them, with this noise "
+        "[N m] (none are written)",
+    )  # fmt: skip
 
 
 def check_ranges(arguments: argparse.Namespace) -> None:
@@ -178,6 +183,8 @@ def check_ranges(arguments: argparse.Namespace) -> None:
         ("cell_bias", -1e6, 1e6),
     ):
         _require(name, getattr(arguments, name), low, high)
+    if arguments.effort_noise is not None:
+        _require("effort_noise", arguments.effort_noise, 0.0, 1e6)
     if arguments.duration is not None:
         _require("duration", arguments.duration, 0.01, 1e6)
     _require("cells", arguments.cells, 1, 200)
@@ -213,8 +220,18 @@ def numbers(name: str, text: str, count: int, low: float, high: float) -> list[f
     return values * count if len(values) == 1 else values
 
 
-def encoders(arguments: argparse.Namespace) -> tuple[Encoder, Encoder, LoadCells]:
-    """Motor and joint encoders and load cells that the options describe."""
+class Sensors(NamedTuple):
+    """What is read of the rig."""
+
+    motors: Encoder
+    joints: Encoder
+    cells: LoadCells
+    effort_noise: float | None
+    """Standard deviation of the efforts beside the motors' angles [N m]; None: none are read."""
+
+
+def sensors(arguments: argparse.Namespace) -> Sensors:
+    """Encoders, load cells and efforts that the options describe."""
     made = []
     named = {
         name: numbers(name, getattr(arguments, name), 2, low, high)
@@ -239,7 +256,7 @@ def encoders(arguments: argparse.Namespace) -> tuple[Encoder, Encoder, LoadCells
             )
         )  # fmt: skip
     cells = LoadCells(force_noise=arguments.cell_noise, force_bias=arguments.cell_bias)
-    return made[0], made[1], cells
+    return Sensors(made[0], made[1], cells, arguments.effort_noise)
 
 
 def faults(arguments: argparse.Namespace) -> tuple[Fault, ...]:

@@ -106,6 +106,25 @@ def test_sensors_have_the_requested_defects(tmp_path: Path, plain: Recording) ->
     assert off.std() == pytest.approx(0.01, rel=0.1)
 
 
+def test_drives_report_efforts_when_asked(tmp_path: Path, plain: Recording) -> None:
+    run(tmp_path / "bag", "--effort-noise", "0.02")
+    told = read_recording(tmp_path / "bag", motor_efforts=True)
+    (name,) = told.motor_efforts
+    effort, angle = told.motor_efforts[name], told.motors["winch"]
+    assert np.array_equal(effort.stamp_ns, angle.stamp_ns), "one message"
+    assert np.array_equal(angle.value, plain.motors["winch"].value), "nothing else changes"
+    assert _tensions(told).tolist() == _tensions(plain).tolist()
+    true = plain.references["effort/winch"]
+    noise = effort.value - np.interp(effort.stamp_ns, true.stamp_ns, true.value)
+    assert 0.015 < noise.std() < 0.025
+    assert not read_recording(_plain_bag(tmp_path), motor_efforts=True).motor_efforts
+
+
+def _plain_bag(folder: Path) -> Path:
+    run(folder / "plain")
+    return folder / "plain"
+
+
 def test_the_motion_may_have_another_centre(tmp_path: Path) -> None:
     recording = run(tmp_path / "bag", "--centre", "0.2", "--mode", "follow")
     angle = recording.joints["elbow"].value
@@ -156,6 +175,7 @@ def test_a_slack_cable_is_refused_with_its_place_and_a_preload_that_helps(
     ("options", "words"),
     [
         (("--amplitude-deg", "50"), "--amplitude-deg 50 leaves the range of elbow: at most 40"),
+        (("--effort-noise", "-1"), "--effort-noise must be in [0, 1e+06], got -1"),
         (("--cells", "0"), "--cells must be in [1, 200], got 0"),
         (("--duration", "-1"), "--duration must be in [0.01, 1e+06], got -1"),
         (("--joint", "knee"), "--joint must be one of elbow, got 'knee'"),
