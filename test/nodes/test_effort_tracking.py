@@ -101,13 +101,11 @@ class Remote:
         )
 
     def until(self, condition: Any) -> bool:
-        import rclpy
-
         deadline = monotonic() + PATIENCE_S
         while not condition():
             if monotonic() > deadline:
                 return False
-            rclpy.spin_once(self.node, timeout_sec=0.01)
+            self.node.spin_once(timeout_sec=0.01)
         return True
 
     def send(self, measured: Measured, count: int, *, efforts: bool = True) -> None:
@@ -138,10 +136,10 @@ class Remote:
     ids=["before the start", "in motion"],
 )
 def test_the_motors_effort_recovers_most_of_a_lost_preload_within_ten_cycles(
-    node: Any, start_node: Any, preload: str, cycles: int, faults: tuple[Fault, ...]
+    brisk_node: Any, start_node: Any, preload: str, cycles: int, faults: tuple[Fault, ...]
 ) -> None:
     measured = measure(preload, cycles, *faults)
-    one = Remote(node, start_node, "tracked", track_preload=True)
+    one = Remote(brisk_node, start_node, "tracked", track_preload=True)
     one.send(measured, measured.stamp_ns.size)
     tension, stddev = one.heard()
     tenth = slice(-round(1e3 / FREQUENCY_HZ / EVERY), None)
@@ -153,12 +151,12 @@ def test_the_motors_effort_recovers_most_of_a_lost_preload_within_ten_cycles(
 
 
 def test_without_track_preload_efforts_change_no_byte_and_recover_nothing(
-    node: Any, start_node: Any
+    brisk_node: Any, start_node: Any
 ) -> None:
     measured = measure(LOST, 10)
     count = measured.stamp_ns.size // 4
-    told = Remote(node, start_node, "told", health_marks_unsure=False)
-    untold = Remote(node, start_node, "untold")
+    told = Remote(brisk_node, start_node, "told", health_marks_unsure=False)
+    untold = Remote(brisk_node, start_node, "untold")
     told.send(measured, count)
     untold.send(measured, count, efforts=False)
     assert told.answers == untold.answers

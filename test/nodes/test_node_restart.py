@@ -87,13 +87,11 @@ class Remote:
         return [{bytes(info.endpoint_gid) for info in one} for one in infos]
 
     def until(self, condition: Any, patience_s: float = PATIENCE_S) -> bool:
-        import rclpy
-
         deadline = monotonic() + patience_s
         while not condition():
             if monotonic() > deadline:
                 return False
-            rclpy.spin_once(self.node, timeout_sec=0.01)
+            self.node.spin_once(timeout_sec=0.01)
         return True
 
     def send(self, readings: Samples, first: int, last: int, cells: Any = None) -> None:
@@ -146,11 +144,11 @@ def alone(model: Model, readings: Samples) -> np.ndarray:
 
 
 def test_of_two_estimators_one_is_killed_and_continues_and_the_other_is_not_affected(
-    node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
+    brisk_node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
 ) -> None:
     """Each estimator is a process; one is killed in motion and restarts from its state file."""
     state_file = tmp_path / "state"
-    left, right = (Remote(node, start_node, side) for side in ("left", "right"))
+    left, right = (Remote(brisk_node, start_node, side) for side in ("left", "right"))
     left.start("--state-file", str(state_file))
     right.start()
     left.send(readings, 0, 800)
@@ -174,9 +172,9 @@ def test_of_two_estimators_one_is_killed_and_continues_and_the_other_is_not_affe
 
 
 def test_without_a_state_file_a_restart_is_within_two_sigma_and_soon_within_three_percent(
-    node: Any, model: Model, readings: Samples, start_node: Any
+    brisk_node: Any, model: Model, readings: Samples, start_node: Any
 ) -> None:
-    one = Remote(node, start_node, "cold")
+    one = Remote(brisk_node, start_node, "cold")
     one.start()
     begin, end = 3000, 6500
     one.send(readings, begin - 500, begin)
@@ -203,7 +201,7 @@ def test_without_a_state_file_a_restart_is_within_two_sigma_and_soon_within_thre
 
 
 def test_values_set_by_services_survive_a_kill(
-    node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
+    brisk_node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
 ) -> None:
     """The process is killed right after the response, before any further sample."""
     from cdrj_msgs.srv import SetPreload
@@ -211,7 +209,7 @@ def test_values_set_by_services_survive_a_kill(
 
     k = np.minimum(np.arange(readings.stamp_ns.size), 400)
     still = Samples(readings.stamp_ns, readings.motor_angle[k], readings.joint_angle[k])
-    one = Remote(node, start_node, "set")
+    one = Remote(brisk_node, start_node, "set")
     arguments = ("--state-file", str(tmp_path / "state"))
     one.start(*arguments)
     one.send(still, 0, 800)
@@ -239,13 +237,13 @@ def sample_of(readings: Samples, k: int) -> Sample:
 
 
 def test_load_cells_over_dds_find_a_lost_preload_in_every_element(
-    node: Any, readings: Samples, start_node: Any
+    brisk_node: Any, readings: Samples, start_node: Any
 ) -> None:
     lost = load_model(ROBOT, LOST)
     truth = alone(lost, readings)[:8000]  # both cells are trusted after some 6600
     columns = [lost.layout.elements.index(name) for name in CELLS]
     cells = truth[:, columns] + np.random.default_rng(0).normal(0.0, 0.05, (len(truth), 2))
-    one = Remote(node, start_node, "measured")
+    one = Remote(brisk_node, start_node, "measured")
     one.start(tension_sensors=True)
     assert one.until(lambda: one.cells.get_subscription_count() == 1)
     one.send(readings, 0, len(truth), cells)
