@@ -26,6 +26,9 @@ INTERRUPTED: Final = 130
 BLAS_THREADS: Final = "OPENBLAS_NUM_THREADS"
 """Environment variable with the number of threads of one operation of linear algebra."""
 
+COVERAGE: Final = "coverage"
+"""Package that measures which lines of a program have run."""
+
 GRACE_S: Final = 1.0
 """Time for the main thread to end by itself after Ctrl-C [s]."""
 
@@ -147,10 +150,27 @@ def _loaded(load: Callable[[], Callable[[], int]]) -> Callable[[], int]:
     os.environ.setdefault(BLAS_THREADS, "1")
     gc.disable()
     try:
-        return load()
+        with _without_coverage():
+            return load()
     finally:
         gc.freeze()
         gc.enable()
+
+
+@contextmanager
+def _without_coverage() -> Iterator[None]:
+    """Let numba not import coverage, a fifteenth of the start, unless it measures this process.
+
+    numba imports it wherever it is installed, and colcon installs it.
+    """
+    if COVERAGE in sys.modules:
+        yield
+        return
+    sys.modules[COVERAGE] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        del sys.modules[COVERAGE]
 
 
 def _end(name: str) -> NoReturn:
