@@ -189,14 +189,7 @@ def _slack_notes(model: Model, truth: Truth, warm_up: float) -> list[str]:
     return notes
 
 
-def _write(
-    path: str,
-    model: Model,
-    truth: Truth,
-    begin: float,
-    seed: int,
-    read: Sensors,
-) -> None:
+def _write(path: str, model: Model, truth: Truth, begin: float, seed: int, read: Sensors) -> None:
     cells = read.cells
     generator = np.random.default_rng(seed)
     end = float(truth.time[-1])
