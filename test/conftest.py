@@ -91,3 +91,14 @@ def recorded() -> Callable[[Model, int], Samples]:
         return Samples(*(column[::step].copy() for column in vars(samples).values()))
 
     return every
+
+
+@pytest.fixture
+def few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports have the pictures of a few channels only, where a test does not look at them.
+
+    Drawing those of all channels of the prototype takes five seconds.
+    """
+    from cdrj_ros.report import html
+
+    monkeypatch.setattr(html, "PICTURE_BUDGET", 200_000)

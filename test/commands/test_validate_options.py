@@ -136,6 +136,7 @@ def test_an_error_in_another_process_is_one_line(
     assert lines[1].endswith("1 of 2 bags failed; the results are of the other 1")
 
 
+@pytest.mark.usefixtures("few_pictures")
 def test_limits_decide_the_exit_code_and_violations_are_listed(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

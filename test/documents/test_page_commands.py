@@ -84,6 +84,7 @@ def test_fits_of_the_page_on_identification_run(
     assert wanted in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("few_pictures")
 @pytest.mark.parametrize(
     "line", [*lines("validate.md", "validate"), *lines("many_recordings.md", "validate")]
 )
