@@ -43,7 +43,8 @@ def efforts_without_friction(spindle: float, jaw: float) -> tuple[float, float, 
     """Torque on the spindle, torque that holds the jaw, tension."""
     document, source = load_document(ROBOT)
     document["friction"]["law"] = "none"
-    axis = {"motors.spindle.bearing_torque": 0.0, "motors.spindle.spring_stiffness": 0.0}
+    keys = ("motors.spindle.bearing_torque", "motors.spindle.spring_stiffness")
+    axis = dict.fromkeys((*keys, "joints.jaw.bearing_torque"), 0.0)
     bare = prepare(build_robot(with_numbers(document, axis), source))
     sample = Sample(1, np.array([spindle]), np.array([jaw]))
     _, estimate = step(bare, initial_state(bare), sample)
@@ -64,7 +65,7 @@ def test_the_cable_is_just_tight_in_the_reference_pose(model: Model) -> None:
 def test_torques_are_the_tension_times_the_radii(model: Model) -> None:
     rest = model.robot.joints[0].reference_angle
     spindle, jaw, tension = efforts_without_friction(0.5, rest - 0.05)
-    radius = abs(number_at(dict(model.robot.document), "cables.b.spans.4.slope"))
+    radius = abs(number_at(dict(model.robot.document), "cables.b.spans.5.slope"))
     assert spindle == pytest.approx(tension * SPINDLE_RADIUS)
     assert jaw == pytest.approx(-tension * radius)
 
@@ -95,7 +96,7 @@ def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
 @recordings
 def test_held_out_runs_are_explained(model: Model) -> None:
     spindle, jaw = r2_of(compared(model, "validate"))
-    assert spindle >= 0.9895
+    assert spindle >= 0.991
     assert jaw >= 0.9915
 
 
