@@ -280,7 +280,7 @@ def test_a_given_amplitude_is_never_reduced(
 ) -> None:
     command = [str(tmp_path / "bag"), "--robot", "davinci_jaw", "--duration", "8", "--cells", "1"]
     assert main([*command, "--amplitude-deg", "28"]) == 2
-    assert "element b/4 has no tension" in capsys.readouterr().err
+    assert "element b/5 has no tension" in capsys.readouterr().err
     assert not (tmp_path / "bag").exists()
 
 
