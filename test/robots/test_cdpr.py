@@ -10,18 +10,25 @@ from scipy.spatial.transform import Rotation
 
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 
-RADIUS, DRUM = 0.08, 0.06
-TOP, FLOOR = 3.5, 0.2
+RADIUS, DRUM, WINCH = 0.05, 0.0675, 0.5
+"""Radii of pulleys and drums, height of the winches [m]."""
 PULLEYS = np.array(
-    [[2.7, 2], [3, 1.7], [-2.7, 2], [-3, 1.7], [-2.7, -2], [-3, -1.7], [2.7, -2], [3, -1.7]]
-)
-ANCHORS = np.array(
     [
-        [0.4, -0.3, -0.25], [-0.4, 0.3, 0.25], [-0.4, -0.3, -0.25], [0.4, 0.3, 0.25],
-        [-0.4, 0.3, -0.25], [0.4, -0.3, 0.25], [0.4, 0.3, -0.25], [-0.4, -0.3, 0.25],
+        [-7.1775, -5.4361, 5.3911], [-7.4594, -5.1504, 5.3999], [-7.3911, 5.1940, 5.3976],
+        [-7.1026, 5.4753, 5.4094], [7.2398, 5.3759, 5.4093], [7.5208, 5.0851, 5.4200],
+        [7.4461, -5.2539, 5.3874], [7.1608, -5.5342, 5.3973],
     ]
 )  # fmt: skip
-"""Points of the robot file [m]."""
+ANCHORS = np.array(
+    [
+        [0.5032, -0.4928, 0.0], [-0.5097, 0.3508, 0.9976], [-0.5032, -0.2700, 0.0],
+        [0.4960, 0.3561, 0.9996], [-0.5032, 0.4928, 0.0], [0.4998, -0.3404, 0.9991],
+        [0.5021, 0.2750, -0.0007], [-0.5045, -0.3463, 0.9976],
+    ]
+)  # fmt: skip
+"""Points of the source's table I [m]."""
+MASS, CENTRE = 91.058, np.array([-0.034, -0.013, 0.264])
+"""Of the source's platform [kg, m]."""
 
 
 def ends(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -32,22 +39,22 @@ def ends(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def cable(pulley: np.ndarray, anchor: np.ndarray) -> tuple[float, np.ndarray]:
     """Length of a cable, and the unit vector in which it pulls the platform."""
-    out = anchor[:2] - pulley
+    out = anchor[:2] - pulley[:2]
     plane = out / np.hypot(*out)
-    x, down = float(np.hypot(*out)) - RADIUS, TOP - float(anchor[2])
+    x, down = float(np.hypot(*out)) - RADIUS, float(pulley[2] - anchor[2])
     free = sqrt(x**2 + down**2 - RADIUS**2)
     left = acos(RADIUS / hypot(x, down)) - atan2(down, x)  # where it leaves, above the horizontal
     wrap = pi - left
     point = RADIUS * np.array([np.cos(left), np.sin(left)])
-    leaves = np.array([*(pulley + plane * (RADIUS + point[0])), TOP + point[1]])
+    leaves = np.array([*(pulley[:2] + plane * (RADIUS + point[0])), pulley[2] + point[1]])
     assert abs(float(np.linalg.norm(leaves - anchor)) - free) < 1e-12
-    return TOP - FLOOR + RADIUS * wrap + free, (leaves - anchor) / free
+    return float(pulley[2]) - WINCH + RADIUS * wrap + free, (leaves - anchor) / free
 
 
 def tour(path: Callable[..., np.ndarray]) -> np.ndarray:
     """The sample motion: through the workspace and back, turning, shape (n, 6)."""
     legs = (
-        (0.0, 0.8, -0.6, 0.0), (0.0, -0.4, 0.4, 0.0), (1.0, 1.4, 0.8, 1.0),
+        (0.0, 2.4, -1.8, 0.0), (0.0, -1.2, 1.2, 0.0), (1.5, 2.6, 0.8, 1.5),
         (0.0, 0.1, -0.1, 0.0), (0.0, -0.1, 0.12, 0.0), (0.0, 0.15, 0.1, 0.0),
     )  # fmt: skip
     return np.stack([path(2.0, *leg) for leg in legs], axis=1)
@@ -94,6 +101,16 @@ def test_efforts_are_the_static_wrench_of_the_cables(
         ]
         expected = [*force, *(moment @ axis for axis in axes)]
         np.testing.assert_allclose(values[layout.joint_effort], expected, atol=1e-7)
+
+
+def test_the_preloads_carry_the_platform(variant: Callable, drive: Callable) -> None:
+    """At the reference pose; the file gives them to 0.1 N."""
+    model = prepare(variant("cdpr", law="none"))
+    pose = np.array([joint.reference_angle for joint in model.robot.joints])
+    _, estimates = drive(model, np.zeros((3, 8)), np.tile(pose, (3, 1)))
+    force = np.array([0.0, 0.0, MASS * 9.80665])
+    expected = [*force, *np.cross(CENTRE, force)]
+    np.testing.assert_allclose(estimates.values[-1, model.layout.joint_effort], expected, atol=0.2)
 
 
 def test_friction_of_the_pulleys_opposes_the_motion(
