@@ -1,8 +1,7 @@
 """The rig advanced step by step: motor angles in, truth out, with the physics of ``swing``.
 
 One joint moves by its dynamics under the cables; the others are held.  Every step runs the kernel
-that ``swing`` runs over a whole recording, so the same motor angles give bit-identical results for
-cables given by tables, and results equal up to rounding for cables given by positions.
+that ``swing`` runs over a whole recording, so the same motor angles give bit-identical results.
 """
 
 from __future__ import annotations

@@ -108,22 +108,6 @@ def test_commanded_faults_give_the_bits_of_planned_faults(robots: Robots) -> Non
     assert_same_digits(run.truth(), truth)
 
 
-def test_a_robot_of_several_joints_and_motors_moves_as_the_whole_simulation_moves_it(
-    robots: Robots,
-) -> None:
-    robot = robots.finger()
-    load = make_load("pendulum", 0.05, 0.01)
-    motors = np.multiply.outer(0.05 * np.sin(2.0 * TIME), [1.0, -1.0])
-    truth = swing(robot, TIME, motors, load, joint=1, cells=2)
-    rig = live(robot, load, joint=1)
-    rows = [rig.tension]
-    for k in range(1, TIME.size):
-        rig.step(motors[k])
-        rows.append(rig.tension)
-    # the additional drums for possible faults change routed cables in the last digits
-    np.testing.assert_allclose(np.array(rows), truth.tension, atol=1e-7)
-
-
 def test_the_demonstration_moves_the_motors_as_simulate_does(robots: Robots) -> None:
     robot = robots.prototype()
     model = prepare(robot)
