@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.page_lines import loaded_tool
 
 ROOT = Path(__file__).parents[2]
 SHORT = {
@@ -20,11 +21,11 @@ SHORT = {
 """Arguments that shorten each tool, and what it prints."""
 
 ELSEWHERE = {
-    "compare_mujoco.py": "test/importing/test_public_models.py",
+    "compare_mujoco.py": "test_tutorial.py",
     "convert_continuum.py": "its own test",
-    "continuum_figures.py": "its recordings are not part of this repository",
-    "narrow_fits.py": "half a minute",
-    "standard_errors.py": "half an hour",
+    "continuum_figures.py": "it draws recordings that are not part of this repository",
+    "narrow_fits.py": "below, shortened",
+    "standard_errors.py": "below, shortened",
 }
 """Tools on the pages that are not run here, and why."""
 
@@ -53,3 +54,35 @@ def test_a_tool_prints_its_table(
     monkeypatch.syspath_prepend(ROOT / "tools")
     runpy.run_path(str(ROOT / "tools" / tool), run_name="__main__")
     assert expected in capsys.readouterr().out
+
+
+def test_narrow_fits_prints_a_row(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With one wrong number and 5 s of motion."""
+    tool = loaded_tool(ROOT / "tools" / "narrow_fits.py")
+    motion = tool.motion
+    monkeypatch.setattr(tool, "motion", lambda seconds: motion(seconds / 4.0))
+    monkeypatch.setattr(tool, "WRONG", dict([next(iter(tool.WRONG.items()))]))
+    tool.main()
+    assert "| drum radius by 1 % | " in capsys.readouterr().out
+
+
+def test_standard_errors_prints_a_row(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With one recording of 4 s."""
+    tool = loaded_tool(ROOT / "tools" / "standard_errors.py", SECONDS=4.0)
+    monkeypatch.setattr(
+        sys, "argv", ["standard_errors.py", "--draws", "1", "--cases", "fitted", "--fit", "rho"]
+    )
+    tool.main()
+    assert "| fitted numbers drawn, all others as in the file | 4 | " in capsys.readouterr().out
+
+
+def test_the_false_alarms_of_the_health_monitor_are_counted(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["health.py", "--hours", "0.01"])
+    loaded_tool(ROOT / "tools" / "health.py").main()
+    assert "alarms in 0.01 h" in capsys.readouterr().out

@@ -1,16 +1,18 @@
-"""The commands of docs/tutorial.md work on the files that the page shows."""
+"""Commands of docs/tutorial.md, importing.md and robot_file.md work on the files that they show."""
 
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
+from support.page_lines import ROOT, blocks, calls, loaded_tool, shown_files, write_files
 
 from cdrj_ros.commands import check_robot, import_robot
 
-PAGE = (Path(__file__).parents[2] / "docs" / "tutorial.md").read_text(encoding="utf-8")
-FILES = re.findall(r"Save (?:it|this one)\s+as\s+`([\w.]+)`[^`]*```\w+\n(.*?)```", PAGE, re.DOTALL)
+PAGE = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+FILES = shown_files("docs/tutorial.md")
 COMMANDS = [
     line.split()
     for block in re.findall(r"```bash\n(.*?)```", PAGE, re.DOTALL)
@@ -19,13 +21,8 @@ COMMANDS = [
 ]
 
 
-def write_files(folder: Path) -> None:
-    for name, text in FILES:
-        (folder / name).write_text(text, encoding="utf-8")
-
-
 def test_the_page_shows_three_files_and_three_commands() -> None:
-    assert [name for name, _ in FILES] == ["arm.xml", "gripper.urdf", "gripper.yaml"]
+    assert list(FILES) == ["arm.xml", "gripper.urdf", "gripper.yaml"]
     assert [command[0] for command in COMMANDS] == ["import_robot", "check_robot", "check_robot"]
 
 
@@ -33,7 +30,7 @@ def test_the_commands_of_the_page_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
-    write_files(tmp_path)
+    write_files(FILES, tmp_path)
     monkeypatch.chdir(tmp_path)
     for program, *arguments in COMMANDS:
         command = {"import_robot": import_robot, "check_robot": check_robot}[program]
@@ -50,7 +47,39 @@ def test_the_values_to_be_replaced_are_in_the_imported_file(
     value: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
-    write_files(tmp_path)
+    write_files(FILES, tmp_path)
     monkeypatch.chdir(tmp_path)
     assert import_robot.main(COMMANDS[0][1:]) == 0
     assert value in (tmp_path / "arm.yaml").read_text()
+
+
+def test_the_commands_of_the_page_on_importing_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
+    (tmp_path / "FOLDER").mkdir()
+    for name in ("hand.xml", "FOLDER/hand.xml"):
+        (tmp_path / name).write_text(FILES["arm.xml"], encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    ours = ("import_robot", "check_robot", "python tools")
+    lines = "".join(blocks("docs/importing.md")).splitlines(keepends=True)
+    found = calls("".join(one for one in lines if one.startswith(ours)), tmp_path)
+    assert [words[0] for words in found] == ["import_robot", "check_robot", "python"]
+    assert import_robot.main(found[0][1:]) == 0
+    assert check_robot.main(found[1][1:]) == 0
+    assert (tmp_path / "hand.png").stat().st_size > 10_000
+    monkeypatch.setattr(sys, "argv", [*found[2][1:], "--poses", "20"])
+    assert loaded_tool(ROOT / found[2][1]).main() == 0
+    assert "hand.xml | 1 | 1 | " in capsys.readouterr().out
+
+
+def test_the_command_of_the_page_on_robot_files_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (ROOT / "docs" / "robot_file.md").read_text(encoding="utf-8")
+    (tmp_path / "one_joint.yaml").write_text(re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)[0])
+    monkeypatch.chdir(tmp_path)
+    ((_, *arguments),) = calls("".join(blocks("docs/robot_file.md")), tmp_path)
+    assert check_robot.main(arguments) == 0
+    assert "one_joint: " in capsys.readouterr().out
+    assert (tmp_path / "one_joint.png").stat().st_size > 10_000

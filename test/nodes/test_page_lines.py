@@ -1,7 +1,8 @@
 """Lines of `ros2` on the pages run as printed, with the installed executables and services.
 
-`ros2` itself is not on PyPI; its `run`, `service call`, `topic pub --once`, `param set` and
-`lifecycle set` are followed here.  Launch files have tests of their own.
+`ros2` itself is not on PyPI; its `run`, `service call`, `topic pub`, `topic echo --once`,
+`param set` and `lifecycle set` are followed here, and what `launch` of the estimator alone starts.
+Launch files have tests of their own.
 """
 
 from __future__ import annotations
@@ -18,17 +19,18 @@ from typing import Any
 
 import pytest
 import yaml
+from support.page_lines import shown_files, write_files
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0
 PAGES = (
-    "controllers.md", "lifecycle.md", "markers.md", "replay.md", "rig_node.md", "view.md",
-    "watch.md",
+    "controllers.md", "install.md", "lifecycle.md", "markers.md", "replay.md", "rig_node.md",
+    "tutorial.md", "view.md", "watch.md",
 )  # fmt: skip
 NEEDS = {"view.md": "viser", "watch.md": "rich"}
 FOLLOWED = (
-    "ros2 run cdrj_ros ", "ros2 service call", "ros2 topic pub --once", "ros2 param set",
-    "ros2 lifecycle set", "python3 ",
+    "ros2 run cdrj_ros ", "ros2 service call", "ros2 topic ", "ros2 param set",
+    "ros2 lifecycle set", "ros2 launch cdrj_ros estimator.launch.py", "python3 ", "estimator ",
 )  # fmt: skip
 
 
@@ -36,7 +38,9 @@ def lines_of(page: str) -> list[str]:
     """Lines that can be followed; those with a file that the reader is to have are left out."""
     blocks = re.findall(r"```bash\n(.*?)```", (ROOT / "docs" / page).read_text(), re.DOTALL)
     lines = re.sub(r"\\\n", " ", "".join(blocks)).splitlines()
-    return [line for line in lines if line.startswith(FOLLOWED) and "my_" not in line]
+    return [
+        line for line in lines if line.startswith(FOLLOWED) and not re.search("my_|/path/", line)
+    ]
 
 
 class Shell:
@@ -45,19 +49,31 @@ class Shell:
     def __init__(self, node: Any, executables: Path, folder: Path) -> None:
         self.node, self._executables, self._folder = node, executables, folder
         self.started: list[tuple[str, subprocess.Popen[bytes], Path]] = []
+        self._timers: list[Any] = []
 
     def follow(self, line: str) -> None:
+        line = line.replace("$PWD", str(self._folder))
         words = shlex.split(line.partition(" | ")[0].rstrip("& "), comments=True)
         match words[1:] if words[0] == "ros2" else words:
             case ["run", "cdrj_ros", name, *rest]:
-                self._start(name, [str(self._executables / name), *rest])
+                self._start(name, rest)
+            case ["estimator", *rest]:
+                self._start("estimator", rest)
             case ["python3", script, *rest]:
-                path = ROOT / "examples" / script
-                self._start(Path(script).stem, [sys.executable, str(path), *rest])
+                self._run(
+                    Path(script).stem, [sys.executable, str(ROOT / "examples" / script), *rest]
+                )
             case ["service", "call", name, kind, *given]:
                 self._call(name, kind, yaml.safe_load(given[0]) if given else {})
+            case ["launch", "cdrj_ros", "estimator.launch.py", *given]:
+                parameters = [word for one in given for word in ("-p", one)]
+                self._start("estimator", ["--ros-args", *parameters])
             case ["topic", "pub", "--once", name, kind, given]:
                 self._publish(name, kind, yaml.safe_load(given))
+            case ["topic", "pub", "-r", rate, name, kind, given]:
+                self._keep_publishing(float(rate), name, kind, yaml.safe_load(given))
+            case ["topic", "echo", "--once", name]:
+                self._wait_for(name)
             case ["param", "set", node, name, value]:
                 self._set(node, name, float(value))
             case ["lifecycle", "set", node, transition]:
@@ -85,7 +101,10 @@ class Shell:
             or any(name in other for other in self.node.get_node_names() if other != "test")
         )
 
-    def _start(self, name: str, command: list[str]) -> None:
+    def _start(self, name: str, arguments: list[str]) -> None:
+        self._run(name, [str(self._executables / name), *arguments])
+
+    def _run(self, name: str, command: list[str]) -> None:
         path = self._folder / f"{len(self.started)}.txt"
         with path.open("wb") as said:
             process = subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=said)
@@ -111,6 +130,26 @@ class Shell:
         publisher = self.node.create_publisher(type_of(kind), name, 10)
         self.until(publisher.get_subscription_count, f"a subscription of {name}")
         publisher.publish(filled(type_of(kind)(), given))
+
+    def _keep_publishing(self, rate: float, name: str, kind: str, given: dict[str, Any]) -> None:
+        publisher = self.node.create_publisher(type_of(kind), name, 10)
+        assert given["header"].pop("stamp") == "now"
+        message = filled(type_of(kind)(), given)
+
+        def publish() -> None:
+            message.header.stamp = self.node.get_clock().now().to_msg()
+            publisher.publish(message)
+
+        self._timers.append(self.node.create_timer(1.0 / rate, publish))
+
+    def _wait_for(self, name: str) -> None:
+        from rclpy.qos import qos_profile_sensor_data
+
+        found: list[Any] = []
+        self.until(lambda: self.node.count_publishers(name), f"a publisher of {name}")
+        (kind,) = dict(self.node.get_topic_names_and_types())[name]
+        self.node.create_subscription(type_of(kind), name, found.append, qos_profile_sensor_data)
+        self.until(lambda: found, name)
 
     def _set(self, node: str, name: str, value: float) -> None:
         from rcl_interfaces.srv import SetParameters
@@ -165,11 +204,13 @@ def shell(node: Any, executables: Path, tmp_path: Path) -> Iterator[Shell]:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_the_lines_of_a_page_run(page: str, shell: Shell) -> None:
+def test_the_lines_of_a_page_run(page: str, shell: Shell, tmp_path: Path) -> None:
     if page in NEEDS:
         pytest.importorskip(NEEDS[page])
     lines = lines_of(page)
     assert lines
+    if page == "tutorial.md":
+        write_files(shown_files("docs/tutorial.md"), tmp_path)
     for line in lines:
         shell.follow(line)
     for name, _, _ in shell.started:

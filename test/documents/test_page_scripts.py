@@ -1,0 +1,193 @@
+"""Whole blocks of the pages on recordings run in bash as printed, on made-up recordings.
+
+bash expands the lines; the commands themselves run in this process, shortened: recordings of some
+seconds, and fits of two steps.
+"""
+
+from __future__ import annotations
+
+import runpy
+import shutil
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.optimize
+from support.page_lines import ROOT, blocks, calls
+
+from cdrj_ros.bag import Topics
+from cdrj_ros.bag.writer import BagWriter
+from cdrj_ros.commands.identify import main as identify
+from cdrj_ros.commands.simulate import main as simulate
+from cdrj_ros.commands.validate import main as validate
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.rig.faults import drums_of
+from cdrj_ros.rig.follow import follow_joints
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document
+
+COMMANDS: dict[str, Callable[[list[str]], int]] = {
+    "simulate": simulate,
+    "identify": identify,
+    "validate": validate,
+}
+SHORT = {
+    "simulate": ["--duration", "6", "--cells", "1"],
+    "identify": ["--quick"],
+    "validate": ["--quiet"],
+}
+PAGES = (
+    "bags/README.md", "docs/conditioning.md", "docs/continuum.md", "docs/motor_alone.md",
+    "docs/validation.md",
+)  # fmt: skip
+JAW_FILE = "config/robots/davinci_jaw.yaml"
+RUN = "Tool_4_Maryland_L_4_"
+JAW = {
+    **{
+        f"train/{RUN}{k}": 2.0 for k in ("00", "02", "04", "06", "08", "20", "22", "24", "26", "28")
+    },
+    **{f"validate/{RUN}{k}": 2.0 for k in (11, 15, 19, 31, 35)},
+    f"validate/{RUN}39": 9.0,
+}
+"""Made-up recordings of the jaw, and their durations [s]."""
+POSES = {f"other_wrist_pose/Tool_4_Maryland_L_Pitch_3_00{k}": 2.0 for k in range(4)}
+DAY = "2024-11-15-"
+WIRES = {
+    **{
+        f"train/{DAY}{k}": 2.0
+        for k in (
+            "09-23-39_sinewave_all", "10-57-45_-60", "11-00-38_-40", "11-10-18_0", "11-15-57_+40",
+            "11-19-07_no_payload",
+        )
+    },
+    **{
+        f"{k[0]}/{DAY}{k[1]}": 12.0
+        for k in (
+            ("train", "10-55-14_sinewave_random"), ("train", "10-58-56_-50"),
+            ("train", "11-05-21_-20"), ("train", "11-14-56_+20"), ("train", "11-16-51_+60"),
+            ("test", "11-20-13_testset_dynamic"),
+        )
+    },
+}  # fmt: skip
+START_NS = 1_700_000_000_000_000_000
+RATE = {"davinci_jaw": 100.0, "continuum": 40.0}
+
+
+def elsewhere(words: list[str]) -> bool:
+    """Whether a command fetches or converts recordings, or draws the fetched ones.
+
+    test_convert_continuum.py converts some.
+    """
+    return words[0] == "git" or words[1:2] in (
+        ["tools/convert_continuum.py"], ["tools/continuum_figures.py"],
+    )  # fmt: skip
+
+
+def record(path: Path, numbers: dict[str, Any], name: str, seconds: float, phase: float) -> None:
+    """Write what a robot's own model computes from joints and motors that swing."""
+    document, source = load_document(ROOT / "config" / "robots" / f"{name}.yaml")
+    model = prepare(build_robot(with_numbers(document, numbers), source))
+    robot, layout = model.robot, model.layout
+    time = np.arange(0.0, seconds, 1.0 / RATE[name])
+    ends = np.array([(joint.lower, joint.upper) for joint in robot.joints])
+    joint = ends.mean(axis=1) + np.outer(np.sin(4.0 * time + phase), 0.2 * np.ptp(ends, axis=1))
+    drums = {motor: np.sign(radius) for _, _, motor, radius in drums_of(robot)}
+    wound = 0.2 + 0.3 * np.outer(np.sin(3.0 * time), [drums[k] for k in range(len(robot.motors))])
+    motor = follow_joints(model, joint).motor_angle + wound
+    stamps = START_NS + np.round(1e9 * time).astype(np.int64)
+    values = run(model, initial_state(model), Samples(stamps, motor, joint))[1].values
+    topics = Topics()
+    with BagWriter(path) as bag:
+        bag.write_joint_states(topics.motors, stamps, layout.motors, motor)
+        late_ns = robot.joints[0].sensor.clock_offset_ns
+        bag.write_joint_states(topics.joints, stamps - late_ns, layout.joints, joint)
+        if name == "continuum":
+            first = [k for k, one in enumerate(layout.elements) if one.endswith("/1")]
+            tension = values[:, layout.tension][:, first]
+            bag.write_tensions(
+                "/reference/tensions", stamps, [layout.elements[k] for k in first], tension
+            )
+        else:
+            effort = values[:, layout.motor_effort.start : layout.joint_effort.stop]
+            bag.write_joint_states(
+                "/reference/efforts", stamps, (*layout.motors, *layout.joints), effort=effort
+            )
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the shipped robot files and all recordings that the pages speak of."""
+    folder = tmp_path_factory.mktemp("lab")
+    (folder / "bags").symlink_to(ROOT / "bags")
+    (folder / "config").symlink_to(ROOT / "config")
+    other = {
+        "joints.jaw.range.1": 1.3,
+        "joints.jaw.range.2": 2.6,
+        "joints.jaw.reference_angle": 2.1,
+    }
+    for group, root, name, numbers in (
+        (JAW, "DATA", "davinci_jaw", {}),
+        (POSES, "DATA", "davinci_jaw", other),
+        (WIRES, "BAGS", "continuum", {}),
+        ({"test/2024-12-06": 12.0}, "LATER", "continuum", {}),
+    ):
+        for k, (path, seconds) in enumerate(group.items()):
+            (folder / root / path).parent.mkdir(parents=True, exist_ok=True)
+            record(folder / root / path, numbers, name, seconds, 0.3 * k)
+    return folder
+
+
+class BeganError(Exception):
+    """A fit has computed its first residuals."""
+
+
+def shortened(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
+    """Let fits end after some steps, or with an error when they begin."""
+    solve = scipy.optimize.least_squares
+
+    def short(*given: Any, **options: Any) -> Any:
+        if steps == 0:
+            raise BeganError
+        return solve(*given, **(options | {"max_nfev": steps}))
+
+    monkeypatch.setattr(scipy.optimize, "least_squares", short)
+
+
+def play(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run one command in this process; fits of many structures only as far as their first step."""
+    name, *rest = words
+    with monkeypatch.context() as patch:
+        if name == "python":
+            patch.setattr(sys, "argv", rest)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # means of no samples
+                runpy.run_path(rest[0], run_name="__main__")
+        elif name == "identify" and {"--quick", "--cross-validate"} & set(rest):
+            shortened(patch, 0)
+            with pytest.raises(BeganError):
+                identify(rest)
+        else:
+            shortened(patch, 2)
+            if name == "simulate":
+                shutil.rmtree(rest[0], ignore_errors=True)
+            refused = rest[0].startswith("DATA/other") and rest[-1] == JAW_FILE
+            code = 2 if name == "validate" and refused else 0
+            assert COMMANDS[name]([*rest, *SHORT[name]]) == code, words
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_lines_of_a_page_run(
+    page: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(lab)
+    found = [words for words in calls("".join(blocks(page)), lab) if not elsewhere(words)]
+    assert len(found) > 1
+    for words in found:
+        play(words, monkeypatch)
+    assert "Traceback" not in capsys.readouterr().err

@@ -1,0 +1,83 @@
+"""Lines of the pages as bash understands them, with everything expanded."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+ROOT = Path(__file__).parents[2]
+NOTED = (
+    "simulate", "identify", "validate", "check_robot", "import_robot", "git", "ros2", "pip", "make",
+)  # fmt: skip
+"""Commands that are noted instead of run; ``python`` is, too."""
+
+PREAMBLE = (
+    "".join(f'{name}() {{ note {name} "$@"; }}\n' for name in NOTED)
+    + """
+note() { printf '%s\\0' "$@" >> calls; printf '\\n\\0' >> calls; }
+scripts=0
+python() {
+  if [ "$1" = - ]; then
+    scripts=$((scripts + 1)); cat > script_$scripts.py; shift; set -- script_$scripts.py "$@"
+  fi
+  note python "$@"
+}
+set -e
+"""
+)
+
+
+def blocks(page: str) -> list[str]:
+    """The blocks of bash on a page, in order."""
+    return re.findall(r"```bash\n(.*?)```", (ROOT / page).read_text("utf-8"), re.DOTALL)
+
+
+def calls(text: str, folder: Path) -> list[list[str]]:
+    """Let bash read lines in a folder; returns the words of every command that it would have run.
+
+    ``sed``, ``grep`` and redirections are run.  A script that ``python -`` reads is kept as
+    ``script_1.py`` and so on.
+    """
+    (folder / "calls").write_bytes(b"")
+    subprocess.run(
+        ["bash", "-c", PREAMBLE + text], cwd=folder, check=True, capture_output=True, text=True
+    )
+    words = (folder / "calls").read_text("utf-8").split("\0")[:-1]
+    found: list[list[str]] = [[]]
+    for word in words:
+        if word == "\n":
+            found.append([])
+        else:
+            found[-1].append(word)
+    return found[:-1]
+
+
+def loaded_tool(path: Path, **constants: object) -> ModuleType:
+    """A script as a module, some of whose constants are replaced."""
+    spec = importlib.util.spec_from_file_location(f"tool_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    for name, value in constants.items():
+        assert hasattr(module, name), name
+        setattr(module, name, value)
+    return module
+
+
+def shown_files(page: str) -> dict[str, str]:
+    """The files that a page shows and tells to save, by name."""
+    text = (ROOT / page).read_text("utf-8")
+    named = r"Save (?:it|this one)\s+as\s+`([\w.]+)`[^`]*```\w+\n(.*?)```"
+    return dict(re.findall(named, text, re.DOTALL))
+
+
+def write_files(files: dict[str, str], folder: Path) -> None:
+    """Save them."""
+    for name, text in files.items():
+        (folder / name).write_text(text, "utf-8")
