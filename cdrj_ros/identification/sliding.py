@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable import PulleyNumbers
+from cdrj_ros.model.cable_records import PulleyNumbers
 from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.elasticity import Elasticity, modulus_at, strain_at
 from cdrj_ros.model.friction import BOUND_FLOOR, blended_loss, stribeck_share

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable import element_tension
+from cdrj_ros.model.balance import element_tension
 from cdrj_ros.model.compiled import lean
 from cdrj_ros.model.elasticity import elasticity_of, modulus_at, strain_at
 from cdrj_ros.model.friction import NONE

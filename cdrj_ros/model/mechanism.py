@@ -11,7 +11,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable import Contact, SolverElement, acceptable, element_tension, solve_cable
+from cdrj_ros.model.balance import acceptable, element_tension
+from cdrj_ros.model.cable import solve_cable
+from cdrj_ros.model.cable_records import Contact, SolverElement
 from cdrj_ros.model.compiled import compiled, lean, stage, usable_in_kernels
 from cdrj_ros.model.drum import material_held, start_drum, turn_drum
 from cdrj_ros.model.elasticity import Elasticity, elasticity_of, strain_at

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable import PULLEY, PulleyNumbers
+from cdrj_ros.model.cable_records import PULLEY, PulleyNumbers
 from cdrj_ros.model.compiled import usable_in_kernels
 from cdrj_ros.model.geometry import (
     CUBIC,

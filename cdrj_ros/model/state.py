@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable import CONTACT, SOLVER_ELEMENT, Contact, SolverElement
+from cdrj_ros.model.cable_records import CONTACT, SOLVER_ELEMENT, Contact, SolverElement
 from cdrj_ros.model.compiled import usable_in_kernels
 from cdrj_ros.model.drum import DRUM, Drum
 from cdrj_ros.model.geometry import POSE, TWIST, Pose, Twist

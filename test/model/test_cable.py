@@ -13,8 +13,9 @@ import pytest
 from bench.scaling import chain
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, run, step
-from cdrj_ros.model import cable as kernel
-from cdrj_ros.model.cable import acceptable, element_tension, tolerance
+from cdrj_ros.model import newton
+from cdrj_ros.model.balance import acceptable, balance, element_tension, tolerance
+from cdrj_ros.model.cable_records import CONTACT, PULLEY, SOLVER_ELEMENT
 from cdrj_ros.model.drum import material_held
 from cdrj_ros.model.elasticity import Elasticity, elasticity_of
 from cdrj_ros.model.friction import ELASTOPLASTIC, LUGRE, NONE
@@ -329,17 +330,17 @@ LINEAR = Elasticity(6283.0)
 def _random_problem(seed: int, count: int, elastic: Elasticity = LINEAR) -> dict[str, Any]:
     """A taut cable with some slip, bristle forces and losses; arguments of the residual."""
     generator = np.random.default_rng(seed)
-    elements = np.zeros(count + 1, kernel.SOLVER_ELEMENT)
+    elements = np.zeros(count + 1, SOLVER_ELEMENT)
     length = generator.uniform(0.05, 0.4, count + 1)
     elements["length_before"] = length
     elements["length"] = length * (1.0 + generator.normal(size=count + 1) * 1e-4)
     elements["material_before"] = length / generator.uniform(1.002, 1.01, count + 1)
-    work = np.zeros(count, kernel.CONTACT)
+    work = np.zeros(count, CONTACT)
     work["trial"] = generator.normal(size=count) * 3e-6
     work["bristle_before"] = generator.normal(size=count)
     work["loss"] = generator.uniform(0.02, 0.4, count)
     work["static_share"] = generator.random(count)
-    pulleys = np.zeros(count, kernel.PULLEY)
+    pulleys = np.zeros(count, PULLEY)
     pulleys["bristle_stiffness"] = 1e6
     pulleys["bristle_damping"] = 300.0
     pulleys["viscous"] = 20.0
@@ -352,7 +353,7 @@ def _random_problem(seed: int, count: int, elastic: Elasticity = LINEAR) -> dict
 def _residual(problem: dict[str, Any], law: int, slip: np.ndarray) -> np.ndarray:
     work = problem["work"].copy()
     work["trial"] = slip
-    kernel._balance(
+    balance(
         problem["elastic"], problem["elements"].copy(), work, problem["pulleys"],
         1.0, 1e-6, -2e-6, law, 1e-3,
     )  # fmt: skip
@@ -361,14 +362,12 @@ def _residual(problem: dict[str, Any], law: int, slip: np.ndarray) -> np.ndarray
 
 def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
     work, elements = problem["work"].copy(), problem["elements"].copy()
-    kernel._balance(
-        problem["elastic"], elements, work, problem["pulleys"], 1.0, 1e-6, -2e-6, law, 1e-3
-    )
-    stiffness = [kernel._element_stiffness(problem["elastic"], element) for element in elements]
+    balance(problem["elastic"], elements, work, problem["pulleys"], 1.0, 1e-6, -2e-6, law, 1e-3)
+    stiffness = [newton._element_stiffness(problem["elastic"], element) for element in elements]
     matrix = np.zeros((len(work), len(work) + 2))
     for i, contact in enumerate(work):
         pulled_after = elements[i + 1]["tension"] >= elements[i]["tension"]
-        matrix[i, i : i + 3] = kernel._matrix_row(
+        matrix[i, i : i + 3] = newton._matrix_row(
             contact, stiffness[i], stiffness[i + 1], pulled_after, 0.0
         )
     return matrix[:, 1:-1]

@@ -20,7 +20,7 @@ MODEL = Path(cdrj_ros.model.__file__).resolve().parent
 # a kernel of mechanism.py calls (37) in friction.py
 PROGRAM = """
 import numpy as np
-from cdrj_ros.model.cable import CONTACT
+from cdrj_ros.model.cable_records import CONTACT
 from cdrj_ros.model.mechanism import friction_losses
 from cdrj_ros.model.packing import Sizes, empty_robot, number_views, plan_views
 

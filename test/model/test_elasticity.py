@@ -14,14 +14,9 @@ from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimates, initial_state, step
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.model.cable import (
-    CONTACT,
-    PULLEY,
-    SOLVER_ELEMENT,
-    element_tension,
-    solve_cable,
-    tolerance,
-)
+from cdrj_ros.model.balance import element_tension, tolerance
+from cdrj_ros.model.cable import solve_cable
+from cdrj_ros.model.cable_records import CONTACT, PULLEY, SOLVER_ELEMENT
 from cdrj_ros.model.elasticity import (
     Elasticity,
     elasticity_of,

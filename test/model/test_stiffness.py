@@ -8,14 +8,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.cable import (
-    CONTACT,
-    PULLEY,
-    SOLVER_ELEMENT,
-    element_tension,
-    solve_cable,
-    tolerance,
-)
+from cdrj_ros.model.balance import element_tension, tolerance
+from cdrj_ros.model.cable import solve_cable
+from cdrj_ros.model.cable_records import CONTACT, PULLEY, SOLVER_ELEMENT
 from cdrj_ros.model.elasticity import Elasticity
 from cdrj_ros.model.friction import NONE
 from cdrj_ros.model.stiffness import (

@@ -1,0 +1,123 @@
+"""The force balance of every pulley of a cable: tension of the elements, friction, imbalance (E11).
+
+See docs/model.md, sections 2 and 3.
+"""
+
+from __future__ import annotations
+
+from cdrj_ros.model.cable_records import Contact, PulleyNumbers, SolverElement
+from cdrj_ros.model.compiled import lean, stage
+from cdrj_ros.model.elasticity import Elasticity, stiffened_tension
+from cdrj_ros.model.friction import BOUND_FLOOR, NONE, friction_force
+from cdrj_ros.model.records import Rows
+
+
+@lean
+def tolerance(elastic: Elasticity) -> float:
+    """Largest force imbalance of a solved pulley [N]; the second term allows for rounding."""
+    return 1e-8 + 1e-14 * float(elastic.axial_stiffness)
+
+
+@lean
+def acceptable(elastic: Elasticity) -> float:
+    """Largest force imbalance of a usable sample [N]; with a larger one it counts as unsolved."""
+    return 1e-4 + 1e-14 * float(elastic.axial_stiffness)
+
+
+@lean
+def element_tension(elastic: Elasticity, length: float, material: float) -> float:
+    """Tension of an element [N]; exact for any amount of winding; (11) is its linearisation.
+
+    It is EA max(L / l - 1, 0) in a linear cable (E1), (E21) in one that stiffens.
+    """
+    strain = length / material - 1.0
+    if elastic.bedding_strain != 0.0 and strain > 0.0:
+        return stiffened_tension(elastic, strain)
+    return max(elastic.axial_stiffness * strain, 0.0)
+
+
+@stage
+def _friction(
+    contact: Contact,
+    pulley: PulleyNumbers,
+    hardness: float,
+    slip: float,
+    pull: float,
+    law: int,
+    dt: float,
+) -> tuple[float, float, float]:
+    """Friction of a pulley [N], its derivatives by the slip [N/m] and by the pull side's tension.
+
+    The function writes the bristle force and the bound of the contact.
+    """
+    bound = contact.loss * pull + pulley.drag + BOUND_FLOOR
+    stiffness = pulley.bristle_stiffness * hardness
+    bristle_before = contact.bristle_before
+    force, by_slip, by_bound = friction_force(
+        law, bristle_before, slip, stiffness, bound, pulley.breakaway
+    )
+    contact.bristle = force
+    contact.bound = bound
+    by_pull = by_bound * contact.loss
+    if dt > 0.0:
+        damping = pulley.bristle_damping
+        if damping != 0.0:
+            # sigma1 dz/dt; sigma1 fades with speed: with a constant one LuGre is not passive
+            rate = damping * contact.static_share / (pulley.bristle_stiffness * dt)
+            force += rate * (force - bristle_before)
+            by_slip *= 1.0 + rate
+            by_pull *= 1.0 + rate
+        viscous = pulley.viscous / dt
+        force += viscous * slip
+        by_slip += viscous
+    return force, by_slip, by_pull
+
+
+@lean
+def balance(
+    elastic: Elasticity,
+    elements: Rows[SolverElement],
+    contacts: Rows[Contact],
+    pulleys: Rows[PulleyNumbers],
+    hardness: float,
+    first_slip: float,
+    last_slip: float,
+    law: int,
+    dt: float,
+) -> float:
+    """Force imbalance of every pulley at its trial slip; returns the largest magnitude [N].
+
+    Residual i is (t_{i+1} - t_i) - friction_i.  The function writes material and tension of the
+    elements, and bristle force, bound, residual and derivatives of friction of the contacts.
+    ``hardness`` is a factor of the bristles' stiffness.
+
+    Takes 9 arguments, those of ``solve_cable`` and the hardness.
+    """
+    n = len(contacts)
+    worst = 0.0
+    slip = contacts[0].trial
+    material = elements[0].material_before + first_slip - slip
+    elements[0].material = material
+    t_left = element_tension(elastic, elements[0].length, material)
+    elements[0].tension = t_left
+    for i in range(n):
+        following = contacts[i + 1].trial if i + 1 < n else last_slip
+        material = elements[i + 1].material_before + slip - following
+        elements[i + 1].material = material
+        t_right = element_tension(elastic, elements[i + 1].length, material)
+        elements[i + 1].tension = t_right
+        force, by_slip, by_pull = 0.0, 0.0, 0.0
+        if law != NONE:
+            pull = max(t_left, t_right)
+            force, by_slip, by_pull = _friction(
+                contacts[i], pulleys[i], hardness, slip, pull, law, dt
+            )
+        contacts[i].by_slip = by_slip
+        contacts[i].by_pull = by_pull
+        residual = t_right - t_left - force
+        contacts[i].residual = residual
+        if not abs(residual) <= worst:  # true for NaN too
+            worst = abs(residual)
+        t_left = t_right
+        slip = following
+    return worst
