@@ -59,24 +59,15 @@ JAW = {
 POSES = {f"other_wrist_pose/Tool_4_Maryland_L_Pitch_3_00{k}": 2.0 for k in range(4)}
 DAY = "2024-11-15-"
 WIRES = {
-    **{
-        f"train/{DAY}{k}": 2.0
-        for k in (
-            "09-23-39_sinewave_all", "10-57-45_-60", "11-00-38_-40", "11-10-18_0", "11-15-57_+40",
-            "11-19-07_no_payload",
-        )
-    },
-    **{
-        f"{k[0]}/{DAY}{k[1]}": 12.0
-        for k in (
-            ("train", "10-55-14_sinewave_random"), ("train", "10-58-56_-50"),
-            ("train", "11-05-21_-20"), ("train", "11-14-56_+20"), ("train", "11-16-51_+60"),
-            ("test", "11-20-13_testset_dynamic"),
-        )
-    },
-}  # fmt: skip
+    f"train/{DAY}{k}": 2.0
+    for k in (
+        "09-23-39_sinewave_all", "10-55-14_sinewave_random", "10-57-45_-60", "10-58-56_-50",
+        "11-00-38_-40", "11-05-21_-20", "11-10-18_0", "11-14-56_+20", "11-15-57_+40",
+        "11-16-51_+60", "11-19-07_no_payload",
+    )
+} | {f"test/{DAY}11-20-13_testset_dynamic": 2.0}  # fmt: skip
 START_NS = 1_700_000_000_000_000_000
-RATE = {"davinci_jaw": 100.0, "continuum": 40.0}
+RATE = 100.0
 
 
 def elsewhere(words: list[str]) -> bool:
@@ -94,7 +85,7 @@ def record(path: Path, numbers: dict[str, Any], name: str, seconds: float, phase
     document, source = load_document(ROOT / "config" / "robots" / f"{name}.yaml")
     model = prepare(build_robot(with_numbers(document, numbers), source))
     robot, layout = model.robot, model.layout
-    time = np.arange(0.0, seconds, 1.0 / RATE[name])
+    time = np.arange(0.0, seconds, 1.0 / RATE)
     ends = np.array([(joint.lower, joint.upper) for joint in robot.joints])
     joint = ends.mean(axis=1) + np.outer(np.sin(4.0 * time + phase), 0.2 * np.ptp(ends, axis=1))
     drums = {motor: np.sign(radius) for _, _, motor, radius in drums_of(robot)}
@@ -135,7 +126,6 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (JAW, "DATA", "davinci_jaw", {}),
         (POSES, "DATA", "davinci_jaw", other),
         (WIRES, "BAGS", "continuum", {}),
-        ({"test/2024-12-06": 12.0}, "LATER", "continuum", {}),
     ):
         for k, (path, seconds) in enumerate(group.items()):
             (folder / root / path).parent.mkdir(parents=True, exist_ok=True)
