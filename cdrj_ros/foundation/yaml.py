@@ -99,6 +99,19 @@ class _BoundedConstructor(SafeConstructor):
         _extent(node, {})
         return super().construct_document(node)
 
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        try:
+            return super().construct_object(node, deep)
+        except _INVALID as error:
+            if not isinstance(node, ScalarNode) or isinstance(error, YAMLError):
+                raise
+            kind = str(node.tag).rpartition(":")[2]
+            line = node.start_mark.line + 1
+            raise YamlError(
+                f"is not YAML: {printable(repr(node.value)[:50])} in line {line} is no "
+                f"{printable(kind)}, although its tag says so"
+            ) from None
+
 
 def _extent(node: Node, known: dict[int, tuple[int, int] | None]) -> tuple[int, int]:
     """Number of nodes and depth of `node` with all aliases expanded.

@@ -86,6 +86,14 @@ def test_what_cannot_be_converted_is_refused_in_one_printable_line(text):
     assert str(caught.value).isprintable()
 
 
+@pytest.mark.parametrize(
+    ("value", "said"), [("!!int ''", "'' in line 2 is no int"), ("!!bool x", "'x' in line 2 is no")]
+)
+def test_a_value_that_its_tag_contradicts_is_named_with_its_line(value, said):
+    with pytest.raises(YamlError, match=said):
+        load_yaml(f"name: x\na: [{value}]\n", "a.yaml")
+
+
 def test_ordinary_yaml_is_read_with_its_aliases_and_merge_keys():
     text = "base: &b {x: 1, y: [1.5, true, null]}\nother: {<<: *b, x: 2}\nlist: [*b, 2020-01-02]\n"
     value = load_yaml(text, "a.yaml")
