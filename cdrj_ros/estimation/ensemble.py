@@ -245,8 +245,10 @@ class Spread:
         What is sent need not wait for a member, which changes the standard deviations by one part
         in as many as there are members.  ``finish`` can follow at any time before the next call.
         """
-        self.look_back()
-        self.finish()
+        if self._before_look.taken:
+            self.look_back()
+        if self._waiting:
+            self.finish()
         stddev = np.empty(self.columns.size)
         self._begin(sample, estimate, 1, stddev)
         return stddev

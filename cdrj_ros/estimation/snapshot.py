@@ -14,23 +14,21 @@ class Snapshot:
         """Prepare for arrays that are only ever changed in place."""
         self._arrays = arrays
         self._kept: list[NDArray[Any]] = []
-
-    @property
-    def taken(self) -> bool:
+        self.taken = False
         """Whether there is something to return to."""
-        return bool(self._kept)
 
     def take(self) -> None:
         """Copy the arrays, unless that has been done."""
-        if not self._kept:
-            self._kept = [array.copy() for array in self._arrays]
+        if not self.taken:
+            self._kept, self.taken = [array.copy() for array in self._arrays], True
 
     def restore(self) -> None:
         """Make the arrays what they were; without effect if nothing was copied."""
-        for array, before in zip(self._arrays, self._kept, strict=False):
-            array[:] = before
-        self._kept = []
+        if self.taken:
+            for array, before in zip(self._arrays, self._kept, strict=True):
+                array[:] = before
+            self.forget()
 
     def forget(self) -> None:
         """Discard the copies."""
-        self._kept = []
+        self._kept, self.taken = [], False

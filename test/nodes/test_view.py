@@ -8,6 +8,7 @@ import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from itertools import cycle
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
@@ -242,8 +243,15 @@ def test_a_camera_that_the_visitor_moved_stays(page: Scene) -> None:
         return bool(np.linalg.norm(camera.position) < 0.8 * before)
 
     wait_for(nearer, "the zoom")
-    page.browser.set_window_size(1200, 620)
-    wait_for(lambda: camera.image_width == page.canvas.size["width"] > 420, "the size")
+    sizes, again = cycle(((1200, 620), (1200, 622))), [0.0]
+
+    def resized() -> bool:  # on a busy machine a browser may not report a size
+        if monotonic() > again[0]:
+            again[0] = monotonic() + 10.0
+            page.browser.set_window_size(*next(sizes))
+        return bool(camera.image_width == page.canvas.size["width"] > 420)
+
+    wait_for(resized, "the size")
     assert float(np.linalg.norm(camera.position)) < 0.8 * before
     page.browser.set_window_size(1100, 620)
 
