@@ -4,7 +4,7 @@
 
 It starts the nodes of demo.launch.py without ROS's launch, which is not on PyPI: rig, estimator,
 view, the controller keep_taut and a swing of the first joint. The finger's numbers count as exact,
-as if they had been identified. Ctrl-C ends all of them.
+as if they had been identified. Ctrl-C, SIGTERM or a closed terminal ends all of them.
 """
 
 import argparse
@@ -73,6 +73,8 @@ def main():
     )
     parser.add_argument("--seconds", type=float, default=float("inf"), help="then end")
     until = time.monotonic() + parser.parse_args().seconds
+    for end_by in (signal.SIGTERM, signal.SIGHUP):  # no node is left behind
+        signal.signal(end_by, signal.default_int_handler)
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **os.environ}
     processes = {}
     with tempfile.TemporaryDirectory() as folder:

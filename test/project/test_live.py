@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import runpy
+import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -30,6 +32,27 @@ def test_every_program_exists_and_gets_the_robot(tmp_path: Path) -> None:
         if program.suffix == ".py":
             assert program.exists()
         assert f"robot:={robot}" in words
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_no_program_is_left_behind(by: signal.Signals) -> None:
+    child = "import os, time; print(os.getpid(), flush=True); time.sleep(60)"
+    lines = (
+        "import runpy, signal, sys",
+        "signal.signal(signal.SIGINT, signal.default_int_handler)",
+        f"live = runpy.run_path({str(ROOT / 'tools' / 'live.py')!r})",
+        f"only = {{'one': [sys.executable, '-c', {child!r}]}}",
+        "live['main'].__globals__['commands'] = lambda robot: only",
+        "sys.argv = ['live.py']",
+        "sys.exit(live['main']())",
+    )
+    with subprocess.Popen([sys.executable, "-c", "\n".join(lines)], stdout=subprocess.PIPE) as live:
+        assert live.stdout is not None
+        pid = int(live.stdout.readline())
+        live.send_signal(by)
+        assert live.wait(30.0) == 130
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
 
 
 def test_the_fingers_tensions_become_sure_with_exact_numbers(tmp_path: Path) -> None:
