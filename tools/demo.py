@@ -43,6 +43,8 @@ def keep(figures: Path) -> None:
 
 def main() -> int:
     """Run the demonstration and keep its errors; returns the replay's exit code."""
+    for end_by in (signal.SIGTERM, signal.SIGHUP):  # no node is left behind
+        signal.signal(end_by, signal.default_int_handler)
     with tempfile.TemporaryDirectory() as folder:
         figures = Path(folder) / "figures.json"
         code = play(figures)
