@@ -1,4 +1,4 @@
-"""The force balance of every pulley of a cable: tension of the elements, friction, imbalance (E11).
+"""The force balance of every pulley of a cable: tension of the elements, friction, imbalance.
 
 See docs/model.md, sections 2 and 3.
 """
@@ -85,11 +85,21 @@ def balance(
     law: int,
     dt: float,
 ) -> float:
-    """Force imbalance of every pulley at its trial slip; returns the largest magnitude [N].
+    """Force imbalance of every pulley at its trial slip (E11); returns the largest magnitude [N].
 
-    Residual i is (t_{i+1} - t_i) - friction_i.  The function writes material and tension of the
-    elements, and bristle force, bound, residual and derivatives of friction of the contacts.
-    ``hardness`` is a factor of the bristles' stiffness.
+    Residual i is (t_{i+1} - t_i) - friction_i, whose bound is (E8).
+
+    Args:
+        elastic: tension-strain law of the cable.
+        elements: shape (n + 1,); length [m] and material before [m] are given; material [m] and
+            tension [N] are written.
+        contacts: shape (n,); trial slip [m] and bristle force before [N] are given; bristle force,
+            bound, residual [N] and derivatives of friction are written.
+        pulleys: constants of the pulleys, shape (n,).
+        hardness: factor of the bristles' stiffness [-].
+        first_slip, last_slip: material that enters at the first and leaves at the last node [m].
+        law: code of the friction law.
+        dt: duration of the sample [s]; 0 where unknown.
 
     Takes 9 arguments, those of ``solve_cable`` and the hardness.
     """

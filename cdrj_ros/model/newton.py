@@ -148,7 +148,12 @@ def newton(
     law: int,
     dt: float,
 ) -> tuple[int, float]:
-    """Newton's method with a line search from the slips in ``contacts``.
+    """Newton's method with a line search for (E11), from the slips in ``contacts``.
+
+    Args:
+        elastic, elements, contacts, pulleys, hardness, first_slip, last_slip, law, dt: as for
+            ``balance``, with n + 1 elements and n contacts; ``contacts`` holds the first guess of
+            the slips [m] and gets the solution.
 
     Returns:
         Iterations and the largest remaining force imbalance [N].
