@@ -18,7 +18,10 @@ NODE = (
 )
 LIMITS = {
     "one update, 2 cables": "the call from Python and its results; see the update in bulk",
-    "one update with": "the step of a member, at every second sample, and two calls from Python",
+    "one update with": (
+        "the step of a member, at every third sample, and a call from Python with all 24 arrays "
+        "of the members"
+    ),
     "1 kHz, until": NODE,
     "processor time": NODE,
     "sustained rate, no": "the node's processor time per sample, see above",

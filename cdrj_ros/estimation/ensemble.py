@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import ALL_SEEN, Sample, Samples
 from cdrj_ros.estimation.discrepancy import unmodelled
-from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, as_plain
+from cdrj_ros.estimation.estimator import FLOAT, NEVER, Estimate, Estimates, State, as_plain
 from cdrj_ros.estimation.member_kernels import (
     ANY,
     LAST_STAMP,
     PROGRESS,
     TURN,
+    UNFIT,
+    WAITING,
     Members,
     Path,
     begin_sample,
@@ -235,23 +237,20 @@ class Spread:
         Returns:
             Standard deviations, in the order of ``spread_columns``.
         """
-        stddev = self.begin(sample, estimate)
-        self.finish()
-        return stddev
+        return self.begin(sample, estimate, at_once=True)
 
-    def begin(self, sample: Sample, estimate: Estimate) -> Vector:
+    def begin(self, sample: Sample, estimate: Estimate, at_once: bool = False) -> Vector:
         """The first half of ``update``: the standard deviations, before a member is updated.
 
         What is sent need not wait for a member, which changes the standard deviations by one part
-        in as many as there are members.  ``finish`` can follow at any time before the next call.
+        in as many as there are members.  ``finish`` can follow at any time before the next call;
+        ``at_once`` includes it, and saves a call from Python.
         """
         if self._before_look.taken:
             self.look_back()
         if self._waiting:
             self.finish()
-        stddev = np.empty(self.columns.size)
-        self._begin(sample, estimate, 1, stddev)
-        return stddev
+        return self._begin(sample, estimate, 1, at_once)
 
     def look_ahead(self, sample: Sample, estimate: Estimate) -> Vector:
         """Standard deviations at a predicted sample, which the ensemble forgets again.
@@ -261,8 +260,7 @@ class Spread:
         if not self._before_look.taken:
             self.finish()
             self._before_look.take()
-        stddev = np.empty(self.columns.size)
-        self._begin(sample, estimate, 1, stddev)
+        stddev = self._begin(sample, estimate, 1, False)
         self._waiting = False
         return stddev
 
@@ -281,27 +279,43 @@ class Spread:
         """Update all members to ``sample``, the last one given to ``update``."""
         self.finish()
         if not np.all(self.stamps == sample.stamp_ns):
-            self._begin(sample, estimate, len(self.states), np.empty(self.columns.size))
+            self._begin(sample, estimate, len(self.states), False)
 
-    def _begin(self, sample: Sample, estimate: Estimate, least: int, stddev: Vector) -> None:
+    def _begin(self, sample: Sample, estimate: Estimate, least: int, at_once: bool) -> Vector:
         """Call ``begin_sample``, whatever the arrays of sample and estimate are."""
-        members, plan = self._members, self.model.plan
-        motor_angle, joint_angle = as_plain(sample.motor_angle), as_plain(sample.joint_angle)
-        values = as_plain(estimate.values)
-        axes = motor_angle.size + joint_angle.size
-        if axes != members.angle.size or values.size != members.estimate.size:
-            raise ValueError("the sample or the estimate is of another robot")
-        hidden = self._hidden = sample.unseen is not ALL_SEEN and len(sample.unseen) > 0
+        stamp, motor_angle, joint_angle, unseen = sample[:4]
+        values, members = estimate.values, self._members
+        hidden = self._hidden = unseen is not ALL_SEEN and len(unseen) > 0
         if hidden:
-            np.copyto(members.unseen, sample.unseen)
-        if self._kernels is None:  # the members' arrays stay the same, so that types are known
-            self._kernels = (
-                direct(begin_sample, plan, members, stddev, stddev, stddev, 1, 1, True, stddev),
-                direct(step_members, plan, members, 1, True, 0.0),
-            )
-        stamp = int(sample.stamp_ns)
-        self._waiting = self._kernels[0](
-            plan, members, motor_angle, joint_angle, values, least, stamp, hidden, stddev
+            np.copyto(members.unseen, unseen)
+        if self._kernels is None:
+            self._find_kernels()
+        assert self._kernels is not None
+        begin, plan, stddev = self._kernels[0], self.model.plan, np.empty(self.columns.size)
+        after = UNFIT
+        if motor_angle.dtype is joint_angle.dtype is values.dtype is FLOAT:
+            after = begin(
+                plan, members, motor_angle, joint_angle, values, least, stamp, hidden, at_once,
+                stddev,
+            )  # fmt: skip
+        if after == UNFIT:
+            motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
+            after = begin(
+                plan, members, motor_angle, joint_angle, as_plain(values), least, stamp, hidden,
+                at_once, stddev,
+            )  # fmt: skip
+            if after == UNFIT:
+                raise ValueError("the sample or the estimate is of another robot")
+        self._waiting = after == WAITING
+        return stddev
+
+    def _find_kernels(self) -> None:
+        """Load the kernels; the members' arrays stay the same, so that types are known."""
+        plan, members, vector = self.model.plan, self._members, self.variance
+        of_sample = (vector, vector, vector, 1, 1, True, True, vector)
+        self._kernels = (
+            direct(begin_sample, plan, members, *of_sample),
+            direct(step_members, plan, members, 1, True, 0.0),
         )
 
     def run(

@@ -24,7 +24,7 @@ NEVER: Final = -1
 
 _empty: Final = np.empty
 _tuple: Final = tuple.__new__
-_FLOAT: Final = np.dtype(np.float64)
+FLOAT: Final = np.dtype(np.float64)
 _DENSE: Final = (8,)
 
 
@@ -130,7 +130,7 @@ def initial_state(model: Model) -> State:
 
 def as_plain(vector: Vector) -> Vector:
     """The array, or a copy, as a contiguous vector of floats: what entry points of kernels need."""
-    if vector.dtype is _FLOAT and vector.strides == _DENSE:
+    if vector.dtype is FLOAT and vector.strides == _DENSE:
         return vector
     return np.ascontiguousarray(vector, dtype=np.float64)
 
@@ -165,7 +165,7 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     if not _entry:
         _find_entry()
     dense = motor_angle.strides == joint_angle.strides == _DENSE
-    if not (dense and motor_angle.dtype is _FLOAT and joint_angle.dtype is _FLOAT):
+    if not (dense and motor_angle.dtype is FLOAT and joint_angle.dtype is FLOAT):
         motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
     # a call without numba's dispatcher makes the step 5 % faster
     solved = _entry[0](plan, numbers, values, motor_angle, joint_angle, dt, out)

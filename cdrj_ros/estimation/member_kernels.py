@@ -39,9 +39,13 @@ ROUND_NS: Final = 4_000_000
 """Time within which all members are updated while an axis has no readings [ns]."""
 
 
+UNFIT, DONE, WAITING = range(-1, 2)
+"""Results of ``begin_sample``: whether arrays do not fit, and whether a member is to be updated."""
+
 # A literal argument has its own type, for which numba would compile the callee again.
 ONE: Final[Any] = np.int64(1)
 ANY: Final[Any] = np.int64(-1)
+AT_ONCE: Final[Any] = np.bool_(True)
 
 
 class Members(NamedTuple):
@@ -342,6 +346,20 @@ def _move(angle: Vector, new: Vector, middle: Vector) -> None:
 
 
 @lean
+def _is_dense(vector: Vector) -> bool:
+    """Whether a vector is contiguous, which the types of entry points state and do not check."""
+    return vector.size < 2 or vector.strides[0] == vector.itemsize
+
+
+@lean
+def _fit(members: Members, motor_angle: Vector, joint_angle: Vector, estimate: Vector) -> bool:
+    """Whether the arrays are contiguous and those of the members' robot."""
+    dense = _is_dense(motor_angle) and _is_dense(joint_angle) and _is_dense(estimate)
+    axes = motor_angle.size + joint_angle.size
+    return dense and axes == members.angle.size and estimate.size == members.estimate.size
+
+
+@lean
 def begin_sample(
     plan: NDArray[np.int64],
     members: Members,
@@ -351,8 +369,9 @@ def begin_sample(
     least: int,
     stamp: int,
     hidden: bool,
+    at_once: bool,
     stddev: Vector,
-) -> bool:
+) -> int:
     """Write the standard deviations at a sample and its estimate, and note both in ``members``.
 
     In the ordinary case they are those after the sample before, and one member waits to be
@@ -369,13 +388,17 @@ def begin_sample(
         least: number of members to be updated at least.
         stamp: of the sample [ns].
         hidden: whether ``members.unseen`` holds deviations of the angles.
+        at_once: whether the member that waits is updated here, after the standard deviations.
         stddev: shape (columns,), written.
 
     Returns:
-        Whether one member is still to be updated.
+        ``WAITING`` if one member is still to be updated, ``DONE`` if not; ``UNFIT``, with nothing
+        changed, if the arrays are not contiguous or of another robot.
 
-    Takes 9 arguments, because copying them in Python takes longer than the rest.
+    Takes 10 arguments, because copying them in Python takes longer than the rest.
     """
+    if not _fit(members, motor_angle, joint_angle, estimate):
+        return UNFIT
     progress, angle, count = members.progress, members.angle, least
     _join(motor_angle, joint_angle, members.new_angle)
     copy_part(estimate, 0, members.estimate)
@@ -401,7 +424,10 @@ def begin_sample(
     if count > 1:
         step_members(plan, members, count, hidden, half)
     _write_stddev(members, stddev)
-    return count == 1 and due
+    waiting = count == 1 and due
+    if waiting and at_once:
+        step_members(plan, members, count, hidden, 0.0)
+    return WAITING if waiting and not at_once else DONE
 
 
 @lean
@@ -414,7 +440,7 @@ def run_members(
     estimates: Table,
     stddevs: Table,
 ) -> None:
-    """Call ``advance``, ``begin_sample`` and ``step_members`` for many samples.
+    """Call ``advance`` and ``begin_sample`` for many samples.
 
     Args:
         plan, nominal: the prepared robot.
@@ -433,8 +459,7 @@ def run_members(
             for a in range(members.angle.size):
                 members.unseen[0, a] = samples.unseen[k, 0, a]
                 members.unseen[1, a] = samples.unseen[k, 1, a]
-        if begin_sample(
+        begin_sample(
             plan, members, motor_angle, joint_angle, estimates[k], ONE, samples.stamp_ns[k],
-            hidden, stddevs[k],
-        ):  # fmt: skip
-            step_members(plan, members, ONE, hidden, 0.0)
+            hidden, AT_ONCE, stddevs[k],
+        )  # fmt: skip
