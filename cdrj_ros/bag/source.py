@@ -123,11 +123,11 @@ def _exists(path: Path) -> bool:
         return False
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=1000)
 def _file_names(text: str) -> tuple[str, ...]:
     """File names listed in a metadata.yaml; empty if the text is not valid metadata.
 
-    A command opens a bag once to check its topics and again to read it.
+    A command opens all its bags once to check their topics and again to read them.
     """
     try:
         content: Any = load_yaml(text, METADATA)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+from functools import lru_cache
 from typing import Any, Final
 
 from ruamel.yaml import YAML
@@ -20,6 +22,9 @@ MAXIMUM_NODES: Final = 100_000
 kilobyte of nested aliases can expand to billions."""
 MAXIMUM_DEPTH: Final = 50
 """Maximum depth of nesting, including aliases, since users of the result may recurse."""
+REMEMBERED: Final = 16
+"""Texts whose values are remembered: a command reads a robot file more than once, and parsing takes
+thirty times as long as copying the value."""
 MAXIMUM_DIGITS: Final = 300
 """Maximum length of an integer, close to the largest double; Python does not print thousands of
 digits."""
@@ -57,11 +62,8 @@ def load_yaml(text: str, source: str) -> Any:
     source = printable(source)
     if len(text) > MAXIMUM_CHARACTERS:
         raise YamlError(f"{source} has {len(text)} characters, at most {MAXIMUM_CHARACTERS}")
-    yaml = YAML(typ="safe", pure=True)
-    yaml.Composer = _BoundedComposer
-    yaml.Constructor = _BoundedConstructor
     try:
-        return yaml.load(text)
+        return deepcopy(_parsed(text))
     except YamlError as error:
         raise YamlError(f"{source} {error}") from None
     except _INVALID as error:
@@ -69,6 +71,15 @@ def load_yaml(text: str, source: str) -> Any:
         raise YamlError(
             f"{source} is not YAML: {printable(reason[:300] or type(error).__name__)}"
         ) from None
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _parsed(text: str) -> Any:
+    """The value of a text, which must not be changed; errors as they are raised."""
+    yaml = YAML(typ="safe", pure=True)
+    yaml.Composer = _BoundedComposer
+    yaml.Constructor = _BoundedConstructor
+    return yaml.load(text)
 
 
 class _BoundedComposer(Composer):

@@ -103,3 +103,13 @@ def test_ordinary_yaml_is_read_with_its_aliases_and_merge_keys():
 
 def test_an_empty_text_is_none():
     assert load_yaml("", "a.yaml") is None
+
+
+def test_a_value_that_was_changed_is_read_again_as_the_text_says() -> None:
+    text = "a: &a [1, {b: 2}]\nc: *a\n"
+    for _ in range(3):
+        value = load_yaml(text, "a.yaml")
+        assert value == {"a": [1, {"b": 2}], "c": [1, {"b": 2}]}
+        assert value["a"] is value["c"]
+        value["a"][1]["b"] = 3
+        value["d"] = 4
