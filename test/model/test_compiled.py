@@ -7,10 +7,12 @@ import pickle
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numba
 import pytest
+from support.warm import Ended, Programs, warm_programs
 
 import cdrj_ros.model
 from cdrj_ros.model.compiled import source_digest
@@ -38,43 +40,44 @@ print(contacts[0].loss, sum(stats.cache_hits.values()), sum(stats.cache_misses.v
 """
 
 
-def run_copy(folder: Path) -> tuple[float, int, int]:
+@pytest.fixture(scope="module")
+def warm() -> Iterator[Programs]:
+    with warm_programs() as programs:
+        yield programs
+
+
+def clean_environment(**more: str) -> dict[str, str]:
+    """This process's environment without what directs numba and Python's bytecode."""
+    ours = ("NUMBA_", "PYTHONDONTWRITE")
+    return {k: v for k, v in os.environ.items() if not k.startswith(ours)} | more
+
+
+def run_copy(warm: Programs, folder: Path) -> tuple[float, int, int]:
     """Loss at a pulley, kernels found in the cache, kernels compiled."""
-    environment = {
-        name: value
-        for name, value in os.environ.items()
-        if not name.startswith(("NUMBA_", "PYTHONDONTWRITE"))
-    }
-    environment["PYTHONPATH"] = str(folder)
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = warm.run(folder, PROGRAM, clean_environment())
     assert done.returncode == 0, done.stderr
     loss, hits, misses = done.stdout.split()
     return float(loss), int(hits), int(misses)
 
 
-def test_a_change_in_one_source_reaches_kernels_of_other_sources(tmp_path: Path) -> None:
+def test_a_change_in_one_source_reaches_kernels_of_other_sources(
+    warm: Programs, tmp_path: Path
+) -> None:
     ignored = shutil.ignore_patterns("__pycache__", "assets", "msg")
     shutil.copytree(MODEL.parent, tmp_path / "cdrj_ros", ignore=ignored)
     shutil.copy(MODEL.parents[1] / "package.xml", tmp_path)  # the package's version is in it
     friction = tmp_path / "cdrj_ros" / "model" / "friction.py"
 
-    loss, hits, misses = run_copy(tmp_path)
+    loss, hits, misses = run_copy(warm, tmp_path)
     assert loss == pytest.approx(0.0951625819640404)  # 1 - exp(-0.1)
     assert (hits, misses) == (0, 1)
-    assert run_copy(tmp_path) == (loss, 1, 0), "the second time it comes from the cache"
+    assert run_copy(warm, tmp_path) == (loss, 1, 0), "the second time it comes from the cache"
 
     text = friction.read_text(encoding="utf-8")
     old = "return exp(-mu * wrap_angle)"
     assert text.count(old) == 1
     friction.write_text(text.replace(old, "return exp(-2.0 * mu * wrap_angle)"), encoding="utf-8")
-    changed, hits, _ = run_copy(tmp_path)
+    changed, hits, _ = run_copy(warm, tmp_path)
     assert changed == pytest.approx(0.1812692469220182)  # 1 - exp(-0.2)
     assert hits == 0
 
@@ -90,6 +93,8 @@ def test_the_stamp_covers_every_source_and_those_named(tmp_path: Path) -> None:
     more.write_text("x = 2\n", encoding="utf-8")
     assert source_digest(more) not in (first, stamp)
 
+
+RunLeast = Callable[..., Ended]
 
 # the smallest program that compiles a kernel, on a copy of the package
 LEAST = """
@@ -109,22 +114,25 @@ print(sum(sliding_transmission.stats.cache_hits.values()) if hasattr(
 
 
 def run_program(folder: Path, program: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "PYTHONDONTWRITE"))}
+    """Start Python as a user does."""
     return subprocess.run(
         [sys.executable, "-c", program],
         cwd=folder,
-        env={**kept, "PYTHONPATH": str(folder), **environment},
+        env=clean_environment(**{"PYTHONPATH": str(folder), **environment}),
         capture_output=True,
         text=True,
         check=False,
     )
 
 
-def run_least(
-    folder: Path, before: str = "", **environment: str
-) -> subprocess.CompletedProcess[str]:
+@pytest.fixture(scope="module")
+def run_least(warm: Programs) -> RunLeast:
     """Run ``LEAST``: the transmission, whether it was and is compiled, kernels found on disk."""
-    return run_program(folder, LEAST.format(before=before), **environment)
+
+    def run(folder: Path, before: str = "", **environment: str) -> Ended:
+        return warm.run(folder, LEAST.format(before=before), clean_environment(**environment))
+
+    return run
 
 
 def copy_package(folder: Path) -> Path:
@@ -144,7 +152,7 @@ def copied(tmp_path: Path) -> Path:
 @pytest.fixture(scope="module")
 def built_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = copy_package(tmp_path_factory.mktemp("built"))
-    done = run_least(folder)
+    done = run_program(folder, LEAST.format(before=""))
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[0].split()[1:] == ["False", "True"]
     return folder
@@ -161,6 +169,7 @@ NOWHERE = {"HOME": "/dev/null/home", "XDG_CACHE_HOME": "/dev/null/cache"}
 
 
 def test_without_a_place_for_kernels_they_are_compiled_in_memory_and_it_is_said(
+    run_least: RunLeast,
     copied: Path,
 ) -> None:
     (copied / "cdrj_ros" / "model" / "__pycache__").touch()  # a file: not writable
@@ -171,7 +180,7 @@ def test_without_a_place_for_kernels_they_are_compiled_in_memory_and_it_is_said(
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_a_full_disk_does_not_stop_a_kernel(copied: Path) -> None:
+def test_a_full_disk_does_not_stop_a_kernel(run_least: RunLeast, copied: Path) -> None:
     full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))"
     done = run_least(copied, full)
     assert done.returncode == 0, done.stderr
@@ -180,7 +189,9 @@ def test_a_full_disk_does_not_stop_a_kernel(copied: Path) -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_installed_kernels_run_where_nothing_can_be_written(built: Path) -> None:
+def test_installed_kernels_run_where_nothing_can_be_written(
+    run_least: RunLeast, built: Path
+) -> None:
     refused = """
 import tempfile
 def refuse(*_, **__): raise PermissionError("read-only")
@@ -216,7 +227,7 @@ def kept_by(user: dict[str, str]) -> list[str]:
     return sorted(path.name for path in Path(user["HOME"]).rglob("*.nbc"))
 
 
-def test_kernels_that_the_build_left_serve_every_user(built: Path) -> None:
+def test_kernels_that_the_build_left_serve_every_user(run_least: RunLeast, built: Path) -> None:
     user = another_user(built)
     done = run_least(built, NOT_HERE, **user)
     assert done.returncode == 0, done.stderr
@@ -227,7 +238,9 @@ def test_kernels_that_the_build_left_serve_every_user(built: Path) -> None:
     assert not kept_by(user)
 
 
-def test_what_the_build_did_not_leave_is_kept_in_the_users_folder(copied: Path) -> None:
+def test_what_the_build_did_not_leave_is_kept_in_the_users_folder(
+    run_least: RunLeast, copied: Path
+) -> None:
     user = another_user(copied)
     assert run_least(copied, NOT_HERE, **user).stdout.splitlines()[1] == "0"
     assert any(name.startswith("friction.sliding_transmission-") for name in kept_by(user))
@@ -236,7 +249,9 @@ def test_what_the_build_did_not_leave_is_kept_in_the_users_folder(copied: Path) 
     assert not again.stderr
 
 
-def test_kernels_of_another_version_of_numba_are_ignored_and_it_is_said(built: Path) -> None:
+def test_kernels_of_another_version_of_numba_are_ignored_and_it_is_said(
+    run_least: RunLeast, built: Path
+) -> None:
     folder = built / "cdrj_ros" / "model" / "__pycache__"
     (index,) = folder.glob("friction.sliding_transmission-*.nbi")
     with index.open("rb") as file:
@@ -252,7 +267,9 @@ def test_kernels_of_another_version_of_numba_are_ignored_and_it_is_said(built: P
     assert not run_least(built, NOT_HERE, **user).stderr, "now there are newer ones"
 
 
-def test_kernels_for_another_processor_are_ignored_and_it_is_said(built: Path) -> None:
+def test_kernels_for_another_processor_are_ignored_and_it_is_said(
+    run_least: RunLeast, built: Path
+) -> None:
     user = another_user(built)
     other = {**user, "NUMBA_CPU_NAME": "core2", "NUMBA_CPU_FEATURES": "+sse2"}
     done = run_least(built, NOT_HERE, **other)
@@ -266,7 +283,7 @@ def test_kernels_for_another_processor_are_ignored_and_it_is_said(built: Path) -
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 def test_damaged_kernels_of_the_build_are_compiled_into_the_users_folder(
-    built: Path, ending: str
+    run_least: RunLeast, built: Path, ending: str
 ) -> None:
     folder = built / "cdrj_ros" / "model" / "__pycache__"
     (damaged,) = folder.glob(f"friction.sliding_transmission-*.{ending}")
@@ -284,7 +301,7 @@ def test_damaged_kernels_of_the_build_are_compiled_into_the_users_folder(
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 @pytest.mark.parametrize("left", [0, 40])
 def test_a_damaged_kernel_is_discarded_and_compiled_anew(
-    built: Path, ending: str, left: int
+    run_least: RunLeast, built: Path, ending: str, left: int
 ) -> None:
     folder = built / "cdrj_ros" / "model" / "__pycache__"
     (damaged,) = folder.glob(f"friction.sliding_transmission-*.{ending}")
@@ -299,23 +316,27 @@ def test_a_damaged_kernel_is_discarded_and_compiled_anew(
     assert not again.stderr
 
 
-def test_kernels_are_compiled_once_all_of_them_are_on_disk(copied: Path) -> None:
+def test_kernels_are_compiled_once_all_of_them_are_on_disk(
+    run_least: RunLeast, warm: Programs, copied: Path
+) -> None:
     assert run_least(copied).stdout.splitlines()[0].split()[1:] == ["False", "True"]
     assert run_least(copied).stdout.splitlines()[0].split()[1:] == ["True", "True"]
     more = "from cdrj_ros.model.mechanism import advance, advance_all"
     missing = "kernels_are_compiled(sliding_transmission, advance)"
     program = LEAST.replace("kernels_are_compiled(sliding_transmission)", missing)
-    done = run_program(copied, program.format(before=more))
+    done = warm.run(copied, program.format(before=more), clean_environment())
     assert done.stdout.splitlines()[0].split()[1:] == ["False", "False"]
 
 
-def test_kernels_without_a_place_on_disk_do_not_count_as_compiled(copied: Path) -> None:
+def test_kernels_without_a_place_on_disk_do_not_count_as_compiled(
+    run_least: RunLeast, copied: Path
+) -> None:
     (copied / "cdrj_ros" / "model" / "__pycache__").touch()
     done = run_least(copied, **NOWHERE)
     assert done.stdout.splitlines()[0].split()[1:] == ["False", "False"]
 
 
-def test_without_compilation_nothing_is_left_to_compile(copied: Path) -> None:
+def test_without_compilation_nothing_is_left_to_compile(run_least: RunLeast, copied: Path) -> None:
     done = run_least(copied, NUMBA_DISABLE_JIT="1")
     assert done.stdout.splitlines()[0].split()[1:] == ["True", "True"], done.stderr
 
