@@ -33,6 +33,7 @@ STRANGE: tuple[Any, ...] = (
 )  # fmt: skip
 
 
+CORRELATED = 8
 NOT_JSON = {"NaN": ".nan", "Infinity": ".inf", "-Infinity": "-.inf"}
 
 
@@ -92,6 +93,21 @@ def damaged_text(text: str, rng: Random) -> str:
         else:
             text = text[:at] + rng.choice("0123456789.eE+-") + text[at + 1 :]
     return text
+
+
+def whole(path: Path) -> Any:
+    """A robot's document with the correlations of a few numbers only.
+
+    The matrix of all would be most of the document: entries elsewhere would hardly be damaged, and
+    reading it would take most of the time.
+    """
+    document = YAML(typ="safe", pure=True).load(path.read_text("utf-8"))
+    unsure = document.get("uncertainty", {})
+    if "correlation" in unsure:
+        for key in ("parameters", "stddev"):
+            unsure[key] = unsure[key][:CORRELATED]
+        unsure["correlation"] = [row[:CORRELATED] for row in unsure["correlation"][:CORRELATED]]
+    return document
 
 
 def dumped(document: Any) -> str:
@@ -166,9 +182,10 @@ def judge(text: str, source: str = "damaged") -> bool:
 def test_a_damaged_document_is_a_robot_or_one_line(path: Path) -> None:
     rng = Random(path.stem)
     verdicts = []
-    whole = YAML(typ="safe", pure=True).load(path.read_text("utf-8"))
+    sound = whole(path)
+    assert judge(dumped(sound), str(path))
     for _ in range(60):
-        document = deepcopy(whole)
+        document = deepcopy(sound)
         for _ in range(rng.choice((1, 1, 1, 2, 4))):
             mutate(document, rng)
         verdicts.append(judge(dumped(document), str(path)))
@@ -233,9 +250,9 @@ HUGE = (1e200, -1e200, 10**290, float("inf"), float("nan"))
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_an_absurd_number_anywhere_is_one_line(path: Path) -> None:
     rng = Random(path.stem)
-    whole = YAML(typ="safe", pure=True).load(path.read_text("utf-8"))
+    sound = whole(path)
     for _ in range(30):
-        document = deepcopy(whole)
+        document = deepcopy(sound)
         places = [
             (place, key)
             for place in containers(document)
