@@ -360,6 +360,20 @@ def _fit(members: Members, motor_angle: Vector, joint_angle: Vector, estimate: V
 
 
 @lean
+def _now_due(members: Members, passed: int, hidden: bool, least: int) -> tuple[int, float]:
+    """How many members to update after ``passed`` [ns], and ``half`` of ``step_members`` [s]."""
+    count, half, everyone = least, 0.0, len(members.states)
+    if passed != 0:
+        inside, on_the_way = _note_unseen(members.unseen, hidden, members.intervals)
+        if inside and members.progress[TURN] > 0:
+            count = max(count, min(everyone, ceil(everyone * (passed / ROUND_NS))))
+        if on_the_way and members.progress[TURN] > 0:
+            count = everyone
+            half = passed * 0.5e-9
+    return count, half
+
+
+@lean
 def begin_sample(
     plan: NDArray[np.int64],
     members: Members,
@@ -399,26 +413,18 @@ def begin_sample(
     """
     if not _fit(members, motor_angle, joint_angle, estimate):
         return UNFIT
-    progress, angle, count = members.progress, members.angle, least
+    progress = members.progress
     _join(motor_angle, joint_angle, members.new_angle)
     copy_part(estimate, 0, members.estimate)
-    everyone = len(members.states)
-    if _was_unseen(progress[LAST_STAMP], stamp, angle, members.new_angle):
+    if _was_unseen(progress[LAST_STAMP], stamp, members.angle, members.new_angle):
         _forget(members)
-    half = 0.0
     passed = stamp - progress[LAST_STAMP]
-    if passed != 0:
-        inside, on_the_way = _note_unseen(members.unseen, hidden, members.intervals)
-        if inside and progress[TURN] > 0:
-            count = max(count, min(everyone, ceil(everyone * (passed / ROUND_NS))))
-        if on_the_way and progress[TURN] > 0:
-            count = everyone
-            half = passed * 0.5e-9
+    count, half = _now_due(members, passed, hidden, least)
     progress[LAST_STAMP] = stamp
-    _move(angle, members.new_angle, members.middle)
+    _move(members.angle, members.new_angle, members.middle)
     unsolved = _is_invalid(members.estimate, plan_views(plan).sizes.elements, ANY)
     if progress[TURN] == 0 or (progress[BEHIND] != 0 and not unsolved):
-        count = everyone
+        count = len(members.states)
     progress[BEHIND] = 1 if unsolved else 0
     due = _is_due(members, stamp)
     if count > 1:
