@@ -37,13 +37,13 @@ from cdrj_ros.estimation.member_kernels import (
     step_members,
 )
 from cdrj_ros.estimation.members import (
-    draw_numbers,
     friction_shares,
     preload_differently,
     reading_errors,
     unseen_ways,
     wind_differently,
 )
+from cdrj_ros.estimation.parameter_draws import Draw, draw_numbers
 from cdrj_ros.estimation.snapshot import Snapshot
 from cdrj_ros.model.compiled import direct, ordinary
 from cdrj_ros.model.packing import number_views
@@ -126,6 +126,7 @@ class Spread:
         seed: int = 0,
         preload_share: float = 0.0,
         known: Uncertainty | None = None,
+        before: Spread | None = None,
     ) -> None:
         """Draw the members.
 
@@ -136,13 +137,18 @@ class Spread:
             preload_share: standard deviation of every preload in addition to the robot file's, as
                 a fraction of the preload.
             known: standard deviations of the parameters; None: those of the robot.
+            before: an ensemble of the same robot.  If only friction differs, its draws save time;
+                the result is the same.
         """
         if members < 8 or members % 2:
             raise ValueError(f"members must be even and at least 8, got {members}")
         generator = np.random.default_rng(seed)
         self.model = model
         self.columns = spread_columns(model.layout)
-        numbers = draw_numbers(model, members, generator, known)
+        self.draw: Draw = draw_numbers(
+            model, members, generator, known, before.draw if before else None
+        )
+        numbers = self.draw.numbers.copy()
         wind_differently(model, numbers, generator)
         if preload_share > 0.0:
             preload_differently(model, numbers, preload_share, generator)

@@ -20,12 +20,7 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.ensemble import MEMBERS, spread_columns
 from cdrj_ros.estimation.estimator import Angles, Estimates
-from cdrj_ros.estimation.members import (
-    draw_numbers,
-    friction_shares,
-    reading_errors,
-    wind_differently,
-)
+from cdrj_ros.estimation.members import friction_shares, reading_errors, wind_differently
 from cdrj_ros.estimation.motor_alone_kernels import (
     AGENDA,
     PROGRESS,
@@ -35,6 +30,7 @@ from cdrj_ros.estimation.motor_alone_kernels import (
     forget,
     run_alone,
 )
+from cdrj_ros.estimation.parameter_draws import draw_numbers
 from cdrj_ros.estimation.snapshot import Snapshot
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.compiled import ordinary
@@ -234,7 +230,7 @@ def _new_alone(
     shares = np.zeros((rows, sum(len(cable.pulleys) for cable in robot.cables)))
     errors = np.zeros((rows, motors))
     if members:
-        drawn = draw_numbers(model, members, generator)
+        drawn = draw_numbers(model, members, generator).numbers.copy()
         wind_differently(model, drawn, generator)
         numbers[1:] = drawn
         shares[1:] = np.concatenate(

@@ -130,6 +130,7 @@ class LiveEstimator:
         """Elements that are ``UNSURE`` whatever their standard deviation, shape (elements,); None
         for none.  The health monitor sets it."""
         self.fusion: Fusion | None = None
+        self.spread: Spread | None = None
         self._waiting = WaitingMeasurements()
         self.started = model
         """The robot as given at construction."""
@@ -161,7 +162,8 @@ class LiveEstimator:
         self.alone = MotorAlone(model) if model.robot.unmeasured else None
         if options.uncertainty and self.alone is None:
             known = narrowed(model.robot, self.changes)
-            spread = Spread(model, preload_share=DOUBT if measured else 0.0, known=known)
+            share = DOUBT if measured else 0.0
+            spread = Spread(model, preload_share=share, known=known, before=self.spread)
         if spread is not None and measured:
             fusion = Fusion(spread, FREE_DRIFT if options.track_preload else SLOW_DRIFT)
             if self.fusion is not None:  # what is known of sensors and preloads stays known

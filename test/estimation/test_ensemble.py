@@ -16,13 +16,9 @@ from cdrj_ros.estimation.cable_places import CablePlaces
 from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.ensemble import MEMBERS, Spread, spread_columns
 from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.members import (
-    _independent_factors,
-    draw_members,
-    draw_numbers,
-    friction_shares,
-    reading_errors,
-)
+from cdrj_ros.estimation.members import friction_shares, reading_errors
+from cdrj_ros.estimation.parameter_draws import _independent_factors, draw_members, draw_numbers
+from cdrj_ros.estimation.session import with_other_numbers
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.judgement.validation import condition_recording, read_inputs
 from cdrj_ros.model.elasticity import elasticity_of, tensions_at
@@ -34,6 +30,7 @@ from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot, parse_robot
 
 ROOT = Path(__file__).parents[2]
+ROBOTS = ROOT / "config" / "robots"
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 RATE = 100.0
 RUNS = 200
@@ -225,6 +222,7 @@ def test_noise_of_an_encoder_becomes_noise_of_the_tension() -> None:
     [
         {},
         {"friction.bearing_friction": 0.001},
+        {"friction.stribeck_speed": 0.01},
         {"friction.mu_s": 0.3},  # many are no robots and move less far, or not at all
         {"cables.upper.friction.mu_c": 0.01, "cables.lower.nodes.3.friction.rho": 0.05},
         {"friction.bristle_stiffness": 1e5, "friction.viscous": 1.0, "friction.mu_c": 0.005},
@@ -236,7 +234,7 @@ def test_numbers_drawn_at_once_are_those_of_members_read_one_by_one(
     name: str, added: dict[str, float]
 ) -> None:
     """Bit for bit, with parameters of every kind, also where draws reach the ends of a range."""
-    robot = load_model(str(ROOT / "config" / "robots" / f"{name}.yaml")).robot
+    robot = load_model(str(ROBOTS / f"{name}.yaml")).robot
     drawn = {f"cables.{cable.name}.preload": 0.4 for cable in robot.cables}
     drawn |= {f"cables.{robot.cables[0].name}.axial_stiffness": 60.0, "friction.rho": 0.3}
     names = {*drawn, *added}
@@ -245,7 +243,7 @@ def test_numbers_drawn_at_once_are_those_of_members_read_one_by_one(
     spread = np.array([{**drawn, **added}[path] for path in sorted(names)])
     known = Uncertainty(tuple(sorted(names)), np.diag(spread**2))
     model = prepare(replace(robot, uncertainty=known))
-    fast = draw_numbers(model, MEMBERS, np.random.default_rng(3))
+    fast = draw_numbers(model, MEMBERS, np.random.default_rng(3)).numbers
     slow = draw_members(model.robot, MEMBERS, np.random.default_rng(3))
     rows = np.stack([prepare(one, check_range=False).numbers for one in slow])
     assert len({row.tobytes() for row in rows}) == MEMBERS or "friction.mu_s" in added
@@ -267,7 +265,7 @@ def test_the_bedding_of_strands_is_drawn_as_by_reading_every_member(model: Model
     names = ("cables.upper.bedding_strain", "cables.upper.bedding_tension", "cables.upper.preload")
     known = Uncertainty(names, np.diag(np.array([0.002, 4.0, 3.0]) ** 2))
     soft = prepare(replace(robot, uncertainty=known))
-    fast = draw_numbers(soft, MEMBERS, np.random.default_rng(3))
+    fast = draw_numbers(soft, MEMBERS, np.random.default_rng(3)).numbers
     slow = draw_members(soft.robot, MEMBERS, np.random.default_rng(3))
     rows = np.stack([prepare(one, check_range=False).numbers for one in slow])
     assert len({row.tobytes() for row in rows}) == MEMBERS
@@ -293,8 +291,46 @@ def test_the_installed_robots_members_need_not_be_read_one_by_one(
     model: Model, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """That is what a change of a parameter would have to wait for."""
-    monkeypatch.setattr("cdrj_ros.estimation.members.build_robot", None)
-    assert draw_numbers(model, MEMBERS, np.random.default_rng(0)).shape[0] == MEMBERS
+    monkeypatch.setattr("cdrj_ros.estimation.parameter_draws.build_robot", None)
+    assert draw_numbers(model, MEMBERS, np.random.default_rng(0)).numbers.shape[0] == MEMBERS
+
+
+@pytest.mark.parametrize("name", [path.stem for path in sorted(ROBOTS.glob("*.yaml"))])
+def test_other_friction_is_drawn_with_the_same_geometry(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bit for bit what reading every member gives, but no member is read."""
+    model = load_model(str(ROBOTS / f"{name}.yaml"))
+    before = draw_numbers(model, MEMBERS, np.random.default_rng(3))
+    for values in ({"friction.rho": 0.31}, {"friction.mu_c": 0.11, "friction.rho": 0.4}):
+        other = with_other_numbers(model, values)
+        slow = draw_numbers(other, MEMBERS, np.random.default_rng(3))
+        with monkeypatch.context() as patch:
+            patch.setattr("cdrj_ros.estimation.parameter_draws.build_robot", None)
+            fast = draw_numbers(other, MEMBERS, np.random.default_rng(3), before=before)
+        assert fast.numbers.tobytes() == slow.numbers.tobytes()
+        assert fast.numbers.tobytes() != before.numbers.tobytes() or "friction.mu_c" not in values
+        assert fast.normal.tobytes() == slow.normal.tobytes()
+
+
+def test_other_geometry_is_not_taken_for_other_friction() -> None:
+    model = load_model(str(ROBOTS / "hoist.yaml"))
+    before = draw_numbers(model, MEMBERS, np.random.default_rng(3))
+    cable = model.robot.cables[0].name
+    other = with_other_numbers(model, {"friction.rho": 0.3, f"cables.{cable}.preload": 30.0})
+    slow = draw_numbers(other, MEMBERS, np.random.default_rng(3))
+    fast = draw_numbers(other, MEMBERS, np.random.default_rng(3), before=before)
+    assert fast.numbers.tobytes() == slow.numbers.tobytes()
+
+
+def test_an_impossible_draw_is_replaced_and_not_reduced() -> None:
+    """The idlers of the wrist are closer together than the default accuracy of their positions."""
+    model = load_model(str(ROBOTS / "wrist.yaml"))
+    draw = draw_numbers(model, MEMBERS, np.random.default_rng(0))
+    replaced = np.any(draw.normal != draw.first, axis=1)
+    assert MEMBERS / 2 < replaced.sum() < MEMBERS
+    assert 0.9 < draw.normal[replaced].std() < 1.1
+    assert len({row.tobytes() for row in draw.numbers}) == MEMBERS
 
 
 def _has(robot: Robot, path: str) -> bool:

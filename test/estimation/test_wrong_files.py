@@ -15,7 +15,7 @@ from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.ensemble import MEMBERS, Spread
 from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.estimation.members import draw_members
+from cdrj_ros.estimation.parameter_draws import draw_members
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.packing import number_views
