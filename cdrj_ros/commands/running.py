@@ -48,6 +48,8 @@ def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
             words = f"{where}{error.strerror or error}"
+        except MemoryError as error:
+            words = f"not enough memory: {error}" if str(error) else "not enough memory"
         except KeyboardInterrupt:
             words = None
         if words is None or was_interrupted():

@@ -36,6 +36,8 @@ def predicted(channel: Channel, stamp: int) -> float:
 def unseen_at(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
     """``Sample.unseen`` of an interpolated sample, (C3); call ``value_at`` of all channels first.
 
+    Infinite where nothing is known of an axis; such a sample is of no use.
+
     Args:
         channels: of all motors and joints.
         stamp: of the sample [ns].
@@ -54,7 +56,8 @@ def unseen_at(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
         if before != stamp or way > 0.0:
             if unseen is None:
                 unseen = np.zeros((2, len(channels)))
-            unseen[0, k] = curvature * (stamp - before) * (after - stamp)
+            if before != stamp:
+                unseen[0, k] = curvature * (stamp - before) * (after - stamp)
             unseen[1, k] = way
     return ALL_SEEN if unseen is None else unseen
 
@@ -98,6 +101,9 @@ def unseen_ahead(channels: Sequence[Channel], stamp: int, previous: int) -> Vect
 
 
 def way_between(curvature: float, interval_ns: int, negligible: float) -> float:
-    """Standard deviation midway between two samples [rad], (C3); 0 where negligible."""
+    """Standard deviation midway between two samples [rad], (C3); 0 where negligible.
+
+    Infinite where the motion between them is unknown.
+    """
     way = curvature * interval_ns * interval_ns * 0.25
     return way if way > negligible else 0.0

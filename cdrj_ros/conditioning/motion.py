@@ -6,7 +6,7 @@ Equations (C2) to (C5) of docs/conditioning.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, sqrt
+from math import exp, inf, sqrt
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -24,6 +24,9 @@ MEMORY_S: Final = 10.0
 CHORDS: Final = 1.5
 """Correction factor for accelerations from readings a third of a period apart; these would be
 too small."""
+
+WINDOWS: Final = 3
+"""Windows of a channel slower than ``WINDOW_NS`` after which its motion is known."""
 
 EVER_NS: Final = 1 << 62
 """Longer than any interval [ns]."""
@@ -53,7 +56,7 @@ TRAVEL: Final = 1.0
 """Leaps are looked for only after an axis has travelled this far in total [rad]."""
 
 
-LASTING: Final = ("speed", "acceleration", "fastest", "hardest", "travelled")
+LASTING: Final = ("speed", "acceleration", "fastest", "hardest", "travelled", "windows")
 """Fields of ``Motion`` that do not depend on the clock of the readings."""
 
 Verdict = Literal["", "glitch", "motion", "step"]
@@ -108,6 +111,8 @@ class Motion:
     """Greatest acceleration between any two windows so far [rad/s^2]."""
     travelled: float = 0.0
     """Sum of the displacements of all windows [rad]."""
+    windows: float = 0.0
+    """Number of windows so far."""
     seen_ns: int = EVER_NS
     """Deviations between readings at most this far apart are negligible [ns]."""
 
@@ -144,27 +149,36 @@ class Motion:
         self.fastest = max(self.fastest, speed)
         self.hardest = max(self.hardest, acceleration)
         self.travelled += certain
+        self.windows += 1.0
         self.span_s, self.velocity = span_s, velocity
         self.seen_ns = self._seen()
 
     def _seen(self) -> int:
         if not (self.speed > 0.0 and self.acceleration > 0.0):
             return EVER_NS
-        longest = max(
-            sqrt(8.0 * self.negligible / self.acceleration), 3.0 * self.negligible / self.speed
-        )
-        return int(min(longest, 1e9) * 1e9)
+        slow = 3.0 * self.negligible / self.speed
+        smooth = sqrt(8.0 * self.negligible / self.acceleration)
+        resolved = self.acceleration * smooth <= self.speed
+        return int(min(max(slow, smooth) if resolved else slow, 1e9) * 1e9)
+
+    def knows(self, span_ns: int) -> bool:
+        """Whether the motion so far tells what may happen between readings so far apart."""
+        return span_ns <= WINDOW_NS or self.windows > WINDOWS
 
     def curvature(self, span_ns: int) -> float:
         """Curvature of (C3) between two readings ``span_ns`` apart, 4 s / T^2 [rad/ns^2].
 
         The standard deviation of the angle is this times the times to both readings.  0 where it
-        is ``negligible`` everywhere between them.
+        is ``negligible`` everywhere between them, infinite where it is unknown.
         """
+        if not self.knows(span_ns):
+            return inf
         if span_ns <= self.seen_ns:
             return 0.0
         span = span_ns * 1e-9
-        sagitta = min(self.acceleration * span * span / 8.0, self.speed * span / 3.0)
+        bend = self.acceleration * span
+        unresolved = max(bend / self.speed, 1.0) if self.speed > 0.0 else 1.0
+        sagitta = min(bend * span / 8.0 * unresolved * unresolved, self.speed * span / 3.0)
         return 4.0 * sagitta / (float(span_ns) * float(span_ns))
 
     def ahead(self, horizon_ns: int, window_ns: int) -> float:
@@ -213,9 +227,10 @@ def _faded(before: float, now: float, keep: float) -> float:
 
 
 def curvatures(motion: Motion, stamps: Stamps, angles: Vector) -> Vector | None:
-    """``Motion.curvature`` before every reading of a channel, shape (n,); None if there is a leap.
+    """``Motion.curvature`` before every reading of a channel, shape (n,).
 
-    The results equal those of ``leap``, ``take`` and ``curvature`` reading by reading, bit for bit.
+    None if there is a leap, or a curvature that is unknown.  The results equal those of ``leap``,
+    ``take`` and ``curvature`` reading by reading, bit for bit.
     """
     result = np.zeros(stamps.size)
     if stamps.size == 0:
@@ -227,6 +242,8 @@ def curvatures(motion: Motion, stamps: Stamps, angles: Vector) -> Vector | None:
         end = int(np.searchsorted(stamps, motion.begin_ns + WINDOW_NS))
         end = min(max(end, begin), last)
         if _leaps(motion, spans[begin : end + 1], moved[begin : end + 1]):
+            return None
+        if spans[begin : end + 1].max() > WINDOW_NS and motion.windows < WINDOWS + 1:
             return None
         for k in np.flatnonzero(spans[begin:end] > motion.seen_ns).tolist():
             result[begin + k] = motion.curvature(int(spans[begin + k]))

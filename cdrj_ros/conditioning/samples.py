@@ -32,8 +32,8 @@ class Sample(NamedTuple):
     unseen: Vector = ALL_SEEN
     """Standard deviations due to sparse readings, of motors, then joints [rad], shape (2, axes).
 
-    Row 0: at the sample's time.  Row 1: midway between the sample before and this one.  Shape
-    (0, 0) where all are zero.
+    Row 0: at the sample's time.  Row 1: midway between the sample before and this one; infinite
+    where the motion between them is unknown.  Shape (0, 0) where all are zero.
     """
     doubtful: bool = False
     """Whether an angle may be wrong because the readings of its sensor have stepped."""

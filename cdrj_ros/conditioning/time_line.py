@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
@@ -442,7 +443,7 @@ class Conditioner:
         if not max(self._given_out, self._ahead) < newest <= until + self._horizon:
             return False
         lagging = (channel for channel in self._channels if channel.last_stamp < newest)
-        known = all(channel.recent_ns for channel in lagging)  # their velocities
+        known = all(c.recent_ns and c.motion.knows(c.usual_ns) for c in lagging)
         return known and self._given_out >= 0
 
     def _interpolated(self, until: int) -> list[Sample]:
@@ -466,10 +467,13 @@ class Conditioner:
                 unseen = unseen_at(channels, stamp, given_out)
             else:
                 unseen = unseen_before(channels, stamp, self._resumed)
+            given_out = stamp
+            if unseen.size and unseen[0].max() == inf:  # nothing is known of an axis here
+                continue
             doubtful = self._is_doubtful(stamp) if self._doubts else False
             sample = Sample(stamp, values[:motors], values[motors:], unseen, doubtful)
             samples.append(sample if stamp > self._ahead else sample._replace(silent=True))
-            given_out, began = stamp, True
+            began = True
         if samples:
             self._given_out = self._ahead_from = given_out
         return samples

@@ -108,8 +108,10 @@ def _new_members(
         span=np.array(spans).T.copy(),
         angle=np.zeros(axes),
         new_angle=np.zeros(axes),
-        middle=np.zeros(axes),
+        old_angle=np.zeros(axes),
         unseen=np.zeros((2, axes)),
+        last_unseen=np.zeros(axes),
+        between=np.zeros(axes),
         estimate=np.zeros(model.layout.size),
         readings=np.empty(axes),
         out=np.empty(model.out_size),
@@ -161,7 +163,7 @@ class Spread:
         own = self._members
         self._before_look = Snapshot(
             *(own.states, own.stamps, own.progress),
-            *(own.deviation, own.variance, own.intervals, own.angle),
+            *(own.deviation, own.variance, own.intervals, own.angle, own.last_unseen),
         )
         """What ``look_ahead`` changes."""
         self.generator = generator
@@ -194,6 +196,7 @@ class Spread:
         self.states[:] = 0.0
         self._members.progress[:] = (0, -1, 0)
         self._members.intervals[:] = 0
+        self._members.last_unseen[:] = 0.0
         self.deviation[:] = 0.0
         self.variance[:] = 0.0
         self._waiting = False
@@ -212,6 +215,7 @@ class Spread:
             "progress": self._members.progress,
             "last_angle": self._members.angle,
             "intervals": self._members.intervals,
+            "last_unseen": self._members.last_unseen,
             "deviation": self.deviation,
         }
 

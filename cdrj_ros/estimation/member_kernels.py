@@ -5,7 +5,7 @@ Called by ``cdrj_ros.estimation.ensemble``, which describes the members.
 
 from __future__ import annotations
 
-from math import ceil, sqrt
+from math import ceil, inf, sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -41,6 +41,10 @@ ROUND_NS: Final = 4_000_000
 
 UNFIT, DONE, WAITING = range(-1, 2)
 """Results of ``begin_sample``: whether arrays do not fit, and whether a member is to be updated."""
+
+PARTS: Final = 4
+"""Steps in which a member takes a path of its own between two samples.  Nearly all motions turn
+back late on such a path; with two steps, members saw half of these reversals."""
 
 # A literal argument has its own type, for which numba would compile the callee again.
 ONE: Final[Any] = np.int64(1)
@@ -85,10 +89,14 @@ class Members(NamedTuple):
     """Of all axes at the last sample [rad], shape (axes,)."""
     new_angle: Vector
     """The same of the sample that begins."""
-    middle: Vector
-    """Midway between both."""
+    old_angle: Vector
+    """The same of the sample before ``angle``."""
     unseen: Table
     """``Sample.unseen``, shape (2, axes)."""
+    last_unseen: Vector
+    """Its first row at the sample before, shape (axes,)."""
+    between: Vector
+    """Scratch, shape (axes,)."""
     estimate: Vector
     """At the last sample, shape (estimate_size,)."""
     readings: Vector
@@ -176,6 +184,17 @@ def _was_unseen(last_stamp: int, stamp: int, last_angle: Vector, angle: Vector) 
     for a in range(angle.size):
         moved |= abs(angle[a] - last_angle[a]) > MOVED
     return moved
+
+
+@lean
+def _is_unknown(members: Members, hidden: bool) -> bool:
+    """Whether the motion of an axis before this sample is unknown; then it counts as zero."""
+    unknown = False
+    for a in range(members.angle.size):
+        if hidden and members.unseen[1, a] == inf:
+            members.unseen[1, a] = 0.0
+            unknown = True
+    return unknown
 
 
 @lean
@@ -283,8 +302,24 @@ def _write_stddev(members: Members, stddev: Vector) -> None:
 
 
 @lean
+def _pass_by(members: Members, share: float) -> None:
+    """Write angles and deviations at a share of the way from the sample before to the last one.
+
+    The angles follow a straight line, the deviations the parabola through those of both samples
+    and the one midway between them, which is (C3) if all three lie in the same interval.
+    """
+    start, end = (1.0 - share) * (1.0 - 2.0 * share), share * (2.0 * share - 1.0)
+    middle = 4.0 * share * (1.0 - share)
+    unseen = members.unseen
+    for a in range(members.angle.size):
+        members.readings[a] = (1.0 - share) * members.old_angle[a] + share * members.angle[a]
+        deviation = start * members.last_unseen[a] + middle * unseen[1, a] + end * unseen[0, a]
+        members.between[a] = max(deviation, 0.0)
+
+
+@lean
 def step_members(
-    plan: NDArray[np.int64], members: Members, count: int, hidden: bool, half: float
+    plan: NDArray[np.int64], members: Members, count: int, hidden: bool, part_s: float
 ) -> None:
     """Update the next ``count`` members to the sample and the estimate in ``members``.
 
@@ -293,8 +328,8 @@ def step_members(
         members: the ensemble, changed.
         count: number of members.
         hidden: whether ``members.unseen`` holds deviations of the angles.
-        half: if an axis may have moved unseen since the sample before, half of the time since then
-            [s]: each member then takes a path of its own through ``members.middle``; otherwise 0.
+        part_s: if an axis may have moved unseen since the sample before, the time since then
+            divided by ``PARTS`` [s]: each member then takes a path of its own; otherwise 0.
     """
     sizes = plan_views(plan).sizes
     readings, progress = members.readings, members.progress
@@ -309,14 +344,16 @@ def step_members(
         numbers, state, share = members.numbers[k], states[k], members.shares[k]
         motor_angle, joint_angle = part(readings, 0, motors), part(readings, motors, axes)
         dt = (stamp - members.stamps[k]) * 1e-9
-        if half > 0.0 and state_views(sizes, state).started[0] != 0.0:
-            _read(readings, members.middle, errors)
-            _deviate(members, members.unseen[1], k)
-            _advance_member(
-                plan, numbers, state, share, motor_angle, joint_angle, dt - half, wanted,
-                members.out,
-            )  # fmt: skip
-            dt = half
+        if part_s > 0.0 and state_views(sizes, state).started[0] != 0.0:
+            dt -= (PARTS - 1) * part_s
+            for p in range(1, PARTS):
+                _pass_by(members, p / PARTS)
+                _read(readings, readings, errors)
+                _deviate(members, members.between, k)
+                _advance_member(
+                    plan, numbers, state, share, motor_angle, joint_angle, dt, wanted, members.out
+                )
+                dt = part_s
         _read(readings, members.angle, errors)
         if hidden:
             _deviate(members, members.unseen[0], k)
@@ -338,11 +375,11 @@ def _join(motor_angle: Vector, joint_angle: Vector, both: Vector) -> None:
 
 
 @lean
-def _move(angle: Vector, new: Vector, middle: Vector) -> None:
-    """Replace the angles by the new ones, and write the mean of both."""
-    for a in range(angle.size):
-        middle[a] = 0.5 * angle[a] + 0.5 * new[a]
-        angle[a] = new[a]
+def _move(members: Members) -> None:
+    """Replace the angles by those of the sample that begins, and keep the old ones."""
+    for a in range(members.angle.size):
+        members.old_angle[a] = members.angle[a]
+        members.angle[a] = members.new_angle[a]
 
 
 @lean
@@ -361,16 +398,16 @@ def _fit(members: Members, motor_angle: Vector, joint_angle: Vector, estimate: V
 
 @lean
 def _now_due(members: Members, passed: int, hidden: bool, least: int) -> tuple[int, float]:
-    """How many members to update after ``passed`` [ns], and ``half`` of ``step_members`` [s]."""
-    count, half, everyone = least, 0.0, len(members.states)
+    """How many members to update after ``passed`` [ns], and ``part_s`` of ``step_members``."""
+    count, part_s, everyone = least, 0.0, len(members.states)
     if passed != 0:
         inside, on_the_way = _note_unseen(members.unseen, hidden, members.intervals)
         if inside and members.progress[TURN] > 0:
             count = max(count, min(everyone, ceil(everyone * (passed / ROUND_NS))))
         if on_the_way and members.progress[TURN] > 0:
             count = everyone
-            half = passed * 0.5e-9
-    return count, half
+            part_s = passed * 1e-9 / PARTS
+    return count, part_s
 
 
 @lean
@@ -416,19 +453,22 @@ def begin_sample(
     progress = members.progress
     _join(motor_angle, joint_angle, members.new_angle)
     copy_part(estimate, 0, members.estimate)
-    if _was_unseen(progress[LAST_STAMP], stamp, members.angle, members.new_angle):
+    unknown = _is_unknown(members, hidden)
+    if unknown or _was_unseen(progress[LAST_STAMP], stamp, members.angle, members.new_angle):
         _forget(members)
     passed = stamp - progress[LAST_STAMP]
-    count, half = _now_due(members, passed, hidden, least)
+    count, part_s = _now_due(members, passed, hidden, least)
     progress[LAST_STAMP] = stamp
-    _move(members.angle, members.new_angle, members.middle)
+    _move(members)
     unsolved = _is_invalid(members.estimate, plan_views(plan).sizes.elements, ANY)
     if progress[TURN] == 0 or (progress[BEHIND] != 0 and not unsolved):
         count = len(members.states)
     progress[BEHIND] = 1 if unsolved else 0
     due = _is_due(members, stamp)
     if count > 1:
-        step_members(plan, members, count, hidden, half)
+        step_members(plan, members, count, hidden, part_s)
+    for a in range(members.angle.size):
+        members.last_unseen[a] = members.unseen[0, a] if hidden else 0.0
     _write_stddev(members, stddev)
     waiting = count == 1 and due
     if waiting and at_once:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,10 @@ from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
+
+
+BATCH: Final = 1000
+"""Samples between two calls of a progress function."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,29 @@ class Truth:
     def slack(self) -> NDArray[np.bool_]:
         """Whether each element is slack, shape (n, elements)."""
         return np.asarray(self.tension <= 0.0)
+
+
+class Kept:
+    """What the truth needs of the fine robot's estimates, of which there is one batch at a time.
+
+    All of them would take 7 kB for every sample of the prototype.
+    """
+
+    def __init__(self, rig: Rig, samples: int) -> None:
+        self._layout, self._spans = rig.fine.layout, rig.divided.spans
+        self.tension = np.empty((samples, len(rig.lumped.layout.elements)))
+        """Of the free spans [N], shape (n, elements of the lumped robot)."""
+        self.motor_effort = np.empty((samples, rig.wiring.owner.size))
+        """Of all motors of the fine robot [N m]."""
+        self.joint_effort = np.empty((samples, len(rig.lumped.layout.joints)))
+        """[N m]."""
+
+    def keep(self, begin: int, estimates: Table) -> None:
+        """Take over the estimates of the samples from ``begin`` on, shape (k, fine layout.size)."""
+        rows = slice(begin, begin + len(estimates))
+        self.tension[rows] = estimates[:, self._layout.tension][:, self._spans]
+        self.motor_effort[rows] = estimates[:, self._layout.motor_effort]
+        self.joint_effort[rows] = estimates[:, self._layout.joint_effort]
 
 
 class MotionError(UsageError):
@@ -165,46 +193,48 @@ def _turn_in_space(model: Model, joint_angle: Table, motor_angle: Table, cosines
             cosines[k, spatial] = turned[spatial]
 
 
+def _nodal_forces(model: Model, joint_angle: Table, motor_angle: Table, tension: Table) -> Table:
+    """Magnitude of the force on every pulley of the lumped robot [N], (38), shape (n, pulleys)."""
+    _, wraps = shapes_along(model, joint_angle)
+    cosines = np.cos(wraps)
+    _turn_in_space(model, joint_angle, motor_angle, cosines)
+    before = model.layout.element_before
+    forces: Table = nodal_force_magnitude(tension[:, before], tension[:, before + 1], cosines)
+    return forces
+
+
 def read_out(
     rig: Rig,
     time: Vector,
     motor_angle: Table,
     joint_angle: Table,
-    estimates: Table,
+    kept: Kept,
     offset: Table,
     imbalance: Vector,
     notes: tuple[str, ...] = (),
 ) -> Truth:
     """The truth for the free spans and whole pulleys of the lumped robot, in its order."""
-    robot, layout = rig.lumped.robot, rig.fine.layout
-    tension = estimates[:, layout.tension][:, rig.divided.spans]
-    _, wraps = shapes_along(rig.lumped, joint_angle)
-    cosines = np.cos(wraps)
-    _turn_in_space(rig.lumped, joint_angle, motor_angle, cosines)
+    robot = rig.lumped.robot
     forces = np.empty((time.size, len(rig.lumped.layout.pulleys)))
-    element = pulley = 0
-    for cable in robot.cables:
-        for _ in cable.pulleys:
-            before, after = tension[:, element], tension[:, element + 1]
-            forces[:, pulley] = nodal_force_magnitude(before, after, cosines[:, pulley])
-            element += 1
-            pulley += 1
-        element += 1
-    all_motors = estimates[:, layout.motor_effort]
-    motors = all_motors[:, : len(robot.motors)].copy()
+    for begin in range(0, time.size, BATCH):
+        rows = slice(begin, begin + BATCH)
+        forces[rows] = _nodal_forces(
+            rig.lumped, joint_angle[rows], motor_angle[rows], kept.tension[rows]
+        )
+    motors = kept.motor_effort[:, : len(robot.motors)].copy()
     ends = range(len(robot.motors), rig.wiring.owner.size)
     for end in ends:
         if rig.wiring.owner[end] >= 0:
-            motors[:, rig.wiring.owner[end]] += all_motors[:, end]
+            motors[:, rig.wiring.owner[end]] += kept.motor_effort[:, end]
     whole = tuple(f"not divided into contact cells: {what}" for what in rig.divided.whole)
     return Truth(
         time,
         motor_angle,
         joint_angle,
-        tension,
+        kept.tension,
         forces,
         motors,
-        estimates[:, layout.joint_effort].copy(),
+        kept.joint_effort,
         imbalance,
         offset[:, list(ends)],
         (*whole, *notes),

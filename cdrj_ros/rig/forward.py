@@ -19,7 +19,7 @@ from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import scratch_size
-from cdrj_ros.rig.assembly import MotionError, Truth, make_rig, read_out, require_taut
+from cdrj_ros.rig.assembly import BATCH, Kept, MotionError, Truth, make_rig, read_out, require_taut
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.load import (
     DAMPING,
@@ -30,7 +30,7 @@ from cdrj_ros.rig.load import (
     WEIGHT_COS_2,
     Load,
 )
-from cdrj_ros.rig.prescribed import BATCH, Progress
+from cdrj_ros.rig.prescribed import Progress
 from cdrj_ros.rig.start import balanced_start
 from cdrj_ros.robot.description import Robot
 
@@ -101,7 +101,7 @@ def swing(
     joints[0, joint] = start
     dt = np.diff(time, prepend=time[0])
     state = np.zeros(fine.state_size)
-    estimates = np.empty((n, fine.layout.size))
+    batch, kept = np.empty((min(n, BATCH), fine.layout.size)), Kept(rig, n)
     residual = np.empty(n)
     course = np.array([start, 0.0, 0.0, 0.0])
     for begin in range(0, n, BATCH):
@@ -109,10 +109,11 @@ def swing(
         done = swing_steps(
             fine.plan, fine.numbers, state, course, coefficients, joint, float(axis.effort_sign),
             fine.layout.joint_effort.start + joint, axis.lower, axis.upper, drums[begin:end],
-            joints[begin:end], dt[begin:end], residual[begin:end], estimates[begin:end],
+            joints[begin:end], dt[begin:end], residual[begin:end], batch[: end - begin],
         )  # fmt: skip
         upto = begin + done
-        require_taut(rig, time[begin:], joints[begin:upto], estimates[begin:upto], allow_slack)
+        require_taut(rig, time[begin:], joints[begin:upto], batch[:done], allow_slack)
+        kept.keep(begin, batch[:done])
         if upto < end:
             raise MotionError(
                 f"{axis.name} leaves its range [{axis.lower:.4g}, {axis.upper:.4g}] at "
@@ -126,7 +127,7 @@ def swing(
             )
         if progress is not None:
             progress(end)
-    return read_out(rig, time, motors, joints, estimates, offset, residual)
+    return read_out(rig, time, motors, joints, kept, offset, residual)
 
 
 @compiled

@@ -7,7 +7,6 @@ would.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,8 @@ from cdrj_ros.model.compiled import ordinary
 from cdrj_ros.model.mechanism import advance_all
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.assembly import (
+    BATCH,
+    Kept,
     Truth,
     make_rig,
     read_out,
@@ -29,9 +30,6 @@ from cdrj_ros.robot.description import Robot
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 Progress = Callable[[int], None]
-
-BATCH: Final = 1000
-"""Samples between two reports of progress."""
 
 
 def follow(
@@ -100,17 +98,19 @@ def prescribe(
     drums = rig.drums(motors, offset)
     dt = np.diff(time, prepend=time[0])
     state = np.zeros(rig.fine.state_size)
-    estimates = np.empty((n, rig.fine.layout.size))
+    batch, kept = np.empty((min(n, BATCH), rig.fine.layout.size)), Kept(rig, n)
     for begin in range(0, n, BATCH):
         end = min(begin + BATCH, n)
+        estimates = batch[: end - begin]
         advance_all(
             rig.fine.plan, rig.fine.numbers, state, drums[begin:end], joints[begin:end],
-            dt[begin:end], estimates[begin:end],
+            dt[begin:end], estimates,
         )  # fmt: skip
-        require_taut(rig, time[begin:], joints[begin:end], estimates[begin:end], allow_slack)
+        require_taut(rig, time[begin:], joints[begin:end], estimates, allow_slack)
+        kept.keep(begin, estimates)
         if progress is not None:
             progress(end)
-    return read_out(rig, time, motors, joints, estimates, offset, np.zeros(n), notes)
+    return read_out(rig, time, motors, joints, kept, offset, np.zeros(n), notes)
 
 
 def columns(values: NDArray[np.float64], n: int, columns: int, name: str) -> Table:

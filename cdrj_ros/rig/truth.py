@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.rig.assembly import (
+    BATCH,
+    Kept,
     MotionError,
     Rig,
     Truth,
@@ -28,7 +30,7 @@ from cdrj_ros.rig.assembly import (
 from cdrj_ros.rig.balance import balance, scan
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.follow import follow_joints, pull_together
-from cdrj_ros.rig.prescribed import BATCH, Progress, columns
+from cdrj_ros.rig.prescribed import Progress, columns
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
@@ -90,7 +92,7 @@ def simulate(
     fine = rig.fine
     n = time.size
     joints = columns(joint_angle, n, len(robot.joints), "joint_angle")
-    estimates = np.empty((n, fine.layout.size))
+    batch, kept = np.empty((min(n, BATCH), fine.layout.size)), Kept(rig, n)
     drive, phases, lacking = np.empty(n), np.empty(n, dtype=np.int64), np.empty(n)
     state = np.zeros(fine.state_size)
     dt = np.diff(time, prepend=time[0])
@@ -107,10 +109,13 @@ def simulate(
             fine.plan, fine.numbers, state, angle, rising, phase, excused, joints, torque,
             dt[begin:end], motor_speed, place, base, direction, offset[begin:end],
             happening[begin:end], drive[begin:end], phases[begin:end], lacking[begin:end],
-            estimates[begin:end],
+            batch[: end - begin],
         )  # fmt: skip
-        require_taut(rig, time[begin:], joints[phases[begin : begin + done]],
-                     estimates[begin : begin + done], allow_slack)  # fmt: skip
+        estimates = batch[:done]
+        require_taut(
+            rig, time[begin:], joints[phases[begin : begin + done]], estimates, allow_slack
+        )
+        kept.keep(begin, estimates)
         if done < end - begin:
             where = (
                 f"{joint_text(robot, joint, joints[phase, joint])}, t = {time[begin + done]:.4g} s"
@@ -121,7 +126,7 @@ def simulate(
     motors = len(robot.motors)
     motor_angle = base[phases, :motors] + np.multiply.outer(drive, direction[:motors])
     notes = _waiting_notes(time, phases, lacking, torque[phases])
-    return read_out(rig, time, motor_angle, joints[phases], estimates, offset, lacking, notes)
+    return read_out(rig, time, motor_angle, joints[phases], kept, offset, lacking, notes)
 
 
 def _unbalanced(where: str, torque: float, asked: float, motor_speed: float) -> MotionError:

@@ -469,6 +469,25 @@ def _lagging_joint():
     return motor, Series(slow, slow + 3_000_000, slow * -1e-9)
 
 
+def test_the_first_intervals_of_a_slow_channel_give_no_samples_and_are_unknown():
+    """From the fourth interval on the motion so far tells what may happen between readings."""
+    heard, period = Listener(), SECOND // 2
+    for k in range(300):
+        stamp = START + k * SECOND // 100
+        heard.feed(Message("motors", stamp, MOTORS, (0.5 * k / 100, 0.0)))
+        if k % 50 == 10:
+            heard.feed(Message("joints", stamp, JOINTS, (0.1 * np.sin(k / 30), 0.0)))
+    (samples,) = heard.segments
+    first = START + SECOND // 10
+    early = [sample for sample in samples if sample.stamp_ns <= first + 3 * period]
+    assert [sample.stamp_ns - first for sample in early] == [0, period, 2 * period, 3 * period]
+    assert [bool(np.isinf(one.unseen[1]).any()) for one in early if one.unseen.size] == [True] * 3
+    later = [sample for sample in samples if sample.stamp_ns > first + 3 * period]
+    assert len(later) == 100
+    assert all(np.all(np.isfinite(sample.unseen)) for sample in later)
+    assert max(sample.unseen[0].max() for sample in later if sample.unseen.size) > 1e-3
+
+
 def test_prediction_gives_at_once_the_samples_that_waiting_gives_late():
     motor, joint = _lagging_joint()
     for mode, lag in (("wait", 5_000_000), ("predict", 0)):

@@ -112,6 +112,26 @@ def test_possible_motion_in_a_gap_is_part_of_the_standard_deviation(
             assert inside.ratio.size < 0.9 * inside.judged, "the middle of the gap is UNSURE"
 
 
+@pytest.mark.parametrize("hertz", [0.7, 1.0, 1.5, 2.0, 3.0])
+def test_what_happens_between_the_readings_of_two_slow_topics_is_in_the_deviation(
+    hertz: float, model: Model, all_courses: list[Course]
+) -> None:
+    """Reversals shortly before a reading, and the first intervals, whose motion is not known."""
+    period = round(SECOND / hertz)
+    verdicts = [
+        judge(one, run(model, one, faults), 0, one.duration_ns)
+        for one in all_courses
+        for faults in (
+            Faults(period_ns={"winch": period, "elbow": period}, phase=phase)
+            for phase in (0.05, 0.3, 0.55, 0.8)
+        )
+    ]
+    ratio = np.concatenate([one.ratio for one in verdicts])
+    assert np.mean(ratio > 2.0) <= BEYOND_TWO
+    assert np.mean(ratio > 5.0) <= BEYOND_FIVE
+    assert ratio.size > 0.2 * sum(one.judged for one in verdicts), "some have status 0"
+
+
 def test_readings_at_full_rate_leave_nothing_unseen(model: Model, course: Course) -> None:
     """With readings at full rate the unseen deviation is empty and has no effect."""
 
@@ -228,10 +248,10 @@ def test_a_turn_while_the_process_is_down_is_part_of_the_standard_deviation(
 
 
 def test_nothing_is_predicted_from_a_single_reading(model: Model, course: Course) -> None:
-    """It says nothing of the velocity."""
+    """It says nothing of the velocity, and a few readings far apart little of the motion."""
     given: list[int] = []
     live = LiveEstimator(model, Options(conditioning="predict"))
-    for k in range(700):
+    for k in range(1300):
         stamp = START + k * MS
         made = []
         if k % 300 == 0:
@@ -242,8 +262,9 @@ def test_nothing_is_predicted_from_a_single_reading(model: Model, course: Course
             assert live.sample is not None
             assert live.last_ns == START, "of the one time that has a reading of both"
             assert given == [0]
-    assert given == list(range(621)), "20 ms beyond the third reading"
-    assert live.last_ns == START + 600 * MS, "what was predicted is not continued"
+    assert given[:4] == [0, 300, 600, 900], "between them nothing is known"
+    assert given[4:] == list(range(901, 1221)), "20 ms beyond the fifth reading"
+    assert live.last_ns == START + 1200 * MS, "what was predicted is not continued"
 
 
 @pytest.mark.parametrize(

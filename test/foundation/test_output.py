@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TextIO
 
+import numpy as np
 import pytest
 
 from cdrj_ros.commands.running import run_command
@@ -91,3 +92,13 @@ def test_an_error_is_one_line_for_any_names_in_it(
     assert run_command("validate", body, []) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("validate: \\x1b[31mbag\\nof two lines")
+
+
+def test_a_lack_of_memory_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    def body(_: object) -> int:
+        return int(np.empty((10**15, 906)).size)
+
+    assert run_command("simulate", body, []) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("simulate: not enough memory: Unable to allocate")
+    assert said.count("\n") == 1

@@ -63,6 +63,8 @@ class Faults:
     """Faults of the inputs of one run; none by default."""
 
     period_ns: dict[str, int] = field(default_factory=lambda: {"winch": MS, "elbow": MS})
+    phase: float = 0.0
+    """First reading of axes slower than ``SLOWEST_NS``, as a share of their period."""
     gaps: list[tuple[str, int, int]] = field(default_factory=list)
     """Axis, begin and end [ns]."""
     late_ns: dict[str, int] = field(default_factory=dict)
@@ -131,7 +133,9 @@ def follow(model: Model, elbow: Vector) -> Vector:
 
 def stamps_of(course: Course, faults: Faults, name: str) -> Stamps:
     """Stamps of the readings of an axis since the start [ns]."""
-    stamps = np.arange(0, course.duration_ns, faults.period_ns[name], dtype=np.int64)
+    period = faults.period_ns[name]
+    first = int(faults.phase * period) if period > SLOWEST_NS else 0
+    stamps = np.arange(first, course.duration_ns, period, dtype=np.int64)
     for axis, begin, end in faults.gaps:
         if axis == name:
             stamps = stamps[(stamps < begin) | (stamps > end)]
@@ -306,6 +310,7 @@ def draw_faults(generator: np.random.Generator, duration_ns: int) -> Faults:
     if generator.random() < 0.2:
         faults.mode = "predict"
     _let_slips_be_seen(faults)
+    faults.phase = float(generator.random())
     return faults
 
 
@@ -346,7 +351,7 @@ def _gap(faults: Faults, generator: np.random.Generator, duration_ns: int) -> No
 
 
 def _slow(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
-    period = int(SECOND / 10.0 ** generator.uniform(0.2, 2.3))
+    period = int(SECOND / 10.0 ** generator.uniform(-0.3, 2.3))
     for axis in (("winch",), ("elbow",), ("winch", "elbow"))[generator.integers(0, 3)]:
         faults.period_ns[axis] = period
 
