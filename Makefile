@@ -31,7 +31,7 @@ IN_ENV := . tools/env.sh &&
 # files are listed while building; adding or removing one changes the date of its folder.
 INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/null)
 
-.PHONY: demo live test check bench docs soak figures setup lock clean
+.PHONY: demo live test check style bench docs soak figures setup lock clean
 
 demo: setup
 	@$(IN_ENV) python tools/demo.py
@@ -41,16 +41,21 @@ live: setup
 
 # Tests of one file share processes and compiled state, so they run in one worker. Those of nodes
 # wait for messages a good part of the time, so there is a worker more than processors. Files start
-# in the order of test/conftest.py.
+# in the order of test/conftest.py. The types are checked beside the tests, and what is said of them
+# follows; the test of import directions is among the tests.
 WORKERS := $(shell cores=$$(nproc); echo $$((cores < 4 ? cores + 1 : 4)))
-test: check
-	@$(IN_ENV) python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+test: style
+	@$(IN_ENV) exec 3< <(tools/types.sh 2>&1) && types=$$! && failed=0 && \
+	{ python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder || failed=$$?; } && \
+	cat <&3 && wait $$types && exit $$failed
 
-check: setup
-	@$(IN_ENV) ruff check
-	@$(IN_ENV) ruff format --check
+check: style
 	@$(IN_ENV) tools/types.sh
 	@$(IN_ENV) python -m pytest -q test/project/test_rooms.py
+
+style: setup
+	@$(IN_ENV) ruff check
+	@$(IN_ENV) ruff format --check
 
 bench: setup $(BENCH)
 	@$(IN_ENV) python -m bench

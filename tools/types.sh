@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Check the types, in the project's environment. Called by `make check`.
+# Check the types, in the project's environment. Called by `make check` and `make test`.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 

@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 Vector = NDArray[np.float64]
 
@@ -33,6 +32,8 @@ def smooth(values: Vector, share: float = LIGHT) -> Vector:
 
 def humps(values: Vector) -> int:
     """Maxima of a closed cycle after light smoothing: 2 for an M, as for a W upside down."""
+    from scipy.signal import find_peaks  # slow to import, so only where used
+
     once = smooth(values)
     start = int(np.argmin(once))  # begins at the lowest point, so that no hump is cut in two
     turned = np.concatenate([once[start:], once[: start + 1]])
