@@ -228,15 +228,19 @@ def _newton(chain: Chain, x: Vector, floor: float) -> tuple[Vector, float]:
         last = worst <= floor
         slope = value[:-1].imag.T / STEP
         step = np.linalg.lstsq(slope, -value[-1].real, rcond=1e-13)[0]
-        for _ in range(20):
-            trial = x + step
-            if (chain.material(trial) > 0).all() and (
-                np.abs(chain.imbalance(trial + 0j)).max() < worst
-            ):
-                break
-            step = 0.5 * step
-        x = trial
+        x = _descended(chain, x, step, worst)
     return best.copy(), float(worst)
+
+
+def _descended(chain: Chain, x: Vector, step: Vector, worst: float) -> Vector:
+    """The first of x + step, x + step / 2, ..., x + step / 2^19 below ``worst``, or the last."""
+    for parts in (np.ones(1), 0.5 ** np.arange(1.0, 20.0)):
+        trials = x + parts[:, None] * step
+        possible = trials[(chain.material(trials) > 0).all(axis=-1)]
+        below = np.abs(chain.imbalance(possible + 0j)).max(axis=-1) < worst
+        if below.any():
+            return np.asarray(possible[np.argmax(below)])
+    return np.asarray(trials[-1])
 
 
 def _balanced_alone(chain: Chain, x: Vector, i: int) -> float:
