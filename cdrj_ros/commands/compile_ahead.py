@@ -23,6 +23,7 @@ from cdrj_ros.conditioning.tracking import new_track, track, track_all
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.estimation.unsure import mark_recording, preload_of_elements
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
@@ -62,6 +63,7 @@ def _compile_recordings() -> None:
     model = load_model(ROBOT)
     samples = _samples(model)
     _, estimates = run(model, initial_state(model), samples)
+    run_slipping(model, initial_state(model), samples)
     preload = preload_of_elements(model.robot)
     mark_recording(estimates.values, preload, np.empty((0, 0)), 1.0, np.ones(2, dtype=np.bool_))
     track_all(samples.stamp_ns, np.zeros(2), 1.0, 1.0, False, np.zeros(2))

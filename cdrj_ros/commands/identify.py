@@ -414,6 +414,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         arguments.seed,
         arguments.settle,
         arguments.quick,
+        judges_drums=True,
     )
 
 

@@ -31,7 +31,12 @@ def uncertainty_section(
         model_error: errors of the model by channel; if empty, those of ``before`` are kept.
     """
     lines = ["uncertainty:                    # standard deviations and correlations of the fit"]
-    lines += [f"  {key}: {before[key]}" for key in ("others", "drums") if key in before]
+    if "others" in before:
+        lines.append(f"  others: {before['others']}")
+    if found.drums is not None:
+        lines.append(f"  drums: {found.drums.drums}  # {found.drums.comment}")
+    elif "drums" in before:
+        lines.append(f"  drums: {before['drums']}")
     errors = dict(model_error) or dict(before.get("model_error", {}))
     if errors:
         lines.append("  model_error:                  # from runs that were not fitted")

@@ -509,3 +509,26 @@ def run_members(
             plan, members, motor_angle, joint_angle, estimates[k], ONE, samples.stamp_ns[k],
             hidden, AT_ONCE, stddevs[k],
         )  # fmt: skip
+
+
+@lean
+def advance_slipping(
+    plan: NDArray[np.int64],
+    numbers: Vector,
+    state: Vector,
+    motor_angles: Table,
+    joint_angles: Table,
+    dt: Vector,
+    out: Vector,
+    estimates: Table,
+) -> None:
+    """As ``advance_all`` of the model, for a robot whose cables slip on their drums.
+
+    The arguments are those of ``advance_all``, with ``out``, scratch of shape (out_size,).
+    """
+    for k in range(dt.size):
+        solved = advance_robot(plan, numbers, state, motor_angles[k], joint_angles[k], dt[k], out)
+        copy_part(out, 0, state)
+        copy_part(out, state.size, estimates[k])
+        if solved:
+            forget_drums(plan, numbers, state)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.identification.drums import DrumFinding, drums_in_doubt, judge_drums
 from cdrj_ros.identification.left_alone import LeftAlone
 from cdrj_ros.identification.residuals import (
     CONDITIONING_KEYS,
@@ -110,6 +111,8 @@ class Settings:
     """Whether to skip the last round, which uses all samples."""
     sought: tuple[str, ...] = ()
     """Paths of numbers that are first sought over their whole range."""
+    judges_drums: bool = False
+    """Whether to judge if the cable slips on its drums, where the file leaves it open."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,8 @@ class Identification:
     standard deviation that it had before."""
     others: LeftAlone | None = None
     """Numbers that were not fitted, and how the errors of the fitted ones go with theirs."""
+    drums: DrumFinding | None = None
+    """What the recordings show of the cable on the drums; None if it was not judged."""
 
     @property
     def by_path(self) -> dict[str, float]:
@@ -252,12 +257,15 @@ def _fitted(rounds: _Rounds, channels: tuple[str, ...]) -> Identification:
     known = certainty(rough, coordinates, here, slopes, weights)
     coordinates = np.where(known.silent, 0.0, coordinates)
     residuals = last.residuals(coordinates)
+    drums = None
+    if settings.judges_drums and drums_in_doubt(rounds.model.robot):
+        drums = judge_drums(rough, coordinates, weights, loss, say)
     return Identification(
         rounds.unknowns,
         last.values(coordinates),
         np.where(known.silent, _stddev_before(rounds, known.stddev), known.stddev),
         known.correlation,
-        known.findings + unsettled + starts,
+        known.findings + unsettled + starts + ((drums.sentence,) if drums else ()),
         channels,
         _count(last),
         residuals.size,
@@ -265,6 +273,7 @@ def _fitted(rounds: _Rounds, channels: tuple[str, ...]) -> Identification:
         evaluations + rough.evaluations,
         tuple(known.silent.tolist()),
         known.others,
+        drums,
     )
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
@@ -96,6 +97,8 @@ class Observations:
     channels: tuple[Channel, ...]
     groups: tuple[Group, ...] | None = None
     """The channels by their stamps; None if the unknowns change the samples."""
+    drums_slip: bool = False
+    """Whether the estimates are those of a robot whose cables slip on their drums."""
 
     @property
     def size(self) -> int:
@@ -312,11 +315,11 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
     n = samples.stamp_ns.size
     # the estimates of a chunk after the last one before it: 10 % faster than a table of all
     block = np.empty((min(CHUNK, n) + 1, model.layout.size))
-    state = initial_state(model)
+    state, advance = initial_state(model), run_slipping if observed.drums_slip else run
     for begin in range(0, n, CHUNK):
         part = slice(begin, min(begin + CHUNK, n))
         count = part.stop - begin
-        state, _ = run(model, state, _slice(samples, part), into=block[1 : count + 1])
+        state, _ = advance(model, state, _slice(samples, part), into=block[1 : count + 1])
         for group, estimates in zip(groups, found, strict=True):
             first, end = np.searchsorted(group.right, (begin, part.stop))
             right = group.right[first:end] - begin

@@ -1,0 +1,185 @@
+"""Whether the cable slips on its drums, as far as recordings show it.
+
+Cable that holds on its drum comes off at the strain at which it went on; cable that slips there
+has the strain of the free cable, and loses preload from cycle to cycle.  Both are fitted to the
+same recordings, with the same unknowns, and the residuals are compared.  See (I8) in
+docs/identification.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from math import log, sqrt
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.identification.residuals import Problem, samples_of, thinned
+from cdrj_ros.identification.solution import Loss, Progress, solve, with_priors
+from cdrj_ros.identification.standard_errors import effective_variance
+from cdrj_ros.identification.states import STRETCHES, visited_states
+from cdrj_ros.robot.description import Robot, Winch
+
+Vector = NDArray[np.float64]
+
+CERTAIN: Final = log(1000.0)
+"""Logarithm of the likelihood ratio of the two hypotheses from which one of them is accepted."""
+
+MOST_STATES: Final = 2 * STRETCHES
+"""Largest number of residuals that count as independent: errors of the model repeat in every cycle
+and in every recording of a motion."""
+
+WHOLE_CYCLE: Final = 2
+"""Passes of a motor between the outer quarters of its range that make a whole cycle."""
+
+STEPS: Final = 12
+"""Largest number of steps of the fit with slipping cable."""
+
+TOLERANCE: Final = 1e-3
+"""Relative change of the cost that ends this fit."""
+
+
+class DrumFinding(NamedTuple):
+    """What recordings show of the cable on the drums."""
+
+    drums: Literal["hold", "may_slip"]
+    """The entry ``uncertainty.drums``."""
+    comment: str
+    """Its reason, for the robot file."""
+    sentence: str
+    """The same to be printed."""
+
+
+def drums_in_doubt(robot: Robot) -> bool:
+    """Whether a robot has drums and its file does not say that the cable holds on them."""
+    known = robot.uncertainty
+    return known is not None and not known.drums_hold and any(True for _ in _motors(robot))
+
+
+def judge_drums(
+    problem: Problem, coordinates: Vector, weights: Vector, loss: Loss, say: Progress
+) -> DrumFinding:
+    """Compare drums that hold with drums that slip: (I8).
+
+    Args:
+        problem: the fit, whose estimates are those of drums that hold.
+        coordinates: its solution, shape (p,).
+        weights: robust weights of the residuals, shape (n,); they count for both.
+        loss: of the fit with slipping cable.
+        say: called with each progress line.
+    """
+    if not _whole_cycles(problem):
+        return DrumFinding(
+            "may_slip", "no whole cycle of every motor was recorded",
+            "The recordings do not show whether the cable slips on its drums: this takes a whole "
+            "cycle of every motor. drums: may_slip stays.",
+        )  # fmt: skip
+    say("fitting drums that slip")
+    slipping = Problem(
+        problem.document, problem.source, problem.unknowns,
+        [replace(one, drums_slip=True) for one in problem.observations], problem.pool,
+    )  # fmt: skip
+    # numbers fitted with the wrong drums can be far off: those of the file are another start
+    slips = _fitted(slipping, (coordinates, np.zeros_like(coordinates)), weights, loss, say)
+    problem.evaluations += slipping.evaluations
+    holds = _misfit(problem, coordinates, weights)
+    if slips.squares < holds.squares:
+        say("fitting drums that hold once more")
+        again = _fitted(problem, (slips.coordinates,), weights, loss, say)
+        holds = min(holds, again, key=lambda one: one.squares)
+    ratio = slips.squares / max(holds.squares, 1e-300)
+    independent = min(visited_states(problem), MOST_STATES)
+    return finding(ratio, independent, slips.strain - holds.strain)
+
+
+class _Misfit(NamedTuple):
+    """How far some numbers are from the recordings, and from what was known before."""
+
+    squares: float
+    """Weighted sum of squares of the residuals."""
+    strain: float
+    """Sum of squares of the deviations from the priors [their standard deviations squared]."""
+    coordinates: Vector
+
+
+def _misfit(problem: Problem, coordinates: Vector, weights: Vector) -> _Misfit:
+    residuals = problem.residuals(coordinates)
+    priors = with_priors(problem, coordinates, residuals)[residuals.size :] / problem.prior_scale
+    return _Misfit(float(weights @ residuals**2), float(priors @ priors), coordinates)
+
+
+def _fitted(
+    problem: Problem, begins: Sequence[Vector], weights: Vector, loss: Loss, say: Progress
+) -> _Misfit:
+    """The best fit from the best of several starts, with priors of their own weight."""
+    begin = min(begins, key=lambda one: _misfit(problem, one, weights).squares)
+    for _ in range(2):
+        begin = solve(problem, begin, loss, STEPS, say, TOLERANCE).coordinates
+        variance = effective_variance(problem, problem.residuals(begin) * np.sqrt(weights))
+        problem.prior_scale = float(np.sqrt(variance))
+    return _misfit(problem, begin, weights)
+
+
+def finding(ratio: float, independent: int, strain: float) -> DrumFinding:
+    """(I8): what the residuals of both hypotheses show.
+
+    Args:
+        ratio: sum of squares with slipping cable over that with cable that holds, positive.
+        independent: number of residuals that count as independent, at least 1.
+        strain: squared deviations from the priors with slipping cable, less those with cable that
+            holds [standard deviations squared].
+    """
+    certainty = 0.5 * (independent * log(ratio) + strain)
+    if certainty > CERTAIN:
+        times = f"{sqrt(ratio):.2g} times"
+        return DrumFinding(
+            "hold", f"cable that slips makes the residuals {times} as large",
+            "The cable holds on its drums: if it slipped there, the residuals would be "
+            f"{times} as large. The new file says drums: hold.",
+        )  # fmt: skip
+    if certainty < -CERTAIN:
+        times = f"{sqrt(1.0 / ratio):.2g} times"
+        return DrumFinding(
+            "may_slip", f"cable that holds makes the residuals {times} as large",
+            f"The cable slips on its drums: with cable that holds the residuals are {times} as "
+            "large. The estimator assumes that it holds, so its tensions become worse from cycle "
+            "to cycle, and the fitted numbers are wrong. drums: may_slip stays.",
+        )  # fmt: skip
+    needed = np.exp(CERTAIN / independent)
+    return DrumFinding(
+        "may_slip", "the recordings do not decide",
+        "The recordings do not show whether the cable slips on its drums: the residuals would be "
+        f"{sqrt(ratio):.2g} times as large, and {needed:.2g} times would decide. drums: may_slip "
+        "stays, which widens the standard deviations; state drums: hold if it cannot slip.",
+    )  # fmt: skip
+
+
+def _motors(robot: Robot) -> Iterator[str]:
+    """Motors that turn drums."""
+    for cable in robot.cables:
+        yield from (node.motor for node in cable.nodes if isinstance(node, Winch))
+
+
+def _whole_cycles(problem: Problem) -> bool:
+    """Whether every motor with a drum moved back and forth in some recording."""
+    robot = problem.begin.robot
+    names = [motor.name for motor in robot.motors]
+    angles = [
+        (one.samples or thinned(samples_of(problem.begin, one.recorded), one.stride)).motor_angle
+        for one in problem.observations
+    ]
+    return all(
+        any(_passes(angle[:, names.index(motor)]) >= WHOLE_CYCLE for angle in angles)
+        for motor in set(_motors(robot))
+    )
+
+
+def _passes(angle: Vector) -> int:
+    """How often an angle passed from one outer quarter of its range to the other."""
+    low, high = float(angle.min()), float(angle.max())
+    quarter = 0.25 * (high - low)
+    side = np.where(angle > high - quarter, 1, np.where(angle < low + quarter, -1, 0))
+    side = side[side != 0]
+    return int(np.count_nonzero(np.diff(side)))

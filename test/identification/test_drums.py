@@ -1,0 +1,140 @@
+"""Whether cable slips on its drums: truths that hold or forget, and recordings that do not tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import log
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from support.made_up import recording
+
+from cdrj_ros.commands.identify_uncertainty import uncertainty_section
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.estimation.member_kernels import forget_drums
+from cdrj_ros.estimation.slipping_drums import run_slipping
+from cdrj_ros.identification.drums import CERTAIN, finding
+from cdrj_ros.identification.fit import Identification, Settings, identify
+from cdrj_ros.identification.residuals import Recorded
+from cdrj_ros.identification.unknowns import parse_unknowns
+from cdrj_ros.model.channels import channel_columns
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.rig.cells import divide
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+SETTINGS = Settings(channels=("tension/*/8", "effort/*"), coarse=True, judges_drums=True)
+TRUE = {"cables.upper.preload": 34.0, "cables.lower.preload": 28.0}
+
+
+@pytest.fixture(scope="module")
+def fresh() -> Document:
+    """The prototype without what is known of the accuracy of its numbers."""
+    whole = load_document(PROTOTYPE)[0]
+    return {key: value for key, value in whole.items() if key != "uncertainty"}
+
+
+def samples_of(recorded: Recorded) -> Samples:
+    motor, joint = recorded.motors["winch"], recorded.joints["elbow"]
+    return Samples(motor.stamp_ns, motor.value[:, None].copy(), joint.value[:, None].copy())
+
+
+def with_cells(document: Document, recorded: Recorded, *, slips: bool) -> Recorded:
+    """The recording with references of the rig, which has four contact cells per pulley."""
+    divided = divide(build_robot(document, "rig"), 4)
+    fine = prepare(divided.robot)
+    advance = run_slipping if slips else run
+    values = advance(fine, initial_state(fine), samples_of(recorded))[1].values
+    tension = values[:, fine.layout.tension][:, divided.spans]
+    names = prepare(build_robot(document, "rig")).layout.elements
+    columns = {f"tension/{name}": column for name, column in zip(names, tension.T, strict=True)}
+    efforts = (name for name in channel_columns(fine.layout) if name.startswith("effort/"))
+    columns |= {name: values[:, channel_columns(fine.layout)[name]] for name in efforts}
+    stamps = recorded.motors["winch"].stamp_ns
+    generator = np.random.default_rng(3)
+    noise = {name: 5e-4 if name.startswith("effort/") else 0.02 for name in columns}
+    return replace(
+        recorded,
+        references={
+            name: (stamps, column + generator.normal(0.0, noise[name], stamps.size))
+            for name, column in columns.items()
+        },
+    )
+
+
+def judged(document: Document, *, slips: bool, seconds: float = 8.0) -> Identification:
+    """A fit of the preloads, which are wrong in the file, over cycles of 4 s."""
+    real = with_numbers(document, TRUE)
+    plain = recording(real, seconds, frequency=0.25)
+    recorded = with_cells(real, plain, slips=slips)
+    return identify(document, "test", parse_unknowns(document, "preload"), [recorded], SETTINGS)
+
+
+def drums_written(found: Identification) -> str:
+    text = uncertainty_section(found, {"drums": "may_slip"}, {})
+    return str(yaml.safe_load(text)["uncertainty"]["drums"])
+
+
+def test_a_rig_whose_drum_holds_is_recognised(fresh: Document) -> None:
+    found = judged(fresh, slips=False)
+    assert drums_written(found) == "hold"
+    assert "holds on its drums" in found.findings[-1]
+
+
+def test_a_rig_whose_drum_holds_no_memory_is_recognised(fresh: Document) -> None:
+    found = judged(fresh, slips=True)
+    assert drums_written(found) == "may_slip"
+    assert "The cable slips on its drums" in found.findings[-1]
+
+
+def test_less_than_a_whole_cycle_shows_nothing(fresh: Document) -> None:
+    found = judged(fresh, slips=False, seconds=1.2)
+    assert drums_written(found) == "may_slip"
+    assert "whole cycle" in found.findings[-1]
+
+
+def test_a_file_that_says_what_the_drums_do_is_not_judged(fresh: Document) -> None:
+    for stated in ({"drums": "hold"}, {"others": "exact"}):
+        found = judged({**fresh, "uncertainty": stated}, slips=False, seconds=1.2)
+        assert found.drums is None
+        assert not any("drum" in sentence for sentence in found.findings)
+
+
+@pytest.mark.parametrize("independent", [1, 4, 8])
+def test_the_odds_have_to_be_a_thousand_to_one(independent: int) -> None:
+    just = float(np.exp(2.0 * CERTAIN / independent))
+    assert log(1000.0) == pytest.approx(CERTAIN)
+    assert finding(1.01 * just, independent, 0.0).drums == "hold"
+    assert "do not show" in finding(0.99 * just, independent, 0.0).sentence
+    assert "do not show" in finding(1.01 / just, independent, 0.0).sentence
+    assert "The cable slips" in finding(0.99 / just, independent, 0.0).sentence
+    assert "do not show" in finding(1.01 * just, independent, -1.0).sentence, "priors count, too"
+
+
+def slipping_by_steps(model: Model, samples: Samples) -> np.ndarray:
+    state, rows = initial_state(model), []
+    for k in range(samples.stamp_ns.size):
+        state, estimate = step(model, state, samples.at(k))
+        forget_drums(model.plan, model.numbers, state.values)
+        rows.append(estimate.values)
+    return np.array(rows)
+
+
+def test_slipping_drums_forget_after_every_sample_and_in_chunks(fresh: Document) -> None:
+    model = prepare(build_robot(fresh, "test"))
+    samples = samples_of(recording(fresh, 2.0, frequency=0.5))
+    _, whole = run_slipping(model, initial_state(model), samples)
+    assert np.array_equal(whole.values, slipping_by_steps(model, samples))
+    state, parts = initial_state(model), []
+    for part in (slice(0, 150), slice(150, None)):
+        chunk = Samples(
+            samples.stamp_ns[part], samples.motor_angle[part], samples.joint_angle[part]
+        )
+        state, found = run_slipping(model, state, chunk)
+        parts.append(found.values)
+    assert np.array_equal(whole.values, np.concatenate(parts))
