@@ -19,17 +19,13 @@ from numpy.typing import NDArray
 from cdrj_ros.identification.residuals import Problem, samples_of, thinned
 from cdrj_ros.identification.solution import Loss, Progress, solve, with_priors
 from cdrj_ros.identification.standard_errors import effective_variance
-from cdrj_ros.identification.states import STRETCHES, visited_states
+from cdrj_ros.identification.states import independent_states
 from cdrj_ros.robot.description import Robot, Winch
 
 Vector = NDArray[np.float64]
 
 CERTAIN: Final = log(1000.0)
 """Logarithm of the likelihood ratio of the two hypotheses from which one of them is accepted."""
-
-MOST_STATES: Final = 2 * STRETCHES
-"""Largest number of residuals that count as independent: errors of the model repeat in every cycle
-and in every recording of a motion."""
 
 WHOLE_CYCLE: Final = 2
 """Passes of a motor between the outer quarters of its range that make a whole cycle."""
@@ -90,8 +86,7 @@ def judge_drums(
         again = _fitted(problem, (slips.coordinates,), weights, loss, say)
         holds = min(holds, again, key=lambda one: one.squares)
     ratio = slips.squares / max(holds.squares, 1e-300)
-    independent = min(visited_states(problem), MOST_STATES)
-    return finding(ratio, independent, slips.strain - holds.strain)
+    return finding(ratio, independent_states(problem), slips.strain - holds.strain)
 
 
 class _Misfit(NamedTuple):

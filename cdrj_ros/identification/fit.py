@@ -44,10 +44,8 @@ from cdrj_ros.identification.solution import (
     difference_points,
     jacobian,
     limits,
-    many_starts,
     robust_weights,
     solve,
-    sought,
     thresholds,
     with_priors,
 )
@@ -57,6 +55,7 @@ from cdrj_ros.identification.standard_errors import (
     expected_gain,
     remaining_step,
 )
+from cdrj_ros.identification.starts import many_starts, sought
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.document import Document

@@ -1,8 +1,8 @@
-"""Bounded least squares with several starts and robust losses."""
+"""Bounded least squares with robust losses."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from typing import Any, Final, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -19,12 +19,6 @@ LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
 
 STEP: Final = 2e-3
 """Finite-difference step of the Jacobian, in coordinates."""
-
-DRAWS: Final = 12
-"""Random points evaluated for each random start."""
-
-SOUGHT: Final = 41
-"""Values of a number that is sought over its whole range."""
 
 INSIDE: Final = 1e-3
 """Distance of a start from its bounds, in coordinates."""
@@ -236,78 +230,3 @@ def _robust(loss: Loss, problem: Problem, residuals: Vector) -> Callable[[Vector
         return rho
 
     return shape
-
-
-def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
-    """The points with the smallest cost among ``DRAWS`` times as many random ones.
-
-    They lie within five coordinate steps of the file's numbers: within a factor of e where the
-    coordinate is logarithmic.
-    """
-    if count < 1:
-        return []
-    generator = np.random.default_rng(seed)
-    lower, upper = limits(problem)
-    drawn = [
-        np.clip(generator.uniform(-5.0, 5.0, lower.size), lower, upper)
-        for _ in range(DRAWS * count)
-    ]
-    ranked = []
-    for begin in range(0, len(drawn), DRAWS):  # in batches to limit memory
-        some = drawn[begin : begin + DRAWS]
-        for point, residuals in zip(some, problem.residuals_of(some), strict=True):
-            cost = float(np.sum(with_priors(problem, point, residuals) ** 2))
-            if np.isfinite(cost):
-                ranked.append((cost, point))
-    ranked.sort(key=lambda pair: pair[0])
-    return [point for _, point in ranked[:count]]
-
-
-def sought(problem: Problem, paths: Collection[str]) -> Vector:
-    """Coordinates of the start, with some numbers replaced by the best between their bounds.
-
-    Around a wrong zero a cable may be slack throughout, and the cost does not change.
-
-    Args:
-        problem: problem whose residuals are compared.
-        paths: of the numbers, one of which is varied after the other.
-    """
-    lower, upper = limits(problem)
-    here = np.zeros(lower.size)
-    for k, unknown in enumerate(problem.unknowns):
-        if not paths or unknown.paths[0] not in paths:
-            continue
-        points = []
-        for x in np.linspace(lower[k], upper[k], SOUGHT):
-            points.append(here.copy())
-            points[-1][k] = x
-        costs = [float(np.sum(found**2)) for found in problem.residuals_of(points)]
-        here = points[int(np.argmin(costs))]
-    return here
-
-
-def many_starts(
-    problem: Problem,
-    count: int,
-    seed: int,
-    loss: Loss,
-    most_steps: int,
-    say: Progress,
-    first: Vector,
-) -> tuple[list[Solved], int]:
-    """Minimise from a first start and from random ones.
-
-    Returns:
-        The solution of each start, best first, and the number of starts that reached the best
-        minimum.
-    """
-    begins = [first, *_promising(problem, count - 1, seed)]
-    found = []
-    for k, begin in enumerate(begins):
-        if len(begins) > 1:
-            say(f"start {k + 1} of {len(begins)}")
-        found.append(solve(problem, begin, loss, most_steps, say))
-    found.sort(key=lambda solved: solved.cost)
-    best = found[0]
-    same = sum(solved.cost <= best.cost * 1.01 + 1e-12 for solved in found)
-    return found, same

@@ -58,6 +58,15 @@ def visited_states(problem: Problem) -> int:
     return count
 
 
+def independent_states(problem: Problem) -> int:
+    """Number of residuals that count as independent when fits are compared, at least 1.
+
+    Errors of the model repeat in every recording of a motion, so it is that of one recording at
+    most.
+    """
+    return max(1, min(visited_states(problem), 2 * STRETCHES))
+
+
 def states_of_residuals(problem: Problem) -> Labels:
     """State of every residual, numbered through all recordings, shape (n,)."""
     labels, count = [], 0
