@@ -34,8 +34,14 @@ class CablePlaces:
         elements = len(layout.elements)
         self.elements = slice(first, first + cable.elements)
         self.pulleys = slice(elements + pulley, elements + pulley + cable.pulleys)
-        self._sizes, self._cable = model.sizes, c
-        self._own_pulleys = slice(pulley, pulley + cable.pulleys)
+        numbers = number_views(model.sizes, np.arange(float(model.numbers.size)))
+        rows: Any = numbers.elements
+        self._material_columns = _columns(rows["material"][self.elements])
+        self._law_columns = [int(k) for k in elasticities(numbers.cables[c])]
+        state = state_views(model.sizes, np.arange(float(model.state_size)))
+        self._length_part = _columns(state.length[self.elements])
+        self._material_part = _columns(state.material[self.elements])
+        self._bristle_part = _columns(state.bristle[pulley : pulley + cable.pulleys])
         wrap = np.array([_mean_wrap(model, pulley + k) for k in range(cable.pulleys)])
         self.lever = 2.0 * np.sin(0.5 * wrap)
         """Force on every pulley per newton of tension [-]."""
@@ -60,12 +66,11 @@ class CablePlaces:
             Change of the cable's material [m], shape (states,).
         """
         law = self._law(numbers)
-        state = state_views(self._sizes, states)
-        length, material = state.length[:, self.elements], state.material[:, self.elements]
+        length, material = states[:, self._length_part], states[:, self._material_part]
         tension = tensions_at(law, length / material - 1.0) + shift
         before = material.sum(axis=1)
         material[:] = length / (1.0 + strain_at(law, tension))
-        state.bristle[:, self._own_pulleys] = np.diff(np.maximum(tension, 0.0), axis=1)
+        states[:, self._bristle_part] = np.diff(np.maximum(tension, 0.0), axis=1)
         change: Vector = material.sum(axis=1) - before
         return change
 
@@ -92,14 +97,17 @@ class CablePlaces:
 
     def _law(self, numbers: Table) -> Elasticity:
         """The cable's law of every row of ``numbers``."""
-        cables: Any = number_views(self._sizes, numbers).cables
-        return elasticities(cables[:, self._cable, None])
+        return Elasticity(*(numbers[:, column, None] for column in self._law_columns))
 
     def _material(self, numbers: Table) -> Table:
         """Material of the cable's elements in the reference pose [m], a view of ``numbers``."""
-        elements: Any = number_views(self._sizes, numbers).elements
-        material: Table = elements["material"][:, self.elements]
-        return material
+        return numbers[:, self._material_columns]
+
+
+def _columns(places: Vector) -> slice:
+    """Places at equal distances as a slice, which costs a view less than names of the parts do."""
+    step = int(places[1] - places[0]) if places.size > 1 else 1
+    return slice(int(places[0]), int(places[-1]) + 1, step) if places.size else slice(0, 0)
 
 
 def _mean_wrap(model: Model, pulley: int) -> float:
