@@ -411,6 +411,13 @@ def _now_due(members: Members, passed: int, hidden: bool, least: int) -> tuple[i
 
 
 @lean
+def _remember_unseen(members: Members, hidden: bool) -> None:
+    """Keep the deviations of this sample's angles for the next one."""
+    for a in range(members.angle.size):
+        members.last_unseen[a] = members.unseen[0, a] if hidden else 0.0
+
+
+@lean
 def begin_sample(
     plan: NDArray[np.int64],
     members: Members,
@@ -435,9 +442,8 @@ def begin_sample(
     Args:
         plan: of the prepared robot.
         members: the ensemble, changed; ``unseen`` is given.
-        motor_angle, joint_angle, estimate: of the sample.
+        motor_angle, joint_angle, estimate, stamp: of the sample; the stamp in nanoseconds.
         least: number of members to be updated at least.
-        stamp: of the sample [ns].
         hidden: whether ``members.unseen`` holds deviations of the angles.
         at_once: whether the member that waits is updated here, after the standard deviations.
         stddev: shape (columns,), written.
@@ -464,13 +470,11 @@ def begin_sample(
     if progress[TURN] == 0 or (progress[BEHIND] != 0 and not unsolved):
         count = len(members.states)
     progress[BEHIND] = 1 if unsolved else 0
-    due = _is_due(members, stamp)
     if count > 1:
         step_members(plan, members, count, hidden, part_s)
-    for a in range(members.angle.size):
-        members.last_unseen[a] = members.unseen[0, a] if hidden else 0.0
+    _remember_unseen(members, hidden)
     _write_stddev(members, stddev)
-    waiting = count == 1 and due
+    waiting = count == 1 and _is_due(members, stamp)
     if waiting and at_once:
         step_members(plan, members, count, hidden, 0.0)
     return WAITING if waiting and not at_once else DONE
