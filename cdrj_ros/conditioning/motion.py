@@ -28,6 +28,12 @@ too small."""
 WINDOWS: Final = 3
 """Windows of a channel slower than ``WINDOW_NS`` after which its motion is known."""
 
+FAR_NS: Final = 1_000_000_000
+"""Between readings further apart than this an axis that moves may have been anywhere [ns]."""
+
+STILL: Final = 0.01
+"""An axis that moves by no more than this between two readings is at rest [rad]."""
+
 EVER_NS: Final = 1 << 62
 """Longer than any interval [ns]."""
 
@@ -163,7 +169,10 @@ class Motion:
 
     def knows(self, span_ns: int) -> bool:
         """Whether the motion so far tells what may happen between readings so far apart."""
-        return span_ns <= WINDOW_NS or self.windows > WINDOWS
+        if span_ns <= WINDOW_NS:
+            return True
+        still = self.speed * span_ns * 1e-9 <= STILL
+        return self.windows > WINDOWS and (span_ns <= FAR_NS or still)
 
     def curvature(self, span_ns: int) -> float:
         """Curvature of (C3) between two readings ``span_ns`` apart, 4 s / T^2 [rad/ns^2].
@@ -251,7 +260,7 @@ def curvatures(motion: Motion, stamps: Stamps, angles: Vector) -> Vector | None:
         if spans[end] > motion.seen_ns:  # zeros that are never written to take no memory
             result[end] = motion.curvature(int(spans[end]))
         begin = end + 1
-    return result
+    return None if np.isinf(result).any() else result
 
 
 def _leaps(motion: Motion, spans: Stamps, moved: Vector) -> bool:

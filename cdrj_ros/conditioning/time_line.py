@@ -162,6 +162,8 @@ class Conditioner:
         self._channels = [Channel(limits) for limits in self._limits]
         self._doubts: list[Doubt] = []
         self._resumed = -1
+        self._passed_over = -1
+        """Stamp of the last sample that was not given because an axis was unknown [ns]."""
         self._given_out = -1
         """Stamp of the last sample that is not predicted [ns]; -1 before the first one."""
         self._ahead = -1
@@ -450,10 +452,11 @@ class Conditioner:
         """The next samples, up to the stamp ``until`` that every channel has reached."""
         channels = self._channels
         motors = self._motor_count
-        given_out = self._given_out
-        began = given_out >= 0
+        began = self._given_out >= 0
+        given_out = max(self._given_out, self._passed_over)
         if not began:
-            given_out = max(channel.readings[0][0] for channel in channels) - 1
+            first = max(channel.readings[0][0] for channel in channels) - 1
+            given_out = max(first, self._passed_over)
         samples: list[Sample] = []
         while given_out < until:
             stamp = until
@@ -469,6 +472,7 @@ class Conditioner:
                 unseen = unseen_before(channels, stamp, self._resumed)
             given_out = stamp
             if unseen.size and unseen[0].max() == inf:  # nothing is known of an axis here
+                self._passed_over = stamp
                 continue
             doubtful = self._is_doubtful(stamp) if self._doubts else False
             sample = Sample(stamp, values[:motors], values[motors:], unseen, doubtful)

@@ -107,6 +107,7 @@ class _CableDraw:
         self.cable, self._entry = cable, entry
         self._preload: Any = cable.preload
         self._elastic = elasticity_of(cable)
+        self._creep: dict[str, Vector] = {}
         self._own = _Layer(dict(entry.get("friction", {})))
         self._pulleys = [_Layer(dict(node.get("friction", {}))) for node in entry["nodes"][1:-1]]
         self._turns = [node["type"] in TURNING for node in entry["nodes"][1:-1]]
@@ -126,6 +127,8 @@ class _CableDraw:
                     self._elastic = self._elastic._replace(axial_stiffness=stiffness)
             case ["bedding_strain" | "bedding_tension" as key]:
                 self._elastic = self._elastic._replace(**{key: values})
+            case ["creep_share" | "creep_time" | "flow_time" as key]:
+                self._creep[key] = values
             case ["friction", key] if key in FIELDS:
                 self._own.given[key] = values
             case ["nodes", k, "friction", key] if (
@@ -140,6 +143,8 @@ class _CableDraw:
         """Write the cable's elasticity and preload."""
         plan = plan_views(model.plan).cables[c]
         for key, value in self._elastic._asdict().items():
+            views.cables[key][:, c] = value
+        for key, value in self._creep.items():
             views.cables[key][:, c] = value
         views.cables["preload"][:, c] = self._preload
         views.cables["wound_tension"][:, c] = self._preload

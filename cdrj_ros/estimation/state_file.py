@@ -38,7 +38,7 @@ class StateFileError(CdrjError):
 
 def _digest(model: Model) -> NDArray[np.uint8]:
     """Digest of the plan and the numbers, without which a state is meaningless."""
-    digest = hashlib.sha256(b"cdrj_ros state 2")
+    digest = hashlib.sha256(b"cdrj_ros state 3")
     digest.update(model.plan.tobytes())
     digest.update(model.numbers.tobytes())
     return np.frombuffer(digest.digest(), dtype=np.uint8)

@@ -6,6 +6,7 @@ unless a cable has to be solved in pieces.
 
 from __future__ import annotations
 
+from math import inf
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from cdrj_ros.model.balance import acceptable, element_tension
 from cdrj_ros.model.cable import solve_cable
 from cdrj_ros.model.cable_records import Contact, SolverElement
 from cdrj_ros.model.compiled import compiled, lean, stage, usable_in_kernels
+from cdrj_ros.model.creep import creep_of, crept
 from cdrj_ros.model.drum import material_held, start_drum, turn_drum
 from cdrj_ros.model.elasticity import Elasticity, elasticity_of, strain_at
 from cdrj_ros.model.friction import blended_loss, stribeck_share
@@ -125,6 +127,7 @@ def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
     for e in range(first, last):
         after.material[e] = after.length[e] * (total / span)
         tension[e] = element_tension(elastic, after.length[e], after.material[e])
+        after.delayed[e] = constants.creep_share * strain_at(elastic, constants.preload)
     for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
         after.bristle[p], after.slip_speed[p], after.lagged_speed[p] = 0.0, 0.0, 0.0
     step.estimate.iterations[c], step.estimate.residual[c] = 0.0, 0.0
@@ -151,6 +154,22 @@ def _turn_drums(step: Step, c: int, motor_angle: Vector) -> tuple[float, float]:
 
 
 @stage
+def _yield(step: Step, c: int, dt: float) -> None:
+    """Lengthen the material of every element by what it has crept since the sample before."""
+    cable, before = step.plan.cables[c], step.before
+    law = creep_of(step.numbers.cables[c])
+    none = law.share == 0.0 and law.flow_time == inf
+    for e in range(cable.first_element, cable.first_element + cable.elements):
+        step.after.delayed[e] = before.delayed[e]
+        if none:
+            continue
+        strain = before.length[e] / before.material[e] - 1.0
+        delayed, growth = crept(law, strain, before.delayed[e], dt)
+        step.after.delayed[e] = delayed
+        step.scratch.elements[e].material_before = growth * before.material[e]
+
+
+@stage
 def _move_cable(step: Step, c: int, motor_angle: Vector, dt: float) -> bool:
     """Advance a cable with a friction history; False if its slips could not be solved."""
     cable, before, after = step.plan.cables[c], step.before, step.after
@@ -163,6 +182,7 @@ def _move_cable(step: Step, c: int, motor_angle: Vector, dt: float) -> bool:
         elements[e].length_before = before.length[e]
         elements[e].length = after.length[e]
         elements[e].material_before = before.material[e]
+    _yield(step, c, dt)
     for p in range(pulley, beyond):
         contacts[p].slip = before.slip_speed[p] * dt
         contacts[p].bristle_before = before.bristle[p]

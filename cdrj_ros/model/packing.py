@@ -113,6 +113,12 @@ class CableNumbers:
     """Strain that the strands' bedding adds at high load [-], (E21); 0 for a linear cable."""
     bedding_tension: float
     """Tension at which half of it is taken up [N]."""
+    creep_share: float
+    """Delayed strain as a share of the elastic one [-], (E24); 0 for none."""
+    creep_time: float
+    """Its time constant [s]."""
+    flow_time: float
+    """Time in which the flow equals the elastic strain [s]; infinite for none."""
     preload: float
     """Tension in the reference pose [N]."""
     maximum_tension: float

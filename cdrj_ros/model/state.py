@@ -44,6 +44,8 @@ class StateViews(NamedTuple):
     """Geometric length of every element with its share of the arcs [m], shape (elements,)."""
     material: Vector
     """Unstretched length of every element [m], shape (elements,)."""
+    delayed: Vector
+    """Delayed strain of every element [-], (E24), shape (elements,)."""
     bristle: Vector
     """Bristle force of every pulley [N], shape (pulleys,)."""
     slip_speed: Vector
@@ -113,23 +115,27 @@ class ScratchViews(NamedTuple):
 
 
 @usable_in_kernels
-def _state_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int]:
+def _state_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int, int]:
     """Where each part of a state ends, in the order of ``StateViews`` after ``started``."""
     length = 1 + sizes.elements
     material = length + sizes.elements
-    bristle = material + sizes.pulleys
+    delayed = material + sizes.elements
+    bristle = delayed + sizes.pulleys
     slip_speed = bristle + sizes.pulleys
     lagged_speed = slip_speed + sizes.pulleys
     angle = lagged_speed + sizes.motors + sizes.joints
     bearing_friction = angle + sizes.motors + sizes.joints
     drums = bearing_friction + 2 * sizes.cables * _DRUM
-    return length, material, bristle, slip_speed, lagged_speed, angle, bearing_friction, drums
+    return (
+        length, material, delayed, bristle, slip_speed, lagged_speed, angle, bearing_friction,
+        drums,
+    )  # fmt: skip
 
 
 @usable_in_kernels
 def state_size(sizes: Sizes) -> int:
     """Floats of the state."""
-    return _state_ends(sizes)[7]
+    return _state_ends(sizes)[8]
 
 
 @usable_in_kernels
@@ -142,13 +148,15 @@ def state_views(sizes: Sizes, state: Vector) -> StateViews:
             then have the same first axis.
     """
     (
-        length, material, bristle, slip_speed, lagged_speed, angle, bearing_friction, drums,
+        length, material, delayed, bristle, slip_speed, lagged_speed, angle, bearing_friction,
+        drums,
     ) = _state_ends(sizes)  # fmt: skip
     return StateViews(
         part(state, 0, 1),
         part(state, 1, length),
         part(state, length, material),
-        part(state, material, bristle),
+        part(state, material, delayed),
+        part(state, delayed, bristle),
         part(state, bristle, slip_speed),
         part(state, slip_speed, lagged_speed),
         part(state, lagged_speed, angle),

@@ -42,11 +42,15 @@ def robot_summary(robot: Robot, *, with_preload: bool = True) -> str:
 
 
 def elasticity_text(cable: Cable) -> str:
-    """``EA 6283 N``, followed by the bedding of the strands of a cable that stiffens."""
+    """``EA 6283 N``, followed by bedding of the strands and creep where a cable has them."""
     text = f"EA {cable.axial_stiffness:.4g} N"
-    if not cable.bedding_strain:
-        return text
-    return f"{text}, bedding {cable.bedding_strain:.3g} at {cable.bedding_tension:.3g} N"
+    if cable.bedding_strain:
+        text += f", bedding {cable.bedding_strain:.3g} at {cable.bedding_tension:.3g} N"
+    if cable.creep_share:
+        text += f", creep {cable.creep_share:.3g} in {cable.creep_time:.3g} s"
+    if isfinite(cable.flow_time):
+        text += f", flow in {cable.flow_time:.3g} s"
+    return text
 
 
 def _cables(robot: Robot) -> ParameterTable:

@@ -59,6 +59,7 @@ class CableReader:
             nodes,
             () if routed else self._spans(f"{path}.spans", entry["spans"], len(nodes) - 1),
             **self._bedding(path, entry),
+            **self._creep(path, entry),
             **given(entry, "slack_tension", "sensor_noise", maximum_tension="max_tension"),
             law={**layers[0], **layers[1]}.get("law", Cable.law),
         )
@@ -95,6 +96,14 @@ class CableReader:
                 "is taken up must be given",
             )
         return given(entry, "bedding_strain", "bedding_tension")
+
+    def _creep(self, path: str, entry: Document) -> dict[str, Any]:
+        if entry.get("creep_share", 0.0) > 0.0 and "creep_time" not in entry:
+            raise self.refuse(
+                f"{path}.creep_time",
+                "is missing: where creep_share is not 0, the time constant [s] must be given",
+            )
+        return given(entry, "creep_share", "creep_time", "flow_time")
 
     def _check_order(self, path: str, nodes: tuple[Node, ...]) -> None:
         last = len(nodes) - 1

@@ -293,6 +293,12 @@ class Cable:
     """Strain that the bedding of its strands adds to T / EA at high load [-]; 0: linear."""
     bedding_tension: float = 1.0
     """Tension at which half of that strain is taken up [N]."""
+    creep_share: float = 0.0
+    """Delayed strain under constant load as a share of the elastic strain [-], (E24); 0: none."""
+    creep_time: float = 1.0
+    """Time constant of the delayed strain at constant load [s]."""
+    flow_time: float = float("inf")
+    """Time in which the flow under constant load equals the elastic strain [s]."""
 
     @property
     def pulleys(self) -> tuple[Pulley, ...]:

@@ -282,6 +282,13 @@ def _cable(document: Document, cable: Mapping[str, Any]) -> Iterator[Tolerance]:
             "identify --fit bedding_strain,bedding_tension with loads from low to high",
             {f"{at}.{key}": HANDBOOK_REST * float(cable[key])},
         )
+    creep = ("creep_share", "creep_time") if cable.get("creep_share") else ()
+    for key in (*creep, *(("flow_time",) if "flow_time" in cable else ())):
+        yield Tolerance(
+            f"{key.replace('_', ' ')} of {name}",
+            f"identify --fit {key} with a recording that rests for several times that long",
+            {f"{at}.{key}": HANDBOOK_REST * float(cable[key])},
+        )
     yield from _friction(document, f"{at}.", cable, f"cable {name}")
     law = _law(document, cable)
     radii: Factor = {}

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from model.reference_geometry import STEP, Geometry
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch
 
@@ -140,6 +141,18 @@ def stiffened(cable: Cable, strain: Complex) -> Complex:
     return np.asarray(t)
 
 
+def crept(cable: Cable, strain: Vector, delayed: Vector, dt: float) -> tuple[Vector, Vector]:
+    """(E24) at constant length: delayed strain, and unstretched length over that before."""
+    c, tau = cable.creep_share, cable.creep_time
+    state = np.stack([np.maximum(strain, 0), delayed])
+    taut = expm(dt / tau * np.array([[-c, 1.0], [c, -1.0]])) @ state
+    loose = np.stack([strain, delayed * np.exp(-dt / tau)])
+    free = (1 + loose[1]) / (1 + delayed)
+    after = taut[0] * np.exp(-dt / cable.flow_time)
+    slack = strain <= 0
+    return np.where(slack, loose[1], taut[1]), np.where(slack, free, (1 + strain) / (1 + after))
+
+
 @dataclass
 class Chain:
     """One cable in one sample: what is given, and (E11) as a function of the slips."""
@@ -148,7 +161,9 @@ class Chain:
     length: Vector
     """L_i now [m]."""
     before: Vector
-    """l_i at the sample before [m]."""
+    """l_i at the sample before, with what has crept since [m]."""
+    delayed: Vector
+    """Delayed strain of every element [-]."""
     bristle: Vector
     """f_i at the sample before [N]."""
     contacts: Contacts
@@ -305,6 +320,7 @@ class History:
 
     length: Vector
     material: Vector
+    delayed: Vector
     bristle: Vector
     slip_speed: Vector
     lagged_speed: Vector
@@ -384,8 +400,8 @@ def sample(
     lagged = history.lagged_speed if history else 0 * x
     angle, bearing, passive = _axes(robot, history, motor, joint)
     after = History(
-        pose.length, material, bristle, speed, (lag * lagged + dt * speed) / (lag + dt),
-        angle, bearing, tuple(drums),
+        pose.length, material, np.concatenate([k.delayed for k in chains]), bristle, speed,
+        (lag * lagged + dt * speed) / (lag + dt), angle, bearing, tuple(drums),
     )  # fmt: skip
     residual = np.array([worst for _, worst in solved])
     return after, _outputs(robot, pose, tension, speed, passive, residual)
@@ -435,9 +451,13 @@ def _prepared(
     if history is None:
         total = rest.length[elements].sum() / stretch + sum(given)  # (E2)
         before, bristle, given = length * total / length.sum(), 0 * lagged, [0.0, 0.0]
+        delayed = 0 * length + cable.creep_share * strain_of(cable, cable.preload)
     else:
         before, bristle = history.material[elements], history.bristle[pulleys]
-    chain = Chain(cable, length, before, bristle, friction, given[0], -given[1], dt)
+        strain = history.length[elements] / before - 1
+        delayed, growth = crept(cable, strain, history.delayed[elements], dt)
+        before = before * growth
+    chain = Chain(cable, length, before, delayed, bristle, friction, given[0], -given[1], dt)
     return chain, drums
 
 

@@ -150,8 +150,8 @@ def history_of(model: Model, state: State) -> History | None:
         for row in rows
     ]
     return History(
-        views.length, views.material, views.bristle, views.slip_speed, views.lagged_speed,
-        views.angle, views.bearing_friction, tuple(drums),
+        views.length, views.material, views.delayed, views.bristle, views.slip_speed,
+        views.lagged_speed, views.angle, views.bearing_friction, tuple(drums),
     )  # fmt: skip
 
 
@@ -312,8 +312,8 @@ def with_everything(robot: Robot) -> Robot:
     return replace(
         robot,
         cables=(
-            replace(upper, nodes=nodes),
-            replace(lower, bedding_strain=0.004, bedding_tension=12.0),
+            replace(upper, nodes=nodes, creep_share=0.3, creep_time=2.0, flow_time=300.0),
+            replace(lower, bedding_strain=0.004, bedding_tension=12.0, creep_share=0.2),
         ),
         motors=tuple(axis(motor, 1.0) for motor in robot.motors),
         joints=tuple(axis(joint, 2.0) for joint in robot.joints),

@@ -1,0 +1,138 @@
+"""Cables that yield with time, (E24), against closed solutions of a single element."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.report.parameters import elasticity_text
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import parse_robot
+
+Vector = NDArray[np.float64]
+
+EA, PRELOAD, SPAN, RADIUS = 6000.0, 30.0, 2.0, 0.01
+ROPE = f"""
+name: rope
+motors: [{{name: m}}]
+joints: []
+cables:
+  - name: c
+    axial_stiffness: {EA:g}
+    %s
+    preload: {PRELOAD:g}
+    nodes: [{{type: winch, motor: m, radius: {RADIUS}, winding: 1}}, {{type: anchor}}]
+    spans: [{SPAN}]
+uncertainty: {{others: exact%s}}
+"""
+SHARE, TAU, FLOW = 0.4, 5.0, 50.0
+CREEP = f"creep_share: {SHARE}\n    creep_time: {TAU:g}"
+
+
+def rope(creep: str = CREEP, uncertain: str = "") -> Robot:
+    return parse_robot(ROPE % (creep, uncertain))
+
+
+def tensions(model: Model, angle: Vector, dt: float) -> Vector:
+    """Tension of the rope while the winch turns by ``angle`` [rad], samples ``dt`` [s] apart."""
+    stamps = 1 + np.round(1e9 * dt * np.arange(angle.size)).astype(np.int64)
+    samples = Samples(stamps, angle[:, None], np.zeros((angle.size, 0)))
+    return run(model, initial_state(model), samples)[1].values[:, model.layout.tension][:, 0]
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.1, 3.0])
+def test_a_rope_that_is_pulled_and_held_relaxes(dt: float) -> None:
+    """In closed form, for steps of any size: T falls by a share c / (1 + c) of the rise."""
+    pulled = 0.2
+    angle = np.full(round(30.0 / dt) + 2, pulled)
+    angle[0] = 0.0
+    found = tensions(prepare(rope()), angle, dt)
+    assert found[0] == pytest.approx(PRELOAD, rel=1e-12)
+    time = dt * np.arange(angle.size - 1)
+    at_once = found[1] / EA
+    settled = (at_once + SHARE * PRELOAD / EA) / (1.0 + SHARE)
+    strain = settled + (at_once - settled) * np.exp(-(1.0 + SHARE) * time / TAU)
+    np.testing.assert_allclose(found[1:], EA * strain, rtol=2e-3)  # strains add up exactly in (E24)
+    assert found[-1] == pytest.approx(EA * settled, rel=2e-3)
+    lost = (found[1] - found[-1]) / (found[1] - PRELOAD)
+    assert lost == pytest.approx(SHARE / (1.0 + SHARE), rel=0.01)
+
+
+def test_a_flowing_rope_loses_its_tension_for_good() -> None:
+    model = prepare(rope(f"flow_time: {FLOW:g}"))
+    found = tensions(model, np.zeros(10_001), 0.01)
+    np.testing.assert_allclose(found, PRELOAD * np.exp(-0.01 * np.arange(10_001) / FLOW), rtol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 1.0, 10.0])
+def test_stiffness_and_loss_depend_on_the_frequency_as_those_of_a_standard_solid(
+    ratio: float,
+) -> None:
+    """E*(w) = EA (1 + i w tau) / (1 + c + i w tau): soft where slow, stiff where fast."""
+    omega = ratio / TAU
+    dt = 2.0 * np.pi / omega / 400
+    time = dt * np.arange(400 * 12)
+    angle = 0.01 * np.sin(omega * time)
+    found = tensions(prepare(rope()), angle, dt)[-400:]
+    wave = np.exp(-1j * omega * time[-400:])
+    per_angle = 2.0 * np.mean((found - found.mean()) * wave) / (2.0 * np.mean(angle[-400:] * wave))
+    strain_per_angle = RADIUS / SPAN
+    expected = EA * (1.0 + 1j * ratio) / (1.0 + SHARE + 1j * ratio) * strain_per_angle
+    assert per_angle == pytest.approx(expected, rel=0.02)
+    assert per_angle.imag > 0.0, "every cycle costs work"
+
+
+def test_a_slack_rope_recovers() -> None:
+    """Pulled for long, let go for long: it is as long as before."""
+    angle = np.concatenate([[0.0], np.full(3000, 1.0), np.full(6000, -1.5), np.zeros(6000)])
+    found = tensions(prepare(rope()), angle, 0.01)
+    assert found[5000] == 0.0
+    at_once = PRELOAD * (1.0 + SHARE)
+    assert found[9001] == pytest.approx(at_once, rel=0.02), "all delayed strain is gone"
+    assert found[-1] == pytest.approx(PRELOAD, rel=0.02)
+
+
+def test_a_rope_without_creep_is_elastic() -> None:
+    angle = np.concatenate([[0.0], np.full(300, 0.2)])
+    found = tensions(prepare(rope("sensor_noise: 1")), angle, 1.0)
+    assert np.all(found[1:] == found[1])
+
+
+@pytest.mark.parametrize(("key", "stddev"), [("creep_share", 0.04), ("creep_time", 1.0)])
+def test_the_ensemble_gives_the_finite_difference(key: str, stddev: float) -> None:
+    uncertain = f", parameters: [cables.c.{key}], stddev: [{stddev}], drums: hold"
+    robot = rope(uncertain=uncertain)
+    model = prepare(robot)
+    spread, state, found = Spread(model), initial_state(model), 0.0
+    angle = np.append(np.linspace(0.0, 1.0, 1001), np.ones(200))
+    for k, at in enumerate(angle):
+        sample = Sample(1 + k * 10**7, np.array([at]), np.zeros(0))
+        state, estimate = step(model, state, sample)
+        found = float(spread.update(sample, estimate)[0])
+    cable = robot.cables[0]
+    ends = [
+        tensions(
+            prepare(replace(robot, cables=(replace(cable, **{key: getattr(cable, key) + d}),))),
+            angle, 0.01,
+        )[-1]
+        for d in (-stddev, stddev)
+    ]  # fmt: skip
+    assert found == pytest.approx(0.5 * abs(ends[1] - ends[0]), rel=0.03)
+    assert found > 0.1
+
+
+def test_what_a_robot_file_says_of_creep_is_checked_and_reported() -> None:
+    with pytest.raises(RobotFileError, match=r"cables\[0\].creep_time is missing"):
+        rope("creep_share: 0.1")
+    with pytest.raises(RobotFileError, match="flow_time"):
+        rope("flow_time: 0")
+    text = elasticity_text(rope(CREEP + "\n    flow_time: 1e6").cables[0])
+    assert text == "EA 6000 N, creep 0.4 in 5 s, flow in 1e+06 s"
