@@ -488,26 +488,32 @@ def test_the_first_intervals_of_a_slow_channel_give_no_samples_and_are_unknown()
     assert max(sample.unseen[0].max() for sample in later if sample.unseen.size) > 1e-3
 
 
-def test_readings_within_an_unknown_interval_come_in_any_order():
-    """An interval is seen to be unknown when it ends, with the others' readings there or not."""
+@pytest.mark.parametrize("late", [(0, 0, 0), (310, 0, 0), (0, 90, 40), (0, 40, 330)])
+def test_readings_within_an_unknown_interval_come_in_any_order(late: tuple[int, ...]) -> None:
+    """An interval is seen to be unknown when it ends, with the others' readings there or not.
+
+    The joints' messages and those of either motor are ``late`` by so many milliseconds.
+    """
     stamps = START + SECOND * np.arange(1, 12) // 2
-    for late in (0, 1, 3, 7):
-        heard = Listener()
-        motors = [
-            (int(t), "motors") for t in np.arange(stamps[0] - SECOND // 5, stamps[-1], SECOND // 50)
+    begin, end, ms = int(stamps[0]) - SECOND // 5, int(stamps[-1]), SECOND // 1000
+    messages = [
+        Message("joints", stamp, JOINTS, (0.1 * np.sin(stamp * 1e-9), 0.0))
+        for stamp in stamps.tolist()
+    ]
+    for name, every_ms in (("a", 20), ("b", 31)):
+        messages += [
+            Message("motors", stamp, (name,), (stamp * 1e-9 % 1.0,))
+            for stamp in range(begin, end, every_ms * ms)
         ]
-        joints = [(int(t) + late * SECOND // 10, "joints") for t in stamps]
-        for arrival, topic in sorted(motors + joints):
-            if topic == "motors":
-                heard.feed(Message(topic, arrival, MOTORS, (arrival * 1e-9 % 1.0, 0.0)))
-            else:
-                at = arrival - late * SECOND // 10
-                heard.feed(Message(topic, at, JOINTS, (0.1 * np.sin(at * 1e-9), 0.0)))
-        (samples,) = heard.segments
-        given = [sample.stamp_ns for sample in samples]
-        assert given == sorted(set(given))
-        assert [t for t in given if t <= stamps[3]] == stamps[:4].tolist()
-        assert len([t for t in given if stamps[3] < t <= stamps[-2]]) > 100
+    delay = {"p": late[0] * ms, "a": late[1] * ms, "b": late[2] * ms}
+    heard = Listener()
+    for message in sorted(messages, key=lambda one: one.stamp + delay[one.names[0]]):
+        heard.feed(message)
+    (samples,) = heard.segments
+    given = [sample.stamp_ns for sample in samples]
+    assert given == sorted(set(given))
+    assert [stamp for stamp in given if stamp <= stamps[3]] == stamps[:4].tolist()
+    assert len([stamp for stamp in given if stamps[3] < stamp <= stamps[-2]]) > 100
 
 
 def test_prediction_gives_at_once_the_samples_that_waiting_gives_late():
