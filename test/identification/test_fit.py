@@ -81,6 +81,32 @@ def test_the_bedding_of_the_strands_is_found_from_low_and_high_tension(document:
     np.testing.assert_allclose(found.values, expected, rtol=0.03)
 
 
+def test_the_creep_of_a_rope_is_found_and_that_of_a_short_recording_only_as_a_rate(
+    document: Document,
+) -> None:
+    """Ten seconds determine a delay of two seconds, but of a delay of 200 s only c / tau."""
+    for tau in (2.0, 200.0):
+        truth = {"creep_share": 0.1 * tau / 2.0, "creep_time": tau, "axial_stiffness": 6283.0}
+        rope = with_numbers(
+            document, {f"cables.{c}.{k}": v for c in ("upper", "lower") for k, v in truth.items()}
+        )
+        start = {
+            f"cables.{c}.{key}": factor * truth[key]
+            for c in ("upper", "lower")
+            for key, factor in (("creep_share", 1.3), ("creep_time", 0.8))
+        }
+        fit = "cables.*.creep_share,cables.*.creep_time,cables.*.axial_stiffness"
+        found = found_from(rope, fit, start, [recording(rope, seconds=10.0)])
+        expected = np.array([truth[u.paths[0].rsplit(".", 1)[1]] for u in found.unknowns])
+        assert np.all(np.abs((found.values - expected) / found.stddev) < 3.0)
+        if tau < 10.0:
+            np.testing.assert_allclose(found.values, expected, rtol=0.05)
+        else:
+            share, time, _ = found.values
+            assert share / time == pytest.approx(0.05, rel=0.05)
+            assert found.stddev[1] > 0.1 * time
+
+
 FRICTION_AND_DRUM = {
     "friction.mu_c": 0.12,
     "friction.mu_s": 0.24,
