@@ -16,17 +16,25 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import standard_errors
 import yaml
 from numpy.typing import NDArray
-from standard_errors import Motion, fitted_numbers, moved, recording, robot_file, truths
+from standard_errors import (
+    OTHER_RATE,
+    OTHER_SECONDS,
+    OTHER_SEED,
+    START_SECONDS,
+    fitted_numbers,
+    moved,
+    recording,
+    robot_file,
+    samples_of,
+    truths,
+)
 
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import initial_state
-from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.fit import Settings, identify
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare
@@ -36,10 +44,6 @@ from cdrj_ros.robot.reader import build_robot
 Table = NDArray[np.float64]
 
 FIT: Final = "rho,preload"
-RATE: Final = 1000.0
-SECONDS: Final = 30.0
-FIRST_S: Final = 5.0
-"""Beginning that is not compared [s]."""
 BEGINS_S: Final = (0.0, 6.3)
 """Where in the motion the estimate begins [s]."""
 
@@ -63,18 +67,6 @@ CAUSES: Final[Mapping[str, Kept]] = {
     "tension at which the cable on the drum was wound": Kept("exact", wound=True),
     "none": Kept("exact"),
 }
-
-
-def samples_of(model: Model, motion: Motion, begin_s: float) -> Samples:
-    """What the node makes of the readings from some time on."""
-    part = slice(round(begin_s * RATE), None)
-    stamps = motion.stamp_ns[part]
-    (samples,) = condition(
-        model.robot,
-        {"winch": Series(stamps, stamps, motion.motor[part])},
-        {"elbow": Series(stamps, stamps, motion.joint[part])},
-    ).segments
-    return samples
 
 
 def estimated(model: Model, samples: Samples, kept: Kept) -> tuple[Table, Table]:
@@ -128,16 +120,15 @@ def main() -> None:
     rows: dict[tuple[float, str], list[tuple[float, float, float]]] = {}
     for seed, values in enumerate(draws):
         models = files(document, values, seed)
-        standard_errors.RATE, usual = RATE, standard_errors.RATE
         robot = build_robot(with_numbers(document, values), "truth")
         generator = np.random.default_rng([seed, 2])
-        motion = moved(robot, seed + standard_errors.OTHER_SEED, SECONDS, generator)
-        standard_errors.RATE = usual
+        motion = moved(robot, seed + OTHER_SEED, OTHER_SECONDS, generator, OTHER_RATE)
         for begin_s in BEGINS_S:
-            true = motion.truth.tension[round((begin_s + FIRST_S) * RATE) :]
+            begin, first = round(begin_s * OTHER_RATE), round(START_SECONDS * OTHER_RATE)
+            true = motion.truth.tension[begin + first :]
             for what, kept in CAUSES.items():
                 model = models[kept.file]
-                tension, stddev = estimated(model, samples_of(model, motion, begin_s), kept)
+                tension, stddev = estimated(model, samples_of(model, motion, begin), kept)
                 error, late = tension[-len(true) :] - true, stddev[-len(true) :]
                 inside = float(np.mean(np.abs(error) <= 2.0 * late))
                 row = float(np.mean(error**2)), float(np.mean(late**2)), inside

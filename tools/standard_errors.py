@@ -30,6 +30,7 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section  # noqa: E402
 from cdrj_ros.conditioning.samples import Samples  # noqa: E402
+from cdrj_ros.conditioning.whole_recording import condition  # noqa: E402
 from cdrj_ros.estimation.ensemble import Spread  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state  # noqa: E402
 from cdrj_ros.foundation.series import Series  # noqa: E402
@@ -39,7 +40,7 @@ from cdrj_ros.identification.residuals import Recorded  # noqa: E402
 from cdrj_ros.identification.unknowns import Unknown, parse_unknowns  # noqa: E402
 from cdrj_ros.identification.wide import fitted_along  # noqa: E402
 from cdrj_ros.model.joint import RollingLoad  # noqa: E402
-from cdrj_ros.model.prepared import prepare  # noqa: E402
+from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.rig.assembly import Truth  # noqa: E402
 from cdrj_ros.rig.motion import random, sine  # noqa: E402
 from cdrj_ros.rig.truth import simulate  # noqa: E402
@@ -55,6 +56,8 @@ RATE: Final = 200.0
 SECONDS: Final = 20.0
 OTHER_SECONDS: Final = 30.0
 """Length of the motion that is estimated with the new file [s]."""
+OTHER_RATE: Final = 1000.0
+"""Its readings per second: the members of the ensemble then take steps of 64 ms, not of 160."""
 START_SECONDS: Final = 5.0
 """Its beginning, in which the friction history is unknown, is left out [s]."""
 OTHER_SEED: Final = 101
@@ -127,9 +130,11 @@ class Motion(NamedTuple):
     """Readings [rad], shape (n,)."""
 
 
-def moved(robot: Robot, seed: int, seconds: float, generator: np.random.Generator) -> Motion:
-    """A sine or a random motion."""
-    time = np.arange(0.0, seconds, 1.0 / RATE)
+def moved(
+    robot: Robot, seed: int, seconds: float, generator: np.random.Generator, rate: float = RATE
+) -> Motion:
+    """A sine or a random motion, read ``rate`` times a second."""
+    time = np.arange(0.0, seconds, 1.0 / rate)
     amplitude, frequency = np.radians(generator.uniform(25.0, 35.0)), generator.uniform(0.1, 0.25)
     move = (
         random(np.radians(33.0), 0.4, seed, 0.5)
@@ -215,6 +220,17 @@ class Estimated(NamedTuple):
     """Share of tensions within two standard deviations."""
 
 
+def samples_of(model: Model, motion: Motion, begin: int = 0) -> Samples:
+    """What the node makes of the readings from one of them on."""
+    stamps = motion.stamp_ns[begin:]
+    (samples,) = condition(
+        model.robot,
+        {"winch": Series(stamps, stamps, motion.motor[begin:])},
+        {"elbow": Series(stamps, stamps, motion.joint[begin:])},
+    ).segments
+    return samples
+
+
 def estimated(
     document: Any, found: Identification, values: dict[str, float], seed: int
 ) -> Estimated:
@@ -225,11 +241,11 @@ def estimated(
     block = yaml.safe_load(uncertainty_section(found, {"drums": "hold"}, {}))
     model = prepare(build_robot({**with_numbers(document, found.by_path), **block}, "file"))
     robot = build_robot(with_numbers(document, values), "truth")
-    motion = moved(robot, seed, OTHER_SECONDS, np.random.default_rng([seed, 1]))
-    samples = Samples(motion.stamp_ns, motion.motor[:, None].copy(), motion.joint[:, None].copy())
-    _, estimates = Spread(model).run(initial_state(model), samples)
+    generator = np.random.default_rng([seed, 1])
+    motion = moved(robot, seed, OTHER_SECONDS, generator, OTHER_RATE)
+    _, estimates = Spread(model).run(initial_state(model), samples_of(model, motion))
     assert estimates.stddev is not None
-    late = slice(round(START_SECONDS * RATE), None)
+    late = slice(round(START_SECONDS * OTHER_RATE), None)
     error = np.abs(estimates.values[:, model.layout.tension] - motion.truth.tension)[late]
     stddev = estimates.stddev[late, : error.shape[1]]
     inside = float(np.mean(error <= 2.0 * stddev))

@@ -6,9 +6,12 @@ import re
 import runpy
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from support.page_lines import loaded_tool
+
+from cdrj_ros.identification.unknowns import parse_unknowns
 
 ROOT = Path(__file__).parents[2]
 SHORT = {
@@ -23,6 +26,9 @@ SHORT = {
 ELSEWHERE = {
     "compare_mujoco.py": "test_tutorial.py",
     "convert_continuum.py": "its own test",
+    "davinci_bounds.py": "it reads recordings that are not part of this repository",
+    "drum_slip.py": "below, shortened",
+    "spread_causes.py": "below, shortened",
     "continuum_figures.py": "it draws recordings that are not part of this repository",
     "narrow_fits.py": "below, shortened",
     "standard_errors.py": "below, shortened",
@@ -78,6 +84,41 @@ def test_standard_errors_prints_a_row(
     )
     tool.main()
     assert "| fitted numbers drawn, all others as in the file | 4 | " in capsys.readouterr().out
+
+
+def tool_beside_standard_errors(
+    name: str, monkeypatch: pytest.MonkeyPatch, **constants: object
+) -> ModuleType:
+    """A tool that draws its robots by standard_errors.py, with recordings of 12 s."""
+    monkeypatch.syspath_prepend(ROOT / "tools")
+    monkeypatch.setattr("standard_errors.SECONDS", 12.0)
+    monkeypatch.setattr("standard_errors.OTHER_SECONDS", 6.0)
+    monkeypatch.setattr(sys, "argv", [name, "--draws", "1"])
+    return loaded_tool(ROOT / "tools" / name, **constants)
+
+
+def test_drum_slip_prints_what_both_truths_show(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    choices = {"effort of the motor": ("effort/winch",)}
+    tool = tool_beside_standard_errors("drum_slip.py", monkeypatch, CHOICES=choices)
+    monkeypatch.setattr(tool, "fitted_numbers", lambda file, _: parse_unknowns(file, "preload"))
+    monkeypatch.setattr(tool, "truths", lambda *_: [{}])  # that of the file, which takes less time
+    tool.main()
+    printed = capsys.readouterr().out
+    assert "| effort of the motor | holds | hold: cable that slips makes the residuals" in printed
+    assert "| without memory | may_slip: cable that holds makes the residuals" in printed
+
+
+def test_spread_causes_prints_its_table(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tool = tool_beside_standard_errors("spread_causes.py", monkeypatch, BEGINS_S=(0.0,))
+    tool.main()
+    printed = capsys.readouterr().out
+    rows = {line.split(" | ")[0]: line.split(" | ")[2] for line in printed.splitlines()[2:]}
+    assert float(rows["| all, drums may slip"]) > 1.5 * float(rows["| all, drums hold"])
+    assert float(rows["| none"]) < float(rows["| all, drums hold"])
 
 
 def test_the_false_alarms_of_the_health_monitor_are_counted(
