@@ -1,7 +1,5 @@
 """Base class of the controllers: a node that modifies motor commands before their execution."""
 
-from contextlib import suppress
-
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -82,5 +80,10 @@ class Between(Node):
 def spin(make):
     """Run a node until Ctrl-C."""
     rclpy.init()
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
+    try:
         rclpy.spin(make())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except RuntimeError:
+        if rclpy.ok():  # otherwise Ctrl-C came while a message was being published
+            raise

@@ -8,8 +8,6 @@ The node publishes motor angles on /cdrj/commands/position.  The angles of the u
 would leave the joint short of its target by the cables' stretch and by friction.
 """
 
-from contextlib import suppress
-
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -128,8 +126,13 @@ class FeedforwardNode(Node):
 def main():
     """Run until Ctrl-C."""
     rclpy.init()
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
+    try:
         rclpy.spin(FeedforwardNode())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except RuntimeError:
+        if rclpy.ok():  # otherwise Ctrl-C came while a message was being published
+            raise
 
 
 if __name__ == "__main__":

@@ -6,8 +6,6 @@ They are published on /cdrj/wished/position, from which a controller such as kee
 commands of the motors.
 """
 
-from contextlib import suppress
-
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -48,8 +46,13 @@ class SwingNode(Node):
 def main():
     """Run until Ctrl-C."""
     rclpy.init()
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
+    try:
         rclpy.spin(SwingNode())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except RuntimeError:
+        if rclpy.ok():  # otherwise Ctrl-C came while a message was being published
+            raise
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ python3 wish.py position 0.1 0.1 0.1   # [rad]
 """
 
 import sys
-from contextlib import suppress
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -31,8 +30,13 @@ def main():
         sys.exit(__doc__)
     values = [float(value) for value in arguments[1:]]
     rclpy.init()
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
+    try:
         rclpy.spin(WishNode(arguments[0], values))
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except RuntimeError:
+        if rclpy.ok():  # otherwise Ctrl-C came while a message was being published
+            raise
 
 
 if __name__ == "__main__":

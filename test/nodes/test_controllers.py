@@ -231,3 +231,31 @@ def test_rig_estimator_and_limiter_together_keep_the_true_tensions_below_the_lim
         limiter.kill()
         limiter.wait()
     assert largest[0] < limit
+
+
+LATE = """
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+
+class Late(Node):
+    def __init__(self):
+        super().__init__("late")
+        self.publisher = self.create_publisher(Float64MultiArray, "late", 1)
+        self.create_timer(0.01, self.send)
+
+    def send(self):
+        rclpy.shutdown()  # as the handler of Ctrl-C does
+        self.publisher.publish(Float64MultiArray())
+
+import between
+between.spin(Late)
+"""
+
+
+def test_ctrl_c_while_a_command_is_published_is_no_error() -> None:
+    found = subprocess.run(
+        [sys.executable, "-c", LATE], cwd=EXAMPLES, capture_output=True, text=True, timeout=60,
+        check=False,
+    )  # fmt: skip
+    assert (found.returncode, found.stderr) == (0, "")

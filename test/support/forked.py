@@ -1,4 +1,4 @@
-"""Executables as forks of one process that has imported what they need, and loaded the kernels.
+"""Executables as forks of one process that has imported what they need.
 
 Most of the processor time of a short process is that of its imports.  What a user starts differs in
 nothing else: the tests of starts, interrupts and ends start the installed executables.
@@ -14,33 +14,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from multiprocessing import forkserver
 from multiprocessing.reduction import DupFd
-from pathlib import Path
 from typing import Any
 
 PATIENCE_S = 60.0
 _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(
-    [
-        *(f"cdrj_ros.nodes.{name}" for name in ("entry", "estimator_command", "replay", "rig")),
-        "support.loaded_kernels",
-    ]
+    [f"cdrj_ros.nodes.{name}" for name in ("entry", "estimator_command", "replay", "rig")]
 )
-
-
-def _start_server() -> None:
-    """Start the process that is forked, unless it runs; it finds this folder as tests do."""
-    before = os.environ.get("PYTHONPATH")
-    folder = str(Path(__file__).parents[1])
-    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (folder, before)))
-    try:
-        forkserver.ensure_running()
-    finally:
-        if before is None:
-            del os.environ["PYTHONPATH"]
-        else:
-            os.environ["PYTHONPATH"] = before
 
 
 class Forked:
@@ -54,7 +35,6 @@ class Forked:
             arguments: its arguments.
             output: file descriptor for its standard output and standard error.
         """
-        _start_server()
         self._command = [name, *map(str, arguments)]
         self._process = _SERVER.Process(
             target=_execute, args=(self._command, dict(os.environ), _Handed(output)), daemon=True
