@@ -206,6 +206,9 @@ def corrected(train: Sequence[Run], held_out: Sequence[Run]) -> None:
 def standing(held_out: Sequence[Run]) -> None:
     """Print what happens while the spindle's encoder stands still."""
     still = np.concatenate([since_count(one) >= STILL_S for one in held_out])
+    if not still.any():
+        print(f"the spindle's encoder never stands still for {STILL_S * 1e3:.0f} ms")
+        return
     squares = joined(held_out)[1][:, 0] ** 2
     share = squares[still].sum() / squares.sum()
     changes = []

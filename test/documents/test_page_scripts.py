@@ -117,6 +117,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("lab")
     (folder / "bags").symlink_to(ROOT / "bags")
     (folder / "config").symlink_to(ROOT / "config")
+    (folder / "tools").symlink_to(ROOT / "tools")
     other = {
         "joints.jaw.range.1": 1.3,
         "joints.jaw.range.2": 2.6,
