@@ -25,6 +25,7 @@ from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.estimator import FLOAT, NEVER, Estimate, Estimates, State, as_plain
 from cdrj_ros.estimation.member_kernels import (
     ANY,
+    LAST,
     LAST_STAMP,
     PROGRESS,
     TURN,
@@ -109,9 +110,7 @@ def _new_members(
         angle=np.zeros(axes),
         new_angle=np.zeros(axes),
         old_angle=np.zeros(axes),
-        unseen=np.zeros((2, axes)),
-        last_unseen=np.zeros(axes),
-        between=np.zeros(axes),
+        unseen=np.zeros((4, axes)),
         estimate=np.zeros(model.layout.size),
         readings=np.empty(axes),
         out=np.empty(model.out_size),
@@ -163,7 +162,7 @@ class Spread:
         own = self._members
         self._before_look = Snapshot(
             *(own.states, own.stamps, own.progress),
-            *(own.deviation, own.variance, own.intervals, own.angle, own.last_unseen),
+            *(own.deviation, own.variance, own.intervals, own.angle, own.unseen[LAST]),
         )
         """What ``look_ahead`` changes."""
         self.generator = generator
@@ -196,7 +195,7 @@ class Spread:
         self.states[:] = 0.0
         self._members.progress[:] = (0, -1, 0)
         self._members.intervals[:] = 0
-        self._members.last_unseen[:] = 0.0
+        self._members.unseen[LAST] = 0.0
         self.deviation[:] = 0.0
         self.variance[:] = 0.0
         self._waiting = False
@@ -215,7 +214,7 @@ class Spread:
             "progress": self._members.progress,
             "last_angle": self._members.angle,
             "intervals": self._members.intervals,
-            "last_unseen": self._members.last_unseen,
+            "last_unseen": self._members.unseen[LAST],
             "deviation": self.deviation,
         }
 
@@ -298,7 +297,7 @@ class Spread:
         values, members = estimate.values, self._members
         hidden = self._hidden = unseen is not ALL_SEEN and len(unseen) > 0
         if hidden:
-            np.copyto(members.unseen, unseen)
+            members.unseen[:2] = unseen
         if self._kernels is None:
             self._find_kernels()
         assert self._kernels is not None

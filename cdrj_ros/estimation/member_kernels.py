@@ -39,6 +39,9 @@ ROUND_NS: Final = 4_000_000
 """Time within which all members are updated while an axis has no readings [ns]."""
 
 
+LAST, BETWEEN = 2, 3
+"""Rows of ``Members.unseen``."""
+
 UNFIT, DONE, WAITING = range(-1, 2)
 """Results of ``begin_sample``: whether arrays do not fit, and whether a member is to be updated."""
 
@@ -92,11 +95,8 @@ class Members(NamedTuple):
     old_angle: Vector
     """The same of the sample before ``angle``."""
     unseen: Table
-    """``Sample.unseen``, shape (2, axes)."""
-    last_unseen: Vector
-    """Its first row at the sample before, shape (axes,)."""
-    between: Vector
-    """Scratch, shape (axes,)."""
+    """``Sample.unseen``, its first row at the sample before, and scratch, shape (4, axes).  One
+    array, because each further one makes an update slower."""
     estimate: Vector
     """At the last sample, shape (estimate_size,)."""
     readings: Vector
@@ -313,8 +313,33 @@ def _pass_by(members: Members, share: float) -> None:
     unseen = members.unseen
     for a in range(members.angle.size):
         members.readings[a] = (1.0 - share) * members.old_angle[a] + share * members.angle[a]
-        deviation = start * members.last_unseen[a] + middle * unseen[1, a] + end * unseen[0, a]
-        members.between[a] = max(deviation, 0.0)
+        deviation = start * unseen[LAST, a] + middle * unseen[1, a] + end * unseen[0, a]
+        unseen[BETWEEN, a] = max(deviation, 0.0)
+
+
+@lean
+def _walk(
+    plan: NDArray[np.int64], members: Members, k: int, errors: Vector, dt: float, part_s: float
+) -> float:
+    """Take member ``k`` along its path between two samples, but for the last of ``PARTS``.
+
+    Returns:
+        The time that is left until the sample [s].
+    """
+    sizes, readings = plan_views(plan).sizes, members.readings
+    motor_angle = part(readings, 0, sizes.motors)
+    joint_angle = part(readings, sizes.motors, sizes.motors + sizes.joints)
+    dt -= (PARTS - 1) * part_s
+    for p in range(1, PARTS):
+        _pass_by(members, p / PARTS)
+        _read(readings, readings, errors)
+        _deviate(members, members.unseen[BETWEEN], k)
+        _advance_member(
+            plan, members.numbers[k], members.states[k], members.shares[k], motor_angle,
+            joint_angle, dt, members.estimate.size, members.out,
+        )  # fmt: skip
+        dt = part_s
+    return dt
 
 
 @lean
@@ -345,15 +370,7 @@ def step_members(
         motor_angle, joint_angle = part(readings, 0, motors), part(readings, motors, axes)
         dt = (stamp - members.stamps[k]) * 1e-9
         if part_s > 0.0 and state_views(sizes, state).started[0] != 0.0:
-            dt -= (PARTS - 1) * part_s
-            for p in range(1, PARTS):
-                _pass_by(members, p / PARTS)
-                _read(readings, readings, errors)
-                _deviate(members, members.between, k)
-                _advance_member(
-                    plan, numbers, state, share, motor_angle, joint_angle, dt, wanted, members.out
-                )
-                dt = part_s
+            dt = _walk(plan, members, k, errors, dt, part_s)
         _read(readings, members.angle, errors)
         if hidden:
             _deviate(members, members.unseen[0], k)
@@ -414,7 +431,7 @@ def _now_due(members: Members, passed: int, hidden: bool, least: int) -> tuple[i
 def _remember_unseen(members: Members, hidden: bool) -> None:
     """Keep the deviations of this sample's angles for the next one."""
     for a in range(members.angle.size):
-        members.last_unseen[a] = members.unseen[0, a] if hidden else 0.0
+        members.unseen[LAST, a] = members.unseen[0, a] if hidden else 0.0
 
 
 @lean
