@@ -387,9 +387,8 @@ class Conditioner:
         usual = channel.usual_ns
         used = self._append_held(channel, confirmed[:1])
         channel.usual_ns = usual  # a gap is not the channel's rate
-        if (
-            used and self._given_out >= 0
-        ):  # an axis that stands where it stood is taken to have rested
+        if used and self._given_out >= 0:
+            # an axis that stands where it stood is taken to have rested
             channel.readings[-1] = (*channel.readings[-1][:2], 0.0)
         return self._append_held(channel, confirmed[1:]) or used
 
