@@ -10,10 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.gate import LARGEST, MAX_GAP_NS, RANGE_MARGIN, Limits, limits_of
 from cdrj_ros.conditioning.motion import curvatures
+from cdrj_ros.conditioning.refusals import REFUSALS
 from cdrj_ros.conditioning.samples import ALL_SEEN_OVER_TIME, NO_DOUBTS, Sample, Samples
-from cdrj_ros.conditioning.time_line import REFUSALS, Conditioner
 from cdrj_ros.conditioning.tracking import Vector, track_all
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.compiled import ordinary

@@ -13,8 +13,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.conditioning.time_line import Conditioner, Mode
+from cdrj_ros.conditioning.time_line import Mode
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Angles, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import Fusion

@@ -344,7 +344,7 @@ class EstimatorNode(Node):
     def _take(self, outputs: list[Output]) -> None:
         """Publish the estimates that one message led to; those older than the timeout as STALE."""
         thinning = self._thinning
-        newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.lag_ns
+        newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.time_line.lag_ns
         now_ns = self._now_ns()
         self.stamps.note(newest_ns, now_ns)
         fresh_ns = self.stamps.stale_before_ns(now_ns, self.timeout_s)

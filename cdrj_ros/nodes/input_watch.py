@@ -92,7 +92,7 @@ class InputWatch:
         self._refused, self.looked_s = dict(conditioner.refused), now_s
         age = float("inf")
         if output is not None:
-            lag_s = conditioner.lag_ns * 1e-9
+            lag_s = conditioner.time_line.lag_ns * 1e-9
             age = self._stamps.age_s(output.estimate.stamp_ns, self._now_ns(), lag_s, silence_s)
         waiting = ""
         if self._quiet or output is None:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.time_line import REFUSALS
+from cdrj_ros.conditioning.refusals import REFUSALS
 from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.robot.description import Robot
 

@@ -13,8 +13,9 @@ from typing import Final
 
 import numpy as np
 
+from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.conditioning.time_line import Conditioner, Mode
+from cdrj_ros.conditioning.time_line import Mode
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages.cdr import (
     MessageError,

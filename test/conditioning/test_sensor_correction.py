@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.time_line import Conditioner
+from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.series import Series

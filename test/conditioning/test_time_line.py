@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.gate import CONFIRMATIONS, MAX_GAP_NS
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.conditioning.time_line import Conditioner
 from cdrj_ros.conditioning.whole_recording import Conditioned, condition
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.reader import parse_robot

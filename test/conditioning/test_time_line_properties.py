@@ -11,10 +11,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cdrj_ros.conditioning import time_line as conditioning
-from cdrj_ros.conditioning.gate import MAX_GAP_NS, RANGE_MARGIN, Channel, limits_of
+from cdrj_ros.conditioning import time_line
+from cdrj_ros.conditioning.conditioner import Conditioner
+from cdrj_ros.conditioning.gate import CONFIRMATIONS, MAX_GAP_NS, RANGE_MARGIN, Channel, limits_of
+from cdrj_ros.conditioning.refusals import WHOLE
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.conditioning.time_line import WHOLE, Conditioner
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.reader import parse_robot
@@ -192,7 +193,7 @@ def test_the_number_of_kept_readings_is_bounded(robot: str, stream: list[Message
     for message in stream:
         feed(conditioner, message)
         for channel in conditioner._channels:
-            assert len(channel.held) < conditioning.CONFIRMATIONS
+            assert len(channel.held) < CONFIRMATIONS
             stamps = [stamp for stamp, _, _ in channel.readings]
             assert stamps == sorted(set(stamps))
 
@@ -295,11 +296,11 @@ def test_a_recording_gives_the_same_as_its_messages(
     assert (done.refused, done.accepted) == (conditioner.refused, conditioner.accepted)
 
 
-@pytest.mark.parametrize("mode", conditioning.MODES)
+@pytest.mark.parametrize("mode", time_line.MODES)
 def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(
     mode: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(conditioning, "WAITING", 100)
+    monkeypatch.setattr(time_line, "WAITING", 100)
     conditioner = Conditioner(ROBOTS["plain"], mode)
     begin = CLOCKS[1]
 
@@ -309,7 +310,7 @@ def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(
     for k in range(1000):
         assert motors(k) == []
     assert all(len(channel.readings) <= 100 for channel in conditioner._channels)
-    assert conditioner.crowded == 2 * 900
+    assert conditioner.time_line.crowded == 2 * 900
     assert conditioner.accepted == 2000
 
     first = conditioner.feed_joints(begin + 999 * MILLISECOND, ("p", "q"), (0.0, 1.0))
@@ -341,7 +342,7 @@ def test_a_clock_that_begins_at_zero_may_be_offset() -> None:
         conditioner.feed_motors(stamp, ("a", "b"), (0.0, 0.0))
         conditioner.feed_joints(stamp, ("p", "q"), (0.0, 0.5))
     assert conditioner.refused["late"] == 250 + 2
-    assert conditioner.lag_ns < 300 * MILLISECOND
+    assert conditioner.time_line.lag_ns < 300 * MILLISECOND
 
 
 def test_held_readings_must_be_plausible_too() -> None:
@@ -356,7 +357,7 @@ def test_held_readings_must_be_plausible_too() -> None:
     assert conditioner.gaps == 1
 
 
-def everything(robot: str, mode: conditioning.Mode, stream: Sequence[Message]) -> str:
+def everything(robot: str, mode: time_line.Mode, stream: Sequence[Message]) -> str:
     """All samples of a stream, and all that the conditioner then remembers."""
     conditioner = Conditioner(ROBOTS[robot], mode)
     samples = [sample for message in stream for sample in feed(conditioner, message)]
@@ -380,7 +381,7 @@ def with_a_glitch_and_a_step() -> list[Message]:
 @example("plain", "wait", with_a_glitch_and_a_step())
 @example("plain", "predict", with_a_glitch_and_a_step())
 def test_the_short_check_of_an_ordinary_reading_changes_nothing(
-    robot: str, mode: conditioning.Mode, stream: list[Message]
+    robot: str, mode: time_line.Mode, stream: list[Message]
 ) -> None:
     found = everything(robot, mode, stream)
     with pytest.MonkeyPatch.context() as patch:

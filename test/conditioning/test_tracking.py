@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.gate import limits_of
-from cdrj_ros.conditioning.time_line import Conditioner
 from cdrj_ros.conditioning.tracking import MOVES, half_width, new_track, track, track_all
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.foundation.errors import RobotFileError

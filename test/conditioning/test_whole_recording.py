@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning import whole_recording
+from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.conditioning.time_line import Conditioner
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.reader import parse_robot

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.gate import MAX_GAP_NS
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.conditioning.time_line import Conditioner
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.estimation.state_file import (

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.bag import Topics, read_messages
-from cdrj_ros.conditioning.time_line import REFUSALS
+from cdrj_ros.conditioning.refusals import REFUSALS
 from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.judgement.validation import condition_recording, read_inputs
 from cdrj_ros.messages.cdr import JOINT_STATE

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.time_line import WHOLE
+from cdrj_ros.conditioning.refusals import WHOLE
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
 from cdrj_ros.foundation.series import Series

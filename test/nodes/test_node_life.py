@@ -482,7 +482,7 @@ KEYS = {
 
 
 def test_diagnostics_describe_every_problem(bench: Bench) -> None:
-    from cdrj_ros.conditioning.time_line import REFUSALS
+    from cdrj_ros.conditioning.refusals import REFUSALS
     from cdrj_ros.nodes.diagnostics import Health, status_of
 
     node = bench.estimator(tension_sensors=True)

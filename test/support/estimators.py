@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.conditioning.time_line import Conditioner
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
