@@ -361,7 +361,8 @@ def everything(robot: str, mode: time_line.Mode, stream: Sequence[Message]) -> s
     """All samples of a stream, and all that the conditioner then remembers."""
     conditioner = Conditioner(ROBOTS[robot], mode)
     samples = [sample for message in stream for sample in feed(conditioner, message)]
-    return f"{samples} {vars(conditioner)}"
+    remembered = {**vars(conditioner), "time_line": vars(conditioner.time_line)}
+    return f"{samples} {remembered}"
 
 
 def with_a_glitch_and_a_step() -> list[Message]:
