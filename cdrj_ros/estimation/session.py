@@ -7,90 +7,44 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.conditioner import Conditioner
-from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.conditioning.time_line import Mode
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.ensemble import Spread
-from cdrj_ros.estimation.estimator import NEVER, Angles, Estimate, State, initial_state, step
-from cdrj_ros.estimation.fusion import Fusion
-from cdrj_ros.estimation.member_kernels import MOVED, begin_sample, step_members
-from cdrj_ros.estimation.motor_alone import HeardEfforts, MotorAlone
-from cdrj_ros.estimation.preloads import DOUBT, FREE_DRIFT, SLOW_DRIFT
+from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
+from cdrj_ros.estimation.live_alone import LiveAlone
+from cdrj_ros.estimation.member_kernels import begin_sample, step_members
+from cdrj_ros.estimation.options import Options
+from cdrj_ros.estimation.other_numbers import preloads_of, reference_at, with_other_numbers
+from cdrj_ros.estimation.other_sensors import OtherSensors
+from cdrj_ros.estimation.output import Output, OutputAlone
+from cdrj_ros.estimation.preloads import DOUBT
 from cdrj_ros.estimation.rest import RestWatch
 from cdrj_ros.estimation.unsure import (
-    UNSURE_SHARE,
     mark_all_unsure,
     mark_some_unsure,
     mark_unsure,
     preload_of_elements,
 )
-from cdrj_ros.estimation.waiting import Measurement, WaitingMeasurements
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.mechanism import advance
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.shape import shape
-from cdrj_ros.model.status import INVALID
-from cdrj_ros.robot.document import LARGEST, document_complaints
-from cdrj_ros.robot.parameters import allowed_range, find_number, with_numbers
-from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import narrowed
 
 Vector = NDArray[np.float64]
-
-SMALLEST_NOISE: Final = 1e-6
-LARGEST_NOISE: Final = 1e6
-"""Outside these limits a load cell's standard deviation is replaced by the robot file's [N]."""
-
-UNWATCHED_NS: Final = 100_000_000
-"""After a longer time between two runs, the friction history of a moved robot is unknown [ns]."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """Options of the live estimator."""
-
-    conditioning: Mode = "wait"
-    """``wait`` for the slower channel, or ``predict`` it."""
-    uncertainty: bool = True
-    """Whether to estimate standard deviations."""
-    unsure_share: float = UNSURE_SHARE
-    """An element is ``UNSURE`` if its standard deviation exceeds this fraction of its tension or
-    preload, whichever is greater."""
-    tension_sensors: bool = False
-    """Whether to use load cells; preloads may then drift."""
-    track_preload: bool = False
-    """Whether to correct the preloads with the motors' efforts."""
-    effort_noise: float = 0.01
-    """Standard deviation of a motor's effort [N m]."""
-    tracking: float | None = None
-    """Bandwidth of the tracking filters [Hz], 0 for none; None: the robot file's."""
 
 
 def kernels_of(options: Options) -> tuple[Callable[..., Any], ...]:
     """Outermost kernels of a live estimator, whose compilation takes noticeable time."""
     ensemble = (begin_sample, step_members) if options.uncertainty else ()
     return (shape, advance, *ensemble)
-
-
-class Output(NamedTuple):
-    """One estimate and its standard deviations."""
-
-    estimate: Estimate
-    stddev: Vector | None
-    """In the order of ``spread_columns``; None if no uncertainty is estimated."""
-
-
-class OutputAlone(Output):
-    """An output of a robot with joints without encoder."""
-
-    angles: Angles | None = None
-    """Of these joints, one row; None where no effort is heard."""
 
 
 class LiveEstimator:
@@ -107,43 +61,33 @@ class LiveEstimator:
             UsageError: options that exclude each other or are out of range.
         """
         options = options or Options()
-        measured = options.tension_sensors or options.track_preload
-        if measured and not options.uncertainty:
+        if options.corrects and not options.uncertainty:
             raise UsageError("tension_sensors and track_preload need uncertainty: true")
-        if measured and model.robot.unmeasured:
+        if options.corrects and model.robot.unmeasured:
             raise UsageError(
-                f"{_unmeasured_names(model)}: tension_sensors and track_preload are not possible "
+                f"{_without_encoder(model)}: tension_sensors and track_preload are not possible "
                 "for a robot with joints without encoder"
             )
         self.options = options
         self.conditioner = Conditioner(
             model.robot.as_read, options.conditioning, tracking=options.tracking
         )
-        self.heard = HeardEfforts(model.layout.motors)
-        """Efforts of the motors, kept only for joints without encoder."""
-        self.deaf = False
-        """Whether the last sample found no effort although joints have no encoder."""
         self.unsolved = 0
         """Samples with at least one unsolved element, without predicted ones."""
-        self.unknown_elements = 0
-        """Load cell readings of elements that the robot does not have."""
         self.doubted: NDArray[np.bool_] | None = None
         """Elements that are ``UNSURE`` whatever their standard deviation, shape (elements,); None
         for none.  The health monitor sets it."""
-        self.fusion: Fusion | None = None
         self.spread: Spread | None = None
-        self._waiting = WaitingMeasurements()
+        self.other_sensors: OtherSensors | None = None
+        """Load cells and motors' efforts, if the options ask for them."""
+        self.alone: LiveAlone | None = None
+        """The estimate of a robot with joints without encoder."""
         self.started = model
         """The robot as given at construction."""
         self.changes: dict[str, float] = {}
         """Reference angles and preloads that were set since then, by path [SI]."""
         self.use(model)
         self.reset()
-
-    @property
-    def overlooked(self) -> int:
-        """Load cell readings and efforts discarded because no sample reached their stamp."""
-        return self._waiting.overlooked
 
     def set_unsure_share(self, share: float) -> None:
         """Change ``Options.unsure_share``."""
@@ -156,37 +100,34 @@ class LiveEstimator:
 
     def use(self, model: Model) -> None:
         """Continue with other numbers of the same robot; state and readings are kept."""
-        options = self.options
-        measured = options.tension_sensors or options.track_preload
-        spread: Spread | None = None
-        fusion: Fusion | None = None
-        self.alone = MotorAlone(model) if model.robot.unmeasured else None
-        if options.uncertainty and self.alone is None:
+        options, spread = self.options, None
+        if model.robot.unmeasured:
+            self.alone = LiveAlone(model, self.alone)
+        elif options.uncertainty:
             known = narrowed(model.robot, self.changes)
-            share = DOUBT if measured else 0.0
+            share = DOUBT if options.corrects else 0.0
             spread = Spread(model, preload_share=share, known=known, before=self.spread)
-        if spread is not None and measured:
-            fusion = Fusion(spread, FREE_DRIFT if options.track_preload else SLOW_DRIFT)
-            if self.fusion is not None:  # what is known of sensors and preloads stays known
-                fusion.keep(self.fusion)
-        self.model, self.spread, self.fusion = model, spread, fusion
+        if spread is not None and options.corrects:
+            if self.other_sensors is None:
+                self.other_sensors = OtherSensors(spread, options)
+            else:
+                self.other_sensors.use(spread)
+        self.model, self.spread = model, spread
         self._ahead: State | None = None
         """The state after the last predicted sample, if one was taken since the last other one."""
-        self._clock_offset_ns = {
-            motor.name: motor.sensor.clock_offset_ns for motor in model.robot.motors
-        }
         self._preload = preload_of_elements(model.robot)
 
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""
         self.conditioner.reset()
-        if self.fusion is not None:
-            self.fusion.reset()
+        if self.other_sensors is not None:
+            self.other_sensors.fusion.reset()
         self._restart(known=False)
 
     def _restart(self, *, known: bool) -> None:
         """Begin anew; ``known`` keeps what is known of preloads and sensors."""
-        self._restart_from: tuple[State, Any, Any, Any] | None = None
+        self._earlier: EarlierRun | None = None
+        """The run that the next sample continues."""
         self._jumps = self.conditioner.clock_jumps
         self.state: State = initial_state(self.model)
         self.unaided: State = self.state
@@ -195,38 +136,26 @@ class LiveEstimator:
         self.taught: set[str] = self.taught if known else set()
         """Sensors whose corrections distinguish ``state`` from ``unaided``."""
         self.sample: Sample | None = None
-        self._waiting.forget()
         self._watch = RestWatch()
-        self.heard.clear()
         if self.alone is not None:
             self.alone.reset()
         if self.spread is not None:
             self.spread.reset()
-        if self.fusion is not None and known:
-            self.fusion.pause()
-        elif self.fusion is not None:
-            self.fusion.restart()
+        if self.other_sensors is not None:
+            self.other_sensors.restart(known=known)
 
-    def resume(
-        self,
-        state: State,
-        arrays: Mapping[str, NDArray[Any]],
-        unaided: Vector | None = None,
-        taught: Iterable[str] = (),
-    ) -> None:
-        """Continue from the state of an earlier run at the next sample.
+    def resume(self, earlier: EarlierRun, taught: Iterable[str] = ()) -> None:
+        """Continue from the end of an earlier run at the next sample.
 
         Args:
-            state: the last state of the earlier run.
-            arrays: ``motor_angle`` and ``joint_angle`` at that state, where known.
-            unaided: values of the state without other sensors; None: of the state itself.
-            taught: sensors whose corrections distinguish the two.
+            earlier: where it ended.
+            taught: sensors whose corrections distinguish its state from the one without them.
         """
-        motor, joint = arrays.get("motor_angle"), arrays.get("joint_angle")
-        self._restart_from = (state, motor, joint, unaided)
+        self._earlier = earlier
         self.taught = set(taught)
+        motor, joint = earlier.motor_angle, earlier.joint_angle
         if motor is not None and joint is not None:
-            self.conditioner.expect(np.concatenate([motor, joint]), state.stamp_ns)
+            self.conditioner.expect(np.concatenate([motor, joint]), earlier.state.stamp_ns)
 
     def suspend(self) -> None:
         """Discard waiting readings; the next sample continues as after a restart of the process.
@@ -236,8 +165,8 @@ class LiveEstimator:
         """
         if self.sample is None:
             return
-        state, unaided, taught = self.state, self.unaided, self.taught
-        angles = {"motor_angle": self.sample.motor_angle, "joint_angle": self.sample.joint_angle}
+        motor, joint, taught = self.sample.motor_angle, self.sample.joint_angle, self.taught
+        earlier = EarlierRun(self.state, motor, joint, self.unaided.values)
         known = self.conditioner.memory()
         members = None if self.spread is None else deepcopy(self.spread.memory())
         self.conditioner.reset()
@@ -245,29 +174,23 @@ class LiveEstimator:
         self.conditioner.recall(known)
         if self.spread is not None and members is not None:
             self.spread.recall(members)
-        self.resume(state, angles, unaided.values, taught)
+        self.resume(earlier, taught)
 
-    def _take_up(self, sample: Sample) -> None:
+    def _take_up(self, earlier: EarlierRun, sample: Sample) -> None:
         """Continue an earlier run's state at the first sample of this one."""
-        assert self._restart_from is not None
-        state, motor, joint, unaided = self._restart_from
-        self._restart_from = None
+        state = earlier.state
         late = sample.stamp_ns - state.stamp_ns
         if late <= 0:  # the clock has been set back since
             state = State(sample.stamp_ns - 1_000_000, state.values)
             if self.spread is not None:
                 self.spread.shift_clock(late - 1_000_000)
         self.state = self.unaided = state
-        if unaided is not None:
-            self.unaided = State(state.stamp_ns, unaided)
-        moved = 0.0
-        for before, now in ((motor, sample.motor_angle), (joint, sample.joint_angle)):
-            if before is not None and before.shape == now.shape and now.size:
-                moved = max(moved, float(np.max(np.abs(now - before))))
-        if moved > MOVED and not 0 < late <= UNWATCHED_NS and self.spread is not None:
-            self.spread.reset()  # the robot moved between the runs along an unknown path
-        if late > 0 and self.fusion is not None:
-            self.fusion.pass_unwatched(late * 1e-9)
+        if earlier.unaided is not None:
+            self.unaided = State(state.stamp_ns, earlier.unaided)
+        if self.spread is not None and earlier.has_moved(sample):
+            self.spread.reset()
+        if late > 0 and self.other_sensors is not None:
+            self.other_sensors.fusion.pass_unwatched(late * 1e-9)
 
     def feed(
         self,
@@ -310,55 +233,67 @@ class LiveEstimator:
 
         A predicted sample leaves the memory as it is; only the next predicted one continues it.
         """
+        if self.alone is not None:
+            return self._take_alone(self.alone, sample)
         if sample.predicted:
             return self._look_ahead(sample)
-        self._ahead = None
-        if self.alone is not None:
-            self.alone.look_back()
-            return self._take_alone(self.alone, sample)
         return self._take_next(sample)
 
     def _take_next(self, sample: Sample) -> Output:
         """``take`` for a sample that continues the memory."""
-        if self._restart_from is not None:
-            self._take_up(sample)
-        model = self.model
-        if self.fusion is not None and self.state.stamp_ns == NEVER:
-            model = self.fusion.beginning()
+        self._ahead = None
+        if self._earlier is not None:
+            self._take_up(self._earlier, sample)
+            self._earlier = None
+        model, others = self.model, self.other_sensors
+        if others is not None and self.state.stamp_ns == NEVER:
+            model = others.fusion.beginning()
         self.state, estimate = step(model, self.state, sample)
-        if self.fusion is not None:
+        if others is not None:
             self.unaided = step(self.model, self.unaided, sample)[0]
-        self.sample = sample
-        self._watch.add(sample)
-        if not estimate.solved:
-            self.unsolved += 1
+        self._note(sample, estimate)
         stddev = None
         spread = self.spread
         if spread is not None:
             stddev = spread.begin(sample, estimate)
-            if self.fusion is not None:  # it corrects the members
+            if others is not None:  # they correct the members
                 spread.finish()
             mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
         self._mark_doubts(sample, estimate)
-        if self.fusion is not None and estimate.solved:
-            self.fusion.remember(sample, estimate)
-            undone = bool(self._waiting) and self._use_waiting(self.fusion, sample)
-            if undone or self.fusion.contested:
-                mark_all_unsure(estimate.values, self._preload.size)
+        if others is not None and estimate.solved:
+            self._correct(others, sample, estimate)
         return Output(estimate, stddev)
+
+    def _note(self, sample: Sample, estimate: Estimate) -> None:
+        """Note a sample that is not predicted."""
+        self.sample = sample
+        self._watch.add(sample)
+        if not estimate.solved:
+            self.unsolved += 1
+
+    def _correct(self, others: OtherSensors, sample: Sample, estimate: Estimate) -> None:
+        """Apply other sensors' measurements; if one of these sensors was wrong, undo all of them.
+
+        The uncorrected state then replaces the state, and the ensemble starts anew.
+        """
+        others.fusion.remember(sample, estimate)
+        self.state, wrong = others.correct(sample, self.state, self.taught)
+        if wrong:
+            self.state = self.unaided
+            self.taught.clear()
+            others.take_back(wrong)
+        if wrong or others.fusion.contested:
+            mark_all_unsure(estimate.values, self._preload.size)
 
     def _look_ahead(self, sample: Sample) -> Output:
         """``take`` for a predicted sample."""
-        if self.alone is not None:
-            self.alone.look_ahead()
-            return self._take_alone(self.alone, sample)
         self._ahead, estimate = step(self.model, self._ahead or self.state, sample)
         stddev = None
         if self.spread is not None:
             stddev = self.spread.look_ahead(sample, estimate)
             mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
         self._mark_doubts(sample, estimate)
-        if self.fusion is not None and self.fusion.contested:
+        if self.other_sensors is not None and self.other_sensors.fusion.contested:
             mark_all_unsure(estimate.values, self._preload.size)
         return Output(estimate, stddev)
 
@@ -369,31 +304,17 @@ class LiveEstimator:
         if self.doubted is not None:
             mark_some_unsure(estimate.values, self.doubted)
 
-    def _take_alone(self, alone: MotorAlone, sample: Sample) -> OutputAlone:
+    def _take_alone(self, alone: LiveAlone, sample: Sample) -> OutputAlone:
         """``take`` for a robot with joints without encoder."""
-        self._restart_from = None
-        efforts = self.heard.at(sample.stamp_ns)
-        self.deaf = not bool(np.isfinite(efforts).any())
-        one = Samples(
-            np.array([sample.stamp_ns]), sample.motor_angle[None, :], sample.joint_angle[None, :]
-        )
-        found = alone.run(one, efforts[None, :])
-        assert found.stddev is not None
-        assert found.angles is not None
-        values, stddev = np.nan_to_num(found.values[0]), np.nan_to_num(found.stddev[0])
-        layout = self.model.layout
-        solved = not any(int(flag) & INVALID for flag in values[layout.status])
+        self._earlier = None
+        estimate, stddev, angles = alone.estimate(sample)
         if not sample.predicted:
-            self.state = self.unaided = State(sample.stamp_ns, alone.state)
-            self.sample = sample
-            self._watch.add(sample)
-            self.unsolved += not solved
-        mark_unsure(values, self._preload, stddev, self.options.unsure_share)
-        if sample.doubtful:
-            mark_all_unsure(values, self._preload.size)
-        estimate = Estimate(sample.stamp_ns, values, layout, solved)
+            self.state = self.unaided = alone.state_at(sample.stamp_ns)
+            self._note(sample, estimate)
+        mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
+        self._mark_doubts(sample, estimate)
         output = OutputAlone(estimate, stddev if self.options.uncertainty else None)
-        output.angles = None if self.deaf else found.angles
+        output.angles = angles
         return output
 
     def feed_tensions(
@@ -411,70 +332,27 @@ class LiveEstimator:
             tensions: measured tensions [N].
             stddevs: one standard deviation per name [N]; empty: the robot file's.
         """
-        fusion = self.fusion
-        if fusion is None:
+        if self.other_sensors is None:
             return
         if len(names) != len(tensions) or len(stddevs) not in (0, len(names)):
             self.conditioner.refused["malformed"] += 1
             return
-        for k, name in enumerate(names):
-            if not fusion.knows(name):
-                self.unknown_elements += 1
-                continue
-            noise = float(stddevs[k]) if len(stddevs) else 0.0
-            if not SMALLEST_NOISE <= noise <= LARGEST_NOISE:
-                noise = fusion.noise_of(name)
-            self._waiting.add(Measurement(stamp_ns, name, float(tensions[k]), noise))
+        self.other_sensors.feed_tensions(stamp_ns, names, tensions, stddevs)
 
     def wants_efforts(self, stamp_ns: int) -> bool:
         """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
         if self.alone is not None:
             return True
-        if not self.options.track_preload:
-            return False
-        return self._waiting.wants_efforts(stamp_ns, len(self.model.layout.motors))
+        return self.other_sensors is not None and self.other_sensors.wants_efforts(stamp_ns)
 
     def feed_efforts(
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
     ) -> None:
         """Queue measured efforts of motors [N m]; other names are ignored."""
         if self.alone is not None:
-            for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
-                if name in self._clock_offset_ns:
-                    at = stamp_ns + self._clock_offset_ns[name]
-                    self.heard.add(at, (name,), (effort,))
-            return
-        if not self.options.track_preload:
-            return
-        for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
-            if name in self.model.layout.motors and not self._waiting.is_early(name, stamp_ns):
-                at, noise = stamp_ns + self._clock_offset_ns[name], self.options.effort_noise
-                self._waiting.add(Measurement(at, name, float(effort), noise))
-
-    def _use_waiting(self, fusion: Fusion, sample: Sample) -> bool:
-        """Apply the measurements up to the sample; True if corrections were undone."""
-        for stamp, name, value, noise in self._waiting.due(sample.stamp_ns):
-            dropped = fusion.dropped
-            correct = fusion.tension if "/" in name else fusion.motor_effort
-            state = correct(sample, self.state, stamp, name, value, noise)
-            if state is not self.state:
-                self.taught.add(name)
-            self.state = state
-            if fusion.dropped != dropped and name in self.taught:
-                self._take_back(fusion, name)
-                return True
-        return False
-
-    def _take_back(self, fusion: Fusion, name: str) -> None:
-        """Undo all corrections by other sensors, because one of these sensors was wrong.
-
-        The uncorrected state replaces the state, and the ensemble starts anew.  Sensors that are
-        still trusted then correct both again.
-        """
-        self._waiting.clear()
-        self.taught.clear()
-        self.state = self.unaided
-        fusion.take_back(name)
+            self.alone.feed_efforts(stamp_ns, names, efforts)
+        elif self.other_sensors is not None:
+            self.other_sensors.feed_efforts(stamp_ns, names, efforts)
 
     def tare(self) -> str:
         """Make the current angles the reference pose.
@@ -488,20 +366,12 @@ class LiveEstimator:
         if self.sample is None:
             raise UsageError("no angles yet: no reading of every motor and joint has arrived")
         if self.alone is not None:
-            raise UsageError(f"no reference can be set: {_unmeasured_names(self.model)}")
+            raise UsageError(f"no reference can be set: {_without_encoder(self.model)}")
         if reason := self._watch.in_motion(self.model.robot):
             raise UsageError(reason)
-        values, words = {}, []
-        for kind, names, angles in (
-            ("motor", self.model.layout.motors, self.sample.motor_angle),
-            ("joint", self.model.layout.joints, self.sample.joint_angle),
-        ):
-            for name, angle in zip(names, angles, strict=True):
-                values[f"{kind}s.{name}.reference_angle"] = float(angle)
-                words.append(f"{kind} {name} {angle + 0.0:.6g} rad")
-        self.change(values)
-        preloads = ", ".join(f"{c.name} {c.preload:g} N" for c in self.model.robot.cables)
-        return f"reference is now {', '.join(words)}; there the preloads are {preloads}"
+        change = reference_at(self.model, self.sample)
+        self.change(change.values)
+        return change.words
 
     def set_preload(self, preloads: Mapping[str, float]) -> str:
         """Set preloads of cables in the reference pose [N]; the estimate starts anew.
@@ -509,16 +379,9 @@ class LiveEstimator:
         Raises:
             UsageError: an unknown cable or a tension out of range.
         """
-        known = {cable.name: cable.preload for cable in self.model.robot.cables}
-        if not preloads:
-            raise UsageError(f"name at least one cable of {', '.join(known)}")
-        for name, value in preloads.items():
-            if name not in known:
-                raise UsageError(f"there is no cable {name!r}; there are {', '.join(known)}")
-            if not 0.0 <= value < 1e6:
-                raise UsageError(f"preload of {name} must be in [0, 1e6) N, got {value:g}")
-        self.change({f"cables.{name}.preload": value for name, value in preloads.items()})
-        return "; ".join(f"{n}: {known[n]:g} N, now {v:g} N" for n, v in preloads.items())
+        change = preloads_of(self.model, preloads)
+        self.change(change.values)
+        return change.words
 
     def set_numbers(self, values: Mapping[str, float]) -> str:
         """Change numbers of the robot file, by path; friction history and readings are kept.
@@ -549,27 +412,7 @@ class LiveEstimator:
         return self.state.stamp_ns if self.sample is not None else NEVER
 
 
-def _unmeasured_names(model: Model) -> str:
+def _without_encoder(model: Model) -> str:
     """The joints without encoder, as the subject of a message."""
     names = [model.layout.joints[j] for j in model.robot.unmeasured]
     return f"{', '.join(names)} {'has' if len(names) == 1 else 'have'} no encoder"
-
-
-def with_other_numbers(model: Model, values: Mapping[str, float]) -> Model:
-    """The robot with some numbers of its file replaced, by path [SI].
-
-    Raises:
-        UsageError, RobotFileError: a value is invalid.
-    """
-    document = with_numbers(dict(model.robot.document), values)
-    for path, value in values.items():
-        if not abs(value) <= LARGEST:
-            raise UsageError(f"{path} must be a finite number, got {value:g}")
-    if not all(
-        value in allowed_range(find_number(document, path).rules) for path, value in values.items()
-    ):
-        for complaint in document_complaints(document):
-            raise UsageError(complaint)
-    # friction leaves the geometry as it was when it was checked
-    geometry = any("friction." not in path for path in values)
-    return prepare(build_robot(document, model.robot.source), check_range=geometry)

@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.estimator import State
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.errors import CdrjError
@@ -90,19 +91,20 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
         "robot": _digest(live.started),
         "changes": _packed(live.changes),
     }
+    others = live.other_sensors
     if live.sample is not None:
         arrays |= {
             "digest": _digest(live.model),
             "stamp": np.array([live.state.stamp_ns]),
             "state": live.state.values,
-            "unaided": live.unaided.values if live.fusion is not None else live.state.values,
+            "unaided": (live.state if others is None else live.unaided).values,
             "taught": _packed(sorted(live.taught)),
             "motor_angle": live.sample.motor_angle,
             "joint_angle": live.sample.joint_angle,
         }
         arrays |= live.conditioner.memory()
-        if live.fusion is not None:
-            arrays["sensors"] = _packed(live.fusion.memory())
+        if others is not None:
+            arrays["sensors"] = _packed(others.fusion.memory())
         if live.spread is not None:
             arrays |= live.spread.memory()
     buffer = BytesIO()
@@ -161,15 +163,16 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
         raise StateFileError(f"{path} holds no stamp")
     try:
         taught = [str(name) for name in json.loads(arrays["taught"].tobytes())]
-        if live.fusion is not None and "sensors" in arrays:
-            live.fusion.recall(json.loads(arrays["sensors"].tobytes()))
+        if live.other_sensors is not None and "sensors" in arrays:
+            live.other_sensors.fusion.recall(json.loads(arrays["sensors"].tobytes()))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StateFileError(f"{path} holds no usable list of sensors: {error}") from error
     if live.spread is not None and not live.spread.recall(arrays):
         live.spread.reset()
     state = State(int(stamp[0]), values.astype(np.float64))
     live.conditioner.recall(arrays)
-    live.resume(state, arrays, unaided.astype(np.float64), taught)
+    motor, joint = arrays.get("motor_angle"), arrays.get("joint_angle")
+    live.resume(EarlierRun(state, motor, joint, unaided.astype(np.float64)), taught)
 
 
 def _take_up_changes(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> str:

@@ -10,7 +10,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.estimation.session import LiveEstimator, Output
+from cdrj_ros.estimation.output import Output
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, UNSURE
 
 WINDOW: Final = 4096
@@ -100,13 +101,15 @@ def _verdict(
 ) -> tuple[bytes, str]:
     """Level and message of the most severe cause; requires an estimate."""
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-    fusion = live.fusion.health.values() if live.fusion else ()
-    dropped = [f"sensor {one.name} dropped: {one.dropped}" for one in fusion if one.dropped]
+    others = live.other_sensors
+    health_of = others.fusion.health.values() if others is not None else ()
+    dropped = [f"sensor {one.name} dropped: {one.dropped}" for one in health_of if one.dropped]
     stepped = _steps(live)
+    deaf = live.alone is not None and live.alone.deaf
     silent = health.silence_s > health.timeout_s
     causes = (
         (silent, DiagnosticStatus.STALE, f"no input for {health.timeout_s:g} s"),
-        (live.deaf, error, "no effort of a motor: joints without encoder need it"),
+        (deaf, error, "no effort of a motor: joints without encoder need it"),
         (flagged[INVALID], error, f"not solved: {', '.join(flagged[INVALID])}"),
         (flagged[OVERLOAD], error, f"overload: {', '.join(flagged[OVERLOAD])}"),
         (
@@ -153,10 +156,11 @@ def _figures(
         "readings that waited too long": str(conditioner.time_line.crowded),
         **{f"refused: {cause}": str(n) for cause, n in conditioner.refused.items()},
     }
-    if live.fusion:
-        values["refused: unknown element"] = str(live.unknown_elements)
-        values["sensor readings not used in time"] = str(live.overlooked)
-        for one in live.fusion.health.values():
+    others = live.other_sensors
+    if others is not None:
+        values["refused: unknown element"] = str(others.unknown_elements)
+        values["sensor readings not used in time"] = str(others.overlooked)
+        for one in others.fusion.health.values():
             state = "used" if one.trusted else "on trial until it follows a motion"
             if one.dropped:
                 state = f"dropped: {one.dropped}"
@@ -164,7 +168,7 @@ def _figures(
                 f"{state}; {one.used} readings used, {one.refused} refused, "
                 f"{one.changes} sudden changes"
             )
-        for name, (friction, stddev) in live.fusion.motor_friction.items():
+        for name, (friction, stddev) in others.fusion.motor_friction.items():
             values[f"friction of {name} beyond the robot file [N m]"] = (
                 f"{friction:.3g} +- {stddev:.2g}"
             )

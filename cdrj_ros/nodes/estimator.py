@@ -24,7 +24,8 @@ from std_srvs.srv import Trigger
 from cdrj_ros.commands.compilation import COMPILING
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.tracking import new_track, track
-from cdrj_ros.estimation.session import LiveEstimator, Output, OutputAlone, kernels_of
+from cdrj_ros.estimation.output import Output, OutputAlone
+from cdrj_ros.estimation.session import LiveEstimator, kernels_of
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.text import counted
@@ -182,7 +183,7 @@ class EstimatorNode(Node):
         if self.live.alone is not None:
             from cdrj_ros.nodes.joint_angles import JointAngles
 
-            self._angles = JointAngles(self.live.alone.names, self._frame_id, publisher)
+            self._angles = JointAngles(self.live.alone.solver.names, self._frame_id, publisher)
         self._offered = [
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(Trigger, "~/tare", self._on_tare),

@@ -9,7 +9,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.session import LiveEstimator, Output
+from cdrj_ros.estimation.output import Output
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.health.doubts import doubted_elements
 from cdrj_ros.health.judging import Judged
@@ -83,7 +84,7 @@ class HealthWatch:
         if self.monitor.model is not live.model:
             self.monitor = self._new()
         # with other sensors the spread is that of a corrected estimate, not of the file
-        self.monitor.follow(live.sample, output.stddev if live.fusion is None else None)
+        self.monitor.follow(live.sample, output.stddev if live.other_sensors is None else None)
         self._doubt()
 
     def _doubt(self) -> None:
@@ -92,7 +93,8 @@ class HealthWatch:
         if not self._marks or standing is self._standing:
             return
         self._standing = standing
-        doubted = doubted_elements(live.model.robot, standing, corrected=live.fusion is not None)
+        corrected = live.other_sensors is not None
+        doubted = doubted_elements(live.model.robot, standing, corrected=corrected)
         live.doubted = doubted if doubted.any() else None
 
     def status(self, name: str) -> DiagnosticStatus:

@@ -27,7 +27,8 @@ from support.campaign import (
     run,
 )
 
-from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.estimation.options import Options
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 
@@ -274,8 +275,8 @@ def test_a_sensor_that_is_stuck_from_the_start_corrects_nothing(
     faults: Faults, model: Model, course: Course
 ) -> None:
     def watch(live: LiveEstimator) -> None:
-        assert live.fusion is not None
-        (health,) = live.fusion.health.values()
+        assert live.other_sensors is not None
+        (health,) = live.other_sensors.fusion.health.values()
         assert health.tried + health.refused > 0
         assert health.used == 0
 

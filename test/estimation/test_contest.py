@@ -13,8 +13,9 @@ from support.campaign import SECOND, Course, Faults, Lie, courses, judge, run
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.claims import Claim
 from cdrj_ros.estimation.contest import LASTING, Witness
+from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.preloads import standard
-from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import UNSURE
@@ -214,8 +215,8 @@ def test_two_cells_that_change_together_show_a_change_of_preload(
     model: Model, recorded: Callable[[Model, int], Samples]
 ) -> None:
     live, off = _run(model, recorded(model, 15), ("upper/3", "upper/8"))
-    assert live.fusion is not None
-    assert live.fusion.faults() == {}
+    assert live.other_sensors is not None
+    assert live.other_sensors.fusion.faults() == {}
     assert abs(off - CHANGE) < 1.0
 
 

@@ -21,7 +21,9 @@ from support.motor_alone import (
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.motor_alone import HEARD_NS, HeardEfforts, MotorAlone, efforts_at
-from cdrj_ros.estimation.session import LiveEstimator, Options, OutputAlone
+from cdrj_ros.estimation.options import Options
+from cdrj_ros.estimation.output import OutputAlone
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.inspection.motor_alone import determined_joints, effort_slopes
@@ -137,7 +139,7 @@ def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_
     for k in range(3):
         live.feed("motors", int(samples.stamp_ns[k]), ["winch"], samples.motor_angle[k])
     output = live.take(only_measured(prototype, samples).at(2)._replace(stamp_ns=START + 10**9))
-    assert live.deaf
+    assert live.alone.deaf
     assert isinstance(output, OutputAlone)
     assert output.angles is None
     assert not output.estimate.solved
@@ -145,7 +147,7 @@ def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_
     assert np.all(output.estimate.tension == 0.0)
     live.feed_efforts(START + 2 * 10**9, ["winch"], [0.0])
     live.take(only_measured(prototype, samples).at(2)._replace(stamp_ns=START + 2 * 10**9))
-    assert not live.deaf
+    assert not live.alone.deaf
     with pytest.raises(UsageError, match="elbow has no encoder"):
         live.tare()
     with pytest.raises(UsageError, match="elbow has no encoder"):

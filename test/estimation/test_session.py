@@ -11,8 +11,9 @@ import pytest
 
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.sensor_health import JUDGED
-from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.loading import load_model
@@ -120,8 +121,9 @@ def test_late_load_cell_readings_are_not_applied_twice(
     on_trial = []
 
     def measure(live: LiveEstimator, k: int) -> None:
-        assert live.fusion is not None
-        if "upper/8" not in live.fusion.health or not live.fusion.health["upper/8"].used:
+        assert live.other_sensors is not None
+        health = live.other_sensors.fusion.health
+        if "upper/8" not in health or not health["upper/8"].used:
             on_trial.append(k)
         if k >= late:
             stamp = int(readings.stamp_ns[k - late])
@@ -135,9 +137,9 @@ def test_late_load_cell_readings_are_not_applied_twice(
     assert np.abs(course.error[used : used + 50, column]).max() < 0.5
     # at a reversal, the remaining error of the far elements briefly reaches this element
     assert np.abs(course.error[used:, column]).mean() < 0.2
-    assert course.live.fusion is not None
-    assert course.live.fusion.health["upper/8"].dropped == ""
-    assert course.live.fusion.health["upper/8"].refused == 0
+    assert course.live.other_sensors is not None
+    assert course.live.other_sensors.fusion.health["upper/8"].dropped == ""
+    assert course.live.other_sensors.fusion.health["upper/8"].refused == 0
 
 
 def test_a_load_cell_on_one_cable_does_not_affect_the_other(
@@ -189,8 +191,8 @@ def test_a_load_cell_that_freezes_drifts_or_reads_wrong_is_dropped(
         live.feed_tensions(int(readings.stamp_ns[k]), ["upper/8"], [said], [0.05])
 
     course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
-    assert course.live.fusion is not None
-    health = course.live.fusion.health["upper/8"]
+    assert course.live.other_sensors is not None
+    health = course.live.other_sensors.fusion.health["upper/8"]
     assert words in health.dropped
     assert health.used > 0
     assert health.used + health.tried >= broken // 4
@@ -211,8 +213,8 @@ def test_a_good_load_cell_is_never_dropped(model: Model, readings: Samples) -> N
         live.feed_tensions(int(readings.stamp_ns[k]), ["lower/8"], [said], [])
 
     course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
-    assert course.live.fusion is not None
-    health = course.live.fusion.health["lower/8"]
+    assert course.live.other_sensors is not None
+    health = course.live.other_sensors.fusion.health["lower/8"]
     assert not health.dropped
     assert health.refused == 0
     assert health.used > JUDGED
@@ -265,10 +267,10 @@ def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: S
             live.take(_sample(readings, k)).estimate.values,
             plain.take(_sample(readings, k)).estimate.values,
         )
-    assert live.unknown_elements == 50
+    assert live.other_sensors.unknown_elements == 50
     assert live.conditioner.refused["malformed"] == 50
-    assert live.fusion is not None
-    assert live.fusion.health["upper/8"].used == 0
+    assert live.other_sensors is not None
+    assert live.other_sensors.fusion.health["upper/8"].used == 0
 
 
 def test_elements_are_unsure_until_the_friction_history_is_known(

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.sensor_health import SensorHealth
-from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -74,8 +75,8 @@ def _feed_cell(live: LiveEstimator, beside: Beside, k: int, lie: Lie, scale: flo
 
 
 def _dropped(live: LiveEstimator) -> str:
-    assert live.fusion is not None
-    health = live.fusion.health.get(CELL)
+    assert live.other_sensors is not None
+    health = live.other_sensors.fusion.health.get(CELL)
     return health.dropped if health is not None else ""
 
 
@@ -97,8 +98,8 @@ def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
         elif _dropped(live):
             found = k
             assert np.all(output.estimate.status.astype(int) & UNSURE)
-    assert live.fusion is not None
-    health = live.fusion.health[CELL]
+    assert live.other_sensors is not None
+    health = live.other_sensors.fusion.health[CELL]
     assert taught > 3.0, "it was trusted, and moved the preload"
     assert health.used > 100
     assert CALM <= found < CALM + 700
@@ -168,8 +169,8 @@ def test_a_single_outlier_is_refused_and_drops_no_sensor(
         sudden = off if k == CALM else 0.0
         _feed_cell(live, beside, k, lambda _b, k, add=sudden: 1.05 * beside.cell[k] + add, 1.05)
         live.take(_sample(beside.samples, k))
-    assert live.fusion is not None
-    health = live.fusion.health[CELL]
+    assert live.other_sensors is not None
+    health = live.other_sensors.fusion.health[CELL]
     assert health.dropped == ""
     assert health.refused == (1 if off > 1.0 else 0)
     assert health.used > 300

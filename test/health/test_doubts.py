@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.estimation.options import Options
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.unsure import mark_some_unsure
 from cdrj_ros.health.changes import Change, changes_of, sensor_changes
 from cdrj_ros.health.doubts import doubted_elements

@@ -11,7 +11,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.session import LiveEstimator, Options, Output
+from cdrj_ros.estimation.options import Options
+from cdrj_ros.estimation.output import Output
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, shape_at

@@ -1,0 +1,42 @@
+"""Where an earlier run ended, from which the estimate continues."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.estimator import State
+from cdrj_ros.estimation.member_kernels import MOVED
+
+Vector = NDArray[np.float64]
+
+UNWATCHED_NS: Final = 100_000_000
+"""After a longer time between two runs, the friction history of a moved robot is unknown [ns]."""
+
+
+@dataclass(frozen=True)
+class EarlierRun:
+    """The last state of a run, and the angles there."""
+
+    state: State
+    motor_angle: Vector | None = None
+    """[rad], shape (motors,); None where unknown."""
+    joint_angle: Vector | None = None
+    """[rad], shape (joints,); None where unknown."""
+    unaided: Vector | None = None
+    """Values of the state without corrections by other sensors; None: those of the state."""
+
+    def has_moved(self, sample: Sample) -> bool:
+        """Whether the robot has moved along an unknown path until the first sample of this run."""
+        moved = 0.0
+        for before, now in (
+            (self.motor_angle, sample.motor_angle),
+            (self.joint_angle, sample.joint_angle),
+        ):
+            if before is not None and before.shape == now.shape and now.size:
+                moved = max(moved, float(np.max(np.abs(now - before))))
+        return moved > MOVED and not 0 < sample.stamp_ns - self.state.stamp_ns <= UNWATCHED_NS
