@@ -245,17 +245,23 @@ def curvatures(motion: Motion, stamps: Stamps, angles: Vector) -> Vector | None:
     if stamps.size == 0:
         return result
     spans, moved = np.diff(stamps, prepend=stamps[:1]), np.diff(angles, prepend=angles[:1])
+    # most recordings are dense, and their windows need not be searched
+    longest, furthest = int(spans.max()), float(np.abs(moved).max())
     motion.take(int(stamps[0]), float(angles[0]))
     begin, last = 1, stamps.size - 1
     while begin <= last:
         end = int(np.searchsorted(stamps, motion.begin_ns + WINDOW_NS))
         end = min(max(end, begin), last)
-        if _leaps(motion, spans[begin : end + 1], moved[begin : end + 1]):
+        window = slice(begin, end + 1)
+        may_leap = furthest + abs(motion.velocity) * (longest * 1e-9) > LEAP_FLOOR
+        if may_leap and _leaps(motion, spans[window], moved[window]):
             return None
-        if spans[begin : end + 1].max() > WINDOW_NS and motion.windows < WINDOWS + 1:
+        sparse = longest > WINDOW_NS and spans[window].max() > WINDOW_NS
+        if sparse and motion.windows < WINDOWS + 1:
             return None
-        for k in np.flatnonzero(spans[begin:end] > motion.seen_ns).tolist():
-            result[begin + k] = motion.curvature(int(spans[begin + k]))
+        if longest > motion.seen_ns:
+            for k in np.flatnonzero(spans[begin:end] > motion.seen_ns).tolist():
+                result[begin + k] = motion.curvature(int(spans[begin + k]))
         motion.take(int(stamps[end]), float(angles[end]))
         if spans[end] > motion.seen_ns:  # zeros that are never written to take no memory
             result[end] = motion.curvature(int(spans[end]))
