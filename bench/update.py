@@ -32,7 +32,7 @@ def recorded_motion(model: Model) -> Samples:
 def stepping(
     model: Model, motion: Samples, count: int, ensemble: Ensemble | None = None
 ) -> Callable[[], None]:
-    """``step`` over the first samples, one call each, followed by the ensemble's ``update``."""
+    """``step`` over the first samples, one call each, or the ensemble's."""
     readings = [
         Sample(int(stamp), motor, joint)
         for stamp, motor, joint in zip(
@@ -53,8 +53,7 @@ def stepping(
         ensemble.reset()
         state = initial_state(model)
         for sample in readings:
-            state, estimate = step(model, state, sample)
-            ensemble.update(sample, estimate)
+            state, *_ = ensemble.step(state, sample)
 
     return stepped if ensemble is None else stepped_with_spread
 

@@ -15,6 +15,7 @@ step.  See docs/uncertainty.md.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -22,19 +23,21 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import ALL_SEEN, Sample, Samples
 from cdrj_ros.estimation.discrepancy import unmodelled
-from cdrj_ros.estimation.estimator import FLOAT, NEVER, Estimate, Estimates, State, as_plain
+from cdrj_ros.estimation.estimator import FLOAT, NEVER, Estimate, Estimates, State, as_plain, run
 from cdrj_ros.estimation.member_kernels import (
     ANY,
     LAST,
     LAST_STAMP,
     PROGRESS,
+    SOLVED,
     TURN,
     UNFIT,
     WAITING,
     Members,
     Path,
+    advance_with_members,
     begin_sample,
-    run_members,
+    follow_members,
     step_members,
 )
 from cdrj_ros.estimation.members import (
@@ -50,6 +53,9 @@ from cdrj_ros.model.compiled import direct, ordinary
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model, read_only
 from cdrj_ros.robot.description import Uncertainty
+
+_empty: Final = np.empty
+_tuple: Final = tuple.__new__
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -146,6 +152,7 @@ class Spread:
         generator = np.random.default_rng(seed)
         self.model = model
         self.columns = spread_columns(model.layout)
+        self._width = self.columns.size
         self.draw: Draw = draw_numbers(
             model, members, generator, known, before.draw if before else None
         )
@@ -158,7 +165,7 @@ class Spread:
         self._members = _new_members(model, self.columns, numbers, seed, generator)
         self.states, self.stamps = self._members.states, self._members.stamps
         self.deviation, self.variance = self._members.deviation, self._members.variance
-        self._kernels: tuple[Any, Any] | None = None
+        self._kernels: tuple[Any, Any, Any] | None = None
         own = self._members
         self._before_look = Snapshot(
             *(own.states, own.stamps, own.progress),
@@ -249,6 +256,47 @@ class Spread:
         """
         return self.begin(sample, estimate, at_once=True)
 
+    def step(
+        self, state: State, sample: Sample, at_once: bool = True
+    ) -> tuple[State, Estimate, Vector]:
+        """``step`` and ``update``, or ``step`` and ``begin`` if not ``at_once``, in one call.
+
+        Returns:
+            The new state, the estimate and the standard deviations, bit-identical to theirs.
+
+        Raises:
+            ValueError: the angles are not those of this robot.
+        """
+        if self._waiting or self._before_look.taken:
+            self._settle()
+        stamp, motor_angle, joint_angle, unseen = sample[:4]
+        before, whole, _ = state
+        plan, numbers, size, state_part, estimate_part, layout = self.model.parts
+        hidden = False if unseen is ALL_SEEN else self._hide(unseen)
+        out, stddev = _empty(size), _empty(self._width)
+        dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
+        advance = (self._kernels or self._find_kernels())[2]
+        if not motor_angle.dtype is joint_angle.dtype is FLOAT:
+            motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
+        try:
+            after = advance(
+                plan, numbers, whole, self._members, motor_angle, joint_angle, dt, stamp, hidden,
+                at_once, out, stddev,
+            )  # fmt: skip
+        except ValueError:
+            motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
+            after = advance(
+                plan, numbers, whole, self._members, motor_angle, joint_angle, dt, stamp, hidden,
+                at_once, out, stddev,
+            )  # fmt: skip
+        if after & WAITING:
+            self._waiting, self._hidden = True, hidden
+        return (
+            _tuple(State, (stamp, out, state_part)),
+            _tuple(Estimate, (stamp, out, layout, after >= SOLVED, estimate_part)),
+            stddev,
+        )
+
     def begin(self, sample: Sample, estimate: Estimate, at_once: bool = False) -> Vector:
         """The first half of ``update``: the standard deviations, before a member is updated.
 
@@ -256,10 +304,7 @@ class Spread:
         in as many as there are members.  ``finish`` can follow at any time before the next call;
         ``at_once`` includes it, and saves a call from Python.
         """
-        if self._before_look.taken:
-            self.look_back()
-        if self._waiting:
-            self.finish()
+        self._settle()
         return self._begin(sample, estimate, 1, at_once)
 
     def look_ahead(self, sample: Sample, estimate: Estimate) -> Vector:
@@ -282,8 +327,8 @@ class Spread:
         """The second half of ``update``; without effect if it has already been called."""
         if self._waiting:
             self._waiting = False
-            assert self._kernels is not None
-            self._kernels[1](self.model.plan, self._members, 1, self._hidden, 0.0)
+            step_waiting = (self._kernels or self._find_kernels())[1]
+            step_waiting(self.model.plan, self._members, 1, self._hidden, 0.0)
 
     def catch_up(self, sample: Sample, estimate: Estimate) -> None:
         """Update all members to ``sample``, the last one given to ``update``."""
@@ -291,70 +336,60 @@ class Spread:
         if not np.all(self.stamps == sample.stamp_ns):
             self._begin(sample, estimate, len(self.states), False)
 
+    def _settle(self) -> None:
+        """Undo a prediction, and update the member that waits."""
+        self.look_back()
+        self.finish()
+
+    def _hide(self, unseen: Vector) -> bool:
+        """Note ``Sample.unseen`` for the kernels; False if everything was seen."""
+        if len(unseen) == 0:
+            return False
+        self._members.unseen[:2] = unseen
+        return True
+
     def _begin(self, sample: Sample, estimate: Estimate, least: int, at_once: bool) -> Vector:
         """Call ``begin_sample``, whatever the arrays of sample and estimate are."""
         stamp, motor_angle, joint_angle, unseen = sample[:4]
-        values, members = estimate.values, self._members
-        hidden = self._hidden = unseen is not ALL_SEEN and len(unseen) > 0
-        if hidden:
-            members.unseen[:2] = unseen
-        if self._kernels is None:
-            self._find_kernels()
-        assert self._kernels is not None
-        begin, plan, stddev = self._kernels[0], self.model.plan, np.empty(self.columns.size)
-        after = UNFIT
-        if motor_angle.dtype is joint_angle.dtype is values.dtype is FLOAT:
-            after = begin(
-                plan, members, motor_angle, joint_angle, values, least, stamp, hidden, at_once,
-                stddev,
-            )  # fmt: skip
+        hidden = self._hidden = self._hide(unseen)
+        begin, stddev = (self._kernels or self._find_kernels())[0], _empty(self._width)
+        after = begin(
+            self.model.plan, self._members, as_plain(motor_angle), as_plain(joint_angle),
+            as_plain(estimate.values), least, stamp, hidden, at_once, stddev,
+        )  # fmt: skip
         if after == UNFIT:
-            motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
-            after = begin(
-                plan, members, motor_angle, joint_angle, as_plain(values), least, stamp, hidden,
-                at_once, stddev,
-            )  # fmt: skip
-            if after == UNFIT:
-                raise ValueError("the sample or the estimate is of another robot")
+            raise ValueError("the sample or the estimate is of another robot")
         self._waiting = after == WAITING
         return stddev
 
-    def _find_kernels(self) -> None:
+    def _find_kernels(self) -> tuple[Any, Any, Any]:
         """Load the kernels; the members' arrays stay the same, so that types are known."""
-        plan, members, vector = self.model.plan, self._members, self.variance
+        plan, numbers, members, vector = (
+            self.model.plan, self.model.numbers, self._members, self.variance,
+        )  # fmt: skip
         of_sample = (vector, vector, vector, 1, 1, True, True, vector)
+        with_advance = (vector, members, vector, vector, 0.0, 1, True, True, vector, vector)
         self._kernels = (
             direct(begin_sample, plan, members, *of_sample),
             direct(step_members, plan, members, 1, True, 0.0),
+            direct(advance_with_members, plan, numbers, *with_advance),
         )
+        return self._kernels
 
-    def run(
-        self,
-        state: State,
-        samples: Samples,
-        into: Table | None = None,
-        stddev_into: Table | None = None,
-    ) -> tuple[State, Estimates]:
-        """Apply ``step`` and ``update`` to many samples in one call; the results are bit-identical.
+    def run(self, state: State, samples: Samples) -> tuple[State, Estimates]:
+        """Apply ``step`` to many samples in two calls; the results are bit-identical."""
+        state, estimates = run(self.model, state, samples)
+        return state, self.follow(samples, estimates)
 
-        ``into`` is as for the estimator's ``run``; ``stddev_into`` has shape (n, columns).
-        """
-        model = self.model
-        stamps = samples.stamp_ns
-        estimates = np.empty((stamps.size, model.layout.size)) if into is None else into
-        stddev = np.empty((stamps.size, self.columns.size)) if stddev_into is None else stddev_into
-        if stamps.size == 0:
-            return state, Estimates(stamps, estimates, model.layout, stddev)
-        first = state.stamp_ns if state.stamp_ns != NEVER else int(stamps[0])
-        dt = np.diff(stamps, prepend=np.int64(first)) * 1e-9
-        values = state.values.copy()
+    def follow(self, samples: Samples, estimates: Estimates) -> Estimates:
+        """Apply ``update`` to many samples and their estimates; adds the standard deviations."""
+        stddev = np.empty((samples.stamp_ns.size, self.columns.size))
         self.finish()
         path = Path(
-            ordinary(stamps),
+            ordinary(samples.stamp_ns),
             ordinary(samples.motor_angle),
             ordinary(samples.joint_angle),
             ordinary(samples.unseen),
-            dt,
         )
-        run_members(model.plan, model.numbers, values, self._members, path, estimates, stddev)
-        return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout, stddev)
+        follow_members(self.model.plan, self._members, path, estimates.values, stddev)
+        return replace(estimates, stddev=stddev)

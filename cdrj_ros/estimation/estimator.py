@@ -25,26 +25,41 @@ NEVER: Final = -1
 _empty: Final = np.empty
 _tuple: Final = tuple.__new__
 FLOAT: Final = np.dtype(np.float64)
-_DENSE: Final = (8,)
+EVERYTHING: Final = slice(None)
 
 
 class State(NamedTuple):
     """History-dependent state of the cables; opaque, never changed in place."""
 
     stamp_ns: int
-    values: Vector
-    """Contiguous, shape (state_size,)."""
+    whole: Vector
+    """The state, contiguous; from a step also all else that its kernel wrote, since two views of
+    it would take a tenth of the time of a step."""
+    place: slice = EVERYTHING
+    """Of the state in ``whole``."""
+
+    @property
+    def values(self) -> Vector:
+        """The state alone, shape (state_size,)."""
+        return self.whole[self.place]
 
 
 class Estimate(NamedTuple):
     """All estimated quantities at one time, as views of one vector."""
 
     stamp_ns: int
-    values: Vector
-    """Shape (layout.size,)."""
+    whole: Vector
+    """The estimate; from a step also all else that its kernel wrote, see ``State.whole``."""
     layout: Layout
     solved: bool
     """False where some element is ``INVALID``."""
+    place: slice = EVERYTHING
+    """Of the estimate in ``whole``."""
+
+    @property
+    def values(self) -> Vector:
+        """All quantities in the order of ``layout``, shape (layout.size,)."""
+        return self.whole[self.place]
 
     @property
     def tension(self) -> Vector:
@@ -130,8 +145,6 @@ def initial_state(model: Model) -> State:
 
 def as_plain(vector: Vector) -> Vector:
     """The array, or a copy, as a contiguous vector of floats: what entry points of kernels need."""
-    if vector.dtype is FLOAT and vector.strides == _DENSE:
-        return vector
     return np.ascontiguousarray(vector, dtype=np.float64)
 
 
@@ -156,23 +169,29 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
 
     Returns:
         The new state and the estimate at the sample's stamp.
+
+    Raises:
+        ValueError: the angles are not those of this robot.
     """
     stamp, motor_angle, joint_angle = sample[:3]
-    before, values = state
+    before, whole, _ = state
     plan, numbers, size, state_part, estimate_part, layout = model.parts
     out = _empty(size)
     dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
     if not _entry:
         _find_entry()
-    dense = motor_angle.strides == joint_angle.strides == _DENSE
-    if not (dense and motor_angle.dtype is FLOAT and joint_angle.dtype is FLOAT):
+    if not motor_angle.dtype is joint_angle.dtype is FLOAT:
         motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
     # a call without numba's dispatcher makes the step 5 % faster
-    solved = _entry[0](plan, numbers, values, motor_angle, joint_angle, dt, out)
+    try:
+        solved = _entry[0](plan, numbers, whole, motor_angle, joint_angle, dt, out)
+    except ValueError:
+        motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
+        solved = _entry[0](plan, numbers, whole, motor_angle, joint_angle, dt, out)
     # the constructors of named tuples give the same result but take twice as long
     return (
-        _tuple(State, (stamp, out[state_part])),
-        _tuple(Estimate, (stamp, out[estimate_part], layout, solved)),
+        _tuple(State, (stamp, out, state_part)),
+        _tuple(Estimate, (stamp, out, layout, solved, estimate_part)),
     )
 
 

@@ -18,7 +18,7 @@ from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID
-from cdrj_ros.model.views import copy_part, part
+from cdrj_ros.model.views import copy_part, is_dense, part
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -44,6 +44,9 @@ LAST, BETWEEN = 2, 3
 
 UNFIT, DONE, WAITING = range(-1, 2)
 """Results of ``begin_sample``: whether arrays do not fit, and whether a member is to be updated."""
+
+SOLVED: Final = 2
+"""Added to these results by ``advance_with_members``."""
 
 PARTS: Final = 4
 """Steps in which a member takes a path of its own between two samples.  Nearly all motions turn
@@ -106,14 +109,12 @@ class Members(NamedTuple):
 
 
 class Path(NamedTuple):
-    """Samples as ``run_members`` takes them; see ``cdrj_ros.conditioning.samples``."""
+    """Samples as ``follow_members`` takes them; see ``cdrj_ros.conditioning.samples``."""
 
     stamp_ns: NDArray[np.int64]
     motor_angle: Table
     joint_angle: Table
     unseen: NDArray[np.float64]
-    dt: Vector
-    """Time since the sample before [s]."""
 
 
 @lean
@@ -400,15 +401,9 @@ def _move(members: Members) -> None:
 
 
 @lean
-def _is_dense(vector: Vector) -> bool:
-    """Whether a vector is contiguous, which the types of entry points state and do not check."""
-    return vector.size < 2 or vector.strides[0] == vector.itemsize
-
-
-@lean
 def _fit(members: Members, motor_angle: Vector, joint_angle: Vector, estimate: Vector) -> bool:
     """Whether the arrays are contiguous and those of the members' robot."""
-    dense = _is_dense(motor_angle) and _is_dense(joint_angle) and _is_dense(estimate)
+    dense = is_dense(motor_angle) and is_dense(joint_angle) and is_dense(estimate)
     axes = motor_angle.size + joint_angle.size
     return dense and axes == members.angle.size and estimate.size == members.estimate.size
 
@@ -498,37 +493,63 @@ def begin_sample(
 
 
 @lean
-def run_members(
+def advance_with_members(
     plan: NDArray[np.int64],
     nominal: Vector,
-    state: Vector,
+    before: Vector,
     members: Members,
-    samples: Path,
-    estimates: Table,
-    stddevs: Table,
-) -> None:
-    """Call ``advance`` and ``begin_sample`` for many samples.
+    motor_angle: Vector,
+    joint_angle: Vector,
+    dt: float,
+    stamp: int,
+    hidden: bool,
+    at_once: bool,
+    out: Vector,
+    stddev: Vector,
+) -> int:
+    """``advance`` and ``begin_sample`` in one call from Python, which saves a seventh of the time.
 
     Args:
-        plan, nominal: the prepared robot.
-        state: its state, replaced by the last one.
+        plan, nominal, before, motor_angle, joint_angle, dt, out: as for ``advance``.
+        members, stamp, hidden, at_once, stddev: as for ``begin_sample``.
+
+    Returns:
+        As ``begin_sample``, plus ``SOLVED`` if ``advance`` returned True.
+
+    Raises:
+        ValueError: as ``advance``.
+    """
+    solved = advance_robot(plan, nominal, before, motor_angle, joint_angle, dt, out)
+    state = members.states.shape[1]
+    estimate = part(out, state, state + members.estimate.size)
+    after = begin_sample(
+        plan, members, motor_angle, joint_angle, estimate, ONE, stamp, hidden, at_once, stddev
+    )
+    return after + SOLVED if solved else after
+
+
+@lean
+def follow_members(
+    plan: NDArray[np.int64], members: Members, samples: Path, estimates: Table, stddevs: Table
+) -> None:
+    """Call ``begin_sample`` for many samples and their estimates.
+
+    Args:
+        plan: of the prepared robot.
         members: the ensemble, changed.
         samples: n samples.
-        estimates, stddevs: written, shapes (n, estimate_size) and (n, columns).
+        estimates: shape (n, estimate_size).
+        stddevs: shape (n, columns), written.
     """
     hidden = samples.unseen.shape[0] > 0
-    for k in range(samples.dt.size):
-        motor_angle, joint_angle = samples.motor_angle[k], samples.joint_angle[k]
-        advance_robot(plan, nominal, state, motor_angle, joint_angle, samples.dt[k], members.out)
-        copy_part(members.out, 0, state)
-        copy_part(members.out, state.size, estimates[k])
+    for k in range(samples.stamp_ns.size):
         if hidden:
             for a in range(members.angle.size):
                 members.unseen[0, a] = samples.unseen[k, 0, a]
                 members.unseen[1, a] = samples.unseen[k, 1, a]
         begin_sample(
-            plan, members, motor_angle, joint_angle, estimates[k], ONE, samples.stamp_ns[k],
-            hidden, AT_ONCE, stddevs[k],
+            plan, members, samples.motor_angle[k], samples.joint_angle[k], estimates[k], ONE,
+            samples.stamp_ns[k], hidden, AT_ONCE, stddevs[k],
         )  # fmt: skip
 
 

@@ -245,24 +245,34 @@ class LiveEstimator:
         if self._earlier is not None:
             self._take_up(self._earlier, sample)
             self._earlier = None
-        model, others = self.model, self.other_sensors
-        if others is not None and self.state.stamp_ns == NEVER:
-            model = others.fusion.beginning()
-        self.state, estimate = step(model, self.state, sample)
-        if others is not None:
-            self.unaided = step(self.model, self.unaided, sample)[0]
+        estimate, stddev = self._step(sample)
         self._note(sample, estimate)
-        stddev = None
-        spread = self.spread
-        if spread is not None:
-            stddev = spread.begin(sample, estimate)
-            if others is not None:  # they correct the members
-                spread.finish()
+        if stddev is not None:
             mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
         self._mark_doubts(sample, estimate)
+        others = self.other_sensors
         if others is not None and estimate.solved:
             self._correct(others, sample, estimate)
         return Output(estimate, stddev)
+
+    def _step(self, sample: Sample) -> tuple[Estimate, Vector | None]:
+        """The next estimate, and its standard deviations if they are wanted."""
+        spread, others = self.spread, self.other_sensors
+        if others is None:
+            if spread is not None:
+                self.state, estimate, stddev = spread.step(self.state, sample, at_once=False)
+                return estimate, stddev
+            self.state, estimate = step(self.model, self.state, sample)
+            return estimate, None
+        first = self.state.stamp_ns == NEVER
+        model = others.fusion.beginning() if first else self.model
+        self.state, estimate = step(model, self.state, sample)
+        self.unaided = step(self.model, self.unaided, sample)[0]
+        if spread is None:
+            return estimate, None
+        stddev = spread.begin(sample, estimate)
+        spread.finish()  # other sensors correct the members
+        return estimate, stddev
 
     def _note(self, sample: Sample, estimate: Estimate) -> None:
         """Note a sample that is not predicted."""

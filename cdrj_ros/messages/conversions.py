@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.estimator import Estimate
+from cdrj_ros.estimation.estimator import EVERYTHING, Estimate
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     ENCAPSULATION,
@@ -142,7 +142,7 @@ def marked_stale(estimate: Estimate) -> Estimate:
     values = estimate.values.copy()
     status = values[estimate.layout.status]
     status[:] = status.astype(np.uint8) | STALE
-    return estimate._replace(values=values)
+    return estimate._replace(whole=values, place=EVERYTHING)
 
 
 class AnswerReader:

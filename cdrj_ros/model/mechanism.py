@@ -22,7 +22,7 @@ from cdrj_ros.model.elasticity import Elasticity, elasticity_of, strain_at
 from cdrj_ros.model.friction import blended_loss, stribeck_share
 from cdrj_ros.model.linked import linked
 from cdrj_ros.model.outputs import passive_torque, report_cable
-from cdrj_ros.model.packing import Indices, Numbers, Plan, number_views, plan_views
+from cdrj_ros.model.packing import Indices, Numbers, Plan, Sizes, number_views, plan_views
 from cdrj_ros.model.records import Rows
 from cdrj_ros.model.shape import place_cables
 from cdrj_ros.model.state import (
@@ -37,7 +37,7 @@ from cdrj_ros.model.state import (
     state_views,
 )
 from cdrj_ros.model.status import INVALID
-from cdrj_ros.model.views import copy_part, part
+from cdrj_ros.model.views import copy_part, is_dense, part
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -233,10 +233,11 @@ def _spread_evenly(elastic: Elasticity, elements: Rows[SolverElement], entered: 
 
 
 @stage
-def _refuse(before: Vector, out: Vector, estimate: EstimateViews, estimate_size: int) -> None:
+def _refuse(before: Vector, out: Vector, estimate: EstimateViews, sizes: Sizes) -> None:
     """Keep the state, mark every element ``INVALID`` and report 0 for everything else."""
-    copy_part(before, 0, part(out, 0, before.size))
-    out[before.size : before.size + estimate_size] = 0.0
+    state = state_size(sizes)
+    copy_part(before, 0, part(out, 0, state))
+    out[state : state + estimate_size(sizes)] = 0.0
     estimate.status[:] = INVALID
 
 
@@ -260,6 +261,18 @@ def _add_axes(step: Step, motor_angle: Vector, joint_angle: Vector) -> None:
             step.estimate.joint_effort[a - motors] = axis.effort_sign * (cables + torque)
 
 
+@stage
+def _require_angles(sizes: Sizes, motor_angle: Vector, joint_angle: Vector) -> None:
+    """Check the arrays of angles, whose memory is read whatever they are.
+
+    Raises:
+        ValueError: they are not contiguous, or of another robot.
+    """
+    dense = is_dense(motor_angle) and is_dense(joint_angle)
+    if not dense or motor_angle.size != sizes.motors or joint_angle.size != sizes.joints:
+        raise ValueError("the angles are not contiguous or not those of this robot")
+
+
 @lean
 def advance(
     plan: Indices,
@@ -274,7 +287,7 @@ def advance(
 
     Args:
         plan, numbers: the prepared robot.
-        before: state, shape (state_size,); not changed.
+        before: begins with the state, as the ``out`` of the sample before does; not changed.
         motor_angle, joint_angle: angles [rad], of prismatic joints [m], in the robot's order.
         dt: time since the state [s]; 0 for the first sample or where it is unknown.
         out: new state, estimate and scratch, shape (state + estimate + scratch,), written.
@@ -282,11 +295,15 @@ def advance(
     Returns:
         False where the geometry is impossible at these joint angles (the state is then kept) or
         the slips of some cable could not be solved; the elements concerned are ``INVALID``.
+
+    Raises:
+        ValueError: the angles are not contiguous, or of another robot; nothing has changed then.
     """
     step = _step_views(plan, numbers, before, out)
+    _require_angles(step.plan.sizes, motor_angle, joint_angle)
     after, scratch, estimate = step.after, step.scratch, step.estimate
     if not place_cables(step.plan, step.numbers, motor_angle, joint_angle, after.length, scratch):
-        _refuse(before, out, estimate, estimate_size(step.plan.sizes))
+        _refuse(before, out, estimate, step.plan.sizes)
         return False
     friction_losses(
         step.plan, step.numbers, scratch.wrap, step.before.lagged_speed, scratch.contacts

@@ -55,6 +55,12 @@ def copy_part(source: NDArray[Any], begin: int, target: NDArray[Any]) -> None:
         target[k] = source[begin + k]
 
 
+@usable_in_kernels
+def is_dense(vector: NDArray[Any]) -> bool:
+    """Whether a vector is contiguous, which the types of entry points state and do not check."""
+    return vector.size < 2 or vector.strides[0] == vector.itemsize
+
+
 def _view_type(vector: Any, dimensions: int, record: Any = None) -> Any:
     """Type of a view in a kernel; for anything but a flat vector None, which numba rejects."""
     if not isinstance(vector, types.Array) or vector.ndim != 1 or vector.layout != "C":

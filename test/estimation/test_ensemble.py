@@ -11,7 +11,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from cdrj_ros.bag import Topics
-from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.conditioning.samples import ALL_SEEN, Sample, Samples
 from cdrj_ros.estimation.cable_places import CablePlaces
 from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.ensemble import MEMBERS, Spread, spread_columns
@@ -148,6 +148,49 @@ def test_sample_by_sample_and_in_bulk_the_spread_is_the_same(model: Model, path:
     for k, sample in enumerate(_samples(samples)):
         state, estimate = step(model, state, sample)
         assert np.array_equal(spread.update(sample, estimate), bulk.stddev[k])
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+@pytest.mark.parametrize("seen", [True, False])
+def test_in_one_call_estimate_and_spread_are_the_same(
+    model: Model, path: Samples, at_once: bool, seen: bool
+) -> None:
+    one, state_one = Spread(model), initial_state(model)
+    two, state_two = Spread(model), initial_state(model)
+    unseen = ALL_SEEN if seen else np.full((2, 2), 1e-3)
+    for sample in _samples(_part(path, slice(0, 300))):
+        read = sample._replace(unseen=unseen)
+        state_one, estimate, stddev = one.step(state_one, read, at_once)
+        state_two, expected = step(model, state_two, read)
+        assert np.array_equal(stddev, two.begin(read, expected, at_once))
+        assert state_one.values.tobytes() == state_two.values.tobytes()
+        assert estimate.values.tobytes() == expected.values.tobytes()
+        assert (estimate.solved, estimate.stamp_ns) == (expected.solved, expected.stamp_ns)
+    assert one.memory()["members"].tobytes() == two.memory()["members"].tobytes()
+
+
+def test_angles_of_any_layout_give_the_same_and_those_of_another_robot_are_refused() -> None:
+    model = load_model("cdpr")
+    motors, joints = (
+        np.array([axis.reference_angle for axis in axes])
+        for axes in (model.robot.motors, model.robot.joints)
+    )
+    sample, state = Sample(1, motors, joints), initial_state(model)
+    apart = sample._replace(motor_angle=np.stack([motors] * 2, axis=1)[:, 0])
+    single = sample._replace(joint_angle=joints.astype(np.float32))
+    double = sample._replace(joint_angle=single.joint_angle.astype(np.float64))
+    assert apart.motor_angle.strides == (16,)
+    for given, plain in ((apart, sample), (single, double)):
+        expected, stddev = step(model, state, plain)[1], Spread(model).step(state, plain)[2]
+        assert step(model, state, given)[1].values.tobytes() == expected.values.tobytes()
+        _, estimate, got = Spread(model).step(state, given)
+        assert estimate.values.tobytes() == expected.values.tobytes()
+        assert got.tobytes() == stddev.tobytes()
+    more = sample._replace(joint_angle=np.zeros(joints.size + 1))
+    with pytest.raises(ValueError, match="not those of this robot"):
+        step(model, state, more)
+    with pytest.raises(ValueError, match="not those of this robot"):
+        Spread(model).step(state, more)
 
 
 def test_the_spread_does_not_change_the_estimate(model: Model, path: Samples) -> None:

@@ -63,7 +63,7 @@ def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memo
 def test_a_bag_of_estimates_is_written_piece_by_piece(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No piece is made before the one before it has been written, and forgotten."""
+    """A piece is forgotten once it has been written."""
     monkeypatch.setattr(estimating, "AT_ONCE", 512)
     model = load_model(ROBOT)
     read = read_inputs(BAG, Topics(), model)

@@ -367,6 +367,7 @@ for samples in (Samples(stamps, motor, joint), Samples(stamps, motor, joint, uns
         state, estimate = step(model, state, samples.at(k))
         spread.update(samples.at(k), estimate)
     spread.catch_up(samples.at(time.size - 1), estimate)
+    Spread(model).step(initial_state(model), samples.at(0))
     run(model, initial_state(model), samples)
     spread.run(initial_state(model), samples)
 backwards = Samples(stamps, motor[::-1], joint[::-1])  # neither contiguous ...
@@ -375,6 +376,7 @@ unwritable = Samples(stamps, motor, joint)
 for samples in (backwards, unwritable):
     run(model, initial_state(model), samples)
     Spread(model).run(initial_state(model), samples)
+    Spread(model).step(initial_state(model), samples.at(1))
     step(model, initial_state(model), Sample(stamps[0], np.repeat(motor[0], 2)[::2], joint[0]))
 follow(model.robot, time, joint, cells=2)
 for name, count in count_signatures().items():
@@ -393,7 +395,7 @@ def test_every_kernel_is_compiled_for_one_signature() -> None:
     outermost = (
         "model.mechanism.advance_all",
         "model.shape.shape",
-        "estimation.member_kernels.run_members",
+        "estimation.member_kernels.follow_members",
     )
     for name in (*outermost, "estimation.member_kernels.begin_sample", "model.cable._walk"):
         assert counts[f"cdrj_ros.{name}"] == 1

@@ -200,7 +200,7 @@ def test_equal_passes_do_not_differ_and_are_counted(model: Model) -> None:
 def test_a_pass_that_differs_is_noted(model: Model) -> None:
     outcome = _heard(model, range(5))
     again = Bench(model)
-    again._estimate = again._estimate._replace(values=again._estimate.values + 0.25)
+    again._estimate = again._estimate._replace(whole=again._estimate.whole + 0.25)
     again.send(*range(5))
     again.answer(*range(5))
     outcome.add(again.run.finish(), whole=True)
@@ -211,7 +211,7 @@ def test_a_pass_that_differs_is_noted(model: Model) -> None:
 def test_where_runs_overlap_the_later_one_counts(model: Model) -> None:
     outcome = _heard(model, range(5))
     again = Bench(model)
-    again._estimate = again._estimate._replace(values=again._estimate.values + 1.0)
+    again._estimate = again._estimate._replace(whole=again._estimate.whole + 1.0)
     again.send(*range(3, 8))
     again.answer(*range(3, 8))
     outcome.add(again.run.finish(), whole=False)
