@@ -21,15 +21,8 @@ from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.ensemble import MEMBERS, spread_columns
 from cdrj_ros.estimation.estimator import Angles, Estimates
 from cdrj_ros.estimation.members import friction_shares, reading_errors, wind_differently
-from cdrj_ros.estimation.motor_alone_kernels import (
-    AGENDA,
-    PROGRESS,
-    Alone,
-    Recorded,
-    Unmeasured,
-    forget,
-    run_alone,
-)
+from cdrj_ros.estimation.motor_alone_members import forget, run_alone
+from cdrj_ros.estimation.motor_alone_records import AGENDA, PROGRESS, Alone, Recorded, Unmeasured
 from cdrj_ros.estimation.parameter_draws import draw_numbers
 from cdrj_ros.estimation.snapshot import Snapshot
 from cdrj_ros.foundation.series import Series

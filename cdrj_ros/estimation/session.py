@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
-from cdrj_ros.estimation.live_alone import LiveAlone
 from cdrj_ros.estimation.member_kernels import begin_sample, step_members
 from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.other_numbers import preloads_of, reference_at, with_other_numbers
@@ -37,6 +36,9 @@ from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.shape import shape
 from cdrj_ros.robot.tolerances import narrowed
+
+if TYPE_CHECKING:
+    from cdrj_ros.estimation.live_alone import LiveAlone
 
 Vector = NDArray[np.float64]
 
@@ -102,6 +104,8 @@ class LiveEstimator:
         """Continue with other numbers of the same robot; state and readings are kept."""
         options, spread = self.options, None
         if model.robot.unmeasured:
+            from cdrj_ros.estimation.live_alone import LiveAlone  # most robots do without
+
             self.alone = LiveAlone(model, self.alone)
         elif options.uncertainty:
             known = narrowed(model.robot, self.changes)

@@ -2,12 +2,14 @@
 
 Numba invalidates a cached function when its own file changes, but not when the file of a function
 that it calls does: after an upgrade, the new solver could run the old friction law.  Every kernel
-is therefore stamped with a digest of all kernel sources together.
+is therefore stamped with a digest of all sources that it may be made of: those of the model, and
+``kernel_sources`` of its own file.
 """
 
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -34,10 +36,25 @@ def source_digest(*more: Path) -> str:
     return digest.hexdigest()
 
 
+def kernel_sources(file: Path) -> set[Path]:
+    """A file and all that it imports from its own folder, directly or not.
+
+    Kernels outside of the model's folder are made of these sources and of the model's.
+    """
+    own = re.compile(rf"^from cdrj_ros\.{file.parent.name}\.(\w+) import", re.MULTILINE)
+    found, left = set(), {file}
+    while left:
+        one = left.pop()
+        found.add(one)
+        names = own.findall(one.read_text(encoding="utf-8"))
+        left |= {file.with_name(f"{name}.py") for name in names} - found
+    return found
+
+
 @lru_cache
 def _stamp(file: Path | None) -> str:
     """Stamp of the kernels in a file outside of the model's folder, or of all kernels in it."""
-    return source_digest() if file is None else source_digest(file)
+    return source_digest() if file is None else source_digest(*kernel_sources(file))
 
 
 def compiled(function: F) -> F:

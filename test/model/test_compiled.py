@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import pickle
 import shutil
@@ -15,7 +16,7 @@ import pytest
 from support.warm import Ended, Programs, warm_programs
 
 import cdrj_ros.model
-from cdrj_ros.model.compiled import source_digest
+from cdrj_ros.model.compiled import kernel_sources, source_digest
 
 MODEL = Path(cdrj_ros.model.__file__).resolve().parent
 
@@ -92,6 +93,55 @@ def test_the_stamp_covers_every_source_and_those_named(tmp_path: Path) -> None:
     assert first != stamp
     more.write_text("x = 2\n", encoding="utf-8")
     assert source_digest(more) not in (first, stamp)
+
+
+def test_kernels_of_one_folder_follow_each_other(tmp_path: Path) -> None:
+    room = tmp_path / "room"
+    room.mkdir()
+    first, second, third = (room / f"{name}.py" for name in ("first", "second", "third"))
+    first.write_text("from cdrj_ros.room.second import (\n    f,\n)\n", encoding="utf-8")
+    second.write_text(
+        "from cdrj_ros.room.third import g\nfrom cdrj_ros.room.first import h\n", encoding="utf-8"
+    )
+    third.write_text("from cdrj_ros.model.status import SLACK\n", encoding="utf-8")
+    assert kernel_sources(first) == {first, second, third}
+    assert kernel_sources(third) == {third}
+
+
+KERNEL = {"compiled", "lean", "stage", "usable_in_kernels"}
+
+
+def imported_into_kernels(file: Path) -> dict[str, str]:
+    """Names from the package that kernels in a file use, and the modules they come from."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    kernels = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+        and any(isinstance(d, ast.Name) and d.id in KERNEL for d in node.decorator_list)
+    ]
+    used = {node.id for one in kernels for node in ast.walk(one) if isinstance(node, ast.Name)}
+    found = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            found |= {a.asname or a.name: str(node.module) for a in node.names}
+        elif isinstance(node, ast.Import):
+            found |= {(a.asname or a.name).split(".")[0]: a.name for a in node.names}
+    return {n: found[n] for n in used - KERNEL if found.get(n, "").startswith("cdrj_ros")}
+
+
+def test_kernels_use_nothing_that_their_stamp_does_not_cover() -> None:
+    package = MODEL.parent
+    checked = 0
+    for file in package.rglob("*.py"):
+        if file.parent == MODEL:
+            continue
+        for name, module in imported_into_kernels(file).items():
+            source = package.parent.joinpath(*module.split(".")).with_suffix(".py")
+            known = source.parent == MODEL or source in kernel_sources(file)
+            assert known, f"{name} of {module} is in a kernel of {file}, but not in its stamp"
+            checked += source.parent != MODEL
+    assert checked > 20, "kernels for joints without encoder call each other"
 
 
 RunLeast = Callable[..., Ended]
