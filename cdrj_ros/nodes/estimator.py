@@ -6,55 +6,48 @@ import gc
 from collections.abc import Callable
 from pathlib import Path
 from time import monotonic, perf_counter, time_ns
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
-from cdrj_msgs.msg import CableTensions, NodalForces
-from cdrj_msgs.srv import SetPreload
+from cdrj_msgs.msg import CableTensions
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from cdrj_ros.commands.compilation import COMPILING
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.tracking import new_track, track
-from cdrj_ros.estimation.output import Output, OutputAlone
+from cdrj_ros.estimation.output import Output
 from cdrj_ros.estimation.session import LiveEstimator, kernels_of
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.text import counted
 from cdrj_ros.messages.cdr import MessageError
-from cdrj_ros.messages.conversions import EstimateEncoder, marked_stale
+from cdrj_ros.messages.conversions import marked_stale
 from cdrj_ros.messages.decoders import JointStateDecoder, cable_tensions
 from cdrj_ros.messages.topics import (
     DIAGNOSTICS,
-    EFFORTS,
     FEW,
     JOINT_STATES,
     MOTOR_STATES,
     NAMESPACE,
-    NODAL_FORCES,
     TENSION_SENSORS,
-    TENSIONS,
 )
 from cdrj_ros.model.compiled import kernels_are_compiled
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
+from cdrj_ros.nodes.estimator_services import EstimatorServices
 from cdrj_ros.nodes.health import HealthWatch
 from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
-from cdrj_ros.nodes.qos import default_profile
+from cdrj_ros.nodes.output_topics import OutputTopics
 from cdrj_ros.nodes.robot_description import robot_description
 from cdrj_ros.nodes.settings import (
     SIMULATED,
-    Started,
     changed_options,
     declare,
     in_force,
@@ -66,9 +59,6 @@ from cdrj_ros.nodes.spinning import starting
 from cdrj_ros.nodes.thinning import Thinning
 from cdrj_ros.nodes.words import TopicHeard
 from cdrj_ros.robot.urdf import description_given
-
-if TYPE_CHECKING:
-    from cdrj_ros.nodes.extra_outputs import ExtraOutputs
 
 WATCHES: Final = 4
 """Number of checks of the inputs per timeout."""
@@ -138,21 +128,23 @@ class EstimatorNode(Node):
         self.health = HealthWatch(self.live, marks_unsure=started.health_marks) if watched else None
         if self._state_file is not None:
             self._read_state(self._state_file)
-        self.encoder = EstimateEncoder(
-            model.layout, started.frame_id, uncertain=started.options.uncertainty
-        )
-        self._frame_id = started.frame_id
         self._thinning = Thinning(model.robot, started.output, started.max_rate_hz)
         self.output: Output | None = None
         self.times = StepTimes()
         self._simulated = bool(self.get_parameter(SIMULATED).value)
         self.silence = Silence(self.timeout_s, self._simulated)
-        self._published = self._diagnosed = 0
+        self._diagnosed = 0
         self._diagnosed_ns = self._now_ns()
-        self._open()
-        self._extra: ExtraOutputs | None = None
-        if started.tension_states or started.wrenches:
-            self._open_extra(model, started)
+        self.topics = OutputTopics(self, self.live, started)
+        self._offered = EstimatorServices(
+            self,
+            self.live,
+            forget=self._forget,
+            forget_clock=self.stamps.forget,
+            show=self._show_in_force,
+            is_silent=lambda: self.watch.silence_s() > self.timeout_s,
+            timeout_s=self.timeout_s,
+        )
         self.configured = True
         self._show_in_force()
         gc.collect()
@@ -162,44 +154,6 @@ class EstimatorNode(Node):
             f"{model.robot.name}: {counted(len(layout.motors), 'motor')}, "
             f"{counted(len(layout.joints), 'joint')}, {counted(len(layout.elements), 'element')}, "
             f"{counted(len(layout.pulleys), 'pulley')}"
-        )
-
-    def _open(self) -> None:
-        """Open outputs and services."""
-        overridable = QoSOverridingOptions.with_default_policies()
-
-        def publisher(message: Any, topic: str) -> Any:
-            return self.create_publisher(
-                message, topic, default_profile(), qos_overriding_options=overridable
-            )
-
-        self.tensions = publisher(CableTensions, TENSIONS)
-        self.forces = publisher(NodalForces, NODAL_FORCES)
-        self.efforts = publisher(JointState, EFFORTS)
-        self.efforts_stddev = (
-            publisher(JointState, "efforts_stddev") if self.live.options.uncertainty else None
-        )
-        self._angles = None
-        if self.live.alone is not None:
-            from cdrj_ros.nodes.joint_angles import JointAngles
-
-            self._angles = JointAngles(self.live.alone.solver.names, self._frame_id, publisher)
-        self._offered = [
-            self.create_service(Trigger, "~/reset", self._on_reset),
-            self.create_service(Trigger, "~/tare", self._on_tare),
-            self.create_service(SetPreload, "~/set_preload", self._on_set_preload),
-        ]
-
-    def _open_extra(self, model: Model, started: Started) -> None:
-        """Open the outputs on request."""
-        from cdrj_ros.nodes.extra_outputs import ExtraOutputs
-
-        self._extra = ExtraOutputs(
-            self,
-            model,
-            started.frame_id,
-            tension_states=started.tension_states,
-            wrenches=started.wrenches,
         )
 
     def _listen(self) -> None:
@@ -355,27 +309,13 @@ class EstimatorNode(Node):
             if thinning.active and not thinning.passes(estimate.stamp_ns):
                 continue
             if estimate.stamp_ns < fresh_ns:
-                self._publish(output._replace(estimate=marked_stale(estimate)))
+                self.topics.publish(output._replace(estimate=marked_stale(estimate)))
             else:
-                self._publish(output)
+                self.topics.publish(output)
         self.live.finish()
         if self.health is not None:
             self.health.follow(outputs[-1])
         self.watch.note()
-
-    def _publish(self, output: Output) -> None:
-        estimate, stddev = output
-        if self._angles is not None and isinstance(output, OutputAlone) and output.angles:
-            self._angles.publish(estimate.stamp_ns, output.angles)
-        self.tensions.publish(self.encoder.tensions(estimate, stddev))
-        self.forces.publish(self.encoder.nodal_forces(estimate, stddev))
-        self.efforts.publish(self.encoder.efforts(estimate))
-        on_efforts = self.efforts_stddev
-        if on_efforts is not None and stddev is not None and on_efforts.get_subscription_count():
-            on_efforts.publish(self.encoder.efforts_stddev(estimate, stddev))
-        if self._extra is not None:
-            self._extra.publish(estimate)
-        self._published += 1
 
     def _on_tensions(self, payload: bytes) -> None:
         try:
@@ -391,7 +331,7 @@ class EstimatorNode(Node):
     def _on_watch(self) -> None:
         """Republish the last estimate as STALE once the inputs have been silent for the timeout."""
         if self.output is not None and self.watch.lost():
-            self._publish_stale(self.output)
+            self.topics.publish_stale(self.output)
 
     def _on_steady(self) -> None:
         """Publish diagnostics if the timer on the node's clock has not done so."""
@@ -410,8 +350,8 @@ class EstimatorNode(Node):
     def _status(self, name: str) -> DiagnosticStatus:
         now = self._now_ns()
         elapsed = (now - self._diagnosed_ns) * 1e-9
-        rate = (self._published - self._diagnosed) / elapsed if elapsed > 0.0 else 0.0
-        self._diagnosed, self._diagnosed_ns = self._published, now
+        rate = (self.topics.published - self._diagnosed) / elapsed if elapsed > 0.0 else 0.0
+        self._diagnosed, self._diagnosed_ns = self.topics.published, now
         health = self.watch.health(self.output, rate, self.clock_refused)
         self.watch.warn(health)
         return status_of(name, self.live, self.output, health, self.times)
@@ -419,7 +359,7 @@ class EstimatorNode(Node):
     def _forget(self) -> None:
         """Republish the last estimate as STALE, then discard it."""
         if self.output is not None:
-            self._publish_stale(self.output)
+            self.topics.publish_stale(self.output)
         self.output = None
         if self.health is not None:
             self.health.reset()
@@ -427,59 +367,7 @@ class EstimatorNode(Node):
         self._thinning.reset()
         self.write_state()
 
-    def _publish_stale(self, output: Output) -> None:
-        stale = marked_stale(output.estimate)
-        self.tensions.publish(self.encoder.tensions(stale, output.stddev))
-        self.forces.publish(self.encoder.nodal_forces(stale, output.stddev))
-
-    # --- services and parameters ------------------------------------------------------------------
-
-    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.live.reset()
-        self.stamps.forget()
-        self._forget()
-        response.success = True
-        response.message = (
-            f"{self.live.model.robot.name}: friction history and waiting readings discarded; the "
-            "estimate restarts with the next sample of every motor and joint"
-        )
-        return response
-
-    def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            if self.live.sample is not None and self.watch.silence_s() > self.timeout_s:
-                raise UsageError(
-                    f"no estimate for {self.timeout_s:g} s: the present pose is not known"
-                )
-            response.message = self.live.tare()
-            response.success = True
-            self._forget()
-            self.get_logger().info(response.message)
-        except CdrjError as error:
-            response.success, response.message = False, f"nothing changed: {error}"
-        return response
-
-    def _on_set_preload(
-        self, request: SetPreload.Request, response: SetPreload.Response
-    ) -> SetPreload.Response:
-        try:
-            if len(request.cable) != len(request.preload):
-                raise UsageError(
-                    "as many preloads as cables are needed, got "
-                    f"{counted(len(request.cable), 'cable')} and "
-                    f"{counted(len(request.preload), 'preload')}"
-                )
-            if len(set(request.cable)) != len(request.cable):
-                raise UsageError("a cable is named twice")
-            changes = dict(zip(request.cable, request.preload, strict=True))
-            response.message = self.live.set_preload(changes)
-            response.success = True
-            self._forget()
-            self._show_in_force()
-            self.get_logger().info(f"preload of {response.message}")
-        except CdrjError as error:
-            response.success, response.message = False, f"nothing changed: {error}"
-        return response
+    # --- parameters -------------------------------------------------------------------------------
 
     def _show_in_force(self) -> None:
         """Set the parameters to the preloads and the friction in use."""

@@ -132,16 +132,9 @@ class ManagedEstimator(EstimatorNode, LifecycleNodeMixin):
     def _unload(self) -> None:
         """Close outputs and services; the parameters show again what was given."""
         self.configured = False
-        angles = () if self._angles is None else self._angles.publishers
-        own = (self.tensions, self.forces, self.efforts, self.efforts_stddev)
-        for publisher in (*own, *angles):
-            if publisher is not None:
-                self.destroy_publisher(publisher)
-        if self._extra is not None:
-            self._extra.close()
-        for service in self._offered:
-            self.destroy_service(service)
-        del self.live, self.encoder
+        self.topics.close()
+        self._offered.close()
+        del self.live, self.topics, self._offered
         gc.unfreeze()
         self.set_parameters(
             [

@@ -97,14 +97,14 @@ def test_where_all_inputs_are_late_alike_the_estimates_are_stale(
     said: list[Any] = []
     hear_diagnostics(bench, said)
     status: list[np.ndarray] = []
-    published = node.tensions.publish
+    published = node.topics.tensions.publish
 
     def publish(payload: bytes) -> None:
         found = read_layout(payload, CABLE_TENSIONS.fields).numbers["status"]
         status.append(np.frombuffer(payload, found.dtype, found.count, found.offset))
         published(payload)
 
-    node.tensions.publish = publish
+    node.topics.tensions.publish = publish
     node.watch.lost = lambda: False  # the last estimate is not to be published again
     clock = Clock(bench, node)
     assert bench.until(lambda: bench.node.count_publishers("/diagnostics") > 0)

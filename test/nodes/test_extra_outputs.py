@@ -30,7 +30,7 @@ def test_they_exist_only_on_request(bench: Bench) -> None:
     node = bench.estimator()
     assert bench.until(lambda: "/cdrj/tensions" in topics(bench))
     assert not any("wrenches" in name or "tension_states" in name for name in topics(bench))
-    assert node._extra is None
+    assert node.topics.extra is None
 
 
 def test_they_hold_the_tensions_by_name_and_the_forces_of_the_estimate(bench: Bench) -> None:
@@ -42,7 +42,7 @@ def test_they_hold_the_tensions_by_name_and_the_forces_of_the_estimate(bench: Be
     wrenches: list[Any] = []
     bench.node.create_subscription(JointState, "/cdrj/tension_states", states.append, 10)
     bench.node.create_subscription(WrenchStamped, "/cdrj/wrenches/upper_3", wrenches.append, 10)
-    assert bench.until(lambda: bool(node._extra._wanted and node._extra._states_wanted))
+    assert bench.until(lambda: bool(node.topics.extra._wanted and node.topics.extra._states_wanted))
     feed(node, 0, 5)
     assert bench.until(lambda: len(states) == len(wrenches) == 5)
     layout, estimate = node.live.model.layout, node.output.estimate
@@ -62,7 +62,7 @@ def test_they_hold_the_tensions_by_name_and_the_forces_of_the_estimate(bench: Be
 
 def test_cables_without_positions_have_forces_in_the_frame_of_each_pulley(bench: Bench) -> None:
     node = bench.estimator(wrenches=True)
-    frames = [message.header.frame_id for _, _, message in node._extra._on_wrenches]
+    frames = [message.header.frame_id for _, _, message in node.topics.extra._on_wrenches]
     assert frames == [name.replace("/", "_") for name in node.live.model.layout.pulleys]
 
 
@@ -73,19 +73,19 @@ def test_nothing_is_computed_while_nobody_subscribes_or_while_nothing_is_known(
 
     node = bench.estimator(tension_states=True, wrenches=True)
     made: list[Any] = []
-    encode = node._extra._states.encode
+    encode = node.topics.extra._states.encode
     monkeypatch.setattr(
-        node._extra._states, "encode", lambda *a, **k: made.append(1) or encode(*a, **k)
+        node.topics.extra._states, "encode", lambda *a, **k: made.append(1) or encode(*a, **k)
     )
     feed(node, 0, 10)
     assert not made
     bench.node.create_subscription(JointState, "/cdrj/tension_states", lambda _: None, 10)
-    assert bench.until(lambda: bool(node._extra._states_wanted))
+    assert bench.until(lambda: bool(node.topics.extra._states_wanted))
     feed(node, 10, 12)
     assert len(made) == 2
     known = node.output.estimate
     for unknown in (marked_stale(known), known._replace(solved=False)):
-        node._extra.publish(unknown)
+        node.topics.extra.publish(unknown)
     assert len(made) == 2
-    node._extra.publish(known)
+    node.topics.extra.publish(known)
     assert len(made) == 3

@@ -124,13 +124,13 @@ def node(ros: None) -> Iterator[Any]:
     given = {"robot": ROBOT, "tension_sensors": True, "timeout": 3600.0}
     node = EstimatorNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
     node.heard = []
-    publish = node._publish
+    publish = node.topics.publish
 
     def remember(output: Any) -> None:
         node.heard.append(output.estimate)
         publish(output)
 
-    node._publish = remember
+    node.topics.publish = remember
     yield node
     node.destroy_node()
 

@@ -271,7 +271,7 @@ def test_without_simulated_time_a_steady_clock_detects_missing_inputs(
     heard: list[Any] = []
     hear_diagnostics(bench, said)
     bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 100)
-    assert bench.until(lambda: node.tensions.get_subscription_count() > 0)
+    assert bench.until(lambda: node.topics.tensions.get_subscription_count() > 0)
     feed(node, 0, 10)
     assert bench.until(lambda: bool(heard) and all(flags & STALE for flags in heard[-1].status))
     assert logged(bench, log, "WARN", "inputs lost")
@@ -313,7 +313,7 @@ def test_old_estimates_are_marked_stale_and_reported(bench: Bench) -> None:
     node = bench.estimator(timeout=0.5)
     node.live.set_unsure_share(10.0)
     published: list[Any] = []
-    node._publish = published.append
+    node.topics.publish = published.append
     late = 1000  # samples of 10 ms
     for k in range(late + 100):
         sample = sample_at(10 * k)

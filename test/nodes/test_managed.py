@@ -38,13 +38,19 @@ class Managed:
         overrides = [Parameter(key, value=value) for key, value in given.items()]
         self.bench, self.node = bench, ManagedEstimator(parameter_overrides=overrides)
         self.node.outputs = []
-        publish = self.node._publish
+        configure = self.node._configure
 
-        def remember(output: Any) -> None:
-            self.node.outputs.append(output)
-            publish(output)
+        def configure_and_remember() -> None:
+            configure()
+            publish = self.node.topics.publish
 
-        self.node._publish = remember
+            def remember(output: Any) -> None:
+                self.node.outputs.append(output)
+                publish(output)
+
+            self.node.topics.publish = remember
+
+        self.node._configure = configure_and_remember
         bench.executor.add_node(self.node)
         bench.estimators.append(self.node)
 
@@ -147,7 +153,7 @@ def test_deactivate_publishes_stale_and_activate_continues_the_friction_history(
     assert one.change("configure")
     said: list[Any] = []
     bench.node.create_subscription(CableTensions, "/cdrj/tensions", said.append, 1000)
-    assert bench.until(lambda: one.node.tensions.get_subscription_count() == 1)
+    assert bench.until(lambda: one.node.topics.tensions.get_subscription_count() == 1)
     assert one.change("activate")
     one.feed(0, 300)
     assert bench.until(lambda: len(said) == 300)

@@ -336,7 +336,7 @@ def test_outputs_are_stale_no_sooner_and_hardly_later_than_the_timeout(bench: Be
     heard: list[Any] = []
     bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 100)
     clock = Clock(bench, node)
-    assert bench.until(lambda: node.tensions.get_subscription_count() > 0)
+    assert bench.until(lambda: node.topics.tensions.get_subscription_count() > 0)
     clock.set(BEGIN)
     clock.set(BEGIN + 110 * MILLISECOND)  # between two checks of the inputs
     feed(node, 0, 10)
@@ -361,7 +361,7 @@ def test_after_a_change_the_last_message_is_marked_stale(bench: Bench, service: 
     node = bench.estimator()
     heard: list[Any] = []
     bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 1000)
-    assert bench.until(lambda: node.tensions.get_subscription_count() > 0)
+    assert bench.until(lambda: node.topics.tensions.get_subscription_count() > 0)
     feed(node, 0, 10)
     hold(node, 9)
     count = len(node.outputs)
@@ -407,7 +407,7 @@ def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_othe
     heard: dict[str, list[bytes]] = {"efforts": [], "efforts_stddev": []}
     for topic, payloads in heard.items():
         bench.node.create_subscription(JointState, f"/cdrj/{topic}", payloads.append, 100, raw=True)
-    for publisher in (node.efforts, node.efforts_stddev):
+    for publisher in (node.topics.efforts, node.topics.efforts_stddev):
         assert bench.until(lambda: publisher.get_subscription_count() > 0)  # noqa: B023
     far = sample_at(0)
     node.joint(JOINT.encode(far.stamp_ns, position=far.joint_angle))
@@ -431,7 +431,7 @@ def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_othe
 
 def test_without_uncertainty_there_is_no_topic_for_it(bench: Bench) -> None:
     node = bench.estimator(uncertainty=False)
-    assert node.efforts_stddev is None
+    assert node.topics.efforts_stddev is None
     feed(node, 0, 3)
     assert len(node.outputs) == 3
 

@@ -26,7 +26,7 @@ def _published(node: Any, interval: int, late: int) -> list[list[int]]:
         late: how much later than the motor's these arrive [ms].
     """
     published: list[list[int]] = []
-    node._publish = lambda output: published[-1].append(output.estimate.stamp_ns)
+    node.topics.publish = lambda output: published[-1].append(output.estimate.stamp_ns)
     for k in range(400):
         published.append([])
         sample = sample_at(k)

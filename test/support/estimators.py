@@ -59,13 +59,13 @@ class Bench:
             cli_args=["--ros-args", *arguments],
         )
         node.outputs = []
-        publish = node._publish
+        publish = node.topics.publish
 
         def remember(output: Any) -> None:
             node.outputs.append(output)
             publish(output)
 
-        node._publish = remember
+        node.topics.publish = remember
         node.motor, node.joint = (
             node._listener(kind, one.heard)
             for kind, one in zip(("motors", "joints"), node.inputs, strict=False)
