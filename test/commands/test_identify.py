@@ -227,7 +227,7 @@ def test_a_mistake_is_answered_in_one_line_with_its_remedy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     quiet = contextlib.nullcontext(lambda _: None)
-    monkeypatch.setattr("cdrj_ros.commands.identify.progress_text", lambda _: quiet)
+    monkeypatch.setattr("cdrj_ros.commands.identify_fits.progress_text", lambda _: quiet)
     assert identify.main([str(SAMPLE), "--robot", str(ROBOT), "--quick", *arguments]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     # on a slow machine, the progress of reading is printed too
