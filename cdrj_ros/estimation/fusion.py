@@ -1,16 +1,16 @@
 """Fusion of measured tensions and efforts by an ensemble Kalman filter, with sensor checks.
 
 A load cell at one element corrects every element of its cable through the covariance of the
-members' tensions; a motor's effort corrects all cables on its drum.  The gain is computed from the
-ensemble (Evensen 2003; perturbed observations, restricted to the cables concerned).  The corrected
-quantity is the material in the elements, which determines elongation, friction history and preload
-together.  See docs/uncertainty.md.
+members' tensions; a motor's effort corrects all cables on its drum.  The corrected quantity is the
+material in the elements, which determines elongation, friction history and preload together.  Here
+is decided which readings are used, and with which errors; the correction itself is that of
+``cdrj_ros.estimation.kalman``.  See docs/uncertainty.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,14 @@ from cdrj_ros.estimation.claims import HISTORY_ERROR, Claim
 from cdrj_ros.estimation.contest import WINDOW_NS, Answer, Witness, finite
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
+from cdrj_ros.estimation.kalman import Innovation, update
 from cdrj_ros.estimation.motor_friction import FRICTION_DRIFT, MotorFriction
 from cdrj_ros.estimation.past import PastEstimates
 from cdrj_ros.estimation.preloads import DOUBT, SLOW_DRIFT, Preloads, standard
+from cdrj_ros.estimation.quantities import Quantity, quantities_of
 from cdrj_ros.estimation.sensor_health import SensorHealth, enough
+from cdrj_ros.estimation.waiting import Measurement
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.robot.description import Winch
 
 Vector = NDArray[np.float64]
 
@@ -44,22 +46,6 @@ LARGEST: Final = 1e9
 """Measured values of larger magnitude are refused [N or N m]."""
 
 
-class _Reading(NamedTuple):
-    """One measurement."""
-
-    name: str
-    column: int
-    """Column of the measured quantity in the spread."""
-    cables: list[int]
-    """The cables that it corrects."""
-    motor: int
-    """Index of the motor whose effort it is; -1 for a load cell."""
-    stamp_ns: int
-    value: float
-    noise: float
-    """Standard deviation of its noise [N] or [N m]."""
-
-
 class Fusion:
     """Corrects the estimate and the ensemble with measured tensions and efforts."""
 
@@ -72,31 +58,17 @@ class Fusion:
                 where no load cell measures the cable.
         """
         model = spread.model
-        layout, robot = model.layout, model.robot
         self.spread = spread
         self.model = model
         self._drift = drift
         self._preloads = Preloads(spread)
-        self._element_cable = {
-            name: c for c, cable in enumerate(robot.cables) for name in cable.element_names
-        }
-        self._element = {name: k for k, name in enumerate(layout.elements)}
-        first_motor = len(layout.elements) + len(layout.pulleys)
-        self._motor = {name: first_motor + k for k, name in enumerate(layout.motors)}
-        self._motor_cables = {
-            motor: [
-                c
-                for c, cable in enumerate(robot.cables)
-                if any(isinstance(n, Winch) and n.motor == motor for n in cable.nodes)
-            ]
-            for motor in layout.motors
-        }
+        self._quantities = quantities_of(model)
         self.health: dict[str, SensorHealth] = {}
         self._witnesses: dict[str, Witness] = {}
         """The trusted sensors whose readings have been used."""
         self._past = PastEstimates(spread.columns)
-        self._friction = MotorFriction(robot)
-        self._changed = np.zeros(len(robot.cables))
+        self._friction = MotorFriction(model.robot)
+        self._changed = np.zeros(len(model.robot.cables))
         """Sum of the corrections of every preload [N]."""
 
     def reset(self) -> None:
@@ -153,7 +125,7 @@ class Fusion:
         cables, members = self._changed.size, len(self.spread.states)
         health = {str(n): SensorHealth.recalled(n, o) for n, o in memory["sensors"].items()}
         witnesses = {str(n): Witness.recalled(o, members) for n, o in memory["witnesses"].items()}
-        if not set(witnesses) <= set(health) <= {*self._element, *self._motor}:
+        if not set(witnesses) <= set(health) <= set(self._quantities):
             raise ValueError("sensors that the robot does not have")
         changed, known = (finite(memory[key], cables) for key in ("changed", "known"))
         self.health, self._witnesses = health, witnesses
@@ -165,7 +137,8 @@ class Fusion:
 
     def pass_unwatched(self, seconds: float) -> None:
         """Let the preloads drift over a time without readings [s]."""
-        measured = {self._element_cable.get(name) for name in self._witnesses}
+        heard = [self._quantities[name] for name in self._witnesses]
+        measured = {one.cables[0] for one in heard if not one.is_effort}
         cables = range(self._changed.size)
         shares = [min(self._drift, SLOW_DRIFT) if c in measured else self._drift for c in cables]
         self._preloads.pass_unwatched(seconds, shares)
@@ -176,9 +149,8 @@ class Fusion:
         What it said last may be right all the same: the preloads are at least that uncertain.
         """
         self.forget()
-        column = self._element[name] if name in self._element else self._motor[name]
-        cables = self._motor_cables.get(name) or [self._element_cable[name]]
-        self._preloads.widen(self.health[name].away, column, cables)
+        what = self._quantities[name]
+        self._preloads.widen(self.health[name].away, what.column, what.cables)
 
     def faults(self) -> dict[str, str]:
         """Why sensors have been dropped, by name."""
@@ -221,7 +193,7 @@ class Fusion:
         return {
             name: (one.error, float(np.sqrt((one.deviation**2).mean())))
             for name, one in self._witnesses.items()
-            if name in self._motor
+            if self._quantities[name].is_effort
         }
 
     def remember(self, sample: Sample, estimate: Estimate) -> None:
@@ -231,96 +203,77 @@ class Fusion:
 
     def noise_of(self, element: str) -> float:
         """Noise of a load cell whose messages give no standard deviation [N]."""
-        return self.model.robot.cables[self._element_cable[element]].sensor_noise
+        (cable,) = self._quantities[element].cables
+        return self.model.robot.cables[cable].sensor_noise
 
     def knows(self, element: str) -> bool:
         """Whether the robot has this element."""
-        return element in self._element
+        what = self._quantities.get(element)
+        return what is not None and not what.is_effort
 
-    def tension(
-        self, sample: Sample, state: State, stamp_ns: int, element: str, value: float, noise: float
-    ) -> State:
-        """Correct the state and the ensemble with a measured tension.
+    def correct(self, sample: Sample, state: State, measured: Measurement) -> State:
+        """Judge a measured tension or effort, and correct the state and the ensemble with it.
 
         Args:
             sample: the last processed sample.
             state: the state after that sample.
-            stamp_ns: time of the measurement [ns], at most ``HISTORY_NS`` before the sample.
-            element: ``cable/element``.
-            value: measured tension [N].
-            noise: standard deviation of the measurement [N], positive.
+            measured: at most ``HISTORY_NS`` before the sample; with a positive ``noise``.
 
         Returns:
             The corrected state; the same object if the reading was refused.
         """
-        column = self._element[element]
-        cables = [self._element_cable[element]]
-        reading = _Reading(element, column, cables, -1, stamp_ns, value, noise)
-        return self._correct(sample, state, reading)
-
-    def motor_effort(
-        self, sample: Sample, state: State, stamp_ns: int, motor: str, value: float, noise: float
-    ) -> State:
-        """Correct with a motor's measured effort [N m]; otherwise as ``tension``."""
-        column, cables = self._motor[motor], self._motor_cables[motor]
-        index = self.model.layout.motors.index(motor)
-        reading = _Reading(motor, column, cables, index, stamp_ns, value, noise)
-        return self._correct(sample, state, reading)
-
-    def _correct(self, sample: Sample, state: State, reading: _Reading) -> State:
-        """Judge a reading and use it."""
-        spread, column, value = self.spread, reading.column, reading.value
-        health = self.health.setdefault(reading.name, SensorHealth(reading.name))
-        found = self._past.expected(reading.stamp_ns, column, reading.motor)
+        name, value, what = measured.name, measured.value, self._quantities[measured.name]
+        health = self.health.setdefault(name, SensorHealth(name))
+        found = self._past.expected(measured.stamp_ns, what.column, what.motor)
         if not abs(value) <= LARGEST or found is None:
             health.refused += 1
             return state
         expected, factor = found
         now = Estimate(sample.stamp_ns, self._past.last, self.model.layout, True)
-        spread.catch_up(sample, now)
+        self.spread.catch_up(sample, now)
         errors = [one.deviation for one in self._witnesses.values()]
-        shares = {c: self._drift_of(c, sample.stamp_ns) for c in reading.cables}
-        passed = self._preloads.drift(reading.name, sample.stamp_ns, shares, errors)
-        own = reading.noise**2 + self._model_error(reading) ** 2
-        witness = self._witnesses.get(reading.name)
-        if witness is not None and reading.motor >= 0:
+        shares = {c: self._drift_of(c, sample.stamp_ns) for c in what.cables}
+        passed = self._preloads.drift(name, sample.stamp_ns, shares, errors)
+        own = measured.noise**2 + self._model_error(what, value) ** 2
+        witness = self._witnesses.get(name)
+        if witness is not None and what.is_effort:
             share = FRICTION_DRIFT * passed**0.5
-            witness.deviation += share * self._unknown(reading) * self._draw()
+            witness.deviation += share * self._unknown(what) * self._draw()
         error = factor * witness.error if witness is not None else 0.0
-        variance = self._variance(column, witness, factor) + own
-        unaided = expected - float(self._past.corrected[column])
+        variance = self._variance(what.column, witness, factor) + own
+        unaided = expected - float(self._past.corrected[what.column])
         usable = health.judge(value, expected + error, unaided, variance, own)
         if health.dropped:
-            self._witnesses.pop(reading.name, None)
+            self._witnesses.pop(name, None)
         if not health.trusted or health.dropped:
             return state
         if witness is None:
-            witness = self._heed(reading, abs(value - expected))
+            witness = self._heed(name, what, abs(value - expected))
         innovation = value - expected - error
-        agrees = self._agrees(witness, reading, sample.stamp_ns, innovation, variance)
+        agrees = self._agrees(name, witness, sample.stamp_ns, innovation, variance)
         if not usable:  # counted already
             return state
         if not agrees:
             health.refused += 1
             return state
-        if reading.motor < 0:
+        if not what.is_effort:
             self._share(witness, MODEL_ERROR * max(abs(value), health.largest))
         health.used += 1
-        state = self._teach(witness, factor, state, reading, innovation, own)
-        if reading.motor < 0:
+        state = self._teach(what, witness, Innovation(innovation, own, factor), state)
+        if not what.is_effort:
             witness.claim.follow(unaided, enough(own, unaided))
-            self._doubt(witness, reading)
+            self._doubt(witness, what)
             health.dropped = witness.wrong
         return state
 
-    def _doubt(self, witness: Witness, reading: _Reading) -> None:
+    def _doubt(self, witness: Witness, what: Quantity) -> None:
         """Leave open whether a load cell drifts or the preload creeps, (U10)."""
-        (cable,) = reading.cables
+        (cable,) = what.cables
         stddev = self._preloads.stddev(cable)
         size = witness.claim.contradicted(float(self._changed[cable]), stddev)
         if size > 0.0:
             known = [one.deviation for one in self._witnesses.values()]
-            change = self._preloads.exchange(size, reading.column, cable, known)
+            change = self._preloads.exchange(size, what.column, cable, known)
             witness.deviation -= change
 
     def _drift_of(self, cable: int, stamp_ns: int) -> float:
@@ -331,80 +284,74 @@ class Fusion:
         """
         return min(self._drift, SLOW_DRIFT) if self._cells(cable, stamp_ns) else self._drift
 
+    def _heard(self, stamp_ns: int) -> dict[str, Quantity]:
+        """The trusted sensors that have been heard lately, and what they measure."""
+        return {
+            name: self._quantities[name]
+            for name in self._witnesses
+            if self.health[name].trusted and self._preloads.heard(name, stamp_ns, WINDOW_NS)
+        }
+
     def _cells(self, cable: int, stamp_ns: int) -> list[str]:
         """The trusted load cells of a cable that have been heard lately."""
-        return [
-            name
-            for name in self._witnesses
-            if self._element_cable.get(name) == cable
-            and self.health[name].trusted
-            and self._preloads.heard(name, stamp_ns, WINDOW_NS)
-        ]
+        heard = self._heard(stamp_ns).items()
+        return [name for name, one in heard if not one.is_effort and cable in one.cables]
 
-    def _is_against_effort(self, reading: _Reading, stamp_ns: int) -> bool:
+    def _is_against_effort(self, name: str, stamp_ns: int) -> bool:
         """Whether a load cell is the only one of its cable and a trusted effort acts on it."""
-        (cable,) = reading.cables
-        efforts = [
-            name
-            for name in self._witnesses
-            if cable in self._motor_cables.get(name, ())
-            and self.health[name].trusted
-            and self._preloads.heard(name, stamp_ns, WINDOW_NS)
-        ]
-        return bool(efforts) and self._cells(cable, stamp_ns) == [reading.name]
+        (cable,) = self._quantities[name].cables
+        heard = self._heard(stamp_ns).values()
+        efforts = [one for one in heard if one.is_effort and cable in one.cables]
+        return bool(efforts) and self._cells(cable, stamp_ns) == [name]
 
-    def _heed(self, reading: _Reading, first: float) -> Witness:
+    def _heed(self, name: str, what: Quantity, first: float) -> Witness:
         """Begin to use a sensor.
 
         Args:
-            reading: its first reading that is used.
+            name: of the sensor.
+            what: what it measures.
             first: size of its first correction [N] or [N m].
         """
-        members = len(self.spread.states)
-        if reading.motor < 0:
-            witness = Witness(np.zeros(members), history=HISTORY_ERROR * first, claim=Claim(first))
+        if what.is_effort:
+            witness = Witness(self._unknown(what) * self._draw())
         else:
-            witness = Witness(self._unknown(reading) * self._draw())
-        self._witnesses[reading.name] = witness
+            nothing = np.zeros(len(self.spread.states))
+            witness = Witness(nothing, history=HISTORY_ERROR * first, claim=Claim(first))
+        self._witnesses[name] = witness
         return witness
 
-    def _model_error(self, reading: _Reading) -> float:
+    def _model_error(self, what: Quantity, value: float) -> float:
         """Standard deviation of the model's error in one reading [N] or [N m]."""
-        if reading.motor < 0:
-            return MODEL_ERROR * abs(reading.value)
-        scale = self._preloads.scale(reading.column, reading.cables)
-        return max(MODEL_ERROR * abs(reading.value), EFFORT_ERROR * scale)
+        if not what.is_effort:
+            return MODEL_ERROR * abs(value)
+        scale = self._preloads.scale(what.column, what.cables)
+        return max(MODEL_ERROR * abs(value), EFFORT_ERROR * scale)
 
-    def _unknown(self, reading: _Reading) -> float:
+    def _unknown(self, what: Quantity) -> float:
         """Standard deviation of the motor's friction before its effort was read [N m]."""
-        scale = self._preloads.scale(reading.column, reading.cables)
-        return self._friction.stddev(reading.motor, scale)
+        scale = self._preloads.scale(what.column, what.cables)
+        return self._friction.stddev(what.motor, scale)
 
     def _agrees(
-        self,
-        witness: Witness,
-        reading: _Reading,
-        stamp_ns: int,
-        innovation: float,
-        variance: float,
+        self, name: str, witness: Witness, stamp_ns: int, innovation: float, variance: float
     ) -> bool:
         """Whether to use a reading; widens what may have changed if several contradict.
 
         An effort is used in any case: it is often the only witness of a lost preload, and doubt
         would leave half of the loss uncorrected.
         """
-        scale = self._preloads.scale(reading.column, reading.cables)
-        share = max(self._drift_of(c, stamp_ns) for c in reading.cables)
+        what = self._quantities[name]
+        scale = self._preloads.scale(what.column, what.cables)
+        share = max(self._drift_of(c, stamp_ns) for c in what.cables)
         drift = (share * scale) ** 2
-        if reading.motor < 0:
-            witness.against_effort = self._is_against_effort(reading, stamp_ns)
+        if not what.is_effort:
+            witness.against_effort = self._is_against_effort(name, stamp_ns)
         answer: Answer = witness.weigh(stamp_ns, innovation, variance, drift)
-        is_effort = reading.motor >= 0
-        possible = abs(witness.surprise) <= (SUDDEN if is_effort else DOUBT) * scale
+        possible = abs(witness.surprise) <= (SUDDEN if what.is_effort else DOUBT) * scale
         if answer == "changed" and possible:
-            self._open(witness, reading.column, reading.cables, doubted=not is_effort)
-            self.health[reading.name].changes += 1
-        return is_effort or answer == "agrees" or (answer == "changed" and possible)
+            self._open(witness, what)
+            self.health[name].changes += 1
+        return what.is_effort or answer == "agrees" or (answer == "changed" and possible)
 
     def _share(self, witness: Witness, size: float) -> None:
         """Let the lasting error of a load cell grow to ``size`` [N] with its largest reading."""
@@ -425,54 +372,27 @@ class Fusion:
         known = [one.deviation for one in self._witnesses.values() if one.deviation.any()]
         return standard(spread.generator, len(spread.states), known)
 
-    def _open(self, witness: Witness, column: int, cables: list[int], *, doubted: bool) -> None:
-        """Leave open by which preloads readings have changed, or if ``doubted`` by the sensor."""
+    def _open(self, witness: Witness, what: Quantity) -> None:
+        """Leave open by which preloads readings have changed; by a load cell's error as well."""
         size, spread = abs(witness.surprise), self.spread
         known = [one.deviation for one in self._witnesses.values()]
-        self._preloads.loosen(size, column, cables, [*known, spread.deviation[:, column]])
-        if doubted:
-            known.append(spread.deviation[:, column])
+        known.append(spread.deviation[:, what.column])  # a view: it follows the change
+        self._preloads.loosen(size, what.column, what.cables, known)
+        if not what.is_effort:
             witness.deviation += size * standard(spread.generator, len(spread.states), known)
         for one in self._witnesses.values():
             one.forget()
             one.claim.renew()
 
     def _teach(
-        self,
-        witness: Witness,
-        factor: float,
-        state: State,
-        reading: _Reading,
-        innovation: float,
-        own: float,
+        self, what: Quantity, witness: Witness, innovation: Innovation, state: State
     ) -> State:
-        """Correct the state and the ensemble, (U2); ``factor`` as for ``_variance``."""
-        spread, column, cables = self.spread, reading.column, reading.cables
-        deviation = spread.deviation
-        members = len(deviation)
-        h = deviation[:, column] + factor * witness.deviation
-        variance = float(h @ h) / members + own
-        gain = deviation.T @ h / (members * variance)
-        concerned = np.zeros(gain.size, dtype=bool)
-        concerned[len(self.model.layout.elements) + len(self.model.layout.pulleys) :] = True
-        for c in cables:
-            concerned[self._preloads.places[c].elements] = True
-            concerned[self._preloads.places[c].pulleys] = True
-        gain[~concerned] = 0.0
+        """Correct the state and the ensemble, and note by how much."""
         lasting = [one.deviation for one in self._witnesses.values()]
-        errors = np.sqrt(own) * standard(spread.generator, members, lasting)
-        differences = innovation - h + errors
-        change = differences[:, None] * gain
         values = state.values.copy()
-        for c in cables:
+        gain = update(self.spread, self._preloads, what, witness, innovation, lasting, values)
+        for c in what.cables:
             places = self._preloads.places[c]
-            shift = gain[places.elements] * innovation
-            self._changed[c] += float(gain[places.elements] @ places.weight) * innovation
-            self._preloads.correct(c, values, shift, change[:, places.elements])
-        own_gain = float(witness.deviation @ h) / (members * variance)
-        heard = float(gain[column]) + (own_gain if witness.against_effort else 0.0)
-        witness.learn(differences * own_gain, own_gain * innovation, heard * innovation)
-        deviation += change - gain * innovation
-        self._past.corrected = self._past.corrected + gain * innovation
-        spread.variance[:] = (deviation**2).mean(axis=0)
+            self._changed[c] += float(gain[places.elements] @ places.weight) * innovation.size
+        self._past.corrected = self._past.corrected + gain * innovation.size
         return State(state.stamp_ns, values)

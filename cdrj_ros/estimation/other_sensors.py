@@ -116,15 +116,14 @@ class OtherSensors:
         if not self._waiting:
             return state, ""
         fusion = self.fusion
-        for stamp, name, value, noise in self._waiting.due(sample.stamp_ns):
+        for measured in self._waiting.due(sample.stamp_ns):
             dropped = fusion.dropped
-            correct = fusion.tension if "/" in name else fusion.motor_effort
-            corrected = correct(sample, state, stamp, name, value, noise)
+            corrected = fusion.correct(sample, state, measured)
             if corrected is not state:
-                taught.add(name)
+                taught.add(measured.name)
             state = corrected
-            if fusion.dropped != dropped and name in taught:
-                return state, name
+            if fusion.dropped != dropped and measured.name in taught:
+                return state, measured.name
         return state, ""
 
     def take_back(self, name: str) -> None:
