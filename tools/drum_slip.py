@@ -20,7 +20,7 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.identification.fit import Settings, identify
-from cdrj_ros.identification.residuals import Recorded
+from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.cells import divide
 from cdrj_ros.robot.parameters import with_numbers

@@ -29,8 +29,9 @@ from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.identification.fit import Identification
+from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import Moved, pose_ranges
-from cdrj_ros.identification.residuals import Pool, Recorded
+from cdrj_ros.identification.residuals import Pool
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.metrics import pooled_errors
 from cdrj_ros.judgement.validation import read_inputs

@@ -6,7 +6,7 @@ import argparse
 
 from cdrj_ros.commands.running import CommandParser
 from cdrj_ros.commands.shared import add_topic_options
-from cdrj_ros.identification.residuals import WEIGHTS
+from cdrj_ros.identification.references import WEIGHTS
 from cdrj_ros.identification.solution import LOSSES
 
 

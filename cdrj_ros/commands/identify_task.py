@@ -15,13 +15,13 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs
 from cdrj_ros.foundation.output import say
 from cdrj_ros.identification.fit import Settings
+from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import (
     Moved,
     moved_ranges,
     pose_unknowns,
     seeking_ranges,
 )
-from cdrj_ros.identification.residuals import Recorded
 from cdrj_ros.identification.unknowns import (
     Unknown,
     parse_unknowns,

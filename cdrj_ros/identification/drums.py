@@ -16,7 +16,8 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.identification.residuals import Problem, samples_of, thinned
+from cdrj_ros.identification.observations import samples_of, thinned
+from cdrj_ros.identification.residuals import Problem
 from cdrj_ros.identification.solution import Loss, Progress, solve, with_priors
 from cdrj_ros.identification.standard_errors import effective_variance
 from cdrj_ros.identification.states import independent_states

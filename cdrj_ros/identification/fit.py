@@ -23,20 +23,21 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.drums import DrumFinding, drums_in_doubt, judge_drums
 from cdrj_ros.identification.left_alone import LeftAlone
-from cdrj_ros.identification.residuals import (
-    CONDITIONING_KEYS,
-    WEIGHTS,
+from cdrj_ros.identification.observations import (
     Observations,
-    Pool,
-    Problem,
     Recorded,
+    changes_samples,
+    observe,
+    samples_of,
+)
+from cdrj_ros.identification.references import (
+    WEIGHTS,
     Weights,
     chosen_channels,
-    observe,
-    residuals_together,
-    samples_of,
+    given_sigmas,
     spreads,
 )
+from cdrj_ros.identification.residuals import Pool, Problem, residuals_together
 from cdrj_ros.identification.solution import (
     LOSSES,
     Loss,
@@ -185,7 +186,7 @@ def identify(
     model = prepare(build_robot(document, source))
     channels = chosen_channels(model.layout, recordings, settings.channels)
     sigmas = spreads(recordings, channels, settings.weights)
-    sigmas |= _given_sigmas(channels, settings.sigmas or {})
+    sigmas |= given_sigmas(channels, settings.sigmas or {})
     with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
         samples = tuple(threads.map(partial(samples_of, model), recordings))
         rounds = _Rounds(
@@ -220,7 +221,7 @@ class _Rounds:
             coarse: whether the samples are thinned, see ``COARSE_SAMPLES``.
             scout: further divisor of the samples and of the largest number of residuals.
         """
-        moving = any(_changes_samples(path) for unknown in self.unknowns for path in unknown.paths)
+        moving = changes_samples(path for one in self.unknowns for path in one.paths)
         total = sum(samples.stamp_ns.size for samples in self.samples)
         observations = [
             observe(
@@ -355,11 +356,6 @@ def _settle(
     return coordinates, slopes, (sentence,)
 
 
-def _changes_samples(path: str) -> bool:
-    parts = path.split(".")
-    return parts[0] in ("motors", "joints") and not set(parts).isdisjoint(CONDITIONING_KEYS)
-
-
 def _silent(text: str) -> None:
     del text
 
@@ -375,20 +371,6 @@ def _check(unknowns: Sequence[Unknown], recordings: Sequence[Recorded], settings
         raise UsageError(f"weights must be one of {', '.join(WEIGHTS)}, got {settings.weights!r}")
     if not 1 <= settings.starts <= 1000:
         raise UsageError(f"starts must be in [1, 1000], got {settings.starts}")
-
-
-def _given_sigmas(channels: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
-    from fnmatch import fnmatchcase
-
-    result: dict[str, float] = {}
-    for pattern, sigma in given.items():
-        matching = [name for name in channels if fnmatchcase(name, pattern)]
-        if not matching:
-            raise UsageError(
-                f"no fitted reference is called {pattern}; there are {', '.join(channels)}"
-            )
-        result |= dict.fromkeys(matching, sigma)
-    return result
 
 
 def _stride(recorded: Recorded, total: int) -> int:

@@ -15,12 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.identification.residuals import (
-    CONDITIONING_KEYS,
-    Observations,
-    Problem,
-    residuals_of_one,
-)
+from cdrj_ros.identification.observations import Observations, changes_samples
+from cdrj_ros.identification.residuals import Problem, residuals_of_one
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
@@ -159,11 +155,7 @@ def _deviating(document: Document, source: str, cause: Cause, way: float) -> Mod
 
 def _observed(problem: Problem, cause: Cause) -> Sequence[Observations]:
     """The recordings; conditioned anew if the cause changes how readings become angles."""
-    if not any(
-        path.startswith(("motors.", "joints."))
-        and not set(CONDITIONING_KEYS).isdisjoint(path.split("."))
-        for path in cause
-    ):
+    if not changes_samples(cause):
         return problem.observations
     return [replace(one, samples=None, groups=None) for one in problem.observations]
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from cdrj_ros.conditioning.whole_recording import angles_of
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.identification.residuals import Recorded
+from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.unknowns import Unknown, parse_unknowns
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot

@@ -6,179 +6,30 @@ first one on.  The estimates are interpolated at the references' stamps as in ev
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from fnmatch import fnmatchcase
-from math import sqrt
-from typing import Final, Literal, Protocol, get_args
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.slipping_drums import run_slipping
-from cdrj_ros.foundation.errors import RobotFileError, UsageError
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.identification.observations import Observations, groups_of, samples_of, thinned
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
-from cdrj_ros.model.channels import EFFORT, channel_columns
-from cdrj_ros.model.prepared import Layout, Model, prepare
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 
 Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
-Stamps = NDArray[np.int64]
 
 CHUNK: Final = 1024
 """Samples estimated at a time, so that only the compared columns are kept in memory."""
 
 REMEMBERED_BYTES: Final = 128 * 1024 * 1024
 """Size of the residuals that a problem remembers, at least those of its last point."""
-
-CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period", "correction")
-"""Keys of motors and joints that change the conditioned samples."""
-
-Weights = Literal["spread", "noise"]
-WEIGHTS: Final[tuple[Weights, ...]] = get_args(Weights)
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """One recording: readings and references."""
-
-    name: str
-    motors: Mapping[str, Series]
-    joints: Mapping[str, Series]
-    references: Mapping[str, tuple[Stamps, Vector]]
-    """Stamps [ns] and values by channel: ``tension/upper/8``, ``effort/jaw``."""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One fitted reference of one recording."""
-
-    name: str
-    column: int
-    """Index in the estimate."""
-    stamp_ns: Stamps
-    """[ns], shape (n,)."""
-    reference: Vector
-    """[N] or [N m], shape (n,)."""
-    sigma: float
-    """Divisor of its residuals [N] or [N m]."""
-
-
-@dataclass(frozen=True)
-class Group:
-    """Channels with the same stamps, placed between the samples."""
-
-    members: tuple[int, ...]
-    """Indices of the channels."""
-    columns: NDArray[np.intp]
-    """Indices in the estimate, shape (members,)."""
-    right: NDArray[np.intp]
-    """Index of the sample at or after every reference, at least 1, shape (n,)."""
-    share: Vector
-    """Position between the sample before and that sample, from 0 to 1, shape (n,)."""
-
-
-@dataclass(frozen=True)
-class Observations:
-    """One recording, thinned for a round of the fit."""
-
-    recorded: Recorded
-    stride: int
-    """Only every n-th sample is estimated."""
-    samples: Samples | None
-    """Conditioned samples; None if the unknowns change them."""
-    channels: tuple[Channel, ...]
-    groups: tuple[Group, ...] | None = None
-    """The channels by their stamps; None if the unknowns change the samples."""
-    drums_slip: bool = False
-    """Whether the estimates are those of a robot whose cables slip on their drums."""
-
-    @property
-    def size(self) -> int:
-        """Number of residuals."""
-        return sum(channel.reference.size for channel in self.channels)
-
-
-def chosen_channels(
-    layout: Layout, recordings: Sequence[Recorded], patterns: Sequence[str]
-) -> tuple[str, ...]:
-    """Channels that are estimated, recorded in at least one bag, and requested.
-
-    Raises:
-        UsageError: a pattern matches none of them; the message lists the existing ones.
-    """
-    recorded = {name for one in recordings for name in one.references}
-    there = [name for name in channel_columns(layout) if name in recorded]
-    if not there:
-        raise UsageError(
-            f"the recordings have no reference of this robot; they have "
-            f"{', '.join(sorted(recorded)) or 'none at all'}"
-        )
-    for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) for name in there):
-            raise UsageError(f"no reference is called {pattern}; there are {', '.join(there)}")
-    if not patterns:
-        return tuple(there)
-    return tuple(n for n in there if any(fnmatchcase(n, pattern) for pattern in patterns))
-
-
-def samples_of(model: Model, recorded: Recorded) -> Samples:
-    """The recording's conditioned samples; if the clock jumps, those of the last segment.
-
-    Raises:
-        UsageError: that segment has fewer than two samples.
-    """
-    segments = condition(model.robot, recorded.motors, recorded.joints).segments
-    if not segments or segments[-1].stamp_ns.size < 2:
-        raise UsageError(
-            f"{recorded.name}: fewer than two samples with all motors and joints are acceptable"
-        )
-    return segments[-1]
-
-
-def spreads(
-    recordings: Sequence[Recorded], channels: Sequence[str], rule: Weights
-) -> dict[str, float]:
-    """Divisor of every channel's residuals.
-
-    Args:
-        recordings: all recordings.
-        channels: names of the channels.
-        rule: ``spread``: standard deviation of the references of the channel's kind, so that a fit
-            explains as much of the variance of each kind as it can; ``noise``: standard deviation
-            of the sensor's noise, from second differences.
-    """
-    values = {
-        name: [one.references[name][1] for one in recordings if name in one.references]
-        for name in channels
-    }
-    if rule == "noise":
-        return {name: max(map(_noise, listed)) for name, listed in values.items()}
-    kinds: dict[str, list[str]] = {}
-    for name in channels:  # each motor and joint is its own kind: lever arms differ
-        kind = name.split("/", 1)[0]
-        kinds.setdefault(name if kind == EFFORT else kind, []).append(name)
-    result: dict[str, float] = {}
-    for members in kinds.values():
-        variance = [float(np.var(np.concatenate(values[name]))) for name in members]
-        result |= dict.fromkeys(members, max(float(np.sqrt(np.mean(variance))), 1e-9))
-    return result
-
-
-def _noise(values: Vector) -> float:
-    """Standard deviation of white noise on a smooth signal, at least that of the quantisation."""
-    steps = np.abs(np.diff(values))
-    count = float(steps[steps > 0.0].min()) if np.any(steps > 0.0) else 0.0
-    bend = np.abs(np.diff(values, 2))
-    white = float(np.median(bend)) / 0.6745 / sqrt(6.0) if bend.size else 0.0
-    return max(white, min(count, float(np.std(values))) / sqrt(12.0), 1e-9)
 
 
 class Pool(Protocol):
@@ -339,90 +190,5 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
     return np.concatenate(parts) if parts else np.empty(0)
 
 
-def groups_of(channels: Sequence[Channel], stamp_ns: Stamps) -> tuple[Group, ...]:
-    """The channels by their stamps, placed between the samples at ``stamp_ns``."""
-    members: dict[int, list[int]] = {}
-    for k, channel in enumerate(channels):
-        members.setdefault(id(channel.stamp_ns), []).append(k)
-    since = int(stamp_ns[0])
-    own = (stamp_ns - since).astype(np.float64)
-    groups = []
-    for listed in members.values():
-        wanted = np.clip((channels[listed[0]].stamp_ns - since).astype(np.float64), own[0], own[-1])
-        right = np.clip(np.searchsorted(own, wanted), 1, own.size - 1)
-        share = (wanted - own[right - 1]) / (own[right] - own[right - 1])
-        columns = np.array([channels[k].column for k in listed])
-        groups.append(Group(tuple(listed), columns, right, share))
-    return tuple(groups)
-
-
 def _slice(samples: Samples, part: slice) -> Samples:
     return Samples(samples.stamp_ns[part], samples.motor_angle[part], samples.joint_angle[part])
-
-
-def thinned(samples: Samples, stride: int) -> Samples:
-    """Every ``stride``-th sample."""
-    if stride == 1:
-        return samples
-    return Samples(
-        np.ascontiguousarray(samples.stamp_ns[::stride]),
-        np.ascontiguousarray(samples.motor_angle[::stride]),
-        np.ascontiguousarray(samples.joint_angle[::stride]),
-    )
-
-
-def observe(
-    model: Model,
-    recorded: Recorded,
-    whole: Samples,
-    sigmas: Mapping[str, float],
-    stride: int,
-    most_residuals: int,
-    settle_s: float,
-    moving: bool,
-) -> Observations:
-    """A recording prepared for the fit.
-
-    Args:
-        model: model of the starting values.
-        recorded: the recording.
-        whole: its conditioned samples.
-        sigmas: divisor of the residuals of every fitted channel.
-        stride: only every n-th sample is estimated.
-        most_residuals: largest number of residuals; references are thinned to stay below it.
-        settle_s: time at the beginning that is excluded from the comparison [s].
-        moving: whether the unknowns change the samples.
-
-    Raises:
-        UsageError: no reference lies within the samples.
-    """
-    begin = int(whole.stamp_ns[0]) + round(settle_s * 1e9)
-    until = int(whole.stamp_ns[-1])
-    columns = channel_columns(model.layout)
-    inside: dict[int, tuple[NDArray[np.intp], Stamps]] = {}
-    found = []
-    names = [name for name in sigmas if name in recorded.references]
-    for name in names:
-        stamps, values = recorded.references[name]
-        key = id(stamps)
-        finite = bool(np.isfinite(values).all())
-        if not finite or key not in inside:
-            ok = np.isfinite(values) & (stamps >= begin) & (stamps <= until)
-            _, first = np.unique(stamps, return_index=True)
-            at = first[ok[first]]
-            step = max(1, -(-at.size * len(names) // most_residuals))
-            at = at[::step]
-            placed = at, np.ascontiguousarray(stamps[at])
-            if finite:
-                inside[key] = placed
-        else:
-            placed = inside[key]
-        at, chosen = placed
-        found.append(Channel(name, columns[name], chosen, values[at], sigmas[name]))
-    channels = tuple(channel for channel in found if channel.reference.size)
-    if not channels:
-        raise UsageError(f"{recorded.name}: no fitted reference lies within its samples")
-    if moving:
-        return Observations(recorded, stride, None, channels)
-    samples = thinned(whole, stride)
-    return Observations(recorded, stride, samples, channels, groups_of(channels, samples.stamp_ns))

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.identification.residuals import Observations, Problem, samples_of, thinned
+from cdrj_ros.identification.observations import Observations, samples_of, thinned
+from cdrj_ros.identification.residuals import Problem
 
 Vector = NDArray[np.float64]
 Labels = NDArray[np.int64]

@@ -13,7 +13,7 @@ from support.made_up import recording
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.fit import Identification, Settings, identify
-from cdrj_ros.identification.residuals import Recorded
+from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.standard_errors import remaining_step
 from cdrj_ros.identification.unknowns import (
     parse_unknowns,

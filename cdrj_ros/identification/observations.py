@@ -1,0 +1,192 @@
+"""What is compared in a fit: the samples of a recording, and its references placed between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.whole_recording import condition
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.model.channels import channel_columns
+from cdrj_ros.model.prepared import Model
+
+Vector = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period", "correction")
+"""Keys of motors and joints that change the conditioned samples."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One recording: readings and references."""
+
+    name: str
+    motors: Mapping[str, Series]
+    joints: Mapping[str, Series]
+    references: Mapping[str, tuple[Stamps, Vector]]
+    """Stamps [ns] and values by channel: ``tension/upper/8``, ``effort/jaw``."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One fitted reference of one recording."""
+
+    name: str
+    column: int
+    """Index in the estimate."""
+    stamp_ns: Stamps
+    """[ns], shape (n,)."""
+    reference: Vector
+    """[N] or [N m], shape (n,)."""
+    sigma: float
+    """Divisor of its residuals [N] or [N m]."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Channels with the same stamps, placed between the samples."""
+
+    members: tuple[int, ...]
+    """Indices of the channels."""
+    columns: NDArray[np.intp]
+    """Indices in the estimate, shape (members,)."""
+    right: NDArray[np.intp]
+    """Index of the sample at or after every reference, at least 1, shape (n,)."""
+    share: Vector
+    """Position between the sample before and that sample, from 0 to 1, shape (n,)."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """One recording, thinned for a round of the fit."""
+
+    recorded: Recorded
+    stride: int
+    """Only every n-th sample is estimated."""
+    samples: Samples | None
+    """Conditioned samples; None if the unknowns change them."""
+    channels: tuple[Channel, ...]
+    groups: tuple[Group, ...] | None = None
+    """The channels by their stamps; None if the unknowns change the samples."""
+    drums_slip: bool = False
+    """Whether the estimates are those of a robot whose cables slip on their drums."""
+
+    @property
+    def size(self) -> int:
+        """Number of residuals."""
+        return sum(channel.reference.size for channel in self.channels)
+
+
+def observe(
+    model: Model,
+    recorded: Recorded,
+    whole: Samples,
+    sigmas: Mapping[str, float],
+    stride: int,
+    most_residuals: int,
+    settle_s: float,
+    moving: bool,
+) -> Observations:
+    """A recording prepared for the fit.
+
+    Args:
+        model: model of the starting values.
+        recorded: the recording.
+        whole: its conditioned samples.
+        sigmas: divisor of the residuals of every fitted channel.
+        stride: only every n-th sample is estimated.
+        most_residuals: largest number of residuals; references are thinned to stay below it.
+        settle_s: time at the beginning that is excluded from the comparison [s].
+        moving: whether the unknowns change the samples.
+
+    Raises:
+        UsageError: no reference lies within the samples.
+    """
+    begin = int(whole.stamp_ns[0]) + round(settle_s * 1e9)
+    until = int(whole.stamp_ns[-1])
+    columns = channel_columns(model.layout)
+    inside: dict[int, tuple[NDArray[np.intp], Stamps]] = {}
+    found = []
+    names = [name for name in sigmas if name in recorded.references]
+    for name in names:
+        stamps, values = recorded.references[name]
+        key = id(stamps)
+        finite = bool(np.isfinite(values).all())
+        if not finite or key not in inside:
+            ok = np.isfinite(values) & (stamps >= begin) & (stamps <= until)
+            _, first = np.unique(stamps, return_index=True)
+            at = first[ok[first]]
+            step = max(1, -(-at.size * len(names) // most_residuals))
+            at = at[::step]
+            placed = at, np.ascontiguousarray(stamps[at])
+            if finite:
+                inside[key] = placed
+        else:
+            placed = inside[key]
+        at, chosen = placed
+        found.append(Channel(name, columns[name], chosen, values[at], sigmas[name]))
+    channels = tuple(channel for channel in found if channel.reference.size)
+    if not channels:
+        raise UsageError(f"{recorded.name}: no fitted reference lies within its samples")
+    if moving:
+        return Observations(recorded, stride, None, channels)
+    samples = thinned(whole, stride)
+    return Observations(recorded, stride, samples, channels, groups_of(channels, samples.stamp_ns))
+
+
+def samples_of(model: Model, recorded: Recorded) -> Samples:
+    """The recording's conditioned samples; if the clock jumps, those of the last segment.
+
+    Raises:
+        UsageError: that segment has fewer than two samples.
+    """
+    segments = condition(model.robot, recorded.motors, recorded.joints).segments
+    if not segments or segments[-1].stamp_ns.size < 2:
+        raise UsageError(
+            f"{recorded.name}: fewer than two samples with all motors and joints are acceptable"
+        )
+    return segments[-1]
+
+
+def changes_samples(paths: Iterable[str]) -> bool:
+    """Whether other values of some numbers, given by path, change the conditioned samples."""
+    return any(
+        path.startswith(("motors.", "joints."))
+        and not set(CONDITIONING_KEYS).isdisjoint(path.split("."))
+        for path in paths
+    )
+
+
+def thinned(samples: Samples, stride: int) -> Samples:
+    """Every ``stride``-th sample."""
+    if stride == 1:
+        return samples
+    return Samples(
+        np.ascontiguousarray(samples.stamp_ns[::stride]),
+        np.ascontiguousarray(samples.motor_angle[::stride]),
+        np.ascontiguousarray(samples.joint_angle[::stride]),
+    )
+
+
+def groups_of(channels: Sequence[Channel], stamp_ns: Stamps) -> tuple[Group, ...]:
+    """The channels by their stamps, placed between the samples at ``stamp_ns``."""
+    members: dict[int, list[int]] = {}
+    for k, channel in enumerate(channels):
+        members.setdefault(id(channel.stamp_ns), []).append(k)
+    since = int(stamp_ns[0])
+    own = (stamp_ns - since).astype(np.float64)
+    groups = []
+    for listed in members.values():
+        wanted = np.clip((channels[listed[0]].stamp_ns - since).astype(np.float64), own[0], own[-1])
+        right = np.clip(np.searchsorted(own, wanted), 1, own.size - 1)
+        share = (wanted - own[right - 1]) / (own[right] - own[right - 1])
+        columns = np.array([channels[k].column for k in listed])
+        groups.append(Group(tuple(listed), columns, right, share))
+    return tuple(groups)
