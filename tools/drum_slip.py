@@ -19,8 +19,9 @@ from standard_errors import SECONDS, fitted_numbers, moved, recording, robot_fil
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.slipping_drums import run_slipping
-from cdrj_ros.identification.fit import Settings, identify
+from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.settings import Settings
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.cells import divide
 from cdrj_ros.robot.parameters import with_numbers

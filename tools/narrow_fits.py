@@ -21,8 +21,9 @@ sys.path.insert(0, str(ROOT))
 from cdrj_ros.conditioning.samples import Samples  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run  # noqa: E402
 from cdrj_ros.foundation.series import Series  # noqa: E402
-from cdrj_ros.identification.fit import Settings, identify  # noqa: E402
+from cdrj_ros.identification.fit import identify  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402
+from cdrj_ros.identification.settings import Settings  # noqa: E402
 from cdrj_ros.identification.unknowns import parse_unknowns  # noqa: E402
 from cdrj_ros.identification.wide import fitted_along  # noqa: E402
 from cdrj_ros.model.channels import channel_columns  # noqa: E402

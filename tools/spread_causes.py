@@ -35,7 +35,8 @@ from cdrj_ros.commands.identify_uncertainty import uncertainty_section
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import initial_state
-from cdrj_ros.identification.fit import Settings, identify
+from cdrj_ros.identification.fit import identify
+from cdrj_ros.identification.settings import Settings
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.parameters import with_numbers

@@ -34,9 +34,10 @@ from cdrj_ros.conditioning.whole_recording import condition  # noqa: E402
 from cdrj_ros.estimation.ensemble import Spread  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state  # noqa: E402
 from cdrj_ros.foundation.series import Series  # noqa: E402
-from cdrj_ros.identification.fit import Identification, Settings, identify  # noqa: E402
+from cdrj_ros.identification.fit import Identification, identify  # noqa: E402
 from cdrj_ros.identification.left_alone import causes_left_alone  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402
+from cdrj_ros.identification.settings import Settings  # noqa: E402
 from cdrj_ros.identification.unknowns import Unknown, parse_unknowns  # noqa: E402
 from cdrj_ros.identification.wide import fitted_along  # noqa: E402
 from cdrj_ros.model.joint import RollingLoad  # noqa: E402

@@ -9,9 +9,10 @@ from cdrj_ros.bag import Topics
 from cdrj_ros.commands.identify_results import Compared, fold_line
 from cdrj_ros.commands.identify_task import Task
 from cdrj_ros.foundation.progress import progress_text
-from cdrj_ros.identification.fit import Identification, Settings, identify
+from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.residuals import Pool
+from cdrj_ros.identification.settings import Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.judgement.bag_task import validate_bag
 from cdrj_ros.judgement.channels import BagComparison

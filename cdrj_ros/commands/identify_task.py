@@ -14,7 +14,6 @@ from cdrj_ros.commands.shared import topics_of
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs
 from cdrj_ros.foundation.output import say
-from cdrj_ros.identification.fit import Settings
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import (
     Moved,
@@ -22,6 +21,7 @@ from cdrj_ros.identification.pose import (
     pose_unknowns,
     seeking_ranges,
 )
+from cdrj_ros.identification.settings import Settings
 from cdrj_ros.identification.unknowns import (
     Unknown,
     parse_unknowns,

@@ -17,8 +17,9 @@ from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.estimation.member_kernels import forget_drums
 from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.identification.drums import CERTAIN, finding
-from cdrj_ros.identification.fit import Identification, Settings, identify
+from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.settings import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import Model, prepare

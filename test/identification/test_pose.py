@@ -10,7 +10,7 @@ from support.made_up import recording
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.identification.fit import Settings, identify
+from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import (
     MARGIN,
@@ -20,6 +20,7 @@ from cdrj_ros.identification.pose import (
     pose_unknowns,
     seeking_ranges,
 )
+from cdrj_ros.identification.settings import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns, with_bounds
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, parse_document

@@ -10,12 +10,13 @@ import pytest
 from scipy.stats import norm, qmc
 from support.made_up import recording
 
-from cdrj_ros.identification.fit import Settings, identify
+from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.left_alone import causes_left_alone, effects
 from cdrj_ros.identification.left_variance import Linear, Places, lasting_power, variance_left
 from cdrj_ros.identification.observations import observe, samples_of
 from cdrj_ros.identification.references import spreads
 from cdrj_ros.identification.residuals import Problem
+from cdrj_ros.identification.settings import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.document import Document
