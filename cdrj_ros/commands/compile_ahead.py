@@ -8,8 +8,10 @@ after the installation of a wheel.
 
 from __future__ import annotations
 
-import subprocess
+import os
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
@@ -17,16 +19,22 @@ from time import monotonic
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cdrj_ros.commands.compilation import OF_EVERY_START, compile_together
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.tracking import new_track, track, track_all
-from cdrj_ros.estimation.ensemble import Spread
-from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.estimation.ensemble import Spread, find_kernels
+from cdrj_ros.estimation.estimator import find_entry, initial_state, run
+from cdrj_ros.estimation.member_kernels import no_members
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.slipping_drums import run_slipping
-from cdrj_ros.estimation.unsure import mark_recording, preload_of_elements
+from cdrj_ros.estimation.unsure import mark_recording, mark_unsure, preload_of_elements
+from cdrj_ros.model.compiled import direct
+from cdrj_ros.model.linked import compile_without_callees
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model, prepare, read_only
+from cdrj_ros.model.shape import shape
 from cdrj_ros.robot.reader import build_robot
 
 ROBOT: Final = "prototype"
@@ -42,20 +50,35 @@ def _samples(model: Model) -> Samples:
 
 
 def _compile_step() -> None:
-    """Compile the kernels of every start, which the other parts use too."""
-    model = load_model(ROBOT)
-    samples = _samples(model)
-    step(model, initial_state(model), samples.at(0))
+    """Compile the step, without the geometry that it calls."""
+    compile_without_callees()
+    find_entry()
+
+
+def _compile_geometry() -> None:
+    """Compile the geometry of all cables, and small kernels of every start."""
+    numbers = read_only(np.empty(0))
+    direct(shape, _plan(), numbers, *4 * (np.empty(0),))
     track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
+    mark_unsure(np.zeros(1), np.zeros(0), np.zeros(0), 1.0)
 
 
-def _compile_deviations() -> None:
-    """Compile the kernels of standard deviations, live and of recordings."""
+def _compile_members() -> None:
+    """Compile the kernels of live standard deviations, without the step that they call."""
+    compile_without_callees()
+    find_kernels(_plan(), read_only(np.empty(0)), no_members())
+
+
+def _plan() -> NDArray[np.int64]:
+    plan = np.empty(0, dtype=np.int64)
+    plan.flags.writeable = False
+    return plan
+
+
+def _compile_live() -> None:
+    """Use the kernels of every start once, and compile what is left of them."""
     model = load_model(ROBOT)
-    samples = _samples(model)
-    live = LiveEstimator(model)
-    live.take(samples.at(0))
-    Spread(model).run(initial_state(model), samples)
+    LiveEstimator(model).take(_samples(model).at(0))
 
 
 def _compile_recordings() -> None:
@@ -65,6 +88,7 @@ def _compile_recordings() -> None:
     _, estimates = run(model, initial_state(model), samples)
     run_slipping(model, initial_state(model), samples)
     preload = preload_of_elements(model.robot)
+    Spread(model).run(initial_state(model), samples)
     mark_recording(estimates.values, preload, np.empty((0, 0)), 1.0, np.ones(2, dtype=np.bool_))
     track_all(samples.stamp_ns, np.zeros(2), 1.0, 1.0, False, np.zeros(2))
 
@@ -99,34 +123,40 @@ def _compile_rig() -> None:
 
 PARTS: Final[dict[str, Callable[[], None]]] = {
     "step": _compile_step,
-    "deviations": _compile_deviations,
+    "geometry": _compile_geometry,
+    "members": _compile_members,
+    "live": _compile_live,
     "recordings": _compile_recordings,
     "motor_alone": _compile_motor_alone,
     "rig": _compile_rig,
 }
-"""Parts that are compiled in one process each; the first alone, then the others in parallel."""
+"""Parts that are compiled in one process each: those of ``OF_EVERY_START`` first, at once, then
+the others, which use them."""
 
 
 def compile_kernels() -> bool:
     """Compile and store every kernel of estimation and simulation; False if one failed."""
-    first, *others = PARTS
-    if _run(first).wait() != 0:
-        return False
-    together = [_run(name) for name in others]
-    codes = [process.wait() for process in together]
-    return not any(codes)
+    others = [part for part in PARTS if part not in OF_EVERY_START]
+    return compile_together(OF_EVERY_START) and compile_together(others)
 
 
-def _run(part: str) -> subprocess.Popen[bytes]:
-    return subprocess.Popen([sys.executable, "-m", "cdrj_ros.commands.compile_ahead", part])
+def compile_part(part: str) -> None:
+    """Compile a part in this process, which ends with the process that holds its standard input."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # that process decides when to stop
+    threading.Thread(target=_end_with_the_parent, name="parent", daemon=True).start()
+    if part != OF_EVERY_START[0]:
+        os.nice(3)  # all wait for the longest part
+    PARTS[part]()
 
 
-def main(arguments: list[str]) -> int:
-    """Compile the named parts in this process, or all of them in several."""
-    if arguments:
-        for name in arguments:
-            PARTS[name]()
-        return 0
+def _end_with_the_parent() -> None:
+    """Wait until nobody holds the other end of standard input any more."""
+    os.read(sys.stdin.fileno(), 1)
+    os._exit(1)
+
+
+def main() -> int:
+    """Compile all parts."""
     begin = monotonic()
     if not compile_kernels():
         return 1
@@ -135,4 +165,4 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

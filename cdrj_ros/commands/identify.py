@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 
 from cdrj_ros.bag import Recording, Topics
-from cdrj_ros.commands.compilation import announce_compilation
+from cdrj_ros.commands.compilation import ensure_compilation
 from cdrj_ros.commands.identify_fits import compared, cross_validated, fit, validated
 from cdrj_ros.commands.identify_model_error import model_errors
 from cdrj_ros.commands.identify_options import parser
@@ -55,7 +55,7 @@ def _body(argv: Sequence[str]) -> int:
 def _identified(arguments: argparse.Namespace, task: Task, pool: Pool | None) -> int:
     """Fit, compare with the bags, write and print."""
     begin = perf_counter()
-    announce_compilation()
+    ensure_compilation()
     model = prepare(build_robot(task.document, task.source))
     recordings = _read(task.bags, task.topics, model)
     left: Moved = {}

@@ -16,7 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Final
+from functools import cached_property
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,6 +124,26 @@ def _new_members(
     )
 
 
+class Kernels(NamedTuple):
+    """Entry points of the kernels for single samples."""
+
+    begin: Any
+    step_waiting: Any
+    advance: Any
+
+
+def find_kernels(plan: NDArray[np.int64], numbers: Vector, members: Members) -> Kernels:
+    """Load the kernels for arrays of these types, or compile them."""
+    vector = members.variance
+    of_sample = (vector, vector, vector, 1, 1, True, True, vector)
+    with_advance = (vector, members, vector, vector, 0.0, 1, True, True, vector, vector)
+    return Kernels(
+        direct(begin_sample, plan, members, *of_sample),
+        direct(step_members, plan, members, 1, True, 0.0),
+        direct(advance_with_members, plan, numbers, *with_advance),
+    )
+
+
 class Spread:
     """The ensemble of one robot; call ``update`` after every ``step``, with sample and estimate."""
 
@@ -165,7 +186,8 @@ class Spread:
         self._members = _new_members(model, self.columns, numbers, seed, generator)
         self.states, self.stamps = self._members.states, self._members.stamps
         self.deviation, self.variance = self._members.deviation, self._members.variance
-        self._kernels: tuple[Any, Any, Any] | None = None
+        self._of_step: Any = None
+        """What ``step`` reads, in one place."""
         own = self._members
         self._before_look = Snapshot(
             *(own.states, own.stamps, own.progress),
@@ -271,22 +293,25 @@ class Spread:
             self._settle()
         stamp, motor_angle, joint_angle, unseen = sample[:4]
         before, whole, _ = state
-        plan, numbers, size, state_part, estimate_part, layout = self.model.parts
+        if self._of_step is None:
+            self._of_step = (*self.model.parts, self._width, self._members, self._kernels.advance)
+        plan, numbers, size, state_part, estimate_part, layout, width, members, advance = (
+            self._of_step
+        )
         hidden = False if unseen is ALL_SEEN else self._hide(unseen)
-        out, stddev = _empty(size), _empty(self._width)
+        out, stddev = _empty(size), _empty(width)
         dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
-        advance = (self._kernels or self._find_kernels())[2]
         if not motor_angle.dtype is joint_angle.dtype is FLOAT:
             motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
         try:
             after = advance(
-                plan, numbers, whole, self._members, motor_angle, joint_angle, dt, stamp, hidden,
+                plan, numbers, whole, members, motor_angle, joint_angle, dt, stamp, hidden,
                 at_once, out, stddev,
             )  # fmt: skip
         except ValueError:
             motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
             after = advance(
-                plan, numbers, whole, self._members, motor_angle, joint_angle, dt, stamp, hidden,
+                plan, numbers, whole, members, motor_angle, joint_angle, dt, stamp, hidden,
                 at_once, out, stddev,
             )  # fmt: skip
         if after & WAITING:
@@ -327,8 +352,7 @@ class Spread:
         """The second half of ``update``; without effect if it has already been called."""
         if self._waiting:
             self._waiting = False
-            step_waiting = (self._kernels or self._find_kernels())[1]
-            step_waiting(self.model.plan, self._members, 1, self._hidden, 0.0)
+            self._kernels.step_waiting(self.model.plan, self._members, 1, self._hidden, 0.0)
 
     def catch_up(self, sample: Sample, estimate: Estimate) -> None:
         """Update all members to ``sample``, the last one given to ``update``."""
@@ -352,8 +376,8 @@ class Spread:
         """Call ``begin_sample``, whatever the arrays of sample and estimate are."""
         stamp, motor_angle, joint_angle, unseen = sample[:4]
         hidden = self._hidden = self._hide(unseen)
-        begin, stddev = (self._kernels or self._find_kernels())[0], _empty(self._width)
-        after = begin(
+        stddev = _empty(self._width)
+        after = self._kernels.begin(
             self.model.plan, self._members, as_plain(motor_angle), as_plain(joint_angle),
             as_plain(estimate.values), least, stamp, hidden, at_once, stddev,
         )  # fmt: skip
@@ -362,19 +386,10 @@ class Spread:
         self._waiting = after == WAITING
         return stddev
 
-    def _find_kernels(self) -> tuple[Any, Any, Any]:
-        """Load the kernels; the members' arrays stay the same, so that types are known."""
-        plan, numbers, members, vector = (
-            self.model.plan, self.model.numbers, self._members, self.variance,
-        )  # fmt: skip
-        of_sample = (vector, vector, vector, 1, 1, True, True, vector)
-        with_advance = (vector, members, vector, vector, 0.0, 1, True, True, vector, vector)
-        self._kernels = (
-            direct(begin_sample, plan, members, *of_sample),
-            direct(step_members, plan, members, 1, True, 0.0),
-            direct(advance_with_members, plan, numbers, *with_advance),
-        )
-        return self._kernels
+    @cached_property
+    def _kernels(self) -> Kernels:
+        """The kernels; the members' arrays stay the same, so that types are known."""
+        return find_kernels(self.model.plan, self.model.numbers, self._members)
 
     def run(self, state: State, samples: Samples) -> tuple[State, Estimates]:
         """Apply ``step`` to many samples in two calls; the results are bit-identical."""

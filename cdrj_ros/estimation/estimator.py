@@ -152,8 +152,8 @@ _entry: Final[list[Any]] = []
 """Entry point of ``advance``, from the first step on."""
 
 
-def _find_entry() -> None:
-    """Load ``advance``; the types of its arguments are the same for all robots."""
+def find_entry() -> None:
+    """Load or compile ``advance``; the types of its arguments are the same for all robots."""
     plan, vector = np.empty(0, dtype=np.int64), np.empty(0)
     plan.flags.writeable = False
     _entry.append(direct(advance, plan, read_only(vector), *3 * (vector,), 0.0, vector))
@@ -179,7 +179,7 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     out = _empty(size)
     dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
     if not _entry:
-        _find_entry()
+        find_entry()
     if not motor_angle.dtype is joint_angle.dtype is FLOAT:
         motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
     # a call without numba's dispatcher makes the step 5 % faster

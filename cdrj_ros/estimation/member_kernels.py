@@ -108,6 +108,20 @@ class Members(NamedTuple):
     """Scratch of ``advance``, shape (out_size,)."""
 
 
+def no_members() -> Members:
+    """Arrays of the right types without content, for which kernels can be compiled."""
+    vector, table, counts = np.empty(0), np.empty((0, 0)), np.empty(0, dtype=np.int64)
+    numbers, flags = np.empty((0, 0)), np.empty(0, dtype=np.bool_)
+    numbers.flags.writeable = False
+    return Members(
+        numbers=numbers, states=table, stamps=counts, shares=table, forgetful=flags,
+        reading_errors=table, progress=counts, columns=counts, element_of=counts, deviation=table,
+        variance=vector, unmodelled=table, intervals=counts, ways=np.empty((0, 0, 0)), span=table,
+        angle=vector, new_angle=vector, old_angle=vector, unseen=table, estimate=vector,
+        readings=vector, out=vector,
+    )  # fmt: skip
+
+
 class Path(NamedTuple):
     """Samples as ``follow_members`` takes them; see ``cdrj_ros.conditioning.samples``."""
 

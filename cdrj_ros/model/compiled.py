@@ -135,3 +135,10 @@ def kernels_are_compiled(*kernels: Callable[..., Any]) -> bool:
     with them.  If compilation is switched off, kernels are plain functions and count as compiled.
     """
     return all(kernel._cache.is_filled() for kernel in kernels if hasattr(kernel, "_cache"))
+
+
+def kernels_can_be_kept(*kernels: Callable[..., Any]) -> bool:
+    """Whether there is a folder for the machine code of kernels that have to be compiled."""
+    return all(
+        kernel._cache.cache_path is not None for kernel in kernels if hasattr(kernel, "_cache")
+    )

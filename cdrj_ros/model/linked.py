@@ -23,6 +23,20 @@ _sigutils: Final[Any] = sigutils
 _bring: Final[dict[str, Callable[[], None]]] = {}
 """For every name: compile or load the callee, and make its address known."""
 
+_NOWHERE: Final = 1
+"""Address of callees that do not exist."""
+
+_without_callees = False
+
+
+def compile_without_callees() -> None:
+    """From now on, do not compile callees with their callers, which then must not be run.
+
+    For a process that only compiles, while others compile the callees.
+    """
+    global _without_callees  # noqa: PLW0603 - a state of the process, as numba's own
+    _without_callees = True
+
 
 def bring_callees(machine_code: bytes) -> None:
     """Resolve the names in the machine code of a kernel before it is loaded."""
@@ -32,11 +46,11 @@ def bring_callees(machine_code: bytes) -> None:
 
 
 def linked(kernel: F, signature: str) -> F:
-    """A function for use in kernels that calls ``kernel``, which takes seven arguments.
+    """A function for use in kernels that calls ``kernel``.
 
     Args:
         kernel: from ``compiled`` or ``lean``.
-        signature: its types, as numba writes them.
+        signature: its six or seven types, as numba writes them.
     """
     if not hasattr(kernel, "overloads"):  # compilation is switched off
         return kernel
@@ -46,7 +60,9 @@ def linked(kernel: F, signature: str) -> F:
     found: list[int] = []
 
     def bring() -> None:
-        if not found:
+        if _without_callees:
+            _codegen.ll.add_symbol(name, _NOWHERE)
+        elif not found:
             dispatcher.compile(arguments)
             overload = dispatcher.overloads[arguments]
             found.append(overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name))
@@ -62,10 +78,13 @@ def linked(kernel: F, signature: str) -> F:
             context.call_conv.return_status_propagate(builder, status)
         return value
 
-    def call(_: Any, _a: Any, _b: Any, _c: Any, _d: Any, _e: Any, _f: Any, _g: Any) -> Any:
+    def call(_: Any, _a: Any, _b: Any, _c: Any, _d: Any, _e: Any, _f: Any) -> Any:
         bring()
         return result(*arguments), generate
 
+    def call_with_seven(_: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, _g: Any) -> Any:
+        return call(_, a, b, c, d, e, f)
+
     _bring[name] = bring
-    function: F = _intrinsic(call)
+    function: F = _intrinsic(call if len(arguments) == 6 else call_with_seven)
     return function

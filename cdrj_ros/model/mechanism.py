@@ -24,7 +24,7 @@ from cdrj_ros.model.linked import linked
 from cdrj_ros.model.outputs import passive_torque, report_cable
 from cdrj_ros.model.packing import Indices, Numbers, Plan, Sizes, number_views, plan_views
 from cdrj_ros.model.records import Rows
-from cdrj_ros.model.shape import place_cables
+from cdrj_ros.model.shape import shape_linked
 from cdrj_ros.model.state import (
     EstimateViews,
     ScratchViews,
@@ -52,6 +52,8 @@ class Step(NamedTuple):
     after: StateViews
     estimate: EstimateViews
     scratch: ScratchViews
+    workspace: Vector
+    """What ``scratch`` views, shape (scratch_size,)."""
 
 
 @usable_in_kernels
@@ -61,13 +63,15 @@ def _step_views(plan: Indices, numbers: Vector, before: Vector, out: Vector) -> 
     sizes = parts.sizes
     estimate = state_size(sizes)
     scratch = estimate + estimate_size(sizes)
+    workspace = part(out, scratch, out.size)
     return Step(
         parts,
         number_views(sizes, numbers),
         state_views(sizes, before),
         state_views(sizes, out),
         estimate_views(sizes, part(out, estimate, scratch)),
-        scratch_views(sizes, part(out, scratch, out.size)),
+        scratch_views(sizes, workspace),
+        workspace,
     )
 
 
@@ -302,7 +306,7 @@ def advance(
     step = _step_views(plan, numbers, before, out)
     _require_angles(step.plan.sizes, motor_angle, joint_angle)
     after, scratch, estimate = step.after, step.scratch, step.estimate
-    if not place_cables(step.plan, step.numbers, motor_angle, joint_angle, after.length, scratch):
+    if not shape_linked(plan, numbers, motor_angle, joint_angle, after.length, step.workspace):
         _refuse(before, out, estimate, step.plan.sizes)
         return False
     friction_losses(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import lean, stage
 from cdrj_ros.model.geometry import place_frames, route, table_value
+from cdrj_ros.model.linked import linked
 from cdrj_ros.model.packing import (
     PLANAR,
     SPATIAL,
@@ -83,7 +86,7 @@ def _wind_drums(
 
 
 @stage
-def place_cables(
+def _place_cables(
     plan: Plan,
     numbers: Numbers,
     motor_angle: Vector,
@@ -91,18 +94,9 @@ def place_cables(
     length: Vector,
     scratch: ScratchViews,
 ) -> bool:
-    """Geometry of all cables at the joint angles; False if the path of a cable is impossible.
+    """``shape``, with views.
 
     Longer than a screen because numba takes the views of every cable as arguments.
-
-    Args:
-        plan, numbers: the prepared robot.
-        motor_angle: [rad], shape (motors,), or (0,) for drums at rest.  Only drums with a pitch
-            depend on it.
-        joint_angle: [rad] or [m], shape (joints,).
-        length: of every element, arcs included [m], shape (elements,), written.
-        scratch: derivatives of the lengths, wraps, poses of frames and, for routed elements only,
-            directions are written.
     """
     possible = True
     _tabulated_shape(plan, numbers, joint_angle, length, scratch)
@@ -160,8 +154,26 @@ def shape(
     length: Vector,
     scratch: Vector,
 ) -> bool:
-    """``place_cables`` for calls from Python; ``scratch`` has the shape (scratch_size,)."""
+    """Geometry of all cables at the joint angles; False if the path of a cable is impossible.
+
+    Args:
+        plan, numbers: the prepared robot.
+        motor_angle: [rad], shape (motors,), or (0,) for drums at rest.  Only drums with a pitch
+            depend on it.
+        joint_angle: [rad] or [m], shape (joints,).
+        length: of every element, arcs included [m], shape (elements,), written.
+        scratch: shape (scratch_size,); derivatives of the lengths, wraps, poses of frames and, for
+            routed elements only, directions are written.
+    """
     parts = plan_views(plan)
     constants = number_views(parts.sizes, numbers)
     views = scratch_views(parts.sizes, scratch)
-    return place_cables(parts, constants, motor_angle, joint_angle, length, views)
+    return _place_cables(parts, constants, motor_angle, joint_angle, length, views)
+
+
+shape_linked: Final = linked(
+    shape,
+    "boolean(Array(int64, 1, 'C', True), Array(float64, 1, 'C', True), float64[::1], float64[::1],"
+    " float64[::1], float64[::1])",
+)
+"""``shape``, to be called by kernels."""

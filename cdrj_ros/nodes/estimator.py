@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 
-from cdrj_ros.commands.compilation import COMPILING
+from cdrj_ros.commands.compilation import COMPILING, compile_for_start
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.tracking import new_track, track
 from cdrj_ros.estimation.output import Output
@@ -118,6 +118,7 @@ class EstimatorNode(Node):
         self.timeout_s, self.stamps = started.timeout_s, StampClock(started.same_clock_s)
         if not kernels_are_compiled(*kernels_of(started.options)):
             self.get_logger().info(COMPILING)
+            compile_for_start()
         with description_given(lambda: robot_description(self)):
             model = load_model(started.robot, started.preload)
         self.live = LiveEstimator(model, started.options)

@@ -15,7 +15,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.compiled import compiled, ordinary
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.shape import shape
+from cdrj_ros.model.shape import shape_linked
 from cdrj_ros.model.state import scratch_size, scratch_views
 from cdrj_ros.rig.faults import drums_of
 
@@ -41,7 +41,7 @@ def _shapes(
     sizes = plan_views(plan).sizes
     scratch, at_rest = np.empty(scratch_size(sizes)), np.empty(0)
     for k in range(joint_angle.shape[0]):
-        if not shape(plan, numbers, at_rest, joint_angle[k], lengths[k], scratch):
+        if not shape_linked(plan, numbers, at_rest, joint_angle[k], lengths[k], scratch):
             return k
         wraps[k] = scratch_views(sizes, scratch).wrap
     return joint_angle.shape[0]

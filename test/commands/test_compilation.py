@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
 
-from cdrj_ros.commands import compilation
+from cdrj_ros.commands import compilation, compile_ahead
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.model.compiled import kernels_are_compiled
@@ -19,15 +22,42 @@ from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.shape import shape
 
 ROOT = Path(__file__).parents[2]
+PATIENCE_S = 30.0
 
 
 def test_no_notice_is_printed_if_the_kernels_are_compiled(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    asked: list[Iterable[str]] = []
+    monkeypatch.setattr(compilation, "compile_together", lambda parts, **_: asked.append(parts))
     for there, words in ((True, ""), (False, compilation.COMPILING + "\n")):
         monkeypatch.setattr(compilation, "kernels_are_compiled", lambda *_, there=there: there)
-        compilation.announce_compilation()
+        compilation.ensure_compilation()
         assert capsys.readouterr().err == words
+    assert asked == [compilation.OF_EVERY_START]
+    monkeypatch.setattr(compilation, "kernels_can_be_kept", lambda *_: False)
+    compilation.ensure_compilation()  # other processes could not hand over what they compile
+    assert len(asked) == 1
+
+
+def _with_cache(folder: Path) -> list[int]:
+    """Processes that keep their kernels in a folder."""
+    found = []
+    for environment in Path("/proc").glob("[0-9]*/environ"):
+        with suppress(OSError):
+            if f"NUMBA_CACHE_DIR={folder}".encode() in environment.read_bytes().split(b"\0"):
+                found.append(int(environment.parent.name))
+    return found
+
+
+def test_parts_are_the_names_of_what_is_compiled() -> None:
+    assert set(compilation.OF_EVERY_START) < set(compile_ahead.PARTS)
+
+
+def test_a_part_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compilation, "_PROGRAM", "import sys; sys.exit({part!r} == 'geometry')")
+    assert compilation.compile_together(["step", "members"])
+    assert not compilation.compile_together(["step", "geometry", "members"])
 
 
 def test_without_compiled_kernels_the_first_line_says_so_before_the_wait(tmp_path: Path) -> None:
@@ -46,6 +76,10 @@ def test_without_compiled_kernels_the_first_line_says_so_before_the_wait(tmp_pat
     finally:
         process.kill()
         process.communicate()
+    deadline = monotonic() + PATIENCE_S
+    while _with_cache(tmp_path):  # those that compile for it end with it
+        assert monotonic() < deadline
+        sleep(0.05)
 
 
 def test_a_kernel_counts_as_compiled_once_it_is_cached() -> None:
