@@ -17,7 +17,7 @@ from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds, turns
 from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
 from cdrj_ros.commands import validate
 from cdrj_ros.judgement.estimating import estimate
-from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 
 DURATION_S = 200

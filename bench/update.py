@@ -14,7 +14,7 @@ from cdrj_ros.bag import Topics
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.ensemble import Spread as Ensemble
 from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 

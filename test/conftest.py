@@ -90,7 +90,7 @@ def recorded() -> Callable[[Model, int], Samples]:
     """Angles of the sample recording, six cycles at 1.5 kHz, of which every n-th is kept."""
     from cdrj_ros.bag import Topics
     from cdrj_ros.conditioning.samples import Samples
-    from cdrj_ros.judgement.validation import condition_recording, read_inputs
+    from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 
     def every(model: Model, step: int) -> Samples:
         recording = read_inputs(str(SAMPLE), Topics(), model)

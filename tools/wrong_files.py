@@ -36,7 +36,7 @@ from cdrj_ros.estimation.session import LiveEstimator  # noqa: E402
 from cdrj_ros.estimation.unsure import mark_unsure  # noqa: E402
 from cdrj_ros.health.doubts import doubted_elements  # noqa: E402
 from cdrj_ros.health.monitor import HealthMonitor  # noqa: E402
-from cdrj_ros.judgement.validation import condition_recording, read_inputs  # noqa: E402
+from cdrj_ros.judgement.inputs import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.model.status import OK  # noqa: E402

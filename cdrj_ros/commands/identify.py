@@ -33,8 +33,8 @@ from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import Moved, pose_ranges
 from cdrj_ros.identification.residuals import Pool
 from cdrj_ros.judgement.channels import BagComparison
+from cdrj_ros.judgement.inputs import read_inputs
 from cdrj_ros.judgement.metrics import pooled_errors
-from cdrj_ros.judgement.validation import read_inputs
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.document import parse_document
 from cdrj_ros.robot.reader import build_robot, parse_robot

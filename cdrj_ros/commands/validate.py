@@ -39,7 +39,7 @@ from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.estimates_bag import OUTPUTS
 from cdrj_ros.judgement.limits import judge, load_limits
 from cdrj_ros.judgement.metrics import errors_of
-from cdrj_ros.judgement.validation import Window, require_reference_topics
+from cdrj_ros.judgement.references import Window, require_reference_topics
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.robot.description import Robot
 

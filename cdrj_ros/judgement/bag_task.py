@@ -12,16 +12,10 @@ from typing import Final, Literal, get_args
 from cdrj_ros.bag import Recording, Series, Topics, open_source, read_recording
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.estimates_bag import OUTPUTS, log_times, write_estimates
+from cdrj_ros.judgement.inputs import condition_recording, read_inputs, require_axes
 from cdrj_ros.judgement.motor_alone import condition_alone, read_alone
-from cdrj_ros.judgement.validation import (
-    WHOLE,
-    Sensors,
-    Validation,
-    Window,
-    condition_recording,
-    read_inputs,
-    require_axes,
-)
+from cdrj_ros.judgement.references import WHOLE, Window
+from cdrj_ros.judgement.validation import Sensors, Validation
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
 from cdrj_ros.model.channels import EFFORT, TENSION
 from cdrj_ros.model.loading import load_model

@@ -9,13 +9,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.bag import Recording, Series, Topics, read_recording
-from cdrj_ros.bag.source import open_source
+from cdrj_ros.bag import Recording, Series
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import Conditioned, condition
+from cdrj_ros.conditioning.whole_recording import Conditioned
 from cdrj_ros.estimation.estimator import Angles, Estimates
 from cdrj_ros.estimation.motor_alone import efforts_at
-from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.health.recorded import RecordedHealth
 from cdrj_ros.judgement.angles import telling_angles
 from cdrj_ros.judgement.channels import (
@@ -28,95 +26,20 @@ from cdrj_ros.judgement.channels import (
 )
 from cdrj_ros.judgement.comparison import Comparing, summed_up, unknown_references
 from cdrj_ros.judgement.estimating import pieces_alone, pieces_of
+from cdrj_ros.judgement.inputs import counters_of
 from cdrj_ros.judgement.motor_alone import with_estimated_joints
 from cdrj_ros.judgement.passes import one_after_another, references_of_passes
 from cdrj_ros.judgement.pulley_friction import FrictionSums
+from cdrj_ros.judgement.references import WHOLE, Window, duration_s, references_in
 from cdrj_ros.judgement.reversals import reversal_zones
 from cdrj_ros.model.channels import TENSION
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.robot.description import Robot
 
 MAX_GAP_NS: Final = 100_000_000
 """References are compared only between estimates at most this far apart [ns]."""
 
-WHOLE: Final = (0.0, float("inf"))
-"""The window that covers a whole recording [s]."""
-
 PRELOAD_DIFFERS: Final = 0.1
 """Relative difference of all mean tensions of a cable beyond which its preload is questioned."""
-
-Window = tuple[float, float]
-"""Begin and end of the compared references, relative to the start of the recording [s]."""
-
-
-def require_reference_topics(path: str, topics: Topics) -> None:
-    """Refuse a bag without reference topics before reading it, if its index lists the topics.
-
-    Raises:
-        BagError: there is no reference topic, or the bag cannot be opened.
-    """
-    source = open_source(path)
-    there = source.channels()
-    known = source.channels_known() and {topics.motors, topics.joints} <= set(there)
-    if known and not set(topics.references).intersection(there):
-        raise _no_references(path)
-
-
-def read_inputs(
-    path: str, topics: Topics, model: Model, *, motor_efforts: bool = False
-) -> Recording:
-    """Read a bag and check that it has all motors and joints of a robot.
-
-    Raises:
-        BagError: as ``read_recording``, or a motor or joint of the robot is missing.
-    """
-    recording = read_recording(path, topics, motor_efforts=motor_efforts)
-    require_axes(path, recording, model.robot)
-    return recording
-
-
-def require_axes(path: str, recording: Recording, robot: Robot) -> None:
-    """Refuse a recording without the angles of a motor or joint.
-
-    Raises:
-        BagError: with the missing names, and the names that the recording has.
-    """
-    for kind, wanted, there in (
-        ("motor", robot.motors, recording.motors),
-        ("joint", robot.joints, recording.joints),
-    ):
-        missing = [axis.name for axis in wanted if axis.name not in there]
-        if missing:
-            raise BagError(
-                f"{path} has no {kind} named {', '.join(missing)}; "
-                f"it has {', '.join(sorted(there)) or 'none'}"
-            )
-
-
-def condition_recording(model: Model, recording: Recording) -> Conditioned:
-    """Pass the recording's readings through the gates that the node uses.
-
-    If motors and joints share a topic, an unknown name is counted only once.
-    """
-    joints = recording.joints
-    if set(joints) == set(recording.motors):
-        joints = {name: joints[name] for name in model.layout.joints}
-    return condition(model.robot, recording.motors, joints)
-
-
-def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int]:
-    """Number of refused readings by cause, and of clock jumps, gaps and steps, without zeros."""
-    counts = {cause: n for cause, n in conditioned.refused.items() if n}
-    malformed = sum(recording.malformed.values())
-    if malformed:
-        counts["malformed"] = counts.get("malformed", 0) + malformed
-    if conditioned.clock_jumps:
-        counts["clock_jumps"] = conditioned.clock_jumps
-    if conditioned.gaps:
-        counts["gaps"] = conditioned.gaps
-    if conditioned.steps:
-        counts["stepped_readings"] = conditioned.steps
-    return counts
 
 
 class ByChannel(NamedTuple):
@@ -172,7 +95,7 @@ class Validation:
         self._sensors = sensors or Sensors({}, {})
         named = [name for readings in self._sensors for name in readings]
         self._health = RecordedHealth(model, named) if named else None
-        self._references = _references(path, recording, conditioned, window)
+        self._references = references_in(path, recording, conditioned, window)
         self._model, self._path, self._recording = model, path, recording
         self._conditioned, self._window, self._progress = conditioned, window, progress
         self._spread = spread
@@ -237,7 +160,7 @@ class Validation:
         passes = len(self._passes)
         compared = summed_up(
             self._path,
-            _duration_s(self._recording, self._window),
+            duration_s(self._recording, self._window),
             channels,
             unknown_references(self._names, self._references),
             counters_of(self._recording, self._conditioned),
@@ -310,7 +233,7 @@ def compare_with_references(
     Raises:
         BagError: there is nothing to compare.
     """
-    references = _references(path, recording, conditioned, WHOLE)
+    references = references_in(path, recording, conditioned, WHOLE)
     (segment,) = conditioned.segments
     names = list(estimates.estimates)
     comparing = _comparing(stamps, names, references)
@@ -318,33 +241,13 @@ def compare_with_references(
     compared = _channels(model, segment, comparing)
     return summed_up(
         path,
-        _duration_s(recording, WHOLE),
+        duration_s(recording, WHOLE),
         compared,
         unknown_references(names, references),
         counters_of(recording, conditioned),
         (*recording.notes, *notes, *_preload_notes(model, compared)),
         facts,
     )
-
-
-def _references(
-    path: str, recording: Recording, conditioned: Conditioned, window: Window
-) -> Mapping[str, Series]:
-    """The references to compare with; BagError if there is nothing to compare."""
-    references = _windowed(recording, window)
-    if not references:
-        raise _no_references(path, recording)
-    if not any(segment.stamp_ns.size for segment in conditioned.segments):
-        raise BagError(f"{path}: not one sample of all motors and joints was acceptable")
-    return references
-
-
-def _no_references(path: str, recording: Recording | None = None) -> BagError:
-    when = " in that time" if recording is not None and recording.references else ""
-    notes = () if recording is None else recording.notes
-    refused = "; ".join(note for note in notes if " malformed messages, the first: " in note)
-    advice = "name their topics with --reference (CableTensions, NodalForces, or JointState with "
-    return BagError(f"{path} holds no references{when}; {refused or advice + 'efforts)'}")
 
 
 def _comparing(
@@ -359,28 +262,6 @@ def _channels(model: Model, segment: Samples, comparing: Comparing) -> tuple[Cha
     """The channels of one pass; ``segment`` has the angles."""
     zones = reversal_zones(segment.stamp_ns, (*segment.motor_angle.T, *segment.joint_angle.T))
     return comparing.channels(telling_angles(model, segment), zones)
-
-
-def _duration_s(recording: Recording, window: Window) -> float:
-    begin, end = window
-    length = (recording.end_ns - recording.start_ns) * 1e-9
-    return max(min(length, end) - begin, 0.0)
-
-
-def _windowed(recording: Recording, window: Window) -> Mapping[str, Series]:
-    """The references within the window, without channels that have no sample in it."""
-    begin, end = window
-    if window == WHOLE:
-        return recording.references
-    kept = {}
-    for name, series in recording.references.items():
-        since = (series.log_ns - recording.start_ns) * 1e-9
-        inside = (since >= begin) & (since < end)
-        if inside.any():
-            kept[name] = Series(
-                series.stamp_ns[inside], series.log_ns[inside], series.value[inside]
-            )
-    return kept
 
 
 def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:

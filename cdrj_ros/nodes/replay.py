@@ -23,8 +23,8 @@ from cdrj_ros.commands.shared import print_results, topics_of, write_files
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
+from cdrj_ros.judgement.inputs import require_axes
 from cdrj_ros.judgement.metrics import errors_of
-from cdrj_ros.judgement.validation import require_axes
 from cdrj_ros.messages.cdr import BYTE_ORDER, Field, MessageError, read_layout
 from cdrj_ros.messages.topics import CLOCK
 from cdrj_ros.model.loading import load_model

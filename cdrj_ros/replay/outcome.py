@@ -12,7 +12,8 @@ from cdrj_ros.bag import Recording
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned
 from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.validation import ByChannel, compare_with_references, counters_of
+from cdrj_ros.judgement.inputs import counters_of
+from cdrj_ros.judgement.validation import ByChannel, compare_with_references
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.replay.answers import STALLED_S
 from cdrj_ros.replay.heard import Floats, Heard, Stamps, Tally, channels_of

@@ -23,7 +23,7 @@ from cdrj_ros.judgement import bag_task
 from cdrj_ros.judgement.channels import estimate_channels
 from cdrj_ros.judgement.estimates_bag import OUTPUTS
 from cdrj_ros.judgement.estimating import estimate
-from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 
 ROOT = Path(__file__).parents[2]

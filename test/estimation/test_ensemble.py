@@ -20,7 +20,7 @@ from cdrj_ros.estimation.members import friction_shares, reading_errors
 from cdrj_ros.estimation.other_numbers import with_other_numbers
 from cdrj_ros.estimation.parameter_draws import _independent_factors, draw_members, draw_numbers
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.model.elasticity import elasticity_of, tensions_at
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare

@@ -23,13 +23,8 @@ from cdrj_ros.judgement.channels import estimate_channels
 from cdrj_ros.judgement.comparison import compare
 from cdrj_ros.judgement.estimates_bag import OUTPUTS, log_times, write_estimates
 from cdrj_ros.judgement.estimating import estimate
-from cdrj_ros.judgement.validation import (
-    MAX_GAP_NS,
-    Validation,
-    condition_recording,
-    read_inputs,
-    validate_recording,
-)
+from cdrj_ros.judgement.inputs import condition_recording, read_inputs
+from cdrj_ros.judgement.validation import MAX_GAP_NS, Validation, validate_recording
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import UNSURE
 

@@ -15,7 +15,7 @@ import pytest
 from cdrj_ros.bag import Topics, read_messages
 from cdrj_ros.conditioning.refusals import REFUSALS
 from cdrj_ros.judgement.estimating import estimate
-from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.conversions import FORCE_ARRAYS, AnswerReader
 from cdrj_ros.messages.templates import Template

@@ -10,7 +10,7 @@ import pytest
 
 from cdrj_ros.bag import Series, Topics
 from cdrj_ros.judgement.estimating import estimate
-from cdrj_ros.judgement.validation import condition_recording, read_inputs
+from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.view import film as films
 
