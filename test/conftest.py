@@ -109,3 +109,18 @@ def few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     from cdrj_ros.report import html
 
     monkeypatch.setattr(html, "PICTURE_BUDGET", 200_000)
+
+
+@pytest.fixture
+def few_members(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ensembles have eight members, where a test does not look at standard deviations.
+
+    Drawing the 32 of a robot whose cables have a path in space takes up to 0.3 s.
+    """
+    from cdrj_ros.estimation.ensemble import MEMBERS, Spread
+    from cdrj_ros.estimation.motor_alone import MotorAlone
+
+    for kind in (Spread, MotorAlone):
+        assert kind.__init__.__defaults__[0] == MEMBERS
+        defaults = (8, *kind.__init__.__defaults__[1:])
+        monkeypatch.setattr(kind.__init__, "__defaults__", defaults)
