@@ -7,8 +7,10 @@ import runpy
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
+import scipy.optimize
 from support.page_lines import loaded_tool
 
 from cdrj_ros.identification.unknowns import parse_unknowns
@@ -19,7 +21,6 @@ SHORT = {
     "layouts.py": (["--out", "LAYOUTS"], "plotjuggler_prototype.xml"),
     "seen_by.py": ([], "| preload of both cables −10 % |"),
     "track_preload.py": (["--only", "calm", "--cycles", "6"], "| 20 mN·m | 18 | 0 |"),
-    "wrong_files.py": (["--quick", "--heard"], "| joint zero off by 1° |"),
 }
 """Arguments that shorten each tool, and what it prints."""
 
@@ -32,6 +33,7 @@ ELSEWHERE = {
     "continuum_figures.py": "it draws recordings that are not part of this repository",
     "narrow_fits.py": "below, shortened",
     "standard_errors.py": "below, shortened",
+    "wrong_files.py": "below, shortened",
 }
 """Tools on the pages that are not run here, and why."""
 
@@ -62,10 +64,36 @@ def test_a_tool_prints_its_table(
     assert expected in capsys.readouterr().out
 
 
+@pytest.fixture
+def short_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fits end after two steps, where a test does not look at what they find."""
+    solve = scipy.optimize.least_squares
+
+    def short(*given: Any, **options: Any) -> Any:
+        return solve(*given, **(options | {"max_nfev": 2}))
+
+    monkeypatch.setattr(scipy.optimize, "least_squares", short)
+
+
+def test_wrong_files_prints_every_row(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With 5 s of motion."""
+    tool = loaded_tool(ROOT / "tools" / "wrong_files.py")
+    motion = tool.true_motion
+    monkeypatch.setattr(tool, "true_motion", lambda model, seconds: motion(model, seconds / 3.0))
+    monkeypatch.setattr(sys, "argv", ["wrong_files.py", "--quick", "--heard"])
+    tool.main()
+    printed = capsys.readouterr().out
+    assert all(f"| {row.what} | " in printed for row in tool.ROWS)
+    assert "| joint zero off by 1° |" in printed
+
+
+@pytest.mark.usefixtures("short_fits")
 def test_narrow_fits_prints_a_row(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With one wrong number and 5 s of motion."""
+    """With one wrong number, 5 s of motion and fits of two steps."""
     tool = loaded_tool(ROOT / "tools" / "narrow_fits.py")
     motion = tool.motion
     monkeypatch.setattr(tool, "motion", lambda seconds: motion(seconds / 4.0))
@@ -74,10 +102,11 @@ def test_narrow_fits_prints_a_row(
     assert "| drum radius by 1 % | " in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("short_fits")
 def test_standard_errors_prints_a_row(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With one recording of 4 s."""
+    """With one recording of 4 s and fits of two steps."""
     tool = loaded_tool(ROOT / "tools" / "standard_errors.py", SECONDS=4.0)
     monkeypatch.setattr(
         sys, "argv", ["standard_errors.py", "--draws", "1", "--cases", "fitted", "--fit", "rho"]
