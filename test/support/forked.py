@@ -15,12 +15,16 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from multiprocessing.reduction import DupFd
+from pathlib import Path
 from typing import Any
 
 PATIENCE_S = 60.0
 _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(
-    [f"cdrj_ros.nodes.{name}" for name in ("entry", "estimator_command", "replay", "rig")]
+    [
+        f"cdrj_ros.nodes.{name}"
+        for name in ("entry", "estimator_command", "markers", "replay", "rig", "watch")
+    ]
 )
 
 
@@ -37,7 +41,9 @@ class Forked:
         """
         self._command = [name, *map(str, arguments)]
         self._process = _SERVER.Process(
-            target=_execute, args=(self._command, dict(os.environ), _Handed(output)), daemon=True
+            target=_execute,
+            args=(self._command, dict(os.environ), str(Path.cwd()), _Handed(output)),
+            daemon=True,
         )
         self._process.start()
         self.pid = self._process.pid
@@ -93,11 +99,12 @@ def _taken(handed: Any) -> int:
     return int(handed.detach())
 
 
-def _execute(command: list[str], environment: Mapping[str, str], output: int) -> None:
+def _execute(command: list[str], environment: Mapping[str, str], folder: str, output: int) -> None:
     """Run the executable as its script does, which starts with SIGINT blocked."""
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.environ.clear()
     os.environ.update(environment)
+    os.chdir(folder)
     for descriptor in (1, 2):
         os.dup2(output, descriptor)
     os.close(output)
