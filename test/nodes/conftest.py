@@ -128,12 +128,10 @@ def wait_until() -> Callable[[Callable[[], bool], float], bool]:
     return wait
 
 
-@pytest.fixture(scope="session")
-def short_bag(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The first four seconds of the sample recording's inputs, with tensions as references."""
-    path = tmp_path_factory.mktemp("bags") / "short"
+def _beginning(path: Path, seconds: int, ends: tuple[str, ...]) -> str:
+    """The inputs of the sample recording, with tensions of the elements that end so."""
     whole = read_recording(SAMPLE)
-    until = whole.start_ns + 4_000_000_000
+    until = whole.start_ns + seconds * 1_000_000_000
     with BagWriter(path) as bag:
         for topic, channels in (
             (Topics().motors, whole.motors),
@@ -144,13 +142,28 @@ def short_bag(tmp_path_factory: pytest.TempPathFactory) -> str:
                 bag.write_joint_states(
                     topic, series.stamp_ns[kept], (name,), position=series.value[kept, None]
                 )
-        tensions = {n: s for n, s in whole.references.items() if n.startswith("tension/")}
+        tensions = {
+            name.removeprefix("tension/"): series
+            for name, series in whole.references.items()
+            if name.startswith("tension/") and name.endswith(ends)
+        }
         stamps = next(iter(tensions.values())).stamp_ns
         kept = stamps < until
-        bag.write_tensions(
-            Topics().references[0],
-            stamps[kept],
-            [name.removeprefix("tension/") for name in tensions],
-            np.stack([series.value[kept] for series in tensions.values()], axis=1),
-        )
+        values = np.stack([series.value[kept] for series in tensions.values()], axis=1)
+        bag.write_tensions(Topics().references[0], stamps[kept], list(tensions), values)
     return str(path)
+
+
+@pytest.fixture(scope="session")
+def short_bag(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The first four seconds of the sample recording, with tensions as references.
+
+    Drawing those of all elements would take longer than playing them.
+    """
+    return _beginning(tmp_path_factory.mktemp("bags") / "short", 4, ("/1", "/8"))
+
+
+@pytest.fixture(scope="session")
+def longer_bag(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """As ``short_bag``, of 20 s, to be played for a while."""
+    return _beginning(tmp_path_factory.mktemp("bags") / "longer", 20, ("/1", "/8"))

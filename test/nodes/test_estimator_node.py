@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.forked import Forked
 
 from cdrj_ros.bag import Topics, read_messages
 from cdrj_ros.conditioning.refusals import REFUSALS
@@ -365,17 +366,29 @@ QOS = "qos_overrides./cdrj/tensions.publisher.reliability"
     ],
 )
 def test_a_wrong_start_is_one_clear_line_and_exit_code_2(
-    start_executable: Any, arguments: list[str], words: str
+    arguments: list[str], words: str, tmp_path: Path
 ) -> None:
-    process = start_executable(
-        "estimator", *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    _, errors = process.communicate(timeout=COMPILING_S)
+    with (tmp_path / "said").open("wb") as said:
+        process = Forked("estimator", arguments, said.fileno())
+    assert process.wait(COMPILING_S) == 2
+    errors = (tmp_path / "said").read_text("utf-8")
+    assert words in errors
+    assert len(lines_of_ours(errors)) == 1
+
+
+def test_a_wrong_start_of_the_installed_executable_is_one_clear_line(start_executable: Any) -> None:
+    process = start_executable("estimator", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    output, errors = process.communicate(timeout=COMPILING_S)
     assert process.returncode == 2
-    assert words in errors.decode()
+    assert not output
+    (line,) = lines_of_ours(errors.decode())
+    assert "robot is missing" in line
+
+
+def lines_of_ours(errors: str) -> list[str]:
     apart = ("[rcl]", "compiling the numerical kernels")
-    lines = errors.decode().strip().splitlines()
-    assert len([line for line in lines if not any(part in line for part in apart)]) == 1
+    lines = errors.strip().splitlines()
+    return [line for line in lines if not any(part in line for part in apart)]
 
 
 @pytest.mark.parametrize(
