@@ -19,8 +19,11 @@ BAG = str(ROOT / "bags" / "prototype_preload_36_26")
 PATIENCE_S = 30.0
 """Timeout on a machine under load [s]; waiting for a thread pool would take 55 s."""
 
-LATEST_S = 1.5
+LATEST_S = 1.0
 """Latest random interrupt after the installation of the handler, during imports or work [s]."""
+
+PAUSE_S = 5e-4
+"""Between two looks at a process that starts, which takes twenty times as long [s]."""
 
 COMMANDS = {
     "check_robot": ["prototype"],
@@ -66,7 +69,7 @@ def is_python(process: subprocess.Popen[bytes]) -> bool:
 
 @pytest.fixture
 def start(executables: Path, tmp_path: Path) -> Iterator[Start]:
-    """Start a command of ``COMMANDS`` with options and wait for a condition, without pause."""
+    """Start a command of ``COMMANDS`` with options and wait for a condition."""
     started: list[subprocess.Popen[bytes]] = []
 
     def one(name: str, until: Condition, *options: str) -> subprocess.Popen[bytes]:
@@ -82,6 +85,7 @@ def start(executables: Path, tmp_path: Path) -> Iterator[Start]:
         while not until(process):
             assert process.poll() is None
             assert time.monotonic() < deadline
+            time.sleep(PAUSE_S)
         return process
 
     yield one
