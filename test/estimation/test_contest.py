@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 import pytest
-from support.campaign import SECOND, Course, Faults, Lie, courses, judge, run
+from support.campaign import SECOND, Course, Faults, Lie, courses, half_rate, judge, run
 
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.claims import Claim
@@ -54,7 +54,7 @@ def test_a_trusted_cell_that_is_suddenly_off_leaves_no_wrong_tension_with_status
     off: float, track_preload: bool, model: Model, course: Course
 ) -> None:
     begin = 5 * SECOND
-    faults = Faults(liar=("is off", begin), off=off)
+    faults = Faults(half_rate(), liar=("is off", begin), off=off)
     options = Options(tension_sensors=True, track_preload=track_preload)
     outputs = run(model, course, faults, options)
     before = judge(course, outputs, begin - SECOND, begin)
@@ -89,7 +89,7 @@ def test_a_trusted_cell_that_drifts_or_is_off_keeps_to_the_law(
     lie: Lie, off: float, good_effort: bool, model: Model, longer: Course
 ) -> None:
     """The cell drifts by a fifth of ``off`` in a second; an effort beside it is right."""
-    faults = Faults(liar=(lie, 6 * SECOND), off=off, good_effort=good_effort)
+    faults = Faults(half_rate(), liar=(lie, 6 * SECOND), off=off, good_effort=good_effort)
     _assert_law(model, longer, faults)
 
 
@@ -101,7 +101,8 @@ def test_a_cell_that_drifts_during_a_slow_motion_keeps_to_the_law(
     off: float, good_effort: bool, seconds: int, model: Model, slow: Course
 ) -> None:
     """A single cell cannot tell its drift from a preload that creeps: both are left open."""
-    faults = Faults(liar=("drifts", seconds * SECOND), off=off, good_effort=good_effort)
+    lying = ("drifts", seconds * SECOND)
+    faults = Faults(half_rate(), liar=lying, off=off, good_effort=good_effort)
     _assert_law(model, slow, faults)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.campaign import MS, SECOND, START, Course, Faults, courses, judge, run
+from support.campaign import MS, SECOND, START, Course, Faults, courses, half_rate, judge, run
 
 from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.session import LiveEstimator
@@ -35,10 +35,12 @@ def course(model: Model) -> Course:
 
 
 BREAKS = {
-    "restart": Faults(restart_ns=BREAK, stop_ns=SECOND // 2),
-    "clock back": Faults(clock_ns=(BREAK, -HOUR)),
-    "clock ahead": Faults(clock_ns=(BREAK, HOUR)),
-    "gap": Faults(gaps=[(axis, BREAK, BREAK + 3 * SECOND // 2) for axis in ("winch", "elbow")]),
+    "restart": Faults(half_rate(), restart_ns=BREAK, stop_ns=SECOND // 2),
+    "clock back": Faults(half_rate(), clock_ns=(BREAK, -HOUR)),
+    "clock ahead": Faults(half_rate(), clock_ns=(BREAK, HOUR)),
+    "gap": Faults(
+        half_rate(), gaps=[(axis, BREAK, BREAK + 3 * SECOND // 2) for axis in ("winch", "elbow")]
+    ),
 }
 
 
