@@ -16,7 +16,7 @@ import gc
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -124,3 +124,16 @@ def few_members(monkeypatch: pytest.MonkeyPatch) -> None:
         assert kind.__init__.__defaults__[0] == MEMBERS
         defaults = (8, *kind.__init__.__defaults__[1:])
         monkeypatch.setattr(kind.__init__, "__defaults__", defaults)
+
+
+@pytest.fixture
+def short_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fits end after two steps, where a test does not look at what they find."""
+    import scipy.optimize
+
+    solve = scipy.optimize.least_squares
+
+    def short(*given: Any, **options: Any) -> Any:
+        return solve(*given, **(options | {"max_nfev": 2}))
+
+    monkeypatch.setattr(scipy.optimize, "least_squares", short)

@@ -74,6 +74,7 @@ def arguments_of(line: str, lab: Path) -> list[str]:
     return [part for word in words for part in meant.get(word, [word])]
 
 
+@pytest.mark.usefixtures("short_fits", "few_members")
 @pytest.mark.parametrize("line", lines("identification.md", "identify"))
 def test_fits_of_the_page_on_identification_run(
     line: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -84,7 +85,7 @@ def test_fits_of_the_page_on_identification_run(
     assert wanted in capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("few_pictures")
+@pytest.mark.usefixtures("few_pictures", "few_members")
 @pytest.mark.parametrize(
     "line", [*lines("validate.md", "validate"), *lines("many_recordings.md", "validate")]
 )

@@ -7,10 +7,8 @@ import runpy
 import sys
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import pytest
-import scipy.optimize
 from support.page_lines import loaded_tool
 
 from cdrj_ros.identification.unknowns import parse_unknowns
@@ -62,17 +60,6 @@ def test_a_tool_prints_its_table(
     monkeypatch.syspath_prepend(ROOT / "tools")
     runpy.run_path(str(ROOT / "tools" / tool), run_name="__main__")
     assert expected in capsys.readouterr().out
-
-
-@pytest.fixture
-def short_fits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fits end after two steps, where a test does not look at what they find."""
-    solve = scipy.optimize.least_squares
-
-    def short(*given: Any, **options: Any) -> Any:
-        return solve(*given, **(options | {"max_nfev": 2}))
-
-    monkeypatch.setattr(scipy.optimize, "least_squares", short)
 
 
 def test_wrong_files_prints_every_row(
