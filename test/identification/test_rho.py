@@ -32,7 +32,7 @@ PROTOTYPE = File(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 # preloads [N] and the rho that the source found at them, upper and lower
 FIRST = ((23.52, 6.66), (0.1114, 0.3920))
 SECOND = ((36.85, 26.26), (0.1100, 0.1315))
-DURATION, RATE = 26.0, 500.0
+DURATION, RATE = 26.0, 250.0
 
 
 @dataclass(frozen=True)

@@ -111,6 +111,8 @@ def bristle_force(c: Contacts, before: Vector, slip: Complex, bound: Complex) ->
     knee = c.breakaway * bound
     elastic = np.clip((knee - f).real / sigma, 0, None)  # slip up to the knee
     bent = x.real > elastic
+    if (c.breakaway >= 1).all():  # without the part between (E9)'s knee and its bound
+        return np.asarray(way * np.where(bent, bound, f + sigma * x))
     reach = np.where(c.breakaway < 1, (1 - c.breakaway) * bound / sigma, 1.0)
     start = np.where(f.real < knee.real, knee, f)
     remaining = np.where(f.real < knee.real, x - (knee - f) / sigma, x)
@@ -186,12 +188,14 @@ class Chain:
         return np.asarray(self.cable.axial_stiffness * taut if not self.cable.bedding_strain else
                           stiffened(self.cable, taut))  # fmt: skip
 
-    def friction(self, slips: Complex) -> tuple[Complex, Complex]:
-        """Friction with its viscous parts, and the bristle force alone [N]; bound by (E8)."""
+    def friction(self, slips: Complex, t: Complex) -> tuple[Complex, Complex]:
+        """Friction with its viscous parts, and the bristle force alone [N]; bound by (E8).
+
+        ``t`` are the tensions with these slips.
+        """
         c = self.contacts
         if c.law == "none":
             return slips * 0, slips * 0
-        t = self.tension(slips)
         pull = np.where(t[..., :-1].real > t[..., 1:].real, t[..., :-1], t[..., 1:])
         force = bristle_force(c, self.bristle, slips, c.loss * pull + c.drag + EPSILON)
         if self.dt == 0:
@@ -201,7 +205,8 @@ class Chain:
 
     def imbalance(self, slips: Complex) -> Complex:
         """(E11) [N]."""
-        return np.asarray(np.diff(self.tension(slips), axis=-1) - self.friction(slips)[0])
+        t = self.tension(slips)
+        return np.asarray(t[..., 1:] - t[..., :-1] - self.friction(slips, t)[0])
 
 
 def solve(chain: Chain) -> tuple[Vector, float]:
@@ -391,7 +396,10 @@ def sample(
         [k.tension(s + 0j).real for k, (s, _) in zip(chains, solved, strict=True)]
     )
     bristle = np.concatenate(
-        [k.friction(s + 0j)[1].real for k, (s, _) in zip(chains, solved, strict=True)]
+        [
+            k.friction(s + 0j, k.tension(s + 0j))[1].real
+            for k, (s, _) in zip(chains, solved, strict=True)
+        ]
     )
     if history is None:
         bristle = 0 * bristle
