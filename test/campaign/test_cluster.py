@@ -27,8 +27,13 @@ from cdrj_ros.robot.reader import load_document
 
 from .test_processes import kill_when_noted
 
-pytest.importorskip("distributed", reason="Dask's distributed is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's own modules
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _dask() -> None:
+    """Skip without Dask; not while tests are collected, which every worker does."""
+    pytest.importorskip("distributed", reason="Dask's distributed is not installed")
 
 
 @pytest.fixture(scope="module")

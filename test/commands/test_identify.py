@@ -180,7 +180,7 @@ def test_equation_44_finds_the_rho_of_both_cables_from_a_nodal_force_and_a_tensi
     bag = rig("published_rho", truth, 0.62, 0.125, 9.0, cells=4)
     figures = tmp_path / "figures.json"
     assert identify.main(
-        [str(bag), "--robot", str(ROBOT), "--fit", "rho", "--quick", "--starts", "4",
+        [str(bag), "--robot", str(ROBOT), "--fit", "rho", "--quick", "--starts", "2",
          "--channels", "nodal_force/*/3,tension/*/8", "--json", str(figures)]
     ) == 0  # fmt: skip
     found = {p["paths"][0]: p["value"] for p in json.loads(figures.read_text())["parameters"]}

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from cdrj_ros.commands import reproduce
-from cdrj_ros.reproduction.figures import DRAWINGS
 from cdrj_ros.reproduction.runs import Motion
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -25,6 +24,8 @@ def _one_line(capsys: pytest.CaptureFixture[str], *words: str) -> None:
 def test_reproduce_writes_every_figure_and_the_tables(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    from cdrj_ros.reproduction.figures import DRAWINGS
+
     out = tmp_path / "new" / "folder"
     assert reproduce.main(["--out", str(out), "--quick"]) == 0
     for name in DRAWINGS:

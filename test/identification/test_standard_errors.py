@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import norm, qmc
 from support.made_up import recording
 
 from cdrj_ros.identification.fit import identify
@@ -50,6 +49,8 @@ def drawn(document: Document, *, others: bool) -> list[dict[str, float]]:
     unknowns = parse_unknowns(document, FIT)
     tolerances = [one.factor for one in default_tolerances(document)]
     fitted = {path for unknown in unknowns for path in unknown.paths}
+    from scipy.stats import norm, qmc
+
     table = norm.ppf(
         qmc.LatinHypercube(len(tolerances) + 2, seed=np.random.default_rng(1)).random(DRAWS)
     )

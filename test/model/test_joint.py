@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import sympy
 from scipy.integrate import solve_ivp
 
 from cdrj_ros.foundation.errors import UsageError
@@ -25,6 +24,8 @@ SPEEDS, ACCELERATIONS = GENERATOR.normal(size=(2, ANGLES.size)) * [[3.0], [20.0]
 @pytest.fixture(scope="module")
 def symbolic() -> Callable[..., np.ndarray]:
     """Kinetic energy and Lagrange's torque from positions alone."""
+    import sympy
+
     t, m_j, m_l, r, d, g = sympy.symbols("t m_j m_l r d g", positive=True)
     q = sympy.Function("q")(t)
     centre = 2 * r * sympy.Matrix([sympy.cos(q), sympy.sin(q)])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.rig.live import LiveRig, LiveSettings
@@ -21,7 +23,10 @@ ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 def joint_names(path: Path) -> list[str]:
     """Names of a robot's joints, without what takes long to read: every worker collects them."""
     text = path.read_text("utf-8").partition("\nuncertainty:")[0]
-    return [joint.name for joint in parse_robot(text, str(path)).joints]
+    block = re.search(r"^joints:\n.*?(?=^\w)", text, re.MULTILINE | re.DOTALL)
+    if block is None:  # those of a URDF
+        return [joint.name for joint in parse_robot(text, str(path)).joints]
+    return [joint["name"] for joint in load_yaml(block[0], str(path))["joints"]]
 
 
 JOINTS = [
