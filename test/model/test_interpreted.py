@@ -21,7 +21,7 @@ from cdrj_ros.robot.description import LAWS
 from cdrj_ros.robot.reader import load_robot
 
 ROBOTS = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
-SAMPLES = 12
+SAMPLES = 8
 
 
 def results() -> dict[str, np.ndarray]:
