@@ -49,17 +49,19 @@ settings.register_profile(
 settings.load_profile("steady")
 
 LONGEST_FIRST = (
-    "nodes/test_replay_node.py", "documents/test_page_scripts.py", "report/test_html.py",
-    "nodes/test_node_restart.py", "robot/test_reader_fuzz.py", "estimation/test_contest.py",
-    "nodes/test_watch.py", "documents/test_readme.py", "nodes/test_page_lines.py",
-    "nodes/test_controllers.py", "model/test_reference.py", "documents/test_page_tools.py",
-    "commands/test_many_bags.py", "nodes/test_estimator_node.py", "commands/test_identify.py",
-    "documents/test_page_commands.py", "model/test_compiled.py", "rig/test_slack_detection.py",
-    "nodes/test_hostile.py", "commands/test_check_robot.py", "nodes/test_effort_tracking.py",
-    "estimation/test_session.py", "estimation/test_campaign.py", "estimation/test_prediction.py",
-    "commands/test_compile_ahead.py", "judgement/test_validation.py", "commands/test_simulate.py",
-    "estimation/test_known_sensors.py", "project/test_wheel.py", "robots/test_davinci_jaw.py",
-    "nodes/test_interrupts.py", "nodes/test_view.py", "identification/test_fit.py",
+    "nodes/test_replay_node.py", "model/test_compiled.py", "commands/test_check_robot.py",
+    "nodes/test_node_restart.py", "rig/test_slack_detection.py", "report/test_html.py",
+    "nodes/test_controllers.py", "model/test_reference.py", "identification/test_fit.py",
+    "nodes/test_watch.py", "estimation/test_campaign.py", "commands/test_simulate.py",
+    "nodes/test_hostile.py", "documents/test_page_tools.py", "documents/test_page_scripts.py",
+    "nodes/test_view.py", "commands/test_validate_options.py", "commands/test_identify.py",
+    "nodes/test_interrupts.py", "robot/test_reader_fuzz.py", "estimation/test_contest.py",
+    "commands/test_many_bags.py", "commands/test_compile_ahead.py", "robots/test_davinci_jaw.py",
+    "nodes/test_page_lines.py", "nodes/test_estimator_node.py", "identification/test_rho.py",
+    "nodes/test_effort_tracking.py", "estimation/test_take_back.py", "estimation/test_ensemble.py",
+    "campaign/test_cluster.py", "estimation/test_session.py", "documents/test_readme.py",
+    "project/test_wheel.py", "judgement/test_validation.py", "estimation/test_prediction.py",
+    "estimation/test_known_sensors.py", "bag/test_bombs.py", "documents/test_page_commands.py",
 )  # fmt: skip
 """Each takes more than 1.2 % of all tests: one started last would keep a single worker busy.  Of
 three neighbours one waits for messages a good part of its time, and two calculate."""
