@@ -252,8 +252,13 @@ def _figures(path: Path) -> list[dict[str, Any]]:
     return bags
 
 
-def _excerpt(path: Path, begin_s: float, end_s: float, topics: Sequence[str] = ()) -> str:
-    """Write a bag with a part of the sample recording, of all or some of its topics."""
+ANGLES_AND_TENSIONS = (Topics().motors, Topics().joints, Topics().references[0])
+
+
+def _excerpt(
+    path: Path, begin_s: float, end_s: float, topics: Sequence[str] = ANGLES_AND_TENSIONS
+) -> str:
+    """Write a bag with a part of the sample recording."""
     files = list(SAMPLE.glob("*.mcap"))
     assert len(files) == 1
     path.mkdir()
@@ -265,7 +270,7 @@ def _excerpt(path: Path, begin_s: float, end_s: float, topics: Sequence[str] = (
         schemas: dict[int, int] = {}
         channels: dict[int, int] = {}
         first, beyond = (begin + round(at * 1e9) for at in (begin_s, end_s))
-        part = reader.iter_messages(topics or None, starting_at=first, ending_before=beyond)
+        part = reader.iter_messages(topics, starting_at=first, ending_before=beyond)
         for schema, channel, message in part:
             if schema.id not in schemas:
                 schemas[schema.id] = writer.register_schema(
