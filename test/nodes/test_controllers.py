@@ -199,7 +199,7 @@ def test_rig_estimator_and_limiter_together_keep_the_true_tensions_below_the_lim
     from cdrj_msgs.msg import CableTensions
     from std_msgs.msg import Float64MultiArray
 
-    limit, largest, newest = 55.0, [0.0], [0.0]
+    limit, largest, newest = 70.0, [0.0], [0.0]
     start_node("estimator", "--ros-args", "-p", "robot:=prototype")
     start_node(
         "rig", "--ros-args", "-p", "robot:=prototype", "-p", "cells:=1", "-p", "truth_rate:=100.0",
