@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import lean
+from cdrj_ros.model.compiled import callee, lean
 from cdrj_ros.model.drum import start_drum
 from cdrj_ros.model.friction_history import impose_friction
 from cdrj_ros.model.mechanism import advance_robot
@@ -131,7 +131,7 @@ class Path(NamedTuple):
     unseen: NDArray[np.float64]
 
 
-@lean
+@callee
 def _advance_member(
     plan: NDArray[np.int64],
     numbers: Vector,
@@ -179,7 +179,7 @@ def forget_drums(plan: NDArray[np.int64], numbers: Vector, state: Vector) -> Non
             start_drum(drum, drum.angle[top], drum.material[top], rate)
 
 
-@lean
+@callee
 def _is_invalid(estimate: Vector, elements: int, element: int) -> bool:
     """Whether an element of the estimate is ``INVALID``; for ``ANY``, whether any element is."""
     if element >= 0:
@@ -190,7 +190,7 @@ def _is_invalid(estimate: Vector, elements: int, element: int) -> bool:
     return flags & INVALID != 0
 
 
-@lean
+@callee
 def _was_unseen(last_stamp: int, stamp: int, last_angle: Vector, angle: Vector) -> bool:
     """Whether a gap precedes this sample during which an axis moved."""
     if last_stamp < 0 or stamp - last_stamp <= UNSEEN_NS:
@@ -201,7 +201,7 @@ def _was_unseen(last_stamp: int, stamp: int, last_angle: Vector, angle: Vector) 
     return moved
 
 
-@lean
+@callee
 def _is_unknown(members: Members, hidden: bool) -> bool:
     """Whether the motion of an axis before this sample is unknown; then it counts as zero."""
     unknown = False
@@ -212,7 +212,7 @@ def _is_unknown(members: Members, hidden: bool) -> bool:
     return unknown
 
 
-@lean
+@callee
 def _is_due(members: Members, stamp: int) -> bool:
     """Whether the last update of a member was at least ``APART_NS`` ago."""
     turn = members.progress[TURN]
@@ -220,7 +220,7 @@ def _is_due(members: Members, stamp: int) -> bool:
     return turn == 0 or since >= APART_NS
 
 
-@lean
+@callee
 def _note_unseen(unseen: Table, hidden: bool, intervals: NDArray[np.int64]) -> tuple[bool, bool]:
     """Count every axis's intervals without readings.
 
@@ -245,7 +245,7 @@ def _note_unseen(unseen: Table, hidden: bool, intervals: NDArray[np.int64]) -> t
     return inside, on_the_way
 
 
-@lean
+@callee
 def _deviate(members: Members, deviation: Vector, k: int) -> None:
     """Shift a member's readings by its share of the angles' deviation, within the axes' ranges.
 
@@ -261,7 +261,7 @@ def _deviate(members: Members, deviation: Vector, k: int) -> None:
             readings[a] = min(max(moved, low), high)
 
 
-@lean
+@callee
 def _forget(members: Members) -> None:
     """Reset all members, because their friction history is unknown."""
     members.states[:] = 0.0
@@ -271,14 +271,14 @@ def _forget(members: Members) -> None:
     members.intervals[:] = 0
 
 
-@lean
+@callee
 def _read(readings: Vector, angle: Vector, errors: Vector) -> None:
     """Write a member's readings, with its errors, for axes at ``angle`` [rad]."""
     for a in range(readings.size):
         readings[a] = angle[a] + errors[a]
 
 
-@lean
+@callee
 def _take_deviation(members: Members, elements: int, all_solved: bool, own: Vector, k: int) -> None:
     """Store member ``k``'s difference from the estimate and its part of the variance (U1).
 
@@ -304,7 +304,7 @@ def _take_deviation(members: Members, elements: int, all_solved: bool, own: Vect
             variance[c] = total / count
 
 
-@lean
+@callee
 def _write_stddev(members: Members, stddev: Vector) -> None:
     """Add what no member shows to the spread (U5), and widen it where cables are slack (U6)."""
     columns, unmodelled = members.columns, members.unmodelled
@@ -316,7 +316,7 @@ def _write_stddev(members: Members, stddev: Vector) -> None:
         stddev[c] = sqrt(total)
 
 
-@lean
+@callee
 def _pass_by(members: Members, share: float) -> None:
     """Write angles and deviations at a share of the way from the sample before to the last one.
 
@@ -332,7 +332,7 @@ def _pass_by(members: Members, share: float) -> None:
         unseen[BETWEEN, a] = max(deviation, 0.0)
 
 
-@lean
+@callee
 def _walk(
     plan: NDArray[np.int64], members: Members, k: int, errors: Vector, dt: float, part_s: float
 ) -> float:
@@ -399,14 +399,14 @@ def step_members(
         _take_deviation(members, sizes.elements, solved and not unsolved, own, k)
 
 
-@lean
+@callee
 def _join(motor_angle: Vector, joint_angle: Vector, both: Vector) -> None:
     """Write the angles of motors and joints one after the other."""
     copy_part(motor_angle, 0, part(both, 0, motor_angle.size))
     copy_part(joint_angle, 0, part(both, motor_angle.size, both.size))
 
 
-@lean
+@callee
 def _move(members: Members) -> None:
     """Replace the angles by those of the sample that begins, and keep the old ones."""
     for a in range(members.angle.size):
@@ -414,7 +414,7 @@ def _move(members: Members) -> None:
         members.angle[a] = members.new_angle[a]
 
 
-@lean
+@callee
 def _fit(members: Members, motor_angle: Vector, joint_angle: Vector, estimate: Vector) -> bool:
     """Whether the arrays are contiguous and those of the members' robot."""
     dense = is_dense(motor_angle) and is_dense(joint_angle) and is_dense(estimate)
@@ -422,7 +422,7 @@ def _fit(members: Members, motor_angle: Vector, joint_angle: Vector, estimate: V
     return dense and axes == members.angle.size and estimate.size == members.estimate.size
 
 
-@lean
+@callee
 def _now_due(members: Members, passed: int, hidden: bool, least: int) -> tuple[int, float]:
     """How many members to update after ``passed`` [ns], and ``part_s`` of ``step_members``."""
     count, part_s, everyone = least, 0.0, len(members.states)
@@ -436,7 +436,7 @@ def _now_due(members: Members, passed: int, hidden: bool, least: int) -> tuple[i
     return count, part_s
 
 
-@lean
+@callee
 def _remember_unseen(members: Members, hidden: bool) -> None:
     """Keep the deviations of this sample's angles for the next one."""
     for a in range(members.angle.size):

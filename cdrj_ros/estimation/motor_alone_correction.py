@@ -16,7 +16,7 @@ from cdrj_ros.estimation.motor_alone_records import (
     Unmeasured,
     next_phase,
 )
-from cdrj_ros.model.compiled import lean
+from cdrj_ros.model.compiled import callee, lean
 
 CORRELATED: Final = 0.05
 """Time over which the error of an effort persists [s]; errors further apart are independent."""
@@ -55,7 +55,7 @@ def correct(memory: Memory, read: Reading, joints: Unmeasured) -> None:
         next_phase(joints, FINAL, False)
 
 
-@lean
+@callee
 def _weigh_correction(joints: Unmeasured, read: Reading) -> None:
     """Normal equations of a correction, (M2): near ``target``, and with the measured efforts.
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.motor_alone_records import SHIFT, SLOPES, SOLVED, Reading, Unmeasured
-from cdrj_ros.model.compiled import lean, stage
+from cdrj_ros.model.compiled import callee, stage
 from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import EstimateViews, estimate_size, estimate_views
@@ -46,7 +46,7 @@ def evaluate(
     return not _collect(plan, state, joints, shifted, solved)
 
 
-@lean
+@callee
 def _shift(joints: Unmeasured) -> None:
     """Shift the angle by which the next derivative is taken."""
     a = joints.agenda[SHIFT]
@@ -54,7 +54,7 @@ def _shift(joints: Unmeasured) -> None:
         joints.angle[joints.joints[a]] += joints.step[a]
 
 
-@lean
+@callee
 def _collect(
     plan: NDArray[np.int64], state: Vector, joints: Unmeasured, before: Vector, solved: bool
 ) -> bool:
@@ -87,7 +87,7 @@ def _collect(
     return True
 
 
-@lean
+@callee
 def _divide(joints: Unmeasured) -> None:
     """Turn shifted efforts and loads into derivatives."""
     for a in range(joints.joints.size):

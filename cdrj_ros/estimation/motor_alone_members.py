@@ -20,7 +20,7 @@ from cdrj_ros.estimation.motor_alone_records import (
     memory_of,
 )
 from cdrj_ros.estimation.motor_alone_solution import solve
-from cdrj_ros.model.compiled import lean
+from cdrj_ros.model.compiled import callee, lean
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import estimate_views
 from cdrj_ros.model.status import INVALID
@@ -82,7 +82,7 @@ def forget(alone: Alone) -> None:
     alone.progress[TURN] = 0
 
 
-@lean
+@callee
 def _solve_row(
     plan: NDArray[np.int64], alone: Alone, row: int, stamp: int, recorded: Recorded, k: int
 ) -> None:
@@ -96,7 +96,7 @@ def _solve_row(
     alone.stamps[row] = stamp
 
 
-@lean
+@callee
 def _read_row(alone: Alone, row: int, recorded: Recorded, k: int) -> None:
     """Write the readings of sample ``k`` with the errors of one row."""
     errors = alone.reading_errors[alone.progress[TURN] % len(alone.reading_errors)]
@@ -110,7 +110,7 @@ def _read_row(alone: Alone, row: int, recorded: Recorded, k: int) -> None:
         alone.measured_angle[a] = recorded.measured_angle[k, a] + error
 
 
-@lean
+@callee
 def _take_deviation(alone: Alone, row: int, estimate: Vector, angle: Vector) -> None:
     """Store a member's difference from the estimate and its part of the variance."""
     columns, count = alone.columns.size, alone.deviation.shape[0]
@@ -127,7 +127,7 @@ def _take_deviation(alone: Alone, row: int, estimate: Vector, angle: Vector) -> 
         alone.deviation[row - 1, c] = d
 
 
-@lean
+@callee
 def _write_stddev(alone: Alone, estimate: Vector, stddev: Vector, angle_stddev: Vector) -> None:
     """Standard deviations of the quantities, with (U5) and (U6), and of the angles."""
     columns = alone.columns.size
@@ -143,7 +143,7 @@ def _write_stddev(alone: Alone, estimate: Vector, stddev: Vector, angle_stddev: 
         angle_stddev[a] = sqrt(total)
 
 
-@lean
+@callee
 def _write_unknown(plan: NDArray[np.int64], recorded: Recorded, k: int) -> None:
     """No effort was heard: no numbers, and every element is ``INVALID``."""
     recorded.estimates[k, :] = nan

@@ -18,7 +18,7 @@ from cdrj_ros.estimation.motor_alone_records import (
     Unmeasured,
     next_phase,
 )
-from cdrj_ros.model.compiled import lean, stage
+from cdrj_ros.model.compiled import callee, lean, stage
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.state import ScratchViews, estimate_size, scratch_views, state_views
 from cdrj_ros.model.views import part
@@ -46,7 +46,7 @@ def follow(
         _end_prediction(memory, joints, read.dt, False)
 
 
-@lean
+@callee
 def _turn_with_cables(
     plan: NDArray[np.int64], numbers: Vector, state: Vector, read: Reading, joints: Unmeasured
 ) -> None:
@@ -72,7 +72,7 @@ def _turn_with_cables(
     move(joints)
 
 
-@lean
+@callee
 def _taken(plan: NDArray[np.int64], numbers: Vector, state: Vector, read: Reading, c: int) -> float:
     """Cable that the drums of cable ``c`` have taken up since the state [m]."""
     parts = plan_views(plan)
@@ -86,7 +86,7 @@ def _taken(plan: NDArray[np.int64], numbers: Vector, state: Vector, read: Readin
     return taken
 
 
-@lean
+@callee
 def _arms(
     plan: NDArray[np.int64], state: Vector, joints: Unmeasured, c: int, arms: Vector
 ) -> float:
@@ -116,7 +116,7 @@ def _scratch(plan: NDArray[np.int64], state_size: int, out: Vector) -> ScratchVi
     return scratch_views(sizes, part(out, state_size + estimate_size(sizes), out.size))
 
 
-@lean
+@callee
 def _knows_loads(joints: Unmeasured) -> bool:
     """Whether anything is known of a load."""
     known = False
@@ -138,7 +138,7 @@ def predict(memory: Memory, read: Reading, joints: Unmeasured) -> None:
         _end_prediction(memory, joints, read.dt, known)
 
 
-@lean
+@callee
 def _weigh_prediction(joints: Unmeasured, load: Vector, dt: float) -> None:
     """Normal equations of a prediction, (M1): near ``target``, and with loads near ``load``."""
     for a in range(joints.joints.size):
@@ -153,7 +153,7 @@ def _weigh_prediction(joints: Unmeasured, load: Vector, dt: float) -> None:
     invert(joints.matrix, joints.inverse)
 
 
-@lean
+@callee
 def _end_prediction(memory: Memory, joints: Unmeasured, dt: float, known: bool) -> None:
     """Take the present angles as predicted, widen their covariance, and prepare the correction.
 
@@ -169,7 +169,7 @@ def _end_prediction(memory: Memory, joints: Unmeasured, dt: float, known: bool) 
     begin_correction(memory, joints)
 
 
-@lean
+@callee
 def _limit(covariance: Table, joints: Unmeasured) -> None:
     """Keep standard deviations within those of an angle that is only known to be in its range."""
     for a in range(joints.joints.size):

@@ -17,7 +17,7 @@ from cdrj_ros.estimation.motor_alone_records import (
     Unmeasured,
     next_phase,
 )
-from cdrj_ros.model.compiled import lean
+from cdrj_ros.model.compiled import callee, lean
 
 PLACES: Final = 301
 """Angles of each joint that are tried where the angle is unknown."""
@@ -68,7 +68,7 @@ def search(read: Reading, memory: Memory, joints: Unmeasured) -> None:
     _end_search(memory, joints)
 
 
-@lean
+@callee
 def _end_search(memory: Memory, joints: Unmeasured) -> None:
     """Nothing is known of the angles but their ranges and what the search has found."""
     aim(joints)

@@ -25,7 +25,7 @@ from cdrj_ros.estimation.motor_alone_records import (
     next_phase,
 )
 from cdrj_ros.estimation.motor_alone_search import begin_search, search
-from cdrj_ros.model.compiled import lean, stage
+from cdrj_ros.model.compiled import callee, stage
 from cdrj_ros.model.friction_history import impose_friction
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import estimate_size, state_views
@@ -70,7 +70,7 @@ def solve(
             _proceed(plan, numbers, state, share, read, memory, joints)
 
 
-@lean
+@callee
 def _begin(state: Vector, read: Reading, memory: Memory, joints: Unmeasured) -> None:
     """Prepare the solution of one sample."""
     joints.agenda[:] = 0
@@ -86,7 +86,7 @@ def _begin(state: Vector, read: Reading, memory: Memory, joints: Unmeasured) -> 
         next_phase(joints, FOLLOW if read.dt > 0.0 else FINAL, False)
 
 
-@lean
+@callee
 def _proceed(
     plan: NDArray[np.int64],
     numbers: Vector,
@@ -110,7 +110,7 @@ def _proceed(
         _end(plan, numbers, state, share, read, memory, joints)
 
 
-@lean
+@callee
 def _end(
     plan: NDArray[np.int64],
     numbers: Vector,

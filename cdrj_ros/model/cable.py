@@ -13,7 +13,7 @@ import numpy as np
 
 from cdrj_ros.model.balance import acceptable, element_tension, tolerance
 from cdrj_ros.model.cable_records import Contact, PulleyNumbers, SolverElement
-from cdrj_ros.model.compiled import compiled, lean
+from cdrj_ros.model.compiled import callee, compiled, lean
 from cdrj_ros.model.elasticity import Elasticity
 from cdrj_ros.model.newton import newton
 from cdrj_ros.model.records import Rows
@@ -23,7 +23,7 @@ HARDNESS: Final = (1e-6, 1e-4, 1e-2, 1.0)
 """Factors of the bristles' stiffness with which a difficult sample is solved one after another."""
 
 
-@lean
+@callee
 def _predict(
     contacts: Rows[Contact], elements: Rows[SolverElement], first_slip: float, last_slip: float
 ) -> None:
@@ -46,7 +46,7 @@ def _predict(
         contacts[i].slip = passing
 
 
-@lean
+@callee
 def _guess_is_usable(
     contacts: Rows[Contact], elements: Rows[SolverElement], first_slip: float, last_slip: float
 ) -> bool:
@@ -120,7 +120,7 @@ def solve_cable(
     return iterations, worst
 
 
-@lean
+@callee
 def _harden(
     elastic: Elasticity,
     elements: Rows[SolverElement],

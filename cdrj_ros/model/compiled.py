@@ -79,14 +79,37 @@ def lean(function: F) -> F:
     return _compile(function, _nrt=False)
 
 
+def callee(function: F) -> F:
+    """As ``lean``, for a kernel that only kernels call: a call from Python raises TypeError.
+
+    Its entry from Python would take as long to compile as many a kernel itself.
+    """
+    return _for_kernels(_compile(function, _nrt=False, no_cpython_wrapper=True))
+
+
 def stage(function: F) -> F:
-    """As ``lean``, for a part of a larger kernel; it is inlined into each of its callers."""
-    return _compile(function, _nrt=False, forceinline=True)
+    """As ``callee``, for a part of a larger kernel; it is inlined into each of its callers."""
+    return _for_kernels(_compile(function, _nrt=False, forceinline=True, no_cpython_wrapper=True))
+
+
+def _for_kernels(kernel: F) -> F:
+    """Make calls from Python an error; numba would jump to an entry that is not there."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise TypeError(f"only kernels can call {kernel.__name__}")
+
+    if hasattr(kernel, "overloads"):
+        dispatcher: Any = kernel
+        dispatcher._insert = lambda *_, **__: None  # the entry that calls from Python look up
+        dispatcher._compile_for_args = refuse
+    return kernel
 
 
 def usable_in_kernels(function: F) -> F:
     """Let kernels inline ``function``; Python calls it uncompiled."""
-    usable: F = register_jitable(forceinline=True, _nrt=False)(function)
+    usable: F = register_jitable(
+        forceinline=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True
+    )(function)
     return usable
 
 
@@ -94,7 +117,7 @@ def _compile(function: F, **options: bool) -> F:
     if getattr(numba.config, "DISABLE_JIT", 0):  # NUMBA_DISABLE_JIT=1, for a debugger
         return function
     njit: Any = numba.njit
-    dispatcher = njit(error_model="numpy", nogil=True, **options)(function)
+    dispatcher = njit(error_model="numpy", nogil=True, no_cfunc_wrapper=True, **options)(function)
     # computed now and not when it is used: the sources may be replaced while the process runs
     file = Path(function.__code__.co_filename)
     stamp = _stamp(None if file.parent == _FOLDER else file)

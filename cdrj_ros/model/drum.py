@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import lean
+from cdrj_ros.model.compiled import callee, lean
 from cdrj_ros.model.records import record_type
 
 Vector = NDArray[np.float64]
@@ -101,7 +101,7 @@ def turn_drum(drum: Drum, angle: float, rate: float) -> float:
     return material
 
 
-@lean
+@callee
 def _thin_out(drum: Drum) -> int:
     """Keep every other break point and the last one; returns how many are left."""
     n = int(drum.points)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cdrj_ros.model.balance import acceptable, element_tension
 from cdrj_ros.model.cable import solve_cable
 from cdrj_ros.model.cable_records import Contact, SolverElement
-from cdrj_ros.model.compiled import compiled, lean, stage, usable_in_kernels
+from cdrj_ros.model.compiled import callee, compiled, lean, stage, usable_in_kernels
 from cdrj_ros.model.creep import creep_of, crept
 from cdrj_ros.model.drum import material_held, start_drum, turn_drum
 from cdrj_ros.model.elasticity import Elasticity, elasticity_of, strain_at
@@ -214,7 +214,7 @@ def _move_cable(step: Step, c: int, motor_angle: Vector, dt: float) -> bool:
     return solved
 
 
-@lean
+@callee
 def _has_material(elements: Rows[SolverElement]) -> bool:
     """Whether every element has some unstretched length."""
     every = True
@@ -223,7 +223,7 @@ def _has_material(elements: Rows[SolverElement]) -> bool:
     return every
 
 
-@lean
+@callee
 def _spread_evenly(elastic: Elasticity, elements: Rows[SolverElement], entered: float) -> None:
     """Distribute the elongation of a cable evenly, because its slips were not solved."""
     total = entered

@@ -9,7 +9,7 @@ from typing import Final
 
 from cdrj_ros.model.balance import balance, tolerance
 from cdrj_ros.model.cable_records import Contact, PulleyNumbers, SolverElement
-from cdrj_ros.model.compiled import lean
+from cdrj_ros.model.compiled import callee, lean
 from cdrj_ros.model.elasticity import Elasticity, modulus_at
 from cdrj_ros.model.friction import LUGRE, NONE
 from cdrj_ros.model.records import Rows
@@ -61,7 +61,7 @@ def _matrix_row(
     return lower, diagonal, upper
 
 
-@lean
+@callee
 def _newton_step(
     elastic: Elasticity, elements: Rows[SolverElement], contacts: Rows[Contact]
 ) -> float:
@@ -94,7 +94,7 @@ def _newton_step(
     return _shortened(share, -after, elements[0].material)
 
 
-@lean
+@callee
 def _shortened(share: float, change: float, material: float) -> float:
     """Limit the fraction of a step so that an element keeps some material.
 
@@ -107,7 +107,7 @@ def _shortened(share: float, change: float, material: float) -> float:
     return min(share, most / change) if change < most else share
 
 
-@lean
+@callee
 def _try_step(
     contacts: Rows[Contact],
     pulleys: Rows[PulleyNumbers],

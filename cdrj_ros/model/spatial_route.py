@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import lean, stage
+from cdrj_ros.model.compiled import callee, lean, stage
 from cdrj_ros.model.records import Grid, Rows
 from cdrj_ros.model.spatial_derivatives import lengths_by, seen_by_end, start_by, sweep_by
 from cdrj_ros.model.spatial_drums import turn_of_frame, wound_angle, wound_angle_by
@@ -24,7 +24,7 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 
-@lean
+@callee
 def _derive(
     plans: Rows[SpatialNodePlan],
     nodes: Rows[SpatialNodeNumbers],

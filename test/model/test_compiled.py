@@ -22,6 +22,7 @@ MODEL = Path(cdrj_ros.model.__file__).resolve().parent
 
 # a kernel of mechanism.py calls (37) in friction.py
 PROGRAM = """
+import numba
 import numpy as np
 from cdrj_ros.model.cable_records import CONTACT
 from cdrj_ros.model.mechanism import friction_losses
@@ -35,7 +36,12 @@ plan.pulleys[0].wrap_changes = 1
 pulley = numbers.pulleys[0]
 pulley.rho, pulley.mu_c, pulley.mu_s, pulley.stribeck_speed, pulley.cells = 1, 0.1, 0.1, 1, 1
 contacts = np.zeros(1, CONTACT)
-friction_losses(plan, numbers, np.ones(1), np.zeros(1), contacts)
+
+@numba.njit
+def losses(plan, numbers, wrap, lagged_speed, contacts):
+    friction_losses(plan, numbers, wrap, lagged_speed, contacts)
+
+losses(plan, numbers, np.ones(1), np.zeros(1), contacts)
 stats = friction_losses.stats
 print(contacts[0].loss, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))
 """
@@ -449,3 +455,44 @@ def test_every_kernel_is_compiled_for_one_signature() -> None:
     )
     for name in (*outermost, "estimation.member_kernels.begin_sample", "model.cable._walk"):
         assert counts[f"cdrj_ros.{name}"] == 1
+
+
+PARTS = """
+from cdrj_ros.model.compiled import callee, lean, stage
+
+@stage
+def doubled(x):
+    return 2.0 * x
+
+@callee
+def quadrupled(x):
+    return doubled(doubled(x))
+
+@lean
+def more(x):
+    return quadrupled(x) + 1.0
+
+for part in (doubled, quadrupled):  # before and after a kernel uses them
+    for _ in range(2):
+        try:
+            part(1.0)
+        except TypeError as error:
+            print(error)
+        print(more(1.0))
+"""
+
+
+def test_python_cannot_call_what_only_kernels_call(tmp_path: Path) -> None:
+    program = tmp_path / "parts.py"
+    program.write_text(PARTS, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, program],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    expected = [
+        line
+        for name in ("doubled", "quadrupled")
+        for line in 2 * (f"only kernels can call {name}", "5.0")
+    ]
+    assert done.stdout.splitlines() == expected
