@@ -31,6 +31,7 @@ from cdrj_ros.estimation.member_kernels import (
     LAST_STAMP,
     PROGRESS,
     SOLVED,
+    SPECIAL,
     TURN,
     UNFIT,
     WAITING,
@@ -313,6 +314,12 @@ class Spread:
             after = advance(
                 plan, numbers, whole, members, motor_angle, joint_angle, dt, stamp, hidden,
                 at_once, out, stddev,
+            )  # fmt: skip
+        if after >= SPECIAL:
+            after -= SPECIAL
+            after += self._kernels.begin(
+                plan, members, motor_angle, joint_angle, out[estimate_part], 1, stamp, hidden,
+                at_once, stddev,
             )  # fmt: skip
         if after & WAITING:
             self._waiting, self._hidden = True, hidden
