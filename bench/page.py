@@ -19,16 +19,16 @@ NODE = (
 LIMITS = {
     "one update, 2 cables": "the call from Python and its results; see the update in bulk",
     "one update with": (
-        "the step of a member, at every third sample, and a call from Python with all 24 arrays "
+        "the step of a member, at every second sample, and a call from Python with all 24 arrays "
         "of the members"
     ),
     "1 kHz, until": NODE,
     "processor time": NODE,
     "sustained rate, no": "the node's processor time per sample, see above",
     "validate as a command": (
-        "of the processor time, the members' runs take 45 %, imports 20 %, reading and "
-        "conditioning 8 %, comparing 7 %, the robot file and loading the kernels 8 %, the "
-        "printed table 6 %"
+        "imports take 27 % of the time, estimating and comparing 38 %, reading and conditioning "
+        "13 %, the robot file and loading the kernels 8 %, the end of the interpreter 7 %, the "
+        "printed table 4 %"
     ),
     "validate, 6 bags": (
         "imports, 0.4 s, precede everything; every process reads the robot file and loads the "
@@ -39,8 +39,8 @@ LIMITS = {
         "robot file and loading the kernels 0.10 s, of which 0.02 s compile numba's run-time system"
     ),
     "first start without a compiled kernel: more": (
-        "compilation of the kernels, nine tenths of it for the step, which every robot needs; see "
-        "below; `colcon build` and `make demo` do it in advance"
+        "compilation of the step, which every robot needs and one process compiles; see below; "
+        "`colcon build` and `make demo` do it in advance"
     ),
     "memory of the estimator: more": (
         "LLVM's library takes 70 MB, of which 23 MB are for the run-time system that numba "
