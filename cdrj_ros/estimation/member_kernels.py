@@ -101,7 +101,7 @@ class Members(NamedTuple):
     """``Sample.unseen``, its first row at the sample before, and scratch, shape (4, axes).  One
     array, because each further one makes an update slower."""
     estimate: Vector
-    """At the last sample, shape (estimate_size,)."""
+    """At the last sample at which a member was updated, shape (estimate_size,)."""
     readings: Vector
     """Scratch, shape (axes,)."""
     out: Vector
@@ -305,13 +305,13 @@ def _take_deviation(members: Members, elements: int, all_solved: bool, own: Vect
 
 
 @callee
-def _write_stddev(members: Members, stddev: Vector) -> None:
+def _write_stddev(members: Members, estimate: Vector, stddev: Vector) -> None:
     """Add what no member shows to the spread (U5), and widen it where cables are slack (U6)."""
     columns, unmodelled = members.columns, members.unmodelled
     for c in range(columns.size):
         total = max(members.variance[c], 0.0) + unmodelled[0, c]
         slack = unmodelled[1, c]
-        if abs(members.estimate[columns[c]]) <= slack:
+        if abs(estimate[columns[c]]) <= slack:
             total = max(total, slack * slack)
         stddev[c] = sqrt(total)
 
@@ -499,7 +499,7 @@ def begin_sample(
     if count > 1:
         step_members(plan, members, count, hidden, part_s)
     _remember_unseen(members, hidden)
-    _write_stddev(members, stddev)
+    _write_stddev(members, members.estimate, stddev)
     waiting = count == 1 and _is_due(members, stamp)
     if waiting and at_once:
         step_members(plan, members, count, hidden, 0.0)
@@ -553,15 +553,16 @@ def advance_with_members(
     if hidden or not solved or not _is_ordinary(members, motor_angle, joint_angle, stamp):
         return SPECIAL + SOLVED if solved else SPECIAL
     state = members.states.shape[1]
-    copy_part(out, state, members.estimate)
+    estimate = part(out, state, state + members.estimate.size)
     if stamp != members.progress[LAST_STAMP]:
         _note_unseen(members.unseen, hidden, members.intervals)
     members.progress[LAST_STAMP] = stamp
     _move(members)
     _remember_unseen(members, hidden)
-    _write_stddev(members, stddev)
+    _write_stddev(members, estimate, stddev)
     if not _is_due(members, stamp):
         return SOLVED + DONE
+    copy_part(estimate, 0, members.estimate)
     if not at_once:
         return SOLVED + WAITING
     step_members(plan, members, ONE, hidden, 0.0)
