@@ -51,16 +51,17 @@ def compile_together(parts: Iterable[str], *, quiet: bool = False) -> bool:
         Whether all succeeded.
     """
     path, silence = list(sys.path), subprocess.DEVNULL if quiet else None
-    programs = [_PROGRAM.format(path=path, part=part) for part in parts]
-    running = [
-        subprocess.Popen(
-            [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=silence, stderr=silence
-        )
-        for program in programs
-    ]
+    running: list[subprocess.Popen[bytes]] = []
     try:
+        for part in parts:
+            command = [sys.executable, "-c", _PROGRAM.format(path=path, part=part)]
+            running.append(
+                subprocess.Popen(command, stdin=subprocess.PIPE, stdout=silence, stderr=silence)
+            )
         codes = [process.wait() for process in running]
         return not any(codes)
+    except OSError:  # no further process can be started
+        return False
     finally:
         for process in running:
             process.kill()

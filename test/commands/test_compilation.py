@@ -60,6 +60,15 @@ def test_a_part_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not compilation.compile_together(["step", "geometry", "members"])
 
 
+def test_where_no_process_can_be_started_this_one_compiles(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    monkeypatch.setattr(compilation, "kernels_are_compiled", lambda *_: False)
+    assert not compilation.compile_together(["step"])
+    compilation.compile_for_start()  # leaves it to the first use
+
+
 def test_without_compiled_kernels_the_first_line_says_so_before_the_wait(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "cdrj_ros.commands.check_robot", "prototype"],
