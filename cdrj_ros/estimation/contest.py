@@ -102,7 +102,7 @@ class Witness:
         return f"off by {self.error:.3g}, {ratio:.1f} standard deviations of that"
 
     def weigh(self, stamp_ns: int, innovation: float, variance: float, drift: float) -> Answer:
-        """Compare a reading with the estimate, and with all estimates of the last second.
+        """Compare a reading with the estimate, and with all estimates of the last second, (U8).
 
         Args:
             stamp_ns: time of the sample that the reading corrects [ns].
