@@ -28,9 +28,9 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.bag import Topics  # noqa: E402
 from cdrj_ros.conditioning.samples import Sample, Samples  # noqa: E402
+from cdrj_ros.estimation.drums_without_memory import forget_drums  # noqa: E402
 from cdrj_ros.estimation.ensemble import Spread  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run, step  # noqa: E402
-from cdrj_ros.estimation.member_kernels import forget_drums  # noqa: E402
 from cdrj_ros.estimation.options import Options  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator  # noqa: E402
 from cdrj_ros.estimation.unsure import mark_unsure  # noqa: E402

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import State
-from cdrj_ros.estimation.member_kernels import MOVED
+from cdrj_ros.estimation.member_turns import MOVED
 
 Vector = NDArray[np.float64]
 

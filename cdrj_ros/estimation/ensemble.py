@@ -26,22 +26,17 @@ from cdrj_ros.conditioning.samples import ALL_SEEN, Sample, Samples
 from cdrj_ros.estimation.discrepancy import unmodelled
 from cdrj_ros.estimation.estimator import FLOAT, NEVER, Estimate, Estimates, State, as_plain, run
 from cdrj_ros.estimation.member_kernels import (
-    ANY,
-    LAST,
-    LAST_STAMP,
-    PROGRESS,
     SOLVED,
     SPECIAL,
-    TURN,
     UNFIT,
     WAITING,
-    Members,
-    Path,
     advance_with_members,
     begin_sample,
     follow_members,
-    step_members,
 )
+from cdrj_ros.estimation.member_records import LAST, LAST_STAMP, PROGRESS, TURN, Members, Path
+from cdrj_ros.estimation.member_spread import ANY
+from cdrj_ros.estimation.member_steps import step_members
 from cdrj_ros.estimation.members import (
     friction_shares,
     preload_differently,

@@ -18,7 +18,8 @@ from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
-from cdrj_ros.estimation.member_kernels import begin_sample, step_members
+from cdrj_ros.estimation.member_kernels import begin_sample
+from cdrj_ros.estimation.member_steps import step_members
 from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.other_numbers import preloads_of, reference_at, with_other_numbers
 from cdrj_ros.estimation.other_sensors import OtherSensors

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.drums_without_memory import advance_slipping
 from cdrj_ros.estimation.estimator import NEVER, Estimates, State
-from cdrj_ros.estimation.member_kernels import advance_slipping
 from cdrj_ros.model.compiled import ordinary
 from cdrj_ros.model.prepared import Model
 

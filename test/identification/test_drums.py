@@ -13,8 +13,8 @@ from support.made_up import recording
 
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section
 from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.drums_without_memory import forget_drums
 from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.member_kernels import forget_drums
 from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.identification.drums import CERTAIN, finding
 from cdrj_ros.identification.fit import Identification, identify
