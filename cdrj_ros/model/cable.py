@@ -72,7 +72,7 @@ def solve_cable(
     law: int,
     dt: float,
 ) -> tuple[int, float]:
-    """Advance one cable of n pulleys by one sample.
+    """Advance one cable of n pulleys by one sample: (E11), in the stages of (E23) where it is hard.
 
     Args:
         elastic: tension-strain law of the cable.

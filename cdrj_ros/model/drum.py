@@ -68,7 +68,7 @@ def material_held(drum: Drum) -> float:
 
 @lean
 def turn_drum(drum: Drum, angle: float, rate: float) -> float:
-    """Turn the drum to a wound angle [rad]; returns the material on it [m].
+    """(E3): turn the drum to a wound angle [rad]; returns the material on it [m].
 
     New layers go on at ``rate`` [m/rad], that is r_drum / (1 + t/EA) for the present tension;
     old ones come off at the rate at which they went on.

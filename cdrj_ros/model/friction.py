@@ -33,7 +33,7 @@ BOUND_FLOOR: Final = 1e-9
 
 @lean
 def capstan_transmission(mu: float, wrap_angle: float) -> float:
-    """(32): T_hold / T_pull of a cable sliding over a fixed cylinder."""
+    """(29)-(32): T_hold / T_pull of a cable sliding over a fixed cylinder."""
     return exp(-mu * wrap_angle)
 
 
@@ -46,7 +46,7 @@ def stribeck_share(slip_speed: float, stribeck_speed: float) -> float:
 
 @lean
 def sliding_loss(mu_c: float, mu_s: float, wrap_angle: float, stribeck: int) -> tuple[float, float]:
-    """(37) as ``1 - eta_d = kinetic + static * stribeck_share(v)``; returns (kinetic, static).
+    """(34)-(37) as ``1 - eta_d = kinetic + static * stribeck_share(v)``; returns (kinetic, static).
 
     ``printed`` scales the kinetic loss by mu_s / mu_c as in (35); ``capstan`` lets the loss at
     rest be 1 - exp(-mu_s beta).
@@ -78,7 +78,7 @@ def sliding_transmission(
 
 @lean
 def bearing_transmission(wrap_angle: float, bearing_ratio: float) -> float:
-    """(41): eta_r of a pulley that turns on a bearing, from the quadratic (40).
+    """(41): eta_r of a pulley that turns on a bearing, from the balance (39), the quadratic (40).
 
     ``bearing_ratio`` = f_d d / r_p = 1 / alpha, so that a frictionless bearing is 0, not infinity.
     Numerator and denominator of (41) are divided by alpha^2.
@@ -99,7 +99,9 @@ def blended_loss(
     stribeck: int,
     cells: float,
 ) -> tuple[float, float]:
-    """``1 - eta = kinetic + static * stribeck_share(v)`` with eta = rho eta_d + (1 - rho) eta_r.
+    """(42), (43): ``1 - eta = kinetic + static * stribeck_share(v)``.
+
+    The transmission is eta = rho eta_d + (1 - rho) eta_r.
 
     ``wrap_angle`` [rad] is that of one of ``cells`` equal contact cells; the transmission of the
     whole pulley is shared out as its cells-th root, exact at rest and at high speed.  Returns
@@ -122,7 +124,7 @@ def blended_loss(
 def friction_force(
     law: int, before: float, slip: float, stiffness: float, bound: float, breakaway: float
 ) -> tuple[float, float, float]:
-    """Bristle force after a slip, exact over the slip for a constant bound.
+    """(33), (E9): bristle force after a slip, exact over the slip for a constant bound.
 
     Args:
         law: code of the friction law; ``LUGRE`` or one of the elastoplastic family.

@@ -130,7 +130,7 @@ def wrap_to_pi(angle: float) -> float:
 def tangent(
     x1: float, y1: float, signed_radius1: float, x2: float, y2: float, signed_radius2: float
 ) -> tuple[float, float, float]:
-    """Directed common tangent of two circles given by centre [m] and turn * radius [m].
+    """(E4): directed common tangent of two circles given by centre [m] and turn * radius [m].
 
     Returns the length between the tangent points [m], NaN where no such line exists, its
     direction [rad], and the offset h = sigma2 r2 - sigma1 r1 [m].  With u at the angle
@@ -227,7 +227,7 @@ def route(
     wrap: Vector,
     direction: Table,
 ) -> bool:
-    """Lengths, wraps and directions of one cable of n nodes.
+    """Wraps (E5), lengths (E6), their derivatives (E7) and directions of one cable of n nodes.
 
     Args:
         plans, nodes: every node, shape (n,).

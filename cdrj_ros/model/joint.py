@@ -85,7 +85,7 @@ class RollingLoad:
         return 2.0 * self.gravity * (joint + load)
 
     def torque(self, angle: Array, speed: Array, acceleration: Array) -> Array:
-        """(9), inverse dynamics: tau_theta [N m] that the cables must exert about the joint angle.
+        """(4) as (9), inverse dynamics: tau_theta [N m] that the cables must exert about the angle.
 
         Args:
             angle: q [rad].

@@ -81,7 +81,7 @@ def friction_losses(
 ) -> None:
     """(37), (41) and their blend for every pulley; constant wraps use losses computed beforehand.
 
-    Static friction fades with the slip speed delayed by ``stribeck_lag`` (frictional memory).
+    Static friction fades with the slip speed delayed by ``stribeck_lag`` (E10), frictional memory.
     With the speed of the sample itself, friction would fall while the cable slips; a massless
     cable then has several solutions or none, and would jump from sample to sample.
     """

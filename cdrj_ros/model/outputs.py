@@ -70,7 +70,7 @@ def report_cable(
     scratch: ScratchViews,
     estimate: EstimateViews,
 ) -> None:
-    """Write status, nodal forces and the share in the efforts of one cable from its tensions.
+    """Write status, nodal forces (38) and share in the efforts (E12) of one cable.
 
     Args:
         plan, numbers: the prepared robot.

@@ -142,7 +142,7 @@ class Shape:
 
 
 def prepare(robot: Robot, check_range: bool = True) -> Model:
-    """Prepare a robot for stepping.
+    """Prepare a robot for stepping, with its unstretched lengths, l_0 of (E2).
 
     Args:
         robot: the description.
@@ -178,7 +178,7 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
 
 
 def shape_at(model: Model, joint_angle: Vector, motor_angle: Vector | None = None) -> Shape:
-    """Lengths, wraps and directions in a pose.
+    """Lengths (3), wraps and directions in a pose.
 
     Args:
         model: the robot.

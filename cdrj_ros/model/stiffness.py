@@ -112,7 +112,7 @@ def exact_stiffness(elastic: Elasticity, length: Vector, tension: Vector) -> tup
 
 
 def linear_tension(preload: Vector, stiffness: Vector, elongation: Vector, slip: Vector) -> Vector:
-    """(11): t = max(t_0 + k (elongation - s_i + s_{i+1}), 0) [N].
+    """(11) with (13): t = max(t_0 + k (elongation - s_i + s_{i+1}), 0) [N].
 
     Args:
         preload: t_0 of the elements [N], shape (n - 1,).
@@ -132,7 +132,7 @@ def stiffness_matrix(
     direction: Vector | None = None,
     geometric: bool = True,
 ) -> Stiffness:
-    """(18)-(28): K of one cable, assembled element by element.
+    """(12), (15)-(28), (E15): K of one cable, assembled element by element.
 
     Args:
         position: of the nodes [m], shape (n, d), d = 2 or 3.
@@ -186,14 +186,14 @@ def stiffness_matrix(
 
 
 def imbalance(tension: Vector, transmission: Vector, direction: Vector) -> Vector:
-    """r of (24) at every pulley [N], shape (n - 2,): 0 where a slipping pulley is in balance."""
+    """r of (24), (E14) at every pulley [N], shape (n - 2,): 0 where slipping and in balance."""
     t = np.asarray(tension)
     ahead, behind = _weights(np.asarray(transmission), np.asarray(direction))
     return ahead * t[1:] - behind * t[:-1]
 
 
 def _weights(transmission: Vector, direction: Vector) -> tuple[Vector, Vector]:
-    """Factors of the tensions after and before a pulley in (24); eta is on the pulling side."""
+    """Factors in (24), (E14) of the tensions after and before a pulley; eta is at the pull."""
     forward = direction > 0.0
     return np.where(forward, transmission, 1.0), np.where(forward, 1.0, transmission)
 

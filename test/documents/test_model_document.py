@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import inspect
 import re
 from pathlib import Path
 
@@ -78,6 +79,13 @@ def test_every_equation_has_a_function_and_every_function_an_equation() -> None:
     assert {str(n) for n in range(1, 45)} <= set(table), "none of the source's is left out"
     ours = sorted(int(number[1:]) for number in table if number.startswith("E"))
     assert ours == list(range(1, len(ours) + 1))
+
+
+@pytest.mark.parametrize(("number", "names"), sorted(computed().items()))
+def test_a_function_of_an_equation_cites_it(number: str, names: list[str]) -> None:
+    found = [resolved(name) for name in names]
+    functions = [getattr(one, "py_func", one) for one in found]
+    assert number in equations("".join(inspect.getdoc(one) or "" for one in functions))
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
