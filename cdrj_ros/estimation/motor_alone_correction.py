@@ -16,20 +16,20 @@ from cdrj_ros.estimation.motor_alone_records import (
     Unmeasured,
     next_phase,
 )
-from cdrj_ros.model.compiled import callee, lean
+from cdrj_ros.model.compiled import callee
 
 CORRELATED: Final = 0.05
 """Time over which the error of an effort persists [s]; errors further apart are independent."""
 
 
-@lean
+@callee
 def aim(joints: Unmeasured) -> None:
     """Make the present angles the predicted ones."""
     for a in range(joints.joints.size):
         joints.target[a] = joints.angle[joints.joints[a]]
 
 
-@lean
+@callee
 def begin_correction(memory: Memory, joints: Unmeasured) -> None:
     """The next phase corrects the angles around ``joints.target``."""
     for a in range(joints.joints.size):
@@ -40,7 +40,7 @@ def begin_correction(memory: Memory, joints: Unmeasured) -> None:
     joints.agenda[STEPS] = 0
 
 
-@lean
+@callee
 def correct(memory: Memory, read: Reading, joints: Unmeasured) -> None:
     """A Gauss-Newton step of the correction by the efforts."""
     arrived = True
@@ -75,7 +75,7 @@ def _weigh_correction(joints: Unmeasured, read: Reading) -> None:
     invert(joints.matrix, joints.inverse)
 
 
-@lean
+@callee
 def misfit(read: Reading, joints: Unmeasured) -> float:
     """Sum of the squared differences of measured and estimated efforts, in standard deviations."""
     total = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.motor_alone_records import Unmeasured
-from cdrj_ros.model.compiled import lean, stage
+from cdrj_ros.model.compiled import callee, stage
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -33,7 +33,7 @@ def weigh(joints: Unmeasured, slope: Vector, difference: float, weight: float) -
             joints.matrix[a, b] += weight * slope[a] * slope[b]
 
 
-@lean
+@callee
 def invert(matrix: Table, inverse: Table) -> None:
     """Invert a symmetric positive definite matrix by Cholesky's method; ``matrix`` is destroyed."""
     n = matrix.shape[0]
@@ -59,7 +59,7 @@ def invert(matrix: Table, inverse: Table) -> None:
             inverse[i, c] = total / matrix[i, i]
 
 
-@lean
+@callee
 def move(joints: Unmeasured) -> bool:
     """Move the angles by ``inverse`` times ``right``, within limits; True if they have arrived."""
     arrived = True

@@ -15,7 +15,6 @@ from cdrj_ros.estimation.motor_alone_records import (
     LAST_STAMP,
     TURN,
     Alone,
-    Reading,
     Recorded,
     memory_of,
 )
@@ -54,21 +53,20 @@ def run_alone(plan: NDArray[np.int64], alone: Alone, recorded: Recorded) -> None
             _write_unknown(plan, recorded, k)
             continue
         first = alone.memories[0, 0] == 0.0
-        _solve_row(plan, alone, 0, stamp, recorded, k)
+        due = first or stamp - progress[LAST_STAMP] >= APART_NS
         estimate, angle = recorded.estimates[k], recorded.angles[k]
-        copy_part(alone.joints.out, alone.states.shape[1], estimate)
-        for a in range(angle.size):
-            angle[a] = alone.memories[0, 2 + a]
-        count = 0
-        if members > 0:
-            due = stamp - progress[LAST_STAMP] >= APART_NS
-            count = members if first else (1 if due else 0)
-        for _ in range(count):
-            row = 1 + progress[TURN] % members
-            _solve_row(plan, alone, row, stamp, recorded, k)
-            _take_deviation(alone, row, estimate, angle)
-            progress[TURN] += 1
-            progress[LAST_STAMP] = stamp
+        others = members if first else min(members, 1)
+        # row 0 is one of the loop: numba would compile a call with the literal 0 anew
+        for turn in range(1 + others if due else 1):
+            row = 1 + progress[TURN] % members if turn > 0 else 0
+            _read_row(alone, row, recorded, k)
+            solve(plan, alone, row, stamp)
+            if row == 0:
+                _take_estimate(alone, estimate, angle)
+            else:
+                _take_deviation(alone, row, estimate, angle)
+                progress[TURN] += 1
+                progress[LAST_STAMP] = stamp
         _write_stddev(alone, estimate, recorded.stddevs[k], recorded.angle_stddevs[k])
 
 
@@ -83,20 +81,6 @@ def forget(alone: Alone) -> None:
 
 
 @callee
-def _solve_row(
-    plan: NDArray[np.int64], alone: Alone, row: int, stamp: int, recorded: Recorded, k: int
-) -> None:
-    """Solve sample ``k`` with the numbers, the history and the errors of one row."""
-    _read_row(alone, row, recorded, k)
-    joints, state, numbers = alone.joints, alone.states[row], alone.numbers[row]
-    memory = memory_of(alone.memories[row], joints.joints.size)
-    dt = (stamp - alone.stamps[row]) * 1e-9 if memory.started[0] != 0.0 else 0.0
-    read = Reading(alone.motor_angle, alone.measured_angle, alone.motor_effort, dt)
-    solve(plan, numbers, state, alone.shares[row], read, memory, joints, alone.shifted)
-    alone.stamps[row] = stamp
-
-
-@callee
 def _read_row(alone: Alone, row: int, recorded: Recorded, k: int) -> None:
     """Write the readings of sample ``k`` with the errors of one row."""
     errors = alone.reading_errors[alone.progress[TURN] % len(alone.reading_errors)]
@@ -108,6 +92,14 @@ def _read_row(alone: Alone, row: int, recorded: Recorded, k: int) -> None:
     for a in range(alone.measured_angle.size):
         error = errors[motors + a] if row > 0 else 0.0
         alone.measured_angle[a] = recorded.measured_angle[k, a] + error
+
+
+@callee
+def _take_estimate(alone: Alone, estimate: Vector, angle: Vector) -> None:
+    """Write the estimate and the angles of row 0."""
+    copy_part(alone.joints.out, alone.states.shape[1], estimate)
+    for a in range(angle.size):
+        angle[a] = alone.memories[0, 2 + a]
 
 
 @callee

@@ -18,7 +18,7 @@ from cdrj_ros.estimation.motor_alone_records import (
     Unmeasured,
     next_phase,
 )
-from cdrj_ros.model.compiled import callee, lean, stage
+from cdrj_ros.model.compiled import callee, stage
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.state import ScratchViews, estimate_size, scratch_views, state_views
 from cdrj_ros.model.views import part
@@ -27,7 +27,7 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 
-@lean
+@callee
 def follow(
     plan: NDArray[np.int64],
     numbers: Vector,
@@ -39,11 +39,12 @@ def follow(
     """Predict what the cables impose; if anything is known of the loads, they refine it."""
     _turn_with_cables(plan, numbers, state, read, joints)
     aim(joints)
-    if _knows_loads(joints):
+    known = _knows_loads(joints)
+    if known:
         next_phase(joints, PREDICT, True)
         joints.agenda[STEPS] = 0
     else:
-        _end_prediction(memory, joints, read.dt, False)
+        _end_prediction(memory, joints, read.dt, known)  # numba compiles it anew for a literal
 
 
 @callee
@@ -125,7 +126,7 @@ def _knows_loads(joints: Unmeasured) -> bool:
     return known
 
 
-@lean
+@callee
 def predict(memory: Memory, read: Reading, joints: Unmeasured) -> None:
     """A Gauss-Newton step of the prediction by the loads."""
     known = joints.agenda[SOLVED] != 0

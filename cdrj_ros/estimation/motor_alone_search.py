@@ -17,7 +17,7 @@ from cdrj_ros.estimation.motor_alone_records import (
     Unmeasured,
     next_phase,
 )
-from cdrj_ros.model.compiled import callee, lean
+from cdrj_ros.model.compiled import callee
 
 PLACES: Final = 301
 """Angles of each joint that are tried where the angle is unknown."""
@@ -26,7 +26,7 @@ ROUNDS: Final = 3
 """Rounds of a search over several joints."""
 
 
-@lean
+@callee
 def begin_search(joints: Unmeasured) -> None:
     """The next phase searches the angles over their ranges."""
     joints.agenda[JOINT] = joints.agenda[PLACE] = joints.agenda[ROUND] = 0
@@ -36,7 +36,7 @@ def begin_search(joints: Unmeasured) -> None:
     next_phase(joints, SEARCH, False)
 
 
-@lean
+@callee
 def search(read: Reading, memory: Memory, joints: Unmeasured) -> None:
     """One place of a search: one joint after the other, several times if there are several.
 

@@ -19,9 +19,11 @@ from cdrj_ros.estimation.motor_alone_records import (
     PREDICT,
     SEARCH,
     SEARCHED,
+    Alone,
     Memory,
     Reading,
     Unmeasured,
+    memory_of,
     next_phase,
 )
 from cdrj_ros.estimation.motor_alone_search import begin_search, search
@@ -42,32 +44,35 @@ LOST_FOR: Final = 0.05
 
 
 @stage
-def solve(
-    plan: NDArray[np.int64],
-    numbers: Vector,
-    state: Vector,
-    share: Vector,
-    read: Reading,
-    memory: Memory,
-    joints: Unmeasured,
-    shifted: Vector,
-) -> None:
-    """Find the angles of one sample.
+def solve(plan: NDArray[np.int64], alone: Alone, row: int, stamp: int) -> None:
+    """Find the angles of one sample with the numbers and the history of one row.
 
     Args:
         plan: of the prepared robot.
-        numbers: of the prepared robot.
-        state: of the robot at the sample before; changed.
-        share: initial friction as a share of its bound, shape (pulleys,).
-        read: the readings.
-        memory: of the sample before; changed.
-        joints: the joints, whose scratch is changed; ``joints.out`` is that of ``advance``.
-        shifted: scratch, shape (1,).
+        alone: the estimate and its ensemble, with the readings of the sample; the row is changed.
+        row: 0 for the estimate, or a member.
+        stamp: of the sample [ns].
     """
+    joints, state, numbers = alone.joints, alone.states[row], alone.numbers[row]
+    memory = memory_of(alone.memories[row], joints.joints.size)
+    dt = (stamp - alone.stamps[row]) * 1e-9 if memory.started[0] != 0.0 else 0.0
+    read = Reading(alone.motor_angle, alone.measured_angle, alone.motor_effort, dt)
     _begin(state, read, memory, joints)
     while joints.agenda[PHASE] != DONE:
-        if evaluate(plan, numbers, state, read, joints, shifted):
-            _proceed(plan, numbers, state, share, read, memory, joints)
+        if not evaluate(plan, numbers, state, read, joints, alone.shifted):
+            continue
+        phase = joints.agenda[PHASE]
+        if phase == FOLLOW:
+            follow(plan, numbers, state, read, memory, joints)
+        elif phase == PREDICT:
+            predict(memory, read, joints)
+        elif phase == CORRECT:
+            correct(memory, read, joints)
+        elif phase == SEARCH:
+            search(read, memory, joints)
+        else:
+            _end(plan, numbers, state, alone.shares[row], read, memory, joints)
+    alone.stamps[row] = stamp
 
 
 @callee
@@ -84,30 +89,6 @@ def _begin(state: Vector, read: Reading, memory: Memory, joints: Unmeasured) -> 
         begin_search(joints)
     else:
         next_phase(joints, FOLLOW if read.dt > 0.0 else FINAL, False)
-
-
-@callee
-def _proceed(
-    plan: NDArray[np.int64],
-    numbers: Vector,
-    state: Vector,
-    share: Vector,
-    read: Reading,
-    memory: Memory,
-    joints: Unmeasured,
-) -> None:
-    """Do what follows from the evaluations of a phase, and choose the next one."""
-    phase = joints.agenda[PHASE]
-    if phase == FOLLOW:
-        follow(plan, numbers, state, read, memory, joints)
-    elif phase == PREDICT:
-        predict(memory, read, joints)
-    elif phase == CORRECT:
-        correct(memory, read, joints)
-    elif phase == SEARCH:
-        search(read, memory, joints)
-    else:
-        _end(plan, numbers, state, share, read, memory, joints)
 
 
 @callee
