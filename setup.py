@@ -66,7 +66,7 @@ def compile_kernels(folder: Path) -> None:
     """
     paths = [str(folder), *filter(None, [os.environ.get("PYTHONPATH")])]
     done = subprocess.run(
-        [sys.executable, "-m", f"{PACKAGE}.commands.compile_ahead"],
+        [sys.executable, "-m", f"{PACKAGE}.commands.compile_ahead", "--missing"],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         check=False,

@@ -2,6 +2,9 @@
 # Build one of the two packages with colcon into install/. Called by `make setup`.
 #
 #   tools/build.sh PACKAGE
+#
+# The numerical kernels need neither ROS nor the messages. They are compiled beside the sources while the
+# messages are built; the build of `cdrj_ros` compiles those that are missing.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/say.sh
@@ -15,10 +18,34 @@ rm -rf "install/$1"
 export MAKEFLAGS=-j$(nproc)
 # Messages are encoded and decoded as fast as with -O3, which takes longer to compile.
 optimised="-O1 -DNDEBUG"
+
 # Started by the environment's Python, colcon gives the installed executables that Python too.
-stage "build/colcon-$1.log" "Building $1" \
+build() {
     python "$(command -v colcon)" build \
-    --base-paths . msg_defs/cdrj_msgs --packages-select "$1" --symlink-install \
-    --cmake-args -DCMAKE_BUILD_TYPE=Release \
-    "-DCMAKE_C_FLAGS_RELEASE=$optimised" "-DCMAKE_CXX_FLAGS_RELEASE=$optimised" \
-    "-DPython3_EXECUTABLE=$VIRTUAL_ENV/bin/python"
+        --base-paths . msg_defs/cdrj_msgs --packages-select "$1" --symlink-install \
+        --cmake-args -DCMAKE_BUILD_TYPE=Release \
+        "-DCMAKE_C_FLAGS_RELEASE=$optimised" "-DCMAKE_CXX_FLAGS_RELEASE=$optimised" \
+        "-DPython3_EXECUTABLE=$VIRTUAL_ENV/bin/python"
+}
+
+if [ "$1" != cdrj_msgs ]; then
+    stage "build/colcon-$1.log" "Building $1" build "$1"
+    exit
+fi
+
+mkdir -p build
+python -m cdrj_ros.commands.compile_ahead --missing >build/kernels.out 2>&1 &
+kernels=$!
+# The processes that it has started end with it.
+trap 'kill "$kernels" 2>/dev/null || true' EXIT
+
+rest_of_kernels() {
+    local failed=0
+    wait "$kernels" || failed=$?
+    cat build/kernels.out
+    return "$failed"
+}
+
+stage "build/colcon-$1.log" "Building $1" build "$1"
+stage build/kernels.log "Compiling the rest of the numerical kernels" rest_of_kernels ||
+    printf 'The build of cdrj_ros tries again.\n'

@@ -1,6 +1,7 @@
 """Compilation of all numerical kernels ahead of use.
 
-A build ends with ``python -m cdrj_ros.commands.compile_ahead``, so that no start has to compile.
+A build runs ``python -m cdrj_ros.commands.compile_ahead --missing``, so that no start has to
+compile.
 The machine code is specific to the processor of the building machine, usually the robot's, and
 faster than generic code.  On another processor the first start compiles the kernels, as it does
 after the installation of a wheel.
@@ -8,15 +9,15 @@ after the installation of a wheel.
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
-from copy import deepcopy
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from time import monotonic
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +31,11 @@ from cdrj_ros.estimation.member_records import no_members
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.estimation.unsure import mark_recording, mark_unsure, preload_of_elements
-from cdrj_ros.model.compiled import direct
+from cdrj_ros.model.compiled import direct, kernels_are_compiled
 from cdrj_ros.model.linked import compile_without_callees
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model, prepare, read_only
+from cdrj_ros.model.prepared import Model, read_only
 from cdrj_ros.model.shape import shape
-from cdrj_ros.robot.reader import build_robot
 
 ROBOT: Final = "prototype"
 """Kernels are the same for every robot; this one is installed with the package."""
@@ -75,16 +75,11 @@ def _plan() -> NDArray[np.int64]:
     return plan
 
 
-def _compile_live() -> None:
-    """Use the kernels of every start once, and compile what is left of them."""
-    model = load_model(ROBOT)
-    LiveEstimator(model).take(_samples(model).at(0))
-
-
 def _compile_recordings() -> None:
-    """Compile the kernels of whole recordings."""
+    """Compile the kernels of whole recordings, and use those of every start once."""
     model = load_model(ROBOT)
     samples = _samples(model)
+    LiveEstimator(model).take(samples.at(0))
     _, estimates = run(model, initial_state(model), samples)
     run_slipping(model, initial_state(model), samples)
     preload = preload_of_elements(model.robot)
@@ -94,15 +89,15 @@ def _compile_recordings() -> None:
 
 
 def _compile_motor_alone() -> None:
-    """Compile the kernels of joints without encoder."""
-    from cdrj_ros.estimation.motor_alone import MotorAlone
+    """Compile the kernels of joints without encoder, without the step that they call."""
+    from cdrj_ros.estimation.motor_alone_members import forget, run_alone
+    from cdrj_ros.estimation.motor_alone_records import Recorded, no_rows
 
-    document = deepcopy(dict(load_model(ROBOT).robot.document))
-    for joint in document["joints"]:
-        joint["measured"] = False
-    model = prepare(build_robot(document, ROBOT))
-    samples = replace(_samples(model), joint_angle=np.empty((2, 0)))
-    MotorAlone(model, members=2).run(samples, np.full((2, len(model.robot.motors)), np.nan))
+    compile_without_callees()
+    table = np.empty((0, 0))
+    samples = Recorded(np.empty(0, dtype=np.int64), *7 * (table,))
+    direct(run_alone, _plan(), no_rows(), samples)
+    direct(forget, no_rows())
 
 
 def _compile_rig() -> None:
@@ -121,23 +116,72 @@ def _compile_rig() -> None:
     simulate(robot, time, joints[:, 0], np.zeros(2), cells=2)
 
 
-PARTS: Final[dict[str, Callable[[], None]]] = {
-    "step": _compile_step,
-    "geometry": _compile_geometry,
-    "members": _compile_members,
-    "live": _compile_live,
-    "recordings": _compile_recordings,
-    "motor_alone": _compile_motor_alone,
-    "rig": _compile_rig,
+class Part(NamedTuple):
+    """Kernels that are compiled in one process."""
+
+    compile: Callable[[], None]
+    outermost: tuple[str, ...]
+    """Those that Python calls; the kernels that they call are compiled with them."""
+
+
+PARTS: Final[Mapping[str, Part]] = {
+    "step": Part(_compile_step, ("model.mechanism.advance",)),
+    "geometry": Part(
+        _compile_geometry,
+        ("model.shape.shape", "conditioning.tracking.track", "estimation.unsure.mark_unsure"),
+    ),
+    "members": Part(
+        _compile_members,
+        (
+            "estimation.member_kernels.begin_sample",
+            "estimation.member_kernels.advance_with_members",
+            "estimation.member_steps.step_members",
+        ),
+    ),
+    "motor_alone": Part(
+        _compile_motor_alone,
+        ("estimation.motor_alone_members.run_alone", "estimation.motor_alone_members.forget"),
+    ),
+    "recordings": Part(
+        _compile_recordings,
+        (
+            "conditioning.tracking.track_all",
+            "estimation.drums_without_memory.advance_slipping",
+            "estimation.member_kernels.follow_members",
+            "estimation.unsure.mark_recording",
+            "model.friction.blended_loss",
+            "model.mechanism.advance_all",
+        ),
+    ),
+    "rig": Part(
+        _compile_rig,
+        (
+            "rig.balance.balance",
+            "rig.balance.scan",
+            "rig.follow._shapes",
+            "rig.forward.swing_steps",
+        ),
+    ),
 }
-"""Parts that are compiled in one process each: those of ``OF_EVERY_START`` first, at once, then
-the others, which use them."""
+
+INDEPENDENT: Final = (*OF_EVERY_START, "motor_alone")
+"""Parts that are compiled first, at once; the others use them."""
 
 
-def compile_kernels() -> bool:
-    """Compile and store every kernel of estimation and simulation; False if one failed."""
-    others = [part for part in PARTS if part not in OF_EVERY_START]
-    return compile_together(OF_EVERY_START) and compile_together(others)
+def is_compiled(part: str) -> bool:
+    """Whether the kernels of a part are on disk, compiled from these sources."""
+    for name in PARTS[part].outermost:
+        module, _, kernel = name.rpartition(".")
+        if not kernels_are_compiled(getattr(import_module(f"cdrj_ros.{module}"), kernel)):
+            return False
+    return True
+
+
+def compile_kernels(parts: Iterable[str]) -> bool:
+    """Compile and store the kernels of some parts; False if one failed."""
+    first = [part for part in parts if part in INDEPENDENT]
+    others = [part for part in parts if part not in INDEPENDENT]
+    return compile_together(first) and compile_together(others)
 
 
 def compile_part(part: str) -> None:
@@ -146,7 +190,7 @@ def compile_part(part: str) -> None:
     threading.Thread(target=_end_with_the_parent, name="parent", daemon=True).start()
     if part != OF_EVERY_START[0]:
         os.nice(3)  # all wait for the longest part
-    PARTS[part]()
+    PARTS[part].compile()
 
 
 def _end_with_the_parent() -> None:
@@ -156,9 +200,16 @@ def _end_with_the_parent() -> None:
 
 
 def main() -> int:
-    """Compile all parts."""
+    """Compile all parts, or those that are not on disk."""
+    parser = argparse.ArgumentParser(prog="compile_ahead", description=__doc__.partition("\n")[0])
+    parser.add_argument(
+        "--missing",
+        action="store_true",
+        help="only what is not on disk, compiled from these sources",
+    )
+    missing = parser.parse_args().missing
     begin = monotonic()
-    if not compile_kernels():
+    if not compile_kernels([part for part in PARTS if not (missing and is_compiled(part))]):
         return 1
     print(f"kernels compiled in {monotonic() - begin:.0f} s", flush=True)
     return 0

@@ -109,6 +109,25 @@ class Alone(NamedTuple):
     joints: Unmeasured
 
 
+def no_rows() -> Alone:
+    """Arrays of the right types without content, for which kernels can be compiled."""
+    vector, table, counts = np.empty(0), np.empty((0, 0)), np.empty(0, dtype=np.int64)
+    numbers = np.empty((0, 0))
+    numbers.flags.writeable = False
+    joints = Unmeasured(
+        joints=counts, measured=counts, lower=vector, upper=vector, start=vector, step=vector,
+        wander=vector, load_drift=vector, noise=vector, angle=vector, effort=vector,
+        by_effort=table, load=vector, by_load=table, target=vector, right=vector, matrix=table,
+        inverse=table, information=table, best=vector, agenda=counts, out=vector,
+    )  # fmt: skip
+    return Alone(
+        numbers=numbers, states=table, memories=table, stamps=counts, shares=table,
+        effort_errors=table, reading_errors=table, progress=counts, columns=counts,
+        deviation=table, variance=vector, unmodelled=table, motor_angle=vector,
+        measured_angle=vector, motor_effort=vector, shifted=vector, joints=joints,
+    )  # fmt: skip
+
+
 class Memory(NamedTuple):
     """What a solution remembers beside the robot's state: views of one row."""
 

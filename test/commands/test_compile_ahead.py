@@ -6,9 +6,13 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+
+from cdrj_ros.commands import compile_ahead
+from cdrj_ros.commands.compile_ahead import PARTS
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,15 +31,20 @@ event.register("numba:compile", Names())
 """
 
 USING = """
+from copy import deepcopy
+
 import numpy as np
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.tracking import new_track, track, track_all
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.motor_alone import MotorAlone
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.live import LiveRig, LiveSettings
 from cdrj_ros.rig.prescribed import follow
+from cdrj_ros.robot.reader import build_robot
 
 for robot in ("prototype", "parallel"):
     model = load_model(robot)
@@ -50,12 +59,33 @@ for robot in ("prototype", "parallel"):
 track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
 track_all(stamps, np.zeros(5), 1.0, 1.0, False, np.zeros(5))
 model = load_model("prototype")
+document = deepcopy(dict(model.robot.document))
+for joint in document["joints"]:
+    joint["measured"] = False
+alone = MotorAlone(prepare(build_robot(document, "prototype")), members=2)
+read = Samples(stamps, np.zeros((5, 1)), np.zeros((5, 0)))
+for efforts in (np.zeros((5, 1)), np.full((5, 1), np.nan)):
+    alone.run(read, efforts)
+alone.reset()
 follow(model.robot, np.arange(5) * 1e-3, np.zeros((5, 1)), cells=2)
 for robot in ("prototype", "parallel"):
     rig = LiveRig(load_model(robot).robot, LiveSettings(cells=2))
     for _ in range(3):
         rig.step(rig.motor_angle)
 print("used")
+"""
+
+LOADING = """
+import sys
+from cdrj_ros.commands.compile_ahead import INDEPENDENT, PARTS
+
+# those compiled without the kernels that they call come last: they must not be run afterwards
+for name in sorted(PARTS, key=lambda name: name in INDEPENDENT):
+    PARTS[name].compile()
+for module in [module for name, module in sys.modules.items() if name.startswith("cdrj_ros.")]:
+    for value in vars(module).values():
+        if getattr(value, "overloads", None):
+            print(f"{value.__module__}.{value.__name__}")
 """
 
 RUNNING = """
@@ -81,6 +111,50 @@ def test_after_a_build_nothing_is_compiled() -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == ["used"]
+
+
+def test_the_kernels_that_python_calls_are_all_named() -> None:
+    # kernels on disk are loaded without those that they call
+    done = subprocess.run(
+        [sys.executable, "-c", COUNTING + LOADING],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    named = {f"cdrj_ros.{kernel}" for part in PARTS.values() for kernel in part.outermost}
+    assert set(done.stdout.splitlines()) == named
+
+
+def test_only_parts_that_are_not_on_disk_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[list[str]] = []
+
+    def note(parts: Iterable[str]) -> bool:
+        asked.append(list(parts))
+        return True
+
+    monkeypatch.setattr(compile_ahead, "compile_together", note)
+    monkeypatch.setattr(compile_ahead, "is_compiled", lambda part: part not in ("rig", "members"))
+    for arguments in (["--missing"], []):
+        monkeypatch.setattr(sys, "argv", ["compile_ahead", *arguments])
+        assert compile_ahead.main() == 0
+    assert asked[:2] == [["members"], ["rig"]]
+    assert sorted(asked[2] + asked[3]) == sorted(PARTS)
+
+
+@pytest.mark.parametrize("changed", ["", "def loose() -> None:\n    pass\n"])
+def test_a_part_is_on_disk_until_its_sources_change(tmp_path: Path, changed: str) -> None:
+    folder = tmp_path / "cdrj_ros"
+    shutil.copytree(ROOT / "cdrj_ros", folder)
+    with (folder / "estimation" / "unsure.py").open("a", encoding="utf-8") as file:
+        file.write(changed)
+    program = (
+        "from cdrj_ros.commands.compile_ahead import PARTS, is_compiled\n"
+        "print([part for part in PARTS if not is_compiled(part)])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, env={**os.environ, "PYTHONPATH": ""},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.strip() == ("['geometry', 'recordings']" if changed else "[]")
 
 
 def test_commands_compile_nothing_after_a_build(tmp_path: Path) -> None:
