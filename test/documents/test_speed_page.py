@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from bench import suite
+from bench.demonstration import MESSAGES, PACKAGE, end_of
 from bench.figures import Row, Spread, turns
+from bench.making import Said, make
 from bench.page import BEGIN, END, LIMITS, renewed, written
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -65,3 +68,39 @@ def test_a_section_that_failed_is_listed() -> None:
 def test_rounds_end_when_the_time_is_used_up() -> None:
     assert list(turns(5, 1000.0)) == [0, 1, 2, 3, 4]
     assert list(turns(5, 0.0)) == [0]
+
+
+RULES = """
+demo:
+\t@echo 'Building cdrj_msgs ... 1 s'
+\t@echo 'Building cdrj_ros ... 2 s'
+test:
+\t@echo '1 failed, 2 passed in 3.50s'
+\t@false
+"""
+
+
+def test_lines_of_make_are_timed_and_its_failure_is_its_last_line(tmp_path: Path) -> None:
+    (tmp_path / "Makefile").write_text(RULES, encoding="utf-8")
+    said = make(tmp_path, "demo")
+    assert [line for _, line in said] == [
+        "Building cdrj_msgs ... 1 s",
+        "Building cdrj_ros ... 2 s",
+        "",
+    ]
+    assert 0.0 < end_of(said, MESSAGES) <= end_of(said, PACKAGE) <= said[-1].after_s
+    with pytest.raises(RuntimeError, match="did not say Compiling"):
+        end_of(said, ("Compiling",))
+    with pytest.raises(RuntimeError, match="make test: 1 failed, 2 passed"):
+        make(tmp_path, "test")
+
+
+def test_the_time_of_the_tests_is_read_from_their_last_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said = [Said(309.0, "== 2345 passed, 3 skipped in 300.11s (0:05:00) =="), Said(310.0, "")]
+    monkeypatch.setattr(suite, "make", lambda *_: said)
+    assert [row.ours.median for row in suite.measure()] == [310.0, 300.11]
+    monkeypatch.setattr(suite, "make", lambda *_: said[1:])
+    with pytest.raises(RuntimeError, match="how long"):
+        suite.measure()

@@ -1,0 +1,43 @@
+"""Time of ``make demo`` from nothing, once all packages are installed."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from bench.figures import ROOT, Row, Spread
+from bench.making import Said, make
+
+MESSAGES = ("Building cdrj_msgs", "Compiling the rest of the numerical kernels")
+PACKAGE = ("Building cdrj_ros",)
+"""Beginnings of the lines that `make` ends when stages end."""
+
+
+def end_of(said: list[Said], stages: tuple[str, ...]) -> float:
+    """When the last line of some stages was complete [s].
+
+    Raises:
+        RuntimeError: there is none.
+    """
+    ends = [after_s for after_s, line in said if line.startswith(stages)]
+    if not ends:
+        raise RuntimeError(f"make did not say {' or '.join(stages)}")
+    return max(ends)
+
+
+def measure() -> list[Row]:
+    """`make demo` in a new clone of the last commit, which uses this environment [s]."""
+    with TemporaryDirectory() as folder:
+        clone = Path(folder, "clone")
+        subprocess.run(["git", "clone", "--quiet", str(ROOT), str(clone)], check=True)
+        (clone / ".venv").symlink_to(ROOT / ".venv")
+        said = make(clone, "demo")
+    messages, package, whole = end_of(said, MESSAGES), end_of(said, PACKAGE), said[-1].after_s
+    what = "make demo from nothing, packages installed"
+    return [
+        Row("demo", what, "s", Spread.of([whole]), aim="≤ 45"),
+        Row("demo", "of this, the messages and the kernels", "s", Spread.of([messages])),
+        Row("demo", "of this, the package", "s", Spread.of([package - messages])),
+        Row("demo", "of this, the demonstration", "s", Spread.of([whole - package])),
+    ]

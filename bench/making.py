@@ -1,0 +1,47 @@
+"""``make`` as a user calls it, with the time of every line that it says."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+OF_MAKE = ("MAKEFLAGS", "MAKELEVEL", "MFLAGS", "NUMBA_CACHE_DIR")
+"""Variables of `make bench` itself, and the one that would name another place for kernels."""
+
+READY = tuple(f".venv/.{flavour}-is-ready" for flavour in ("wheels", "system"))
+"""Files that `make` takes for up to date: the environment is there and is not made anew."""
+
+
+class Said(NamedTuple):
+    """A line of output."""
+
+    after_s: float
+    """Time from the start until the line was complete [s]."""
+    line: str
+
+
+def make(folder: Path, target: str) -> list[Said]:
+    """Make a target of a folder whose environment is there.
+
+    Returns:
+        All lines that were said, and an empty one at the end.
+
+    Raises:
+        RuntimeError: it failed; the message has the last line of what ran.
+    """
+    command = ["make", target, *(f"--old-file={name}" for name in READY)]
+    environment = {name: value for name, value in os.environ.items() if name not in OF_MAKE}
+    begin = perf_counter()
+    with subprocess.Popen(
+        command, cwd=folder, env=environment, text=True, errors="replace",
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        said = [Said(perf_counter() - begin, line.strip()) for line in process.stdout]
+    if process.returncode != 0:
+        own = [line for _, line in said if line and not line.startswith("make: ")]
+        raise RuntimeError(f"make {target}: {own[-1] if own else 'no message'}")
+    return [*said, Said(perf_counter() - begin, "")]
