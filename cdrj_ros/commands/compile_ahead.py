@@ -10,6 +10,7 @@ after the installation of a wheel.
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import signal
 import sys
@@ -190,6 +191,7 @@ def compile_part(part: str) -> None:
     threading.Thread(target=_end_with_the_parent, name="parent", daemon=True).start()
     if part != OF_EVERY_START[0]:
         os.nice(3)  # all wait for the longest part
+    gc.set_threshold(100_000, 50, 100)  # little is garbage; saves 6 % of the time
     PARTS[part].compile()
 
 
