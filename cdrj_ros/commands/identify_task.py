@@ -18,6 +18,7 @@ from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import (
     Moved,
     moved_ranges,
+    outdated_corrections,
     pose_unknowns,
     seeking_ranges,
 )
@@ -187,14 +188,18 @@ def posed(
             f"{name}: readings from {span.lowest:.4g} to {span.highest:.4g} leave the range of the "
             "file; the new file has a range of its own"
         )
-    ranges = seeking_ranges(task.document, task.source, left)
-    document = with_numbers(task.document, ranges)
+    robot = build_robot(task.document, task.source)
+    outdated = outdated_corrections(robot, left)
+    for name in dict.fromkeys(path.partition(".value.")[0] for path in outdated):
+        say(f"set to zero: {name}: it was fitted to readings of the file's pose")
+    changed = outdated | seeking_ranges(task.document, task.source, left)
+    document = with_numbers(task.document, changed)
     unknowns = _unknowns(arguments, document, task.source)
     for one in pose_unknowns(document, build_robot(document, task.source)):
         say(f"fitted: {one.unknown.name}: {one.why}")
     zeros = tuple(f"joints.{name}.reference_angle" for name in left)
     task = replace(
-        task, document=document, unknowns=unknowns, start={**task.start, **ranges},
+        task, document=document, unknowns=unknowns, start={**task.start, **changed},
         settings=replace(task.settings, sought=zeros),
     )  # fmt: skip
     return task, left

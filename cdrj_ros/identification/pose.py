@@ -3,7 +3,8 @@
 Between two poses of an instrument, or after a sensor was zeroed anew, the same cables run over the
 same pulleys.  Changed are the zeros of the joints and of the springs at the axes, the preloads (the
 paths have other lengths), and where a joint without a sensor bends the path, the wrap angles and
-the drag of the pulleys.  Everything else stays as the file has it, with its stated accuracy.
+the drag of the pulleys.  Corrections that were fitted do not hold where a joint has left its range.
+Everything else stays as the file has it, with its stated accuracy.
 """
 
 from __future__ import annotations
@@ -149,6 +150,23 @@ def moved_ranges(
         if not joint.lower <= ends[0] <= ends[1] <= joint.upper:
             found[joint.name] = Reach(*ends)
     return found
+
+
+def outdated_corrections(robot: Robot, moved: Moved) -> dict[str, float]:
+    """Fitted corrections of sensors, by path, to be set to zero [rad].
+
+    They are functions of the readings of one pose, and those of two axes make up for each other
+    there.  Where a joint's readings have left the range, none of them holds.  A correction that
+    the file states without an uncertainty was measured otherwise and is kept.
+
+    Args:
+        robot: as the file describes it.
+        moved: see ``moved_ranges``.
+    """
+    known = robot.uncertainty
+    if known is None or not moved:
+        return {}
+    return {path: 0.0 for path in known.parameters if ".correction.value." in path}
 
 
 def seeking_ranges(document: Document, source: str, moved: Moved) -> dict[str, float]:

@@ -11,6 +11,7 @@ from cdrj_ros.bag import BagWriter, Topics
 from cdrj_ros.commands import identify
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.identification.pose import Reach, outdated_corrections
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
@@ -24,7 +25,9 @@ CHANGED = {
     "joints.jaw.reference_angle": 0.815771 + SHIFT,
     "motors.spindle.spring_rest": 0.25,
     "cables.b.nodes.4.wrap_angle": 2.2,
+    **{f"motors.spindle.correction.value.{k}": 0.0 for k in range(2, 8)},
 }
+"""The spindle's correction was fitted to the readings of the file's pose."""
 
 
 def bag_of(path: Path, frequency: float, stretch: float) -> Path:
@@ -83,6 +86,27 @@ def test_only_what_the_pose_changed_is_fitted_and_the_range_follows_the_readings
     assert lower > number_at(before, "joints.jaw.range.2"), "the poses exclude each other"
     assert lower < CHANGED["joints.jaw.reference_angle"] < upper
     assert posed["identified"]["from"] == ROBOT.name
+    assert "set to zero: motors.spindle.correction: it was fitted to readings" in printed
+    assert set(posed["motors"][0]["correction"]["value"]) == {0.0}
+    assert set(posed["joints"][0]["correction"]["value"]) == {0.0}
+
+
+def test_only_fitted_corrections_are_outdated_and_only_where_a_joint_has_left_its_range() -> None:
+    document, source = load_document(ROBOT)
+    known = document["uncertainty"]
+    place = known["parameters"].index("joints.jaw.correction.value.3")
+    for numbers in (known["parameters"], known["stddev"], known["correlation"],
+                    *known["correlation"]):  # fmt: skip
+        del numbers[place]
+    robot = build_robot(document, source)
+    moved = {"jaw": Reach(1.4, 2.4)}
+    assert outdated_corrections(robot, {}) == {}
+    found = outdated_corrections(robot, moved)
+    assert found["motors.spindle.correction.value.2"] == 0.0
+    assert "joints.jaw.correction.value.2" in found
+    assert "joints.jaw.correction.value.3" not in found
+    document.pop("uncertainty")
+    assert outdated_corrections(build_robot(document, source), moved) == {}
 
 
 @pytest.mark.parametrize(
