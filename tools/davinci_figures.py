@@ -129,41 +129,55 @@ def per_run(groups: dict[str, Sequence[Run]], path: Path) -> None:
 
 
 def correction(model: Model, before: Sequence[Run], after: Sequence[Run], path: Path) -> None:
-    """Mean error of the jaw torque with and without correction, and the correction."""
-    fig, (left, right) = plt.subplots(1, 2, figsize=(7.6, 2.9))
+    """Mean error of the jaw torque with and without corrections, and the corrections."""
+    fig, (left, middle, right) = plt.subplots(
+        1, 3, figsize=(9.6, 2.9), width_ratios=(1.3, 1, 1), layout="constrained"
+    )
     for runs, colour, label in ((before, MEASURED, "set to 0"), (after, ESTIMATED, "as fitted")):
         for k, run in enumerate(runs):
-            channel = run.channel[CHANNELS[1]]
-            angle = run.angle(CHANNELS[1])
-            edges = np.linspace(0.16, 1.26, 45)
-            bins = np.digitize(angle, edges)
-            error = channel.estimate - channel.reference
-            centre = 0.5 * (edges[1:] + edges[:-1])
-            mean = [
-                1e3 * error[bins == b].mean() if np.count_nonzero(bins == b) > 50 else np.nan
-                for b in range(1, edges.size)
-            ]
-            left.plot(centre, mean, color=colour, lw=0.8, alpha=0.7, label=None if k else label)
+            left.plot(*_mean_errors(run), color=colour, lw=0.8, alpha=0.7,
+                      label=None if k else label)  # fmt: skip
     left.axhline(0.0, color="#999999", lw=0.6)
     left.set_xlabel("jaw angle [rad]")
     left.set_ylabel("mean error of jaw torque [mN·m]")
-    left.legend(frameon=False, fontsize=8, title="correction", title_fontsize=8)
-    sensor = model.robot.joints[0].sensor
-    at, value = np.array(sensor.corrected_at), 1e3 * np.array(sensor.correction)
-    spread = np.zeros(at.size)
+    left.legend(frameon=False, fontsize=8, title="corrections", title_fontsize=8)
+    for axis, name, sensor in (
+        (middle, "joints.jaw", model.robot.joints[0].sensor),
+        (right, "motors.spindle", model.robot.motors[0].sensor),
+    ):
+        at, value = np.array(sensor.corrected_at), 1e3 * np.array(sensor.correction)
+        spread = 1e3 * _stddev(model, name, at.size)
+        axis.fill_between(
+            at, value - 2.0 * spread, value + 2.0 * spread, color=THIRD, alpha=0.2, lw=0
+        )
+        axis.plot(at, value, "o-", color=THIRD, ms=3.5, lw=1)
+        axis.axhline(0.0, color="#999999", lw=0.6)
+        axis.set_xlabel(f"{name.rpartition('.')[2]} angle [rad]")
+    middle.set_ylabel("correction, ±2σ [mrad]")
+    write(fig, path)
+
+
+def _mean_errors(run: Run) -> tuple[Any, list[float]]:
+    """Middles of ranges of the jaw's angle [rad], and the mean error of its torque [mN m]."""
+    channel = run.channel[CHANNELS[1]]
+    edges = np.linspace(0.16, 1.26, 45)
+    bins = np.digitize(run.angle(CHANNELS[1]), edges)
+    error = 1e3 * (channel.estimate - channel.reference)
+    return 0.5 * (edges[1:] + edges[:-1]), [
+        float(error[bins == b].mean()) if np.count_nonzero(bins == b) > 50 else float("nan")
+        for b in range(1, edges.size)
+    ]
+
+
+def _stddev(model: Model, axis: str, count: int) -> Any:
+    """Standard deviations of an axis's correction [rad]; 0 where it was not fitted."""
     known = model.robot.uncertainty
+    found = np.zeros(count)
     if known is not None:
-        for k in range(at.size):
-            name = f"joints.jaw.correction.value.{k + 1}"
-            if name in known.parameters:
-                place = known.parameters.index(name)
-                spread[k] = 1e3 * float(np.sqrt(known.covariance[place, place]))
-    right.fill_between(at, value - 2.0 * spread, value + 2.0 * spread, color=THIRD, alpha=0.2, lw=0)
-    right.plot(at, value, "o-", color=THIRD, ms=3.5, lw=1)
-    right.axhline(0.0, color="#999999", lw=0.6)
-    right.set_xlabel("jaw angle [rad]")
-    right.set_ylabel("correction, ±2σ [mrad]")
-    finish(fig, path)
+        stddev = dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)), strict=True))
+        names = [f"{axis}.correction.value.{k + 1}" for k in range(count)]
+        found[:] = [stddev.get(name, 0.0) for name in names]
+    return found
 
 
 def _rmse(runs: Sequence[Run], channel: str) -> float:
@@ -171,8 +185,13 @@ def _rmse(runs: Sequence[Run], channel: str) -> float:
 
 
 def finish(fig: Any, path: Path) -> None:
-    """Write a figure."""
+    """Arrange and write a figure."""
     fig.tight_layout()
+    write(fig, path)
+
+
+def write(fig: Any, path: Path) -> None:
+    """Write a figure."""
     fig.savefig(path, dpi=130)
     plt.close(fig)
     print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
@@ -189,8 +208,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     plt.rcParams.update(WIDE)
     document, source = load_document(ROBOT)
     model = prepare(build_robot(document, source))
-    count = len(document["joints"][0]["correction"]["value"])
-    without = {f"joints.jaw.correction.value.{k + 1}": 0.0 for k in range(count)}
+    without = {
+        f"{name}.correction.value.{k + 1}": 0.0
+        for name, axis in (("joints.jaw", document["joints"][0]),
+                           ("motors.spindle", document["motors"][0]))
+        for k in range(len(axis["correction"]["value"]))
+    }  # fmt: skip
     plain = prepare(build_robot(with_numbers(document, without), source))
     train = runs_of(arguments.data / "train", model)
     held_out = runs_of(arguments.data / "validate", model)

@@ -97,7 +97,7 @@ def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
 def test_held_out_runs_are_explained(model: Model) -> None:
     spindle, jaw = r2_of(compared(model, "validate"))
     assert spindle >= 0.991
-    assert jaw >= 0.9915
+    assert jaw >= 0.992
 
 
 @recordings
