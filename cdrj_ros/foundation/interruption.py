@@ -51,6 +51,12 @@ class _Phase:
         """Whether an interrupt has been raised as KeyboardInterrupt."""
         self.deferred = 0
         """Nesting depth of ``deferring``."""
+        self.held = 0
+        """Nesting depth of ``holding``."""
+        self.waiting = False
+        """Whether an interrupt waits for the end of ``holding``."""
+        self.over = False
+        """The command has ended; only its exit code is still to be returned."""
         self.restore: Callable[[], None] | None = None
         """Undoes a change of the terminal, see ``restoring``."""
         self.announced = False
@@ -93,6 +99,27 @@ def deferring() -> Iterator[None]:
 
 
 @contextmanager
+def holding() -> Iterator[None]:
+    """Raise KeyboardInterrupt for an interrupt within the block at its end.
+
+    For foreign code that calls Python and does not survive an exception there, as LLVM while it
+    loads machine code.  A block of more than ``GRACE_S`` does not delay the end of the command.
+    Without effect in other threads than the main one, which signals do not interrupt.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    _PHASE.held += 1
+    try:
+        yield
+    finally:
+        _PHASE.held -= 1
+    if _PHASE.waiting and not _PHASE.held:
+        _PHASE.waiting = False
+        raise KeyboardInterrupt
+
+
+@contextmanager
 def restoring(restore: Callable[[], None]) -> Iterator[None]:
     """Call ``restore`` if the process is ended within the block without unwinding the stack."""
     before, _PHASE.restore = _PHASE.restore, restore
@@ -115,9 +142,14 @@ def run_interruptibly(
     _PHASE.loading, _PHASE.code = True, interrupted
 
     def on_interrupt(_number: int, _frame: FrameType | None) -> None:
+        if _PHASE.over:
+            return
         if _PHASE.loading:
             _end(name)
         _PHASE.interrupted = True
+        if _PHASE.held:
+            _PHASE.waiting = True
+            return
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGINT, on_interrupt)
@@ -128,7 +160,9 @@ def run_interruptibly(
     try:
         _PHASE.loading = False
         code = main()
+        _PHASE.over = True
     except KeyboardInterrupt:
+        _PHASE.over = True
         announce_interruption(name)
         code = interrupted
     except Exception:
