@@ -56,6 +56,7 @@ JAW = {
     f"validate/{RUN}39": 9.0,
 }
 """Made-up recordings of the jaw, and their durations [s]."""
+FURTHER = sorted({f"{k:02}" for k in range(50)} - {path[-2:] for path in JAW})
 POSES = {f"other_wrist_pose/Tool_4_Maryland_L_Pitch_3_00{k}": 2.0 for k in range(4)}
 DAY = "2024-11-15-"
 WIRES = {
@@ -73,10 +74,11 @@ RATE = 100.0
 def elsewhere(words: list[str]) -> bool:
     """Whether a command fetches or converts recordings, or draws the fetched ones.
 
-    test_convert_continuum.py converts some.
+    test_convert_continuum.py and test_convert_davinci.py convert some.
     """
     return words[0] == "git" or words[1:2] in (
         ["tools/convert_continuum.py"], ["tools/continuum_figures.py"],
+        ["tools/convert_davinci.py"],
     )  # fmt: skip
 
 
@@ -131,6 +133,13 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for k, (path, seconds) in enumerate(group.items()):
             (folder / root / path).parent.mkdir(parents=True, exist_ok=True)
             record(folder / root / path, numbers, name, seconds, 0.3 * k)
+    (folder / "ALL").mkdir()
+    for k in FURTHER:
+        (folder / "ALL" / f"{RUN}{k}").symlink_to(folder / "DATA" / "validate" / f"{RUN}11")
+    for k, path in enumerate(POSES):
+        for frequency, of in (("0", path), ("1", f"validate/{RUN}11")):
+            run = folder / "ALL" / f"Tool_4_Maryland_L_Pitch_1_0{frequency}{k}"
+            run.symlink_to(folder / "DATA" / of)
     return folder
 
 
@@ -163,6 +172,9 @@ def play(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
             shortened(patch, 0)
             with pytest.raises(BeganError):
                 identify(rest)
+            if "--out" in rest:  # a later line may use it
+                source = "--from" if "--from" in rest else "--robot"
+                shutil.copyfile(*(rest[rest.index(name) + 1] for name in (source, "--out")))
         else:
             shortened(patch, 2)
             if name == "simulate":

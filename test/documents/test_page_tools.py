@@ -25,6 +25,7 @@ SHORT = {
 ELSEWHERE = {
     "compare_mujoco.py": "test_tutorial.py",
     "convert_continuum.py": "its own test",
+    "convert_davinci.py": "its own test",
     "davinci_bounds.py": "it reads recordings that are not part of this repository",
     "drum_slip.py": "below, shortened",
     "spread_causes.py": "below, shortened",
