@@ -46,6 +46,16 @@ LIMITS = {
         "LLVM's library takes 70 MB, of which 23 MB are for the run-time system that numba "
         "compiles at every start; all of its pages can be discarded and read again"
     ),
+    "make demo from": (
+        "compilation of the kernels (50 s of processor time, the step alone 15 s) and of the "
+        "messages (25 s, half of it their generation in Python), at once; the demonstration alone "
+        "takes 17 s of processor time"
+    ),
+    "make test, whole": (
+        "some 530 s of processor time, of two processors that are threads of one core: tests of "
+        "estimation and commands 15 % each, of nodes 12 %, of the model and of the documents 9 % "
+        "each, of identification 6 %"
+    ),
     "10 000 whole pulleys": "Newton's method gives up even with softened bristles",
 }
 """Limits of the figures according to earlier profiles, by the beginning of the row's name."""
