@@ -7,7 +7,8 @@ python tools/davinci_bounds.py DATA    DATA holds the folders train and validate
    of the spindle in the same direction, which is that of its last count.
 2. A correction of any form, fitted to the residuals of train: ridge regression on random features,
    whose width and penalty are chosen by loads left out.
-3. The share of the squared error while the spindle's encoder stands still.
+3. The share of the squared error while the spindle's encoder stands still, and the share within
+   two standard deviations then.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.bag import Topics  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run  # noqa: E402
+from cdrj_ros.judgement.bag_task import validate_bag  # noqa: E402
 from cdrj_ros.judgement.inputs import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model  # noqa: E402
@@ -225,6 +227,25 @@ def standing(held_out: Sequence[Run]) -> None:
     )
 
 
+def covered(model: Model, bags: Sequence[Path], runs: Sequence[Run]) -> None:
+    """Print how the band of the spindle's torque holds while its encoder stands still."""
+    inside, stddev, still = [], [], []
+    for bag, one in zip(bags, runs, strict=True):
+        channels = validate_bag(model, str(bag), Topics(), spread=True).channels
+        torque = next(channel for channel in channels if channel.name == "effort/spindle")
+        assert torque.stddev is not None
+        inside.append(np.abs(torque.estimate - torque.reference) <= 2.0 * torque.stddev)
+        stddev.append(torque.stddev)
+        time = (torque.stamp_ns - torque.stamp_ns[0]) * 1e-9
+        still.append(np.interp(time, one.time, since_count(one)) >= STILL_S)
+    hits, sigma, stands = np.concatenate(inside), np.concatenate(stddev), np.concatenate(still)
+    for when, these in (("standing", stands), ("moving", ~stands)):
+        print(
+            f"spindle {when}: {hits[these].mean():.0%} within 2 sigma, of "
+            f"{1e3 * sigma[these].mean():.1f} mN m on average"
+        )
+
+
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(
@@ -233,10 +254,8 @@ def main() -> None:
     parser.add_argument("data", type=Path, metavar="DATA")
     data = parser.parse_args().data
     model = load_model(str(ROOT / "config" / "robots" / "davinci_jaw.yaml"))
-    train, held_out = (
-        [read(model, bag) for bag in sorted((data / part).iterdir())]
-        for part in ("train", "validate")
-    )
+    bags = [sorted((data / part).iterdir()) for part in ("train", "validate")]
+    train, held_out = ([read(model, bag) for bag in part] for part in bags)
     true = np.concatenate([one.measured for one in held_out])
     error = np.concatenate([other_cycles(one) - one.measured for one in held_out])
     there = np.isfinite(error).all(axis=1)
@@ -244,6 +263,7 @@ def main() -> None:
           f"{there.mean():.1%} of the samples")  # fmt: skip
     corrected(train, held_out)
     standing(held_out)
+    covered(model, bags[1], held_out)
 
 
 if __name__ == "__main__":
