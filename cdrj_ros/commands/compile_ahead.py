@@ -1,10 +1,9 @@
 """Compilation of all numerical kernels ahead of use.
 
 A build runs ``python -m cdrj_ros.commands.compile_ahead --missing``, so that no start has to
-compile.
-The machine code is specific to the processor of the building machine, usually the robot's, and
-faster than generic code.  On another processor the first start compiles the kernels, as it does
-after the installation of a wheel.
+compile.  The machine code is specific to the processor of the building machine, usually the
+robot's, and faster than generic code.  On another processor the first start compiles the kernels,
+as it does after the installation of a wheel.
 """
 
 from __future__ import annotations
