@@ -11,10 +11,9 @@ from math import pi
 from types import MappingProxyType
 from typing import Any, Final
 
-import jsonschema
-
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
+from cdrj_ros.robot.quick_check import Check, quick_check
 from cdrj_ros.robot.urdf import with_urdf_frames
 
 UNIT_SUFFIXES: Final[Mapping[str, float]] = MappingProxyType(
@@ -47,9 +46,10 @@ def parse_document(text: str, source: str) -> Document:
     if not isinstance(raw, dict):
         raise RobotFileError(f"{source} must hold a mapping with motors, joints and cables")
     document: Document = with_urdf_frames(_Reading(source).to_si(raw), source)
-    for complaint in complaints(document, _schema()):
+    for complaint in document_complaints(document):
         raise RobotFileError(f"{complaint} ({source})")
-    for path, value in _impossible(document, ""):
+    if not _possible(document):
+        path, value = next(_impossible(document, ""))
         raise RobotFileError(
             f"{path} must be a finite number of at most {LARGEST:g} in SI, got {_shown(value)} "
             f"({source})"
@@ -82,21 +82,48 @@ def _frozen(value: Any) -> Any:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
+@lru_cache(maxsize=1)
+def _term_schema() -> Document:
+    """The JSON schema of a function of a joint; as ``_schema``."""
+    return {"$ref": "#/$defs/term", "$defs": _schema()["$defs"]}
+
+
+@lru_cache(maxsize=1)
+def _is_document() -> Check:
+    return quick_check(_schema())
+
+
+@lru_cache(maxsize=1)
+def _is_term() -> Check:
+    return quick_check(_term_schema())
+
+
 def document_complaints(document: Document) -> Iterable[str]:
     """One line for each violation of the schema in a document."""
-    return complaints(document, _schema())
+    return () if _is_document()(document) else complaints(document, _schema())
 
 
 def term_complaints(term: Any, path: str) -> Iterable[str]:
     """One line for each violation of the schema of a joint function in ``term`` at ``path``."""
-    return complaints(term, {"$ref": "#/$defs/term", "$defs": _schema()["$defs"]}, path)
+    return () if _is_term()(term) else complaints(term, _term_schema(), path)
 
 
 def complaints(value: Any, rules: Document, path: str = "") -> Iterable[str]:
     """One line for each violation of the rules in ``value`` at ``path``."""
+    import jsonschema  # slow to import, so only for what may be wrong
+
     validator = jsonschema.Draft202012Validator(rules)
     for error in sorted(validator.iter_errors(value), key=lambda error: len(error.path)):
         yield _complaint(error, path)
+
+
+def _possible(value: Any) -> bool:
+    """Whether all numbers are finite and at most ``LARGEST`` in magnitude."""
+    if isinstance(value, (int, float)):
+        return -LARGEST <= value <= LARGEST
+    if isinstance(value, dict):
+        return all(map(_possible, value.values()))
+    return not isinstance(value, list) or all(map(_possible, value))
 
 
 def _impossible(value: Any, path: str) -> Iterator[tuple[str, float]]:
