@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,38 @@ from cdrj_ros.robot.description import Winch
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
+
+
+class CableStates(NamedTuple):
+    """One cable's values in a state, or in every row of a table of states: views."""
+
+    length: Table
+    """[m], shape (elements,) or (rows, elements), as those that follow."""
+    material: Table
+    """[m]."""
+    bristle: Table
+    """[N], shape (pulleys,) or (rows, pulleys)."""
+    law: Elasticity
+    """Of every row, shapes (1,) or (rows, 1)."""
+
+    def stretch(self, shift: Table) -> Vector:
+        """Change the tensions by ``shift`` [N], which can be broadcast to the elements.
+
+        Returns:
+            Change of the cable's material [m], shape () or (rows,).
+        """
+        length, material, law = self.length, self.material, self.law
+        # most cables are linear, and the general law takes three times as long
+        linear = not law.bedding_strain.any()
+        strain = length / material - 1.0
+        tension = (law.axial_stiffness * strain if linear else tensions_at(law, strain)) + shift
+        strain = tension / law.axial_stiffness if linear else strain_at(law, tension)
+        before = np.add.reduce(material, axis=-1)
+        np.divide(length, 1.0 + strain, out=material)
+        taut = np.maximum(tension, 0.0)
+        np.subtract(taut[..., 1:], taut[..., :-1], out=self.bristle)
+        change: Vector = np.add.reduce(material, axis=-1) - before
+        return change
 
 
 class CablePlaces:
@@ -59,49 +91,48 @@ class CablePlaces:
             if isinstance(node, Winch)
         ]
 
-    def stretch(self, states: Table, numbers: Table, shift: Table) -> Vector:
-        """Change the tensions in ``states`` by ``shift`` [N], shape (states, elements).
-
-        Returns:
-            Change of the cable's material [m], shape (states,).
-        """
-        law = self._law(numbers)
-        length, material = states[:, self._length_part], states[:, self._material_part]
-        tension = tensions_at(law, length / material - 1.0) + shift
-        before = material.sum(axis=1)
-        material[:] = length / (1.0 + strain_at(law, tension))
-        states[:, self._bristle_part] = np.diff(np.maximum(tension, 0.0), axis=1)
-        change: Vector = material.sum(axis=1) - before
-        return change
-
-    def lengthen(self, numbers: Table, change: Vector) -> None:
-        """Let states begin with more material, so that they know a correction of the preload.
+    def states(self, states: Table, numbers: Table) -> CableStates:
+        """The cable's values.
 
         Args:
-            numbers: of the prepared robots, shape (rows, numbers), changed.
-            change: of the cable's material [m], shape (rows,).
+            states: a state, shape (state_size,), or many, shape (rows, state_size).
+            numbers: of the prepared robot, or of that of every row.
         """
-        material = self._material(numbers)
-        material *= 1.0 + (change / material.sum(axis=1))[:, None]
+        return CableStates(
+            states[..., self._length_part],
+            states[..., self._material_part],
+            states[..., self._bristle_part],
+            self._law(numbers),
+        )
+
+    def start(self, numbers: Table) -> Table:
+        """Material of the cable's elements in the reference pose [m], a view of ``numbers``."""
+        return numbers[..., self._material_columns]
 
     def preload(self, numbers: Table, shift: Vector) -> None:
         """Let states begin with other preloads, but at least 0.
 
         Args:
-            numbers: as for ``lengthen``.
+            numbers: of the prepared robots, shape (rows, numbers), changed.
             shift: of the preload [N], shape (rows,).
         """
-        law, material = self._law(numbers), self._material(numbers)
+        law, material = self._law(numbers), self.start(numbers)
         tension = tensions_at(law, self._length / material - 1.0) + shift[:, None]
         material[:] = self._length / (1.0 + strain_at(law, np.maximum(tension, 0.0)))
 
     def _law(self, numbers: Table) -> Elasticity:
         """The cable's law of every row of ``numbers``."""
-        return Elasticity(*(numbers[:, column, None] for column in self._law_columns))
+        return Elasticity(*(numbers[..., column, None] for column in self._law_columns))
 
-    def _material(self, numbers: Table) -> Table:
-        """Material of the cable's elements in the reference pose [m], a view of ``numbers``."""
-        return numbers[:, self._material_columns]
+
+def lengthen(start: Table, change: Vector) -> None:
+    """Let states begin with more material, so that they know a correction of the preload.
+
+    Args:
+        start: see ``CablePlaces.start``, shape (elements,) or (rows, elements), changed.
+        change: of the cable's material [m], shape () or (rows,).
+    """
+    start *= 1.0 + (change / np.add.reduce(start, axis=-1))[..., None]
 
 
 def _columns(places: Vector) -> slice:

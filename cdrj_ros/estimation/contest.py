@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.claims import Claim
+from cdrj_ros.estimation.independent_draws import root_mean_square
 
 Vector = NDArray[np.float64]
 
@@ -95,7 +96,7 @@ class Witness:
     @property
     def wrong(self) -> str:
         """Why the sensor is wrong, if its lasting error is certain; else empty."""
-        size = float(np.sqrt((self.deviation**2).mean()))
+        size = root_mean_square(self.deviation)
         if abs(self.error) <= CERTAIN * max(size, self.share, self.history):
             return ""
         ratio = abs(self.error) / size
@@ -116,12 +117,13 @@ class Witness:
         taught, window_ns = self._taught, LONG_WINDOW_NS if self.against_effort else WINDOW_NS
         while len(taught) > 1 and stamp_ns - taught[1].stamp_ns >= window_ns:
             taught.popleft()
-        if any(variance > RISEN * one.variance for one in taught):
+        if taught and variance > RISEN * min([one.variance for one in taught]):
             taught.clear()
-        for before in taught:
-            since = max(stamp_ns - before.stamp_ns, 0) * 1e-9
-            allowed = before.variance + own + drift * since
-            moved = innovation + self._correction - before.correction
+        corrected = innovation + self._correction
+        for then, correction, before in taught:
+            since = max(stamp_ns - then, 0) * 1e-9
+            allowed = before + own + drift * since
+            moved = corrected - correction
             if moved * moved > square * allowed:
                 self.surprise, square = moved, moved * moved / allowed
         if square <= CONTESTED:

@@ -182,6 +182,8 @@ class Spread:
         self._members = _new_members(model, self.columns, numbers, seed, generator)
         self.states, self.stamps = self._members.states, self._members.stamps
         self.deviation, self.variance = self._members.deviation, self._members.variance
+        self.variance_is_old = False
+        """Whether ``deviation`` has changed, so that ``renew_variance`` is to be called."""
         self._of_step: Any = None
         """What ``step`` reads, in one place."""
         own = self._members
@@ -255,8 +257,14 @@ class Spread:
                 return False
         for name, values in own.items():
             values[:] = arrays[name]
-        self.variance[:] = (self.deviation**2).mean(axis=0)
+        self.renew_variance()
         return True
+
+    def renew_variance(self) -> None:
+        """Compute the variances anew, after changes of ``deviation``."""
+        self.variance_is_old = False
+        np.add.reduce(self.deviation * self.deviation, axis=0, out=self.variance)
+        self.variance /= len(self.deviation)
 
     def shift_clock(self, by_ns: int) -> None:
         """Shift the members' stamps by ``by_ns`` [ns]."""
@@ -359,7 +367,7 @@ class Spread:
     def catch_up(self, sample: Sample, estimate: Estimate) -> None:
         """Update all members to ``sample``, the last one given to ``update``."""
         self.finish()
-        if not np.all(self.stamps == sample.stamp_ns):
+        if not (self.stamps == sample.stamp_ns).all():
             self._begin(sample, estimate, len(self.states), False)
 
     def _settle(self) -> None:

@@ -10,6 +10,7 @@ is decided which readings are used, and with which errors; the correction itself
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -20,10 +21,11 @@ from cdrj_ros.estimation.claims import HISTORY_ERROR, Claim
 from cdrj_ros.estimation.contest import WINDOW_NS, Answer, Witness, finite
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import Estimate, State
+from cdrj_ros.estimation.independent_draws import root_mean_square, standard
 from cdrj_ros.estimation.kalman import Innovation, update
 from cdrj_ros.estimation.motor_friction import FRICTION_DRIFT, MotorFriction
 from cdrj_ros.estimation.past import PastEstimates
-from cdrj_ros.estimation.preloads import DOUBT, SLOW_DRIFT, Preloads, standard
+from cdrj_ros.estimation.preloads import DOUBT, SLOW_DRIFT, Preloads
 from cdrj_ros.estimation.quantities import Quantity, quantities_of
 from cdrj_ros.estimation.sensor_health import SensorHealth, enough
 from cdrj_ros.estimation.waiting import Measurement
@@ -191,7 +193,7 @@ class Fusion:
     def motor_friction(self) -> dict[str, tuple[float, float]]:
         """Friction of every tracked motor beyond the robot file's, its standard deviation [N m]."""
         return {
-            name: (one.error, float(np.sqrt((one.deviation**2).mean())))
+            name: (one.error, root_mean_square(one.deviation))
             for name, one in self._witnesses.items()
             if self._quantities[name].is_effort
         }
@@ -223,17 +225,37 @@ class Fusion:
             The corrected state; the same object if the reading was refused.
         """
         name, value, what = measured.name, measured.value, self._quantities[measured.name]
-        health = self.health.setdefault(name, SensorHealth(name))
+        health = self.health.get(name)
+        if health is None:
+            health = self.health[name] = SensorHealth(name)
         found = self._past.expected(measured.stamp_ns, what.column, what.motor)
         if not abs(value) <= LARGEST or found is None:
             health.refused += 1
             return state
-        expected, factor = found
         now = Estimate(sample.stamp_ns, self._past.last, self.model.layout, True)
         self.spread.catch_up(sample, now)
+        state = self._use(sample.stamp_ns, state, measured, *found)
+        if self.spread.variance_is_old:
+            self.spread.renew_variance()
+        return state
+
+    def _use(
+        self, stamp_ns: int, state: State, measured: Measurement, expected: float, factor: float
+    ) -> State:
+        """``correct`` with what is expected of the reading, but for the ensemble's variances.
+
+        Args:
+            stamp_ns: time of the last processed sample [ns].
+            state: as for ``correct``.
+            measured: as for ``correct``.
+            expected: current estimate for the time of the measurement [N] or [N m].
+            factor: change of ``expected`` per unit of the sensor's lasting error [-].
+        """
+        name, value, what = measured.name, measured.value, self._quantities[measured.name]
+        health = self.health[name]
         errors = [one.deviation for one in self._witnesses.values()]
-        shares = {c: self._drift_of(c, sample.stamp_ns) for c in what.cables}
-        passed = self._preloads.drift(name, sample.stamp_ns, shares, errors)
+        shares = {c: self._drift_of(c, stamp_ns) for c in what.cables}
+        passed = self._preloads.drift(name, stamp_ns, shares, errors)
         own = measured.noise**2 + self._model_error(what, value) ** 2
         witness = self._witnesses.get(name)
         if witness is not None and what.is_effort:
@@ -250,7 +272,7 @@ class Fusion:
         if witness is None:
             witness = self._heed(name, what, abs(value - expected))
         innovation = value - expected - error
-        agrees = self._agrees(name, witness, sample.stamp_ns, innovation, variance)
+        agrees = self._agrees(name, witness, stamp_ns, innovation, variance)
         if not usable:  # counted already
             return state
         if not agrees:
@@ -282,7 +304,9 @@ class Fusion:
         It is small where a load cell measures the cable: a preload that changes sooner then shows
         as a contradiction, and so does a cell that drifts.
         """
-        return min(self._drift, SLOW_DRIFT) if self._cells(cable, stamp_ns) else self._drift
+        if self._drift <= SLOW_DRIFT or not self._cells(cable, stamp_ns):
+            return self._drift
+        return SLOW_DRIFT
 
     def _heard(self, stamp_ns: int) -> dict[str, Quantity]:
         """The trusted sensors that have been heard lately, and what they measure."""
@@ -356,7 +380,7 @@ class Fusion:
     def _share(self, witness: Witness, size: float) -> None:
         """Let the lasting error of a load cell grow to ``size`` [N] with its largest reading."""
         if size > witness.share:
-            witness.deviation += np.sqrt(size**2 - witness.share**2) * self._draw()
+            witness.deviation += sqrt(size**2 - witness.share**2) * self._draw()
             witness.share = size
 
     def _variance(self, column: int, witness: Witness | None, factor: float) -> float:

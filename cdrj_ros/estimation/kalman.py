@@ -7,6 +7,7 @@ cables concerned).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.contest import Witness
 from cdrj_ros.estimation.ensemble import Spread
-from cdrj_ros.estimation.preloads import Preloads, standard
+from cdrj_ros.estimation.independent_draws import standard
+from cdrj_ros.estimation.preloads import Preloads
 from cdrj_ros.estimation.quantities import Quantity
 
 Vector = NDArray[np.float64]
@@ -43,7 +45,7 @@ def update(
     """Correct a state, the ensemble and the sensor's lasting error with one reading.
 
     Args:
-        spread: the ensemble, changed.
+        spread: the ensemble, changed, but for its variances.
         preloads: of the ensemble, changed.
         what: the measured quantity.
         witness: the sensor, whose lasting error is corrected too.
@@ -59,8 +61,8 @@ def update(
     h = deviation[:, what.column] + innovation.factor * witness.deviation
     variance = float(h @ h) / members + innovation.variance
     gain = deviation.T @ h / (members * variance)
-    gain[~_concerned(spread, preloads, what)] = 0.0
-    errors = np.sqrt(innovation.variance) * standard(spread.generator, members, lasting)
+    gain[what.others] = 0.0
+    errors = sqrt(innovation.variance) * standard(spread.generator, members, lasting)
     differences = innovation.size - h + errors
     change = differences[:, None] * gain
     for c in what.cables:
@@ -70,16 +72,5 @@ def update(
     heard = float(gain[what.column]) + (own_gain if witness.against_effort else 0.0)
     witness.learn(differences * own_gain, own_gain * innovation.size, heard * innovation.size)
     deviation += change - gain * innovation.size
-    spread.variance[:] = (deviation**2).mean(axis=0)
+    spread.variance_is_old = True
     return gain
-
-
-def _concerned(spread: Spread, preloads: Preloads, what: Quantity) -> NDArray[np.bool_]:
-    """The columns that a reading may correct: those of its cables, and all efforts."""
-    layout = spread.model.layout
-    concerned = np.zeros(spread.columns.size, dtype=bool)
-    concerned[len(layout.elements) + len(layout.pulleys) :] = True
-    for c in what.cables:
-        concerned[preloads.places[c].elements] = True
-        concerned[preloads.places[c].pulleys] = True
-    return concerned

@@ -51,17 +51,17 @@ class MotorFriction:
             for one in passive
         ]
         counts = [abs(motor.sensor.scale) * motor.sensor.resolution for motor in robot.motors]
-        self._breakaway = np.maximum(breakaway, COUNTS * np.array(counts))
-        self._sign = np.array([-float(motor.effort_sign) for motor in robot.motors])
-        self._angle: Vector | None = None
-        self._direction = np.zeros(len(robot.motors))
+        # floats, because most robots have few motors, and arrays take longer up to ten of them
+        self._breakaway = np.maximum(breakaway, COUNTS * np.array(counts)).tolist()
+        self._sign = [-float(motor.effort_sign) for motor in robot.motors]
+        self.forget()
 
     def forget(self) -> None:
         """Forget angles and directions."""
-        self._angle = None
-        self._direction = np.zeros(self._sign.size)
+        self._angle: list[float] = []
+        self._direction = [0.0] * len(self._sign)
 
-    def turn(self, angle: Vector) -> Vector:
+    def turn(self, angle: Vector) -> list[float]:
         """Follow the motors: the direction d of (U9).
 
         Args:
@@ -69,13 +69,18 @@ class MotorFriction:
 
         Returns:
             Change of every effort per unit of the motor's friction [-], from -1 to 1, shape
-            (motors,); a new array.
+            (motors,); a new list.
         """
-        if self._angle is not None:
-            turned = (angle - self._angle) / self._breakaway
-            self._direction = np.clip(self._direction + turned, -1.0, 1.0)
-        self._angle = angle
-        return self._sign * self._direction
+        before, self._angle = self._angle, angle.tolist()
+        if before:
+            turns = zip(self._direction, self._angle, before, self._breakaway, strict=True)
+            self._direction = [
+                min(max(direction + (now - then) / breakaway, -1.0), 1.0)
+                for direction, now, then, breakaway in turns
+            ]
+        return [
+            sign * direction for sign, direction in zip(self._sign, self._direction, strict=True)
+        ]
 
     def stddev(self, motor: int, preload_torque: float) -> float:
         """Standard deviation of the unknown friction before any effort was measured [N m].

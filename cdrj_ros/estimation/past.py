@@ -7,6 +7,7 @@ correction repeatedly.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -29,7 +30,7 @@ class _Past(NamedTuple):
     """The estimate, see ``Estimate.values``."""
     corrected: Vector
     """The total correction of each column until then."""
-    direction: Vector
+    direction: Sequence[float]
     """Effort per unit of friction of every motor [-], see ``MotorFriction.turn``."""
 
 
@@ -52,7 +53,7 @@ class PastEstimates:
         self._history.clear()
         self.corrected = np.zeros(self._columns.size)
 
-    def add(self, stamp_ns: int, values: Vector, direction: Vector) -> None:
+    def add(self, stamp_ns: int, values: Vector, direction: Sequence[float]) -> None:
         """Add the estimate of a sample.
 
         Args:
@@ -85,18 +86,20 @@ class PastEstimates:
         if not history or not history[0].stamp_ns <= stamp_ns <= history[-1].stamp_ns:
             return None
 
-        def then(k: int) -> Vector:
-            past = history[k]
-            value = past.values[place] + (self.corrected[column] - past.corrected[column])
-            return np.array([value, past.direction[motor] if motor >= 0 else 1.0])
+        now = float(self.corrected[column])
 
-        after = len(history) - 1
-        while after > 0 and history[after - 1].stamp_ns >= stamp_ns:
-            after -= 1
+        def then(past: _Past) -> tuple[float, float]:
+            value = float(past.values[place]) + (now - float(past.corrected[column]))
+            return value, past.direction[motor] if motor >= 0 else 1.0
+
+        k = len(history) - 1
+        while k > 0 and history[k - 1].stamp_ns >= stamp_ns:
+            k -= 1
+        after = history[k]
         found = then(after)
-        stamp = history[after].stamp_ns
-        if stamp != stamp_ns and after > 0:
-            before = history[after - 1].stamp_ns
-            share = (stamp_ns - before) / (stamp - before)
-            found = then(after - 1) + share * (found - then(after - 1))
-        return float(found[0]), float(found[1])
+        if after.stamp_ns == stamp_ns or k == 0:
+            return found
+        before = history[k - 1]
+        share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+        first, factor = then(before)
+        return first + share * (found[0] - first), factor + share * (found[1] - factor)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from math import sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.cable_places import CablePlaces
+from cdrj_ros.estimation.cable_places import CablePlaces, CableStates, lengthen
 from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.independent_draws import root_mean_square, standard
 from cdrj_ros.model.prepared import Model, read_only
 
 Vector = NDArray[np.float64]
@@ -28,6 +30,20 @@ DOUBT: Final = 0.2
 show, as a fraction of the preload."""
 
 
+class MemberCable(NamedTuple):
+    """One cable of all members: views of the ensemble's arrays, prepared once."""
+
+    states: CableStates
+    start: Table
+    """Material in the reference pose [m], shape (members, elements)."""
+    tension: Table
+    """Deviation of the tensions [N], shape (members, elements)."""
+    force: Table
+    """Deviation of the forces on its pulleys [N], shape (members, pulleys)."""
+    efforts: list[tuple[Vector, float]]
+    """Deviation of every effort on which it acts [N m], shape (members,), and that per newton."""
+
+
 class Preloads:
     """Changes of the preloads in all members."""
 
@@ -40,6 +56,8 @@ class Preloads:
         self.spread = spread
         self.places = [CablePlaces(spread.model, c) for c in range(len(spread.model.robot.cables))]
         self._preload = [max(cable.preload, 1.0) for cable in spread.model.robot.cables]
+        self._cables = [self._cable(places) for places in self.places]
+        self._scales: dict[int, float] = {}
         self._last_ns: dict[str, int] = {}
         self.known = np.zeros(len(self.places))
         """What the estimate's cables have more in material than the robot file's [m]."""
@@ -58,10 +76,10 @@ class Preloads:
         """The robot with the preloads that are known by now."""
         if not self.known.any():
             return model
-        numbers = model.numbers[None, :].copy()
+        numbers = model.numbers.copy()
         for places, known in zip(self.places, self.known, strict=True):
-            places.lengthen(numbers, np.array([known]))
-        return replace(model, numbers=read_only(numbers[0]))
+            lengthen(places.start(numbers), np.asarray(known))
+        return replace(model, numbers=read_only(numbers))
 
     def correct(self, c: int, state: Vector, shift: Vector, changes: Table) -> None:
         """Change the tensions of a cable, and what is known of its preload.
@@ -72,11 +90,9 @@ class Preloads:
             shift: of its tensions [N], shape (elements,).
             changes: of those of all members, shape (members, elements).
         """
-        places, spread = self.places[c], self.spread
-        nominal = spread.model.numbers[None, :]
-        self.known[c] += places.stretch(state[None, :], nominal, shift[None, :])[0]
-        change = places.stretch(spread.states, spread.numbers, changes)
-        places.lengthen(spread.numbers, change)
+        estimate, cable = self.places[c].states(state, self.spread.model.numbers), self._cables[c]
+        self.known[c] += estimate.stretch(shift)
+        lengthen(cable.start, cable.states.stretch(changes))
 
     def pass_unwatched(self, seconds: float, shares: Sequence[float]) -> None:
         """Let the preloads drift while nothing was measured, by no more than they may at the start.
@@ -92,7 +108,7 @@ class Preloads:
                 self._shift(c, size * normal)
             else:
                 self.places[c].preload(self.spread.numbers, size * normal)
-        self.spread.variance[:] = (self.spread.deviation**2).mean(axis=0)
+        self.spread.renew_variance()
 
     def widen(self, size: float, column: int, cables: list[int]) -> None:
         """Add to every preload what would change a measured quantity by ``size``, before a start.
@@ -126,8 +142,7 @@ class Preloads:
         spread = self.spread
         for c, share in shares.items():
             normal = standard(spread.generator, len(spread.states), apart)
-            self._shift(c, share * self._preload[c] * np.sqrt(passed) * normal)
-        spread.variance[:] = (spread.deviation**2).mean(axis=0)
+            self._shift(c, share * self._preload[c] * sqrt(passed) * normal)
         return passed
 
     def heard(self, name: str, stamp_ns: int, within_ns: int) -> bool:
@@ -136,20 +151,20 @@ class Preloads:
 
     def scale(self, column: int, cables: list[int]) -> float:
         """Change of a measured quantity if all preloads vary by themselves [N] or [N m] (RMS)."""
-        changes = [(arm * self._preload[c]) ** 2 for c, arm in self._arms(column, cables)]
-        return float(np.sqrt(sum(changes)))
+        if column not in self._scales:
+            changes = [(arm * self._preload[c]) ** 2 for c, arm in self._arms(column, cables)]
+            self._scales[column] = sqrt(sum(changes))
+        return self._scales[column]
 
     def loosen(self, size: float, column: int, cables: list[int], apart: Sequence[Vector]) -> None:
         """Add to every preload what would change a measured quantity by ``size``."""
         spread = self.spread
         for c, arm in self._arms(column, cables):
             self._shift(c, size / abs(arm) * standard(spread.generator, len(spread.states), apart))
-        spread.variance[:] = (spread.deviation**2).mean(axis=0)
 
     def stddev(self, c: int) -> float:
         """Standard deviation of the preload of a cable, that is of its mean tension [N]."""
-        mean = self.spread.deviation[:, self.places[c].elements] @ self.places[c].weight
-        return float(np.sqrt((mean**2).mean()))
+        return root_mean_square(self._cables[c].tension @ self.places[c].weight)
 
     def exchange(self, size: float, column: int, c: int, apart: Sequence[Vector]) -> Vector:
         """Vary a preload by itself, with a standard deviation of ``size`` [N].
@@ -167,7 +182,6 @@ class Preloads:
         known = [*apart, spread.deviation[:, column]]
         change = size * standard(spread.generator, len(spread.states), known)
         self._shift(c, change)
-        spread.variance[:] = (spread.deviation**2).mean(axis=0)
         return change
 
     def _arms(self, column: int, cables: list[int]) -> list[tuple[int, float]]:
@@ -177,32 +191,23 @@ class Preloads:
         arms = [(c, sum(arm for at, arm in self.places[c].motors if at == column)) for c in cables]
         return [(c, arm) for c, arm in arms if arm != 0.0]
 
+    def _cable(self, places: CablePlaces) -> MemberCable:
+        """The views of one cable."""
+        spread, deviation = self.spread, self.spread.deviation
+        return MemberCable(
+            states=places.states(spread.states, spread.numbers),
+            start=places.start(spread.numbers),
+            tension=deviation[:, places.elements],
+            force=deviation[:, places.pulleys],
+            efforts=[(deviation[:, column], arm) for column, arm in places.motors],
+        )
+
     def _shift(self, c: int, tension: Vector) -> None:
         """Change the tension of a cable [N] in every member, shape (members,)."""
-        spread, places = self.spread, self.places[c]
-        shift = np.outer(tension, np.ones(places.count))
-        change = places.stretch(spread.states, spread.numbers, shift)
-        places.lengthen(spread.numbers, change)
-        spread.deviation[:, places.elements] += shift
-        spread.deviation[:, places.pulleys] += shift[:, :1] * places.lever
-        for column, arm in places.motors:
-            spread.deviation[:, column] += arm * tension
-
-
-def standard(generator: np.random.Generator, members: int, apart: Sequence[Vector] = ()) -> Vector:
-    """Random numbers with mean 0 and variance 1 over the members, shape (members,).
-
-    Args:
-        generator: random generator.
-        members: number of members.
-        apart: values in every member with which they are not correlated.  Since members are few,
-            they would be by chance, and every correction would reduce the spread of these values.
-    """
-    normal = generator.standard_normal(members)
-    if len(apart) < members // 2:
-        basis = np.linalg.qr(np.stack([np.ones(members), *apart], axis=1))[0]
-        normal -= basis @ (basis.T @ normal)
-    else:
-        normal -= normal.mean()
-    scaled: Vector = normal / np.sqrt((normal**2).mean())
-    return scaled
+        cable, shift = self._cables[c], tension[:, None]
+        lengthen(cable.start, cable.states.stretch(shift))
+        np.add(cable.tension, shift, out=cable.tension)
+        np.add(cable.force, shift * self.places[c].lever, out=cable.force)
+        for effort, arm in cable.efforts:
+            np.add(effort, arm * tension, out=effort)
+        self.spread.variance_is_old = True

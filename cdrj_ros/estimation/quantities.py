@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Winch
 
@@ -15,6 +18,8 @@ class Quantity(NamedTuple):
     """Its column in the spread."""
     cables: list[int]
     """The cables that a reading of it corrects."""
+    others: NDArray[np.int64]
+    """The columns that it does not correct: those of other cables, but no efforts."""
     motor: int = -1
     """Index of the motor whose effort it is; -1 for a tension."""
 
@@ -27,14 +32,22 @@ class Quantity(NamedTuple):
 def quantities_of(model: Model) -> dict[str, Quantity]:
     """The quantities by the names of their sensors: ``cable/element``, or a motor."""
     layout, robot = model.layout, model.robot
-    cable_of = {name: c for c, cable in enumerate(robot.cables) for name in cable.element_names}
-    found = {name: Quantity(k, [cable_of[name]]) for k, name in enumerate(layout.elements)}
+    columns = [name.rsplit("/", 1)[0] for name in (*layout.elements, *layout.pulleys)]
+    cables = [layout.cables.index(name) for name in columns]
+
+    def others(own: list[int]) -> NDArray[np.int64]:
+        return np.flatnonzero(~np.isin(cables, own))
+
+    found = {
+        name: Quantity(k, [cables[k]], others([cables[k]]))
+        for k, name in enumerate(layout.elements)
+    }
     first_motor = len(layout.elements) + len(layout.pulleys)
     for k, motor in enumerate(layout.motors):
-        cables = [
+        own = [
             c
             for c, cable in enumerate(robot.cables)
             if any(isinstance(node, Winch) and node.motor == motor for node in cable.nodes)
         ]
-        found[motor] = Quantity(first_motor + k, cables, k)
+        found[motor] = Quantity(first_motor + k, own, others(own), k)
     return found

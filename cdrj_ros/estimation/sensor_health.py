@@ -89,7 +89,9 @@ class SensorHealth:
     """The latest readings less the uncorrected estimates; as many as drop a sensor."""
     _in_motion: int = 0
     """Readings on trial while the estimate moved."""
-    _trial: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRIED))
+    _trial: deque[float] = field(default_factory=lambda: deque(maxlen=TRIED))
+    """Readings on trial, and at each of them the estimate without corrections."""
+    _beside: deque[float] = field(default_factory=lambda: deque(maxlen=TRIED))
 
     def memory(self) -> dict[str, Any]:
         """What it is known by, as JSON; ``recalled`` reads it."""
@@ -116,7 +118,7 @@ class SensorHealth:
 
     def pause(self) -> None:
         """Forget the latest readings: the estimates to compare them with begin anew."""
-        for latest in (self._squares, self._equal, self._trial, self._away):
+        for latest in (self._squares, self._equal, self._trial, self._beside, self._away):
             latest.clear()
         self._last = None
 
@@ -157,8 +159,7 @@ class SensorHealth:
 
     def _fault(self, value: float, expected: float, own: float) -> str:
         """The fault that the last ``JUDGED`` readings show; empty if none."""
-        moved = max(self._equal) - min(self._equal)
-        if len(self._equal) >= EQUAL and moved > STIFF * own**0.5:
+        if len(self._equal) >= EQUAL and max(self._equal) - min(self._equal) > STIFF * own**0.5:
             return f"frozen at {value:.4g} while the estimate moves"
         if len(self._squares) < JUDGED:
             return ""
@@ -182,10 +183,11 @@ class SensorHealth:
         """Add a reading on trial; True once the readings follow the motion, (U4)."""
         self.tried += 1
         self.largest = max(self.largest, abs(value))
-        if self._trial and abs(unaided - self._trial[-1][1]) < TRIAL_STEP * own**0.5:
+        if self._beside and abs(unaided - self._beside[-1]) < TRIAL_STEP * own**0.5:
             return False
-        self._trial.append((value, unaided))
-        readings, estimates = np.array(self._trial).T
+        self._trial.append(value)
+        self._beside.append(unaided)
+        readings, estimates = (np.fromiter(one, float) for one in (self._trial, self._beside))
         if _to_and_fro(estimates) <= enough(own, float(np.abs(estimates).max())):
             return False
         response, error = _slope(estimates, readings, own)
@@ -200,6 +202,7 @@ class SensorHealth:
         if self.trusted:
             self.tried -= 1
             self._trial.clear()
+            self._beside.clear()
         return self.trusted
 
 

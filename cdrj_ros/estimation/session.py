@@ -269,14 +269,17 @@ class LiveEstimator:
                 return estimate, stddev
             self.state, estimate = step(self.model, self.state, sample)
             return estimate, None
-        first = self.state.stamp_ns == NEVER
-        model = others.fusion.beginning() if first else self.model
-        self.state, estimate = step(model, self.state, sample)
-        self.unaided = step(self.model, self.unaided, sample)[0]
-        if spread is None:
-            return estimate, None
-        stddev = spread.begin(sample, estimate)
-        spread.finish()  # other sensors correct the members
+        assert spread is not None
+        model, untaught = self.model, self.state is self.unaided
+        if self.state.stamp_ns == NEVER:
+            model = others.fusion.beginning()
+        if model is self.model:  # at once, since other sensors correct the members
+            self.state, estimate, stddev = spread.step(self.state, sample, at_once=True)
+        else:
+            self.state, estimate = step(model, self.state, sample)
+            stddev = spread.update(sample, estimate)
+        same = untaught and model is self.model
+        self.unaided = self.state if same else step(self.model, self.unaided, sample)[0]
         return estimate, stddev
 
     def _note(self, sample: Sample, estimate: Estimate) -> None:

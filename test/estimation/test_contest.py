@@ -13,8 +13,8 @@ from support.campaign import SECOND, Course, Faults, Lie, courses, half_rate, ju
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.claims import Claim
 from cdrj_ros.estimation.contest import LASTING, Witness
+from cdrj_ros.estimation.independent_draws import standard
 from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.preloads import standard
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model

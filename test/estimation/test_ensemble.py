@@ -324,7 +324,7 @@ def test_a_correction_changes_the_tensions_of_a_stiffening_cable_by_what_it_says
     state, estimate = step(soft, initial_state(soft), sample)
     states, numbers = np.stack([state.values] * 2), np.stack([soft.numbers] * 2)
     shift = np.array([np.linspace(-3.0, 5.0, 8), np.zeros(8)])
-    CablePlaces(soft, 0).stretch(states, numbers, shift)
+    CablePlaces(soft, 0).states(states, numbers).stretch(shift)
     kept = state_views(soft.sizes, states)
     law = elasticity_of(soft.robot.cables[0])
     tension = tensions_at(law, kept.length[:, :8] / kept.material[:, :8] - 1.0)
