@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from math import pi
 from typing import Any, Final
 
@@ -120,15 +121,15 @@ def complete_uncertainty(
     if not paths:
         return stated
     index = {path: k for k, path in enumerate(paths)}
-    roots = np.zeros((len(paths), len(factors)))
-    for k, factor in enumerate(factors):
-        for path, stddev in factor.items():
-            roots[index[path], k] = stddev
     size = len(known)
     covariance = np.zeros((size + len(paths), size + len(paths)))
     if stated is not None:
         covariance[:size, :size] = stated.covariance
-    covariance[size:, size:] = roots @ roots.T
+    # entry by entry, since a product of matrices would start threads for 8 ms
+    default = covariance[size:, size:]
+    for factor in factors:
+        for one, other in product(factor.items(), repeat=2):
+            default[index[one[0]], index[other[0]]] += one[1] * other[1]
     return Uncertainty((*known, *paths), covariance, size)
 
 
