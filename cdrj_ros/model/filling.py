@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
+from functools import lru_cache
 from math import cos, pi, sin
 from typing import Any, Final
 
@@ -94,9 +95,10 @@ def _profiles(cable: Cable) -> Iterator[Profile]:
 
 def _fill(rows: Any, place: int, **fields: float | tuple[float, ...]) -> None:
     """Set all fields of one row of a structured array by name; vectors are given as tuples."""
-    rows[place] = tuple(fields.pop(name) for name in rows.dtype.names)
-    if fields:
-        raise TypeError(f"no such fields: {', '.join(fields)}")
+    names = rows.dtype.names
+    rows[place] = tuple([fields[name] for name in names])
+    if len(fields) > len(names):
+        raise TypeError(f"no such fields: {', '.join(fields.keys() - names)}")
 
 
 class _Rows:
@@ -121,7 +123,7 @@ class _Rows:
             _fill(self._numbers.joints, k, lower=joint.lower, interval=interval)
         for k, axis in enumerate(self._robot.axes):
             sign = axis.effort_sign
-            _fill(self._numbers.axes, k, effort_sign=sign, **asdict(axis.passive))
+            _fill(self._numbers.axes, k, effort_sign=sign, **vars(axis.passive))
 
     def _place_in_tree(self, frame: Frame | SpatialFrame) -> dict[str, int]:
         """Plan of a frame: its parent, motion and joint."""
@@ -194,16 +196,18 @@ class _Rows:
             _fill(self._plan.ends, 2 * c + end, motor=motor)
             radius, winding = (winch.reel, winch.winding) if winch else (0.0, 0.0)
             _fill(self._numbers.ends, 2 * c + end, radius=radius, winding=winding)
-        for k in range(len(cable.pulleys)):
-            self._pulley(cable, k, pulley + k, element + k)
+        stribeck = _stribeck(cable)
+        for k, node in enumerate(cable.pulleys):
+            self._pulley(cable, node, stribeck, pulley + k, element + k)
         for k, profiles in enumerate(cable.spans or ((),) * (len(cable.nodes) - 1)):
             span = self._add_profiles(profiles, False, element + k)
             _fill(self._numbers.elements, element + k, span=span, material=0.0)
         for node in cable.nodes:
             self._add_node(node)
 
-    def _pulley(self, cable: Cable, k: int, place: int, element: int) -> None:
-        pulley, law, stribeck = cable.pulleys[k], LAWS.index(cable.law), _stribeck(cable)
+    def _pulley(
+        self, cable: Cable, pulley: Pulley, stribeck: int, place: int, element: int
+    ) -> None:
         wrap = self._add_profiles(pulley.wrap, True, place)
         changes = cable.routed or cable.spatial or any(profile.joint for profile in pulley.wrap)
         _fill(
@@ -213,7 +217,7 @@ class _Rows:
             wrap_changes=int(changes),
             stribeck=stribeck,
         )
-        values = friction_numbers(pulley, law)
+        values = friction_numbers(pulley, LAWS.index(cable.law))
         kinetic, static = blended_loss(
             values["rho"],
             values["mu_c"],
@@ -260,7 +264,6 @@ class _Rows:
         if place is None:
             _fill(self._plan.spatial_nodes, k, kind=0, frame=-1, exit_frame=-1)
             return
-        basis = _basis(place.axis)
         _fill(
             self._plan.spatial_nodes,
             k,
@@ -272,7 +275,7 @@ class _Rows:
             self._numbers.spatial_nodes,
             k,
             centre=place.position,
-            basis=tuple(basis.ravel()),
+            basis=_basis(place.axis),
             exit=place.exit,
             sided=float(place.sided),
             ignored_inside=float(place.ignored_inside),
@@ -307,13 +310,14 @@ class _Rows:
         return constant
 
 
-def _basis(axis: tuple[float, float, float]) -> NDArray[np.float64]:
+@lru_cache(maxsize=256)
+def _basis(axis: tuple[float, float, float]) -> tuple[float, ...]:
     """Right-handed unit vectors by rows; the last is the axis.  The result is exact along z."""
     z = np.array(axis)
     helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]
     x = helper - z * (helper @ z)
     x /= np.linalg.norm(x)
-    return np.array([x, np.cross(z, x), z])
+    return tuple(np.array([x, np.cross(z, x), z]).ravel())
 
 
 def _stribeck(cable: Cable) -> int:
