@@ -64,12 +64,21 @@ class Limits:
     """An ambiguous first reading stands for the possible angle nearest to this one [rad]."""
     plain: bool = field(init=False)
     """Whether a reading is the angle itself."""
+    least: float = field(init=False)
+    """Lower bound on plain readings [rad]."""
+    most: float = field(init=False)
+    """Upper bound on plain readings [rad]."""
+    band: float = field(init=False)
+    """Greatest difference of an angle and its reading [rad], see ``half_width``."""
 
     def __post_init__(self) -> None:
-        """Determine ``plain``."""
+        """Determine what every reading is compared with."""
         sensor = self.sensor
         plain = (sensor.period, sensor.scale, sensor.offset) == (float("inf"), 1.0, 0.0)
         object.__setattr__(self, "plain", plain and not len(sensor.corrected_at))
+        object.__setattr__(self, "least", max(self.lower - RANGE_MARGIN, -LARGEST))
+        object.__setattr__(self, "most", min(self.upper + RANGE_MARGIN, LARGEST))
+        object.__setattr__(self, "band", half_width(sensor))
 
     def first_turn(self, reading: float, near: float | None = None) -> int:
         """Number of periods to add to a first reading: angle in range and nearest to ``near``.
@@ -91,11 +100,6 @@ class Limits:
             if self.lower - RANGE_MARGIN <= angle <= self.upper + RANGE_MARGIN:
                 return candidate
         return turn
-
-    @property
-    def band(self) -> float:
-        """Greatest difference of an angle and its reading [rad], see ``half_width``."""
-        return half_width(self.sensor)
 
     @property
     def negligible(self) -> float:
@@ -298,8 +302,7 @@ class Channel:
             limits.plain
             and 0 < ahead <= MAX_GAP_NS
             and self.last_stamp >= 0
-            and -LARGEST <= reading <= LARGEST
-            and limits.lower - RANGE_MARGIN <= reading <= limits.upper + RANGE_MARGIN
+            and limits.least <= reading <= limits.most
             and abs(moved) <= limits.max_speed * span
             and abs(moved - self.motion.velocity * span) <= LEAP_FLOOR
             and not (self.agreeing or self.stepped or self.held)
@@ -388,4 +391,6 @@ class Channel:
         limits = self.limits
         since = stamp - self.last_stamp
         angle = track(self.memory, since, value, limits.bandwidth, limits.band, limits.adaptive)
+        if limits.lower <= angle <= limits.upper:
+            return angle
         return min(max(angle, limits.lower), limits.upper)

@@ -5,7 +5,6 @@ Equations (C3) and (C4) of docs/conditioning.md.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,15 +14,30 @@ from cdrj_ros.conditioning.samples import ALL_SEEN
 from cdrj_ros.conditioning.tracking import Vector
 
 
-def value_at(readings: deque[tuple[int, float, float]], stamp: int) -> float:
-    """Interpolate linearly; drop the readings that no later sample needs."""
-    while len(readings) > 1 and readings[1][0] <= stamp:
-        readings.popleft()
-    before, value, _ = readings[0]
-    if before == stamp:
-        return value
-    after, following, _ = readings[1]
-    return value + (following - value) * ((stamp - before) / (after - before))
+def values_at(channels: Sequence[Channel], stamp: int) -> tuple[Vector, bool]:
+    """Interpolate every channel linearly; drop the readings that no later sample needs.
+
+    Args:
+        channels: of all motors and joints, each with a reading at the stamp or after it.
+        stamp: [ns], not before the first reading of any channel.
+
+    Returns:
+        The angles [rad], shape (channels,), and whether a curvature there is not 0, see
+        ``Channel.readings``.
+    """
+    angles, curved = [], False
+    for channel in channels:
+        readings = channel.readings
+        while len(readings) > 1 and readings[1][0] <= stamp:
+            readings.popleft()
+        before, value, curvature = readings[0]
+        if before != stamp:
+            after, following, curvature = readings[1]
+            value += (following - value) * ((stamp - before) / (after - before))
+        angles.append(value)
+        if curvature != 0.0:
+            curved = True
+    return np.array(angles), curved
 
 
 def predicted(channel: Channel, stamp: int) -> float:
@@ -34,7 +48,7 @@ def predicted(channel: Channel, stamp: int) -> float:
 
 
 def unseen_at(channels: Sequence[Channel], stamp: int, previous: int) -> Vector:
-    """``Sample.unseen`` of an interpolated sample, (C3); call ``value_at`` of all channels first.
+    """``Sample.unseen`` of an interpolated sample, (C3); call ``values_at`` first.
 
     Infinite where nothing is known of an axis; such a sample is of no use.
 

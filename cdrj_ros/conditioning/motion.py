@@ -180,9 +180,12 @@ class Motion:
         The standard deviation of the angle is this times the times to both readings.  0 where it
         is ``negligible`` everywhere between them, infinite where it is unknown.
         """
+        seen = span_ns <= self.seen_ns
+        if seen and span_ns <= WINDOW_NS:  # as between most readings
+            return 0.0
         if not self.knows(span_ns):
             return inf
-        if span_ns <= self.seen_ns:
+        if seen:
             return 0.0
         span = span_ns * 1e-9
         bend = self.acceleration * span

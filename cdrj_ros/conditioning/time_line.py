@@ -22,9 +22,9 @@ from cdrj_ros.conditioning.interpolation import (
     unseen_ahead,
     unseen_at,
     unseen_before,
-    value_at,
+    values_at,
 )
-from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.conditioning.samples import ALL_SEEN, Sample
 
 WAITING: Final = 20_000
 """Greatest number of readings that a channel keeps for another channel: 20 s at 1 kHz."""
@@ -32,6 +32,8 @@ WAITING: Final = 20_000
 Mode = Literal["wait", "predict"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 """How a lagging channel is handled: wait for it, or extrapolate it with its velocity meanwhile."""
+
+_tuple: Final = tuple.__new__
 
 HORIZON_NS: Final = 20_000_000
 """A channel is predicted at most this far beyond its last reading [ns]."""
@@ -173,18 +175,20 @@ class TimeLine:
                     if when > given_out:
                         stamp = min(stamp, when)
                         break
-            values = np.array([value_at(channel.readings, stamp) for channel in channels])
-            if began:
-                unseen = unseen_at(channels, stamp, given_out)
-            else:
+            values, curved = values_at(channels, stamp)
+            unseen = ALL_SEEN
+            if not began:
                 unseen = unseen_before(channels, stamp, self._resumed)
+            elif curved:
+                unseen = unseen_at(channels, stamp, given_out)
             given_out = stamp
             if unseen.size and unseen[0].max() == inf:  # nothing is known of an axis here
                 self._passed_over = stamp
                 continue
             doubtful = self._is_doubtful(stamp) if self._doubts else False
-            sample = Sample(stamp, values[:motors], values[motors:], unseen, doubtful)
-            samples.append(sample if stamp > self._ahead else sample._replace(silent=True))
+            silent = stamp <= self._ahead
+            sample = (stamp, values[:motors], values[motors:], unseen, doubtful, False, silent)
+            samples.append(_tuple(Sample, sample))
             began = True
         if samples:
             self._given_out = self._ahead_from = given_out

@@ -217,7 +217,7 @@ def _interpolated(channels: Sequence[Series], stamps: Stamps) -> NDArray[np.floa
 
 
 def _values_at(readings: Series, stamps: Stamps) -> Vector:
-    """``interpolation.value_at`` for many stamps, with the same arithmetic."""
+    """``interpolation.values_at`` of one channel for many stamps, with the same arithmetic."""
     own, value = readings.stamp_ns, readings.value
     at = np.searchsorted(own, stamps, side="right") - 1
     after = np.minimum(at + 1, own.size - 1)

@@ -38,11 +38,14 @@ class CableStates(NamedTuple):
         length, material, law = self.length, self.material, self.law
         # most cables are linear, and the general law takes three times as long
         linear = not law.bedding_strain.any()
-        strain = length / material - 1.0
-        tension = (law.axial_stiffness * strain if linear else tensions_at(law, strain)) + shift
+        strain = length / material
+        strain -= 1.0
+        tension = law.axial_stiffness * strain if linear else tensions_at(law, strain)
+        tension = tension + shift
         strain = tension / law.axial_stiffness if linear else strain_at(law, tension)
+        strain += 1.0
         before = np.add.reduce(material, axis=-1)
-        np.divide(length, 1.0 + strain, out=material)
+        np.divide(length, strain, out=material)
         taut = np.maximum(tension, 0.0)
         np.subtract(taut[..., 1:], taut[..., :-1], out=self.bristle)
         change: Vector = np.add.reduce(material, axis=-1) - before
