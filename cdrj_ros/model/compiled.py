@@ -20,8 +20,8 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from cdrj_ros.foundation.interruption import holding
 from cdrj_ros.model.kernel_cache import LaterCache
+from cdrj_ros.model.kernel_parts import compile_as_part_or_whole
 
 F = TypeVar("F", bound=Callable[..., Any])
 _Number = TypeVar("_Number", np.float64, np.int64, np.bool_)
@@ -123,18 +123,8 @@ def _compile(function: F, **options: bool) -> F:
     file = Path(function.__code__.co_filename)
     stamp = _stamp(None if file.parent == _FOLDER else file)
     dispatcher._cache = LaterCache(function, stamp)
-    dispatcher.compile = _whole(dispatcher.compile)
+    compile_as_part_or_whole(dispatcher)
     return dispatcher
-
-
-def _whole(compile_: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Load or compile a kernel without an exception from Ctrl-C, which would end LLVM's process."""
-
-    def whole(signature: Any) -> Any:
-        with holding():
-            return compile_(signature)
-
-    return whole
 
 
 def ordinary(array: NDArray[_Number]) -> NDArray[_Number]:

@@ -23,6 +23,7 @@ from numba.core import caching, codegen, registry
 from numba.core.runtime import nrt
 
 from cdrj_ros.foundation.text import printable
+from cdrj_ros.model.kernel_parts import compiles_part
 from cdrj_ros.model.linked import bring_callees
 
 _LOG: Final = logging.getLogger(__name__)
@@ -277,12 +278,13 @@ class LaterCache(_caching.NullCache):  # type: ignore[misc]
         return self._found.cache_path
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """As ``KernelCache``'s."""
-        return self._found.load_overload(sig, target_context)
+        """As ``KernelCache``'s; parts of a kernel are not loaded, so that it is always the same."""
+        return None if compiles_part() else self._found.load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, cres: Any) -> None:
-        """As ``KernelCache``'s."""
-        self._found.save_overload(sig, cres)
+        """As ``KernelCache``'s; parts of a kernel are not stored."""
+        if not compiles_part():
+            self._found.save_overload(sig, cres)
 
     def is_filled(self) -> bool:
         """Whether the kernel, compiled from these sources for this processor, is on disk."""

@@ -13,6 +13,8 @@ from typing import Any, Final, TypeVar
 from numba.core import cgutils, codegen, sigutils
 from numba.extending import intrinsic
 
+from cdrj_ros.model.kernel_parts import apart
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 _cgutils: Final[Any] = cgutils
@@ -63,7 +65,8 @@ def linked(kernel: F, signature: str) -> F:
         if _without_callees:
             _codegen.ll.add_symbol(name, _NOWHERE)
         elif not found:
-            dispatcher.compile(arguments)
+            with apart():
+                dispatcher.compile(arguments)
             overload = dispatcher.overloads[arguments]
             found.append(overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name))
             _codegen.ll.add_symbol(name, found[0])

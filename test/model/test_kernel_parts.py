@@ -1,0 +1,105 @@
+"""Parts of kernels have no machine code; what Python calls has, in every order of calls."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+KERNELS = """
+from cdrj_ros.model.compiled import callee, lean
+
+@callee
+def halved(x):
+    return 0.5 * x
+
+@lean
+def part(x):
+    return halved(x) + 1.0
+
+@lean
+def whole(x):
+    return part(part(x)) + halved(x)
+"""
+
+IN_TURN = """
+from kernels import part, whole
+
+print(whole(8.0), part(8.0), whole(8.0), part(4.0))
+"""
+
+AT_ONCE = """
+from threading import Barrier, Thread
+from kernels import part, whole
+
+together = Barrier(2)
+found = {}
+
+def call(kernel):
+    together.wait()
+    found[kernel.__name__] = kernel(8.0)
+
+threads = [Thread(target=call, args=(kernel,)) for kernel in (whole, part)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(found["whole"], found["part"])
+"""
+
+BY_A_KERNEL_OF_THE_USER = """
+import numba
+from kernels import halved, part
+
+@numba.njit
+def outer(x):
+    return part(x) + halved(x)
+
+print(outer(8.0), part(8.0))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "kernels.py").write_text(KERNELS, encoding="utf-8")
+    return tmp_path
+
+
+def run(folder: Path, program: str) -> list[float]:
+    """Numbers that a program prints; its kernels are stored in the folder."""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(folder)},
+        cwd=folder, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return [float(word) for word in done.stdout.split()]
+
+
+def stored(folder: Path) -> set[str]:
+    """Names of the kernels whose machine code is on disk."""
+    return {path.name.split(".")[1].partition("-")[0] for path in folder.rglob("*.nbc")}
+
+
+def test_only_the_whole_kernel_is_stored(folder: Path) -> None:
+    assert run(folder, "from kernels import whole; print(whole(8.0))") == [7.5]
+    assert stored(folder) == {"whole"}
+
+
+def test_what_was_a_part_can_be_called_afterwards(folder: Path) -> None:
+    assert run(folder, IN_TURN) == [7.5, 5.0, 7.5, 3.0]
+    assert stored(folder) == {"whole", "part"}
+    assert run(folder, IN_TURN) == [7.5, 5.0, 7.5, 3.0], "loaded from disk"
+
+
+def test_a_kernel_is_whole_while_another_thread_compiles_it_as_a_part(folder: Path) -> None:
+    for _ in range(3):
+        assert run(folder, AT_ONCE) == [7.5, 5.0]
+        for path in folder.rglob("*.nb?"):
+            path.unlink()
+
+
+def test_kernels_of_users_can_call_ours(folder: Path) -> None:
+    assert run(folder, BY_A_KERNEL_OF_THE_USER) == [9.0, 5.0]
