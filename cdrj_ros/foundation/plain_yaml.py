@@ -64,6 +64,21 @@ def plain_yaml(text: str, most_nodes: int, most_depth: int) -> Any:
         raise NotPlainError from None
 
 
+def plain_nodes(text: str, most_nodes: int, most_depth: int) -> Any:
+    """The nodes of a YAML text with their places in it, as ``ruamel.yaml`` composes them.
+
+    Marks have ``index`` and ``column``; tags are those of YAML 1.1.
+
+    Args:
+        text, most_nodes, most_depth: as for ``plain_yaml``.
+
+    Raises:
+        NotPlainError: see there.
+    """
+    plain_yaml(text, most_nodes, most_depth)
+    return _PARSER(text).get_single_node()
+
+
 class _Document:
     """Builds the value from the events of libyaml's parser."""
 

@@ -18,6 +18,8 @@ from typing import Any, Final
 from ruamel.yaml import YAML
 
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.plain_yaml import NotPlainError, plain_nodes
+from cdrj_ros.foundation.yaml import MAXIMUM_DEPTH, MAXIMUM_NODES
 from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, Document, parse_document
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
 from cdrj_ros.robot.urdf import DESCRIPTION
@@ -86,7 +88,7 @@ def moved(text: str, source: str, target: str) -> str:
         target: path of the file that it will be written to.
     """
     before, after = (Path(path).parent.resolve() for path in (source, target))
-    frames = _entry(YAML(typ="rt", pure=True).compose(text), "frames")
+    frames = _entry(_composed(text), "frames")
     if before == after or frames is None or frames[1].id != "mapping":
         return text
     found = _entry(frames[1], "urdf")
@@ -100,7 +102,7 @@ def moved(text: str, source: str, target: str) -> str:
 
 def _with_number(text: str, number: Number, document: Document) -> str:
     """The text with one number replaced or added; ``document`` has it already."""
-    node: Any = YAML(typ="rt", pure=True).compose(text)
+    node = _composed(text)
     factor = 1.0
     keys = list(number.keys)
     entry: Any = document
@@ -127,6 +129,14 @@ def _with_number(text: str, number: Number, document: Document) -> str:
         keys.pop(0)
     begin, end = int(node.start_mark.index), int(node.end_mark.index)
     return _replaced(text, begin, end, yaml_number(number.value / number.factor / factor))
+
+
+def _composed(text: str) -> Any:
+    """The nodes of a YAML text, with their places in it."""
+    try:
+        return plain_nodes(text, MAXIMUM_NODES, MAXIMUM_DEPTH)
+    except NotPlainError:
+        return YAML(typ="rt", pure=True).compose(text)
 
 
 def _entry(mapping: Any, key: str) -> tuple[str, Any] | None:
