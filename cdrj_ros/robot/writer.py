@@ -45,7 +45,7 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
     Raises:
         UsageError: a path does not exist.
         RobotFileError: the text is not a robot file, or a number cannot be changed separately
-            because an alias repeats it.
+            because an alias repeats it, or is in another file, a URDF.
     """
     document = parse_document(text, source)
     wanted = with_numbers(document, values)
@@ -111,6 +111,8 @@ def _with_number(text: str, number: Number, document: Document) -> str:
         listed = entry
         entry = entry.get(key) if isinstance(entry, dict) else entry[key]
         if isinstance(key, int):
+            if node.id != "sequence":
+                raise RobotFileError(f"{number.path} is a number of the URDF; change it there")
             place = _place(node, key, entry)
             if place is None:
                 # those of a URDF follow in its order: the ones before come along

@@ -234,3 +234,9 @@ def test_numbers_of_joints_that_only_the_urdf_lists_can_be_written(listed: str) 
     assert found["mcp"].reference_angle == 0.0
     assert (found["pip"].sensor.noise == 1e-4) == ("noise" in listed)
     assert written.count("#") == text.count("#")
+
+
+def test_a_number_of_the_urdf_itself_is_not_written() -> None:
+    path = Path(__file__).parents[2] / "config" / "robots" / "finger3d.yaml"
+    with pytest.raises(RobotFileError, match=r"^frames\.palm\.origin\.2 is a number of the URDF"):
+        with_numbers_in_text(path.read_text(), {"frames.palm.origin.2": 0.001}, str(path))
