@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import yaml
 
-_PARSER: Final[Any] = getattr(yaml, "CLoader", None)
+_PARSER: Final[Any] = getattr(yaml, "CSafeLoader", None)
 """None where PyYAML was built without libyaml."""
 
 _UNUSUAL: Final = re.compile(
