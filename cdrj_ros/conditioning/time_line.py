@@ -33,8 +33,6 @@ Mode = Literal["wait", "predict"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 """How a lagging channel is handled: wait for it, or extrapolate it with its velocity meanwhile."""
 
-_tuple: Final = tuple.__new__
-
 HORIZON_NS: Final = 20_000_000
 """A channel is predicted at most this far beyond its last reading [ns]."""
 
@@ -187,8 +185,9 @@ class TimeLine:
                 continue
             doubtful = self._is_doubtful(stamp) if self._doubts else False
             silent = stamp <= self._ahead
-            sample = (stamp, values[:motors], values[motors:], unseen, doubtful, False, silent)
-            samples.append(_tuple(Sample, sample))
+            samples.append(
+                Sample(stamp, values[:motors], values[motors:], unseen, doubtful, silent=silent)
+            )
             began = True
         if samples:
             self._given_out = self._ahead_from = given_out

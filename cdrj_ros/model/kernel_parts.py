@@ -2,7 +2,8 @@
 
 Numba optimises every function that a kernel calls, and again with each of its callers, and emits
 machine code for it that is never run.  Here a part stays LLVM code, hardly optimised, until the
-kernel is that it is linked into.  This takes half of the time of compilation away.
+kernel that it is linked into is whole.  All kernels compile in two thirds of the time, the step in
+half.
 """
 
 from __future__ import annotations
