@@ -45,7 +45,10 @@ SEARCHED: Final = 20.0
 """Half the range of the search for the first motor angle, about that of the joints [rad]."""
 
 SEARCH_POINTS: Final = 40001
-"""Number of motor angles tried in that range."""
+"""Number of motor angles in that range."""
+
+NEAR_FIRST: Final = (200, 2000, SEARCH_POINTS // 2)
+"""How many of them to either side are tried, until a balance is found."""
 
 
 def simulate(
@@ -185,15 +188,17 @@ def _start(
     place: int,
 ) -> tuple[float, float]:
     """Drive that balances the joint without friction, and the sign of d(effort)/d(drive)."""
-    angles = centre + np.linspace(-SEARCHED, SEARCHED, SEARCH_POINTS)
-    efforts = np.empty(angles.size)
+    searched = centre + np.linspace(-SEARCHED, SEARCHED, SEARCH_POINTS)
     fine = rig.fine
-    scan(fine.plan, fine.numbers, base, direction, angles, joint_angle, place, efforts)
-    efforts -= torque
-    crossings = np.flatnonzero(efforts[:-1] * efforts[1:] <= 0.0)
-    if crossings.size == 0:
-        raise MotionError(
-            f"no winch angle balances {torque:.4g} N m at the start: a cable would have to push"
-        )
-    near = crossings[np.argmin(np.abs(angles[crossings] - centre))]
-    return float(angles[near]), float(np.sign(efforts[near + 1] - efforts[near]))
+    for reach in NEAR_FIRST:
+        angles = searched[SEARCH_POINTS // 2 - reach : SEARCH_POINTS // 2 + reach + 1]
+        efforts = np.empty(angles.size)
+        scan(fine.plan, fine.numbers, base, direction, angles, joint_angle, place, efforts)
+        efforts -= torque
+        crossings = np.flatnonzero(efforts[:-1] * efforts[1:] <= 0.0)
+        if crossings.size:
+            near = crossings[np.argmin(np.abs(angles[crossings] - centre))]
+            return float(angles[near]), float(np.sign(efforts[near + 1] - efforts[near]))
+    raise MotionError(
+        f"no winch angle balances {torque:.4g} N m at the start: a cable would have to push"
+    )
