@@ -20,7 +20,7 @@ from cdrj_ros.identification.observations import Observations, groups_of, sample
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.document import Document
-from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
 
 Vector = NDArray[np.float64]
@@ -60,6 +60,8 @@ class Problem:
         self.source = source
         self.unknowns = tuple(unknowns)
         self.observations = tuple(observations)
+        paths = values_by_path(self.unknowns, [0.0] * len(self.unknowns))
+        self._written = writer_of(document, tuple(paths))
         self.begin = prepare(build_robot(document, source))
         """Model of the numbers in the document."""
         self.prior_scale = 1.0
@@ -88,7 +90,7 @@ class Problem:
             RobotFileError: the numbers describe no possible robot.
         """
         values = values_by_path(self.unknowns, self.values(coordinates))
-        return prepare(build_robot(with_numbers(self.document, values), self.source))
+        return prepare(build_robot(self._written(tuple(values.values())), self.source))
 
     def residuals(self, coordinates: Vector) -> Vector:
         """All residuals in one row; infinite where the numbers describe no possible robot."""
