@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import runpy
 import sys
@@ -15,10 +16,7 @@ from cdrj_ros.identification.unknowns import parse_unknowns
 
 ROOT = Path(__file__).parents[2]
 SHORT = {
-    "health.py": (["--only", "both −30 %", "--seeds", "1"], "| preload of both −30 % |"),
     "layouts.py": (["--out", "LAYOUTS"], "plotjuggler_prototype.xml"),
-    "seen_by.py": ([], "| preload of both cables −10 % |"),
-    "track_preload.py": (["--only", "calm", "--cycles", "6"], "| 20 mN·m | 18 | 0 |"),
 }
 """Arguments that shorten each tool, and what it prints."""
 
@@ -28,10 +26,13 @@ ELSEWHERE = {
     "convert_davinci.py": "its own test",
     "davinci_bounds.py": "it reads recordings that are not part of this repository",
     "drum_slip.py": "below, shortened",
+    "health.py": "below, shortened",
     "spread_causes.py": "below, shortened",
     "continuum_figures.py": "it draws recordings that are not part of this repository",
     "narrow_fits.py": "below, shortened",
+    "seen_by.py": "below, shortened",
     "standard_errors.py": "below, shortened",
+    "track_preload.py": "below, shortened",
     "wrong_files.py": "below, shortened",
 }
 """Tools on the pages that are not run here, and why."""
@@ -66,10 +67,10 @@ def test_a_tool_prints_its_table(
 def test_wrong_files_prints_every_row(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With 5 s of motion."""
+    """With 3 s of motion."""
     tool = loaded_tool(ROOT / "tools" / "wrong_files.py")
     motion = tool.true_motion
-    monkeypatch.setattr(tool, "true_motion", lambda model, seconds: motion(model, seconds / 3.0))
+    monkeypatch.setattr(tool, "true_motion", lambda model, seconds: motion(model, seconds / 5.0))
     monkeypatch.setattr(sys, "argv", ["wrong_files.py", "--quick", "--heard"])
     tool.main()
     printed = capsys.readouterr().out
@@ -138,9 +139,47 @@ def test_spread_causes_prints_its_table(
     assert float(rows["| none"]) < float(rows["| all, drums hold"])
 
 
+def test_the_health_monitor_watches_a_change(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With 17 s of motion."""
+    tool = loaded_tool(ROOT / "tools" / "health.py")
+    motion = tool.motion_of
+    monkeypatch.setattr(
+        tool, "motion_of", lambda robot, case, _, seed: motion(robot, case, 17.0, seed)
+    )
+    monkeypatch.setattr(sys, "argv", ["health.py", "--only", "both −30 %", "--seeds", "1"])
+    tool.main()
+    assert "| preload of both −30 % |" in capsys.readouterr().out
+
+
 def test_the_false_alarms_of_the_health_monitor_are_counted(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["health.py", "--hours", "0.01"])
+    monkeypatch.setattr(sys, "argv", ["health.py", "--hours", "0.005"])
     loaded_tool(ROOT / "tools" / "health.py").main()
-    assert "alarms in 0.01 h" in capsys.readouterr().out
+    assert "alarms in 0.005 h" in capsys.readouterr().out
+
+
+def test_preloads_are_tracked_without_false_jumps(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With one seed and six cycles."""
+    tool = loaded_tool(ROOT / "tools" / "track_preload.py", SEEDS=(0,))
+    monkeypatch.setattr(sys, "argv", ["track_preload.py", "--only", "calm", "--cycles", "6"])
+    tool.main()
+    assert "| 20 mN·m | 6 | 0 |" in capsys.readouterr().out
+
+
+def test_seen_by_prints_its_rows(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With 20 s of motion."""
+    monkeypatch.syspath_prepend(ROOT / "tools")
+    wrong_files = importlib.import_module("wrong_files")
+    motion = wrong_files.true_motion
+    monkeypatch.setattr(
+        wrong_files, "true_motion", lambda model, seconds: motion(model, seconds / 3.0)
+    )
+    loaded_tool(ROOT / "tools" / "seen_by.py").main()
+    assert "| preload of both cables −10 % |" in capsys.readouterr().out
