@@ -289,14 +289,16 @@ def _leads_on(rules: Mapping[str, Any]) -> bool:
 
 def _step(document: Document, spot: _Spot, segment: str, path: str) -> _Spot:
     """The place reached by the next segment."""
-    names = _names(spot)
-    if segment not in names:
-        raise _unknown(document, spot, segment, names, path)
+    rules = spot.rules.get("properties", {}).get(segment)
     if isinstance(spot.value, list):
-        k = names.index(segment)
-        return _spot((*spot.keys, k), spot.value[k], spot.rules.get("items", {}), spot.kind)
-    inside = spot.value if isinstance(spot.value, dict) else {}
-    return _spot((*spot.keys, segment), inside.get(segment), spot.rules["properties"][segment], "")
+        names = _names(spot)
+        if segment in names:
+            k = names.index(segment)
+            return _spot((*spot.keys, k), spot.value[k], spot.rules.get("items", {}), spot.kind)
+    elif rules is not None and _leads_on(rules):
+        inside = spot.value if isinstance(spot.value, dict) else {}
+        return _spot((*spot.keys, segment), inside.get(segment), rules, "")
+    raise _unknown(document, spot, segment, _names(spot), path)
 
 
 def _spot(keys: Keys, value: Any, rules: Mapping[str, Any], outer: str) -> _Spot:
