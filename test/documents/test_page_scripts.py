@@ -38,7 +38,7 @@ COMMANDS: dict[str, Callable[[list[str]], int]] = {
     "validate": validate,
 }
 SHORT = {
-    "simulate": ["--duration", "6", "--cells", "1"],
+    "simulate": ["--duration", "4", "--cells", "1"],
     "identify": ["--quick"],
     "validate": ["--quiet"],
 }
@@ -50,23 +50,23 @@ JAW_FILE = "config/robots/davinci_jaw.yaml"
 RUN = "Tool_4_Maryland_L_4_"
 JAW = {
     **{
-        f"train/{RUN}{k}": 2.0 for k in ("00", "02", "04", "06", "08", "20", "22", "24", "26", "28")
+        f"train/{RUN}{k}": 1.2 for k in ("00", "02", "04", "06", "08", "20", "22", "24", "26", "28")
     },
-    **{f"validate/{RUN}{k}": 2.0 for k in (11, 15, 19, 31, 35)},
+    **{f"validate/{RUN}{k}": 1.2 for k in (11, 15, 19, 31, 35)},
     f"validate/{RUN}39": 9.0,
 }
 """Made-up recordings of the jaw, and their durations [s]."""
 FURTHER = sorted({f"{k:02}" for k in range(50)} - {path[-2:] for path in JAW})
-POSES = {f"other_wrist_pose/Tool_4_Maryland_L_Pitch_3_00{k}": 2.0 for k in range(4)}
+POSES = {f"other_wrist_pose/Tool_4_Maryland_L_Pitch_3_00{k}": 1.2 for k in range(4)}
 DAY = "2024-11-15-"
 WIRES = {
-    f"train/{DAY}{k}": 2.0
+    f"train/{DAY}{k}": 1.2
     for k in (
         "09-23-39_sinewave_all", "10-55-14_sinewave_random", "10-57-45_-60", "10-58-56_-50",
         "11-00-38_-40", "11-05-21_-20", "11-10-18_0", "11-14-56_+20", "11-15-57_+40",
         "11-16-51_+60", "11-19-07_no_payload",
     )
-} | {f"test/{DAY}11-20-13_testset_dynamic": 2.0}  # fmt: skip
+} | {f"test/{DAY}11-20-13_testset_dynamic": 1.2}  # fmt: skip
 START_NS = 1_700_000_000_000_000_000
 RATE = 100.0
 
@@ -180,7 +180,7 @@ def play(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
             if name == "simulate":
                 shutil.rmtree(rest[0], ignore_errors=True)
             whole = name == "validate" and "--duration" not in rest  # of a shipped bag
-            short = [*SHORT[name], *(["--duration", "6"] if whole else [])]
+            short = [*SHORT[name], *(["--duration", "3"] if whole else [])]
             refused = rest[0].startswith("DATA/other") and rest[-1] == JAW_FILE
             code = 2 if name == "validate" and refused else 0
             assert COMMANDS[name]([*rest, *short]) == code, words
