@@ -102,17 +102,32 @@ print("run")
 """
 
 
-def test_after_a_build_nothing_is_compiled() -> None:
-    # where this tree has been built, this finds everything on disk
-    subprocess.run([sys.executable, "-m", "cdrj_ros.commands.compile_ahead"], cwd=ROOT, check=True)
+@pytest.fixture(scope="module")
+def built() -> None:
+    """Compile as a build does; where this tree has been built, this finds everything on disk."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["compile_ahead", "--missing"])
+        assert compile_ahead.main() == 0
+
+
+@pytest.fixture(scope="module")
+def compiled_in_use(built: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """What the library compiles, and afterwards what the commands do, in one process."""
+    bag = tmp_path_factory.mktemp("written") / "bag"
     done = subprocess.run(
-        [sys.executable, "-c", COUNTING + USING],
+        [sys.executable, "-c", COUNTING + USING + RUNNING, str(bag)],
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == ["used"]
+    by_library, _, by_commands = done.stdout.partition("used\n")
+    return by_library, by_commands
 
 
+def test_after_a_build_nothing_is_compiled(compiled_in_use: tuple[str, str]) -> None:
+    assert compiled_in_use[0] == ""
+
+
+@pytest.mark.usefixtures("built")
 def test_the_kernels_that_python_calls_are_all_named() -> None:
     # kernels on disk are loaded without those that they call
     done = subprocess.run(
@@ -157,13 +172,8 @@ def test_a_part_is_on_disk_until_its_sources_change(tmp_path: Path, changed: str
     assert done.stdout.strip() == ("['geometry', 'recordings']" if changed else "[]")
 
 
-def test_commands_compile_nothing_after_a_build(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", COUNTING + RUNNING, str(tmp_path / "bag")],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == ["run"]
+def test_commands_compile_nothing_after_a_build(compiled_in_use: tuple[str, str]) -> None:
+    assert compiled_in_use[1].splitlines() == ["run"]
 
 
 def test_the_hook_that_counts_sees_a_compilation(tmp_path: Path) -> None:
