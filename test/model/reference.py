@@ -9,6 +9,7 @@ plane.  Speed does not matter.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from model.reference_geometry import STEP, Geometry
@@ -147,12 +148,18 @@ def crept(cable: Cable, strain: Vector, delayed: Vector, dt: float) -> tuple[Vec
     """(E24) at constant length: delayed strain, and unstretched length over that before."""
     c, tau = cable.creep_share, cable.creep_time
     state = np.stack([np.maximum(strain, 0), delayed])
-    taut = expm(dt / tau * np.array([[-c, 1.0], [c, -1.0]])) @ state
+    taut = _relaxed(c, dt / tau) @ state
     loose = np.stack([strain, delayed * np.exp(-dt / tau)])
     free = (1 + loose[1]) / (1 + delayed)
     after = taut[0] * np.exp(-dt / cable.flow_time)
     slack = strain <= 0
     return np.where(slack, loose[1], taut[1]), np.where(slack, free, (1 + strain) / (1 + after))
+
+
+@cache
+def _relaxed(share: float, times: float) -> Vector:
+    """Change of strain and delayed strain while an element relaxes, in times of its creep_time."""
+    return np.asarray(expm(times * np.array([[-share, 1.0], [share, -1.0]])))
 
 
 @dataclass
@@ -236,31 +243,34 @@ def _newton(chain: Chain, x: Vector, floor: float) -> tuple[Vector, float]:
     """Newton's method while it descends; one more step after convergence, for the last digit."""
     n = x.size
     steps = np.concatenate([1j * STEP * np.eye(n), np.zeros((1, n))])
-    worst, last = np.inf, False
+    value = chain.imbalance(x + steps)
+    worst = np.abs(value[-1].real).max()
     for _ in range(30):
-        value = chain.imbalance(x + steps)
+        step = np.linalg.lstsq(value[:-1].imag.T / STEP, -value[-1].real, rcond=1e-13)[0]
+        ahead, last = x + step, worst <= floor
+        if not (chain.material(ahead) > 0).all():
+            ahead = _descended(chain, x, step, worst)
+        value = chain.imbalance(ahead + steps)
+        if not np.abs(value[-1].real).max() < worst:
+            if last:
+                break
+            ahead = _descended(chain, x, step, worst)
+            value = chain.imbalance(ahead + steps)
         now = np.abs(value[-1].real).max()
         if not now < worst:
             break
-        best, worst = x, now
+        x, worst = ahead, now
         if last:
             break
-        last = worst <= floor
-        slope = value[:-1].imag.T / STEP
-        step = np.linalg.lstsq(slope, -value[-1].real, rcond=1e-13)[0]
-        x = _descended(chain, x, step, worst)
-    return best.copy(), float(worst)
+    return x.copy(), float(worst)
 
 
 def _descended(chain: Chain, x: Vector, step: Vector, worst: float) -> Vector:
-    """The first of x + step, x + step / 2, ..., x + step / 2^19 below ``worst``, or the last."""
-    for parts in (np.ones(1), 0.5 ** np.arange(1.0, 20.0)):
-        trials = x + parts[:, None] * step
-        possible = trials[(chain.material(trials) > 0).all(axis=-1)]
-        below = np.abs(chain.imbalance(possible + 0j)).max(axis=-1) < worst
-        if below.any():
-            return np.asarray(possible[np.argmax(below)])
-    return np.asarray(trials[-1])
+    """The first of x + step / 2, x + step / 4, ... that is below ``worst``; or the last of 19."""
+    trials = x + 0.5 ** np.arange(1.0, 20.0)[:, None] * step
+    possible = trials[(chain.material(trials) > 0).all(axis=-1)]
+    below = np.abs(chain.imbalance(possible + 0j)).max(axis=-1) < worst
+    return np.asarray(possible[np.argmax(below)] if below.any() else trials[-1])
 
 
 def _balanced_alone(chain: Chain, x: Vector, i: int) -> float:
@@ -353,7 +363,21 @@ class Outputs:
     """Largest of every cable [N]."""
 
 
-def sample(
+@dataclass(frozen=True)
+class Begun:
+    """One sample before its slips are known."""
+
+    robot: Robot
+    pose: Geometry
+    history: History | None
+    motor: Vector
+    joint: Vector
+    dt: float
+    chains: tuple[Chain, ...]
+    drums: tuple[Drum | None, ...]
+
+
+def begin(
     robot: Robot,
     rest: Geometry,
     pose: Geometry,
@@ -361,9 +385,8 @@ def sample(
     motor: Vector,
     joint: Vector,
     dt: float,
-    slips: Vector | None = None,
-) -> tuple[History, Outputs]:
-    """One sample.
+) -> Begun:
+    """The first half of a sample, which does not depend on the slips.
 
     Args:
         robot: the description.
@@ -371,15 +394,26 @@ def sample(
         history: None for the first sample.
         motor, joint: angles [rad] or [m].
         dt: time since the sample before [s].
-        slips: of all pulleys [m], where (E11) is to be evaluated instead of solved.
-
-    Takes 8 arguments because the geometry of robots in space comes from elsewhere.
     """
-    chains, drums = [], []
+    chains: list[Chain] = []
+    drums: list[Drum | None] = []
     for c in range(len(robot.cables)):
         chain, ends = _prepared(robot, c, rest, pose, history, motor, dt)
         chains.append(chain)
         drums.extend(ends)
+    return Begun(robot, pose, history, motor, joint, dt, tuple(chains), tuple(drums))
+
+
+def finish(begun: Begun, slips: Vector | None = None) -> tuple[History, Outputs]:
+    """The rest of a sample.
+
+    Args:
+        begun: its first half.
+        slips: of all pulleys [m], where (E11) is to be evaluated instead of solved.
+    """
+    robot, pose, history, chains, dt = (
+        begun.robot, begun.pose, begun.history, begun.chains, begun.dt
+    )  # fmt: skip
     solved = []
     for c, chain in enumerate(chains):
         _, pulleys = parts(robot, c)
@@ -388,17 +422,16 @@ def sample(
         elif slips is None:
             solved.append(solve(chain))
         else:
-            x = slips[pulleys]
-            solved.append((x, float(np.abs(chain.imbalance(x + 0j)).max(initial=0.0))))
+            given = slips[pulleys]
+            solved.append((given, float(np.abs(chain.imbalance(given + 0j)).max(initial=0.0))))
     x = np.concatenate([s for s, _ in solved])
+    tensions = [k.tension(s + 0j) for k, (s, _) in zip(chains, solved, strict=True)]
     material = np.concatenate([k.material(s) for k, (s, _) in zip(chains, solved, strict=True)])
-    tension = np.concatenate(
-        [k.tension(s + 0j).real for k, (s, _) in zip(chains, solved, strict=True)]
-    )
+    tension = np.concatenate(tensions).real
     bristle = np.concatenate(
         [
-            k.friction(s + 0j, k.tension(s + 0j))[1].real
-            for k, (s, _) in zip(chains, solved, strict=True)
+            k.friction(s + 0j, t)[1].real
+            for k, (s, _), t in zip(chains, solved, tensions, strict=True)
         ]
     )
     if history is None:
@@ -406,10 +439,10 @@ def sample(
     speed = x / dt if dt > 0 else 0 * x
     lag = np.array([p.friction.stribeck_lag for cable in robot.cables for p in cable.pulleys])
     lagged = history.lagged_speed if history else 0 * x
-    angle, bearing, passive = _axes(robot, history, motor, joint)
+    angle, bearing, passive = _axes(robot, history, begun.motor, begun.joint)
     after = History(
         pose.length, material, np.concatenate([k.delayed for k in chains]), bristle, speed,
-        (lag * lagged + dt * speed) / (lag + dt), angle, bearing, tuple(drums),
+        (lag * lagged + dt * speed) / (lag + dt), angle, bearing, begun.drums,
     )  # fmt: skip
     residual = np.array([worst for _, worst in solved])
     return after, _outputs(robot, pose, tension, speed, passive, residual)

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 from model import reference
-from model.reference import Drum, History, Outputs
+from model.reference import Begun, Drum, History, Outputs
 from model.reference_geometry import Geometry, plane
 from numpy.typing import NDArray
 
@@ -42,7 +42,7 @@ ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 FILES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
 STEP_NS = 5_000_000
 EPSILON = float(np.finfo(float).eps)
-LARGE, SMALL, HELD, OUT = 18, 8, 6, 7
+LARGE, SMALL, HELD, OUT = 15, 6, 3, 7
 """Samples of large and of small reversals, at rest, and with the winches paid out."""
 NEWTON_ALONE = 80
 """Iterations of two attempts; more where a sample was divided into substeps."""
@@ -211,18 +211,15 @@ class Comparison:
             # taken from the angle by the radius: rounding of a metre of cable
             self.note("drum", one.material, other.material, 1e-15)
 
-    def solution(self, outputs: Outputs, pose: Geometry, kept: History, estimate: Estimate) -> None:
-        """Tensions, solved by the reference; ``kept`` is the history before the sample."""
+    def solution(self, begun: Begun, outputs: Outputs, estimate: Estimate) -> None:
+        """Tensions, solved by the reference."""
         residual = estimate.values[self.layout.residual]
         for c, cable in enumerate(self.robot.cables):
-            elements, pulleys = reference.parts(self.robot, c)
+            elements, _ = reference.parts(self.robot, c)
             rounding = self.rounding(c, estimate)
-            friction = reference.contacts(
-                cable, pose.wrap[pulleys], kept.lagged_speed[pulleys]
-            )  # fmt: skip
             gain = max(1, len(cable.pulleys))
             if cable.law != "none":
-                gain /= float(np.prod(1 - friction.loss))
+                gain /= float(np.prod(1 - begun.chains[c].contacts.loss))
             idle = not outputs.tension[elements].any()
             floor = rounding + (2 * reference.EPSILON if idle else 0.0)
             self.note("reference", outputs.imbalance[c], 0.0, floor)
@@ -251,18 +248,12 @@ def compare(
         if (estimate.values[model.layout.iterations] > NEWTON_ALONE).any():
             divided += 1
             continue
-        given = (
-            described or robot,
-            course.rest,
-            pose,
-            before,
-            course.motor[k],
-            course.joint[k],
-            dt,
+        begun = reference.begin(
+            described or robot, course.rest, pose, before, course.motor[k], course.joint[k], dt
         )
-        comparison.equations(*reference.sample(*given, estimate.slip_speed * dt), after, estimate)
+        comparison.equations(*reference.finish(begun, estimate.slip_speed * dt), after, estimate)
         if before is not None:
-            comparison.solution(reference.sample(*given)[1], pose, before, estimate)
+            comparison.solution(begun, reference.finish(begun)[1], estimate)
         for c, cable in enumerate(robot.cables):
             elements, _ = reference.parts(robot, c)
             t, status = estimate.tension[elements], estimate.status[elements].astype(int)
