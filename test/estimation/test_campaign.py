@@ -24,6 +24,7 @@ from support.campaign import (
     draw_faults,
     draw_kinds,
     judge,
+    quarter_rate,
     run,
 )
 
@@ -34,9 +35,10 @@ from cdrj_ros.model.prepared import Model
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 SEEDS = (
-    range(int(os.environ["CDRJ_CAMPAIGN"])) if "CDRJ_CAMPAIGN" in os.environ else (0, 3, 6, 15, 19)
+    range(int(os.environ["CDRJ_CAMPAIGN"])) if "CDRJ_CAMPAIGN" in os.environ else (22, 29, 132, 146)
 )
-"""Seeds of the runs: by default a few that together contain every kind of fault."""
+"""Seeds of the runs: by default a few that together contain every kind of fault.  A missing period
+at full rate would take longer than all of them; here it is one of slow readings."""
 KNOWN_NS = 5 * SECOND
 """Time after which the friction history of a run is known, and most elements have status 0."""
 BEYOND_TWO, BEYOND_FIVE = 0.08, 0.001
@@ -269,7 +271,13 @@ def test_nothing_is_predicted_from_a_single_reading(model: Model, course: Course
 
 
 @pytest.mark.parametrize(
-    "faults", [Faults(cell=0.0), Faults(cell=30.0), Faults(effort=0.0), Faults(cell=60.0)]
+    "faults",
+    [
+        Faults(quarter_rate(), cell=0.0),
+        Faults(quarter_rate(), cell=30.0),
+        Faults(quarter_rate(), effort=0.0),
+        Faults(quarter_rate(), cell=60.0),
+    ],
 )
 def test_a_sensor_that_is_stuck_from_the_start_corrects_nothing(
     faults: Faults, model: Model, course: Course

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.campaign import MS, SECOND, START, Course, Faults, courses, half_rate, judge, run
+from support.campaign import MS, SECOND, START, Course, Faults, courses, judge, quarter_rate, run
 
 from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.session import LiveEstimator
@@ -35,11 +35,11 @@ def course(model: Model) -> Course:
 
 
 BREAKS = {
-    "restart": Faults(half_rate(), restart_ns=BREAK, stop_ns=SECOND // 2),
-    "clock back": Faults(half_rate(), clock_ns=(BREAK, -HOUR)),
-    "clock ahead": Faults(half_rate(), clock_ns=(BREAK, HOUR)),
+    "restart": Faults(quarter_rate(), restart_ns=BREAK, stop_ns=SECOND // 2),
+    "clock back": Faults(quarter_rate(), clock_ns=(BREAK, -HOUR)),
+    "clock ahead": Faults(quarter_rate(), clock_ns=(BREAK, HOUR)),
     "gap": Faults(
-        half_rate(), gaps=[(axis, BREAK, BREAK + 3 * SECOND // 2) for axis in ("winch", "elbow")]
+        quarter_rate(), gaps=[(axis, BREAK, BREAK + 3 * SECOND // 2) for axis in ("winch", "elbow")]
     ),
 }
 

@@ -26,7 +26,7 @@ from cdrj_ros.model.prepared import Model
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 NEVER_NS = 1000 * SECOND
-SLOW = {"winch": MS, "elbow": 100_144_075}
+SLOW = {"winch": 4 * MS, "elbow": 100_144_075}
 """Intervals of the readings by axis [ns]: the elbow's readings wander against the reversals."""
 
 

@@ -11,11 +11,14 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.conditioning.whole_recording import condition
+from cdrj_ros.estimation import estimator
 from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.output import Output
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.prepared import Model, shape_at
 
 Kind = Literal[
@@ -83,6 +86,8 @@ class Faults:
     """Time and size of a jump of the inputs' clock [ns]."""
     cell: float | None = None
     """Constant reading of a stuck load cell at ``upper/8`` [N]."""
+    cell_ns: int = 10 * MS
+    """Interval of the readings of the load cell [ns]."""
     effort: float | None = None
     """Constant effort that the motor's driver reports [N m]."""
     good_effort: bool = False
@@ -100,9 +105,9 @@ class Faults:
         return ", ".join(f"{k}={v}" for k, v in vars(self).items() if v != getattr(Faults(), k))
 
 
-def half_rate() -> dict[str, int]:
-    """Periods of readings at 500 Hz [ns], for laws that hold at any rate, in half the time."""
-    return {"winch": 2 * MS, "elbow": 2 * MS}
+def quarter_rate() -> dict[str, int]:
+    """Periods of readings at 250 Hz [ns], for laws that hold at any rate, in less time."""
+    return {"winch": 4 * MS, "elbow": 4 * MS}
 
 
 def courses(model: Model, seconds: float, kinds: Sequence[int]) -> list[Course]:
@@ -117,13 +122,13 @@ def _course(model: Model, seconds: float, kind: int) -> Course:
     if kind == 2:  # two frequencies
         elbow = 0.75 * elbow + 0.05 * np.sin(2.0 * np.pi * 0.7 * time)
     winch = follow(model, elbow)
-    course = Course(winch, elbow, np.empty(0), np.empty(0))
-    outputs = run(model, course, Faults(), Options(uncertainty=False))
-    stamps = [output.estimate.stamp_ns - START for output in outputs]
-    assert stamps == (MS * np.arange(winch.size)).tolist()
-    tension = np.array([output.estimate.tension for output in outputs])
-    effort = np.array([output.estimate.motor_effort[0] for output in outputs])
-    return Course(winch, elbow, tension, effort)
+    stamps = START + MS * np.arange(winch.size)
+    axes = {"winch": Series(stamps, stamps, winch)}, {"elbow": Series(stamps, stamps, elbow)}
+    (samples,) = condition(model.robot, *axes).segments
+    assert np.array_equal(samples.stamp_ns, stamps)
+    values = estimator.run(model, estimator.initial_state(model), samples)[1].values
+    effort = values[:, model.layout.motor_effort][:, 0]
+    return Course(winch, elbow, values[:, model.layout.tension], effort)
 
 
 def follow(model: Model, elbow: Vector) -> Vector:
@@ -232,10 +237,12 @@ def _feed_sensors(
         k = stamp // MS
         effort = float(course.effort[k]) + 0.005 * np.sin(1e3 * k)
         live.feed_efforts(START + stamp + set_by, ("winch",), (effort,))
-    if faults.cell is not None and stamp % (10 * MS) == 0:
+    period = faults.period_ns["winch"]
+    cell_reads = stamp % faults.cell_ns < (period if period < faults.cell_ns else 1)
+    if faults.cell is not None and cell_reads:
         live.feed_tensions(START + stamp + set_by, ("upper/8",), (faults.cell,), (0.05,))
 
-    if faults.liar is not None and course.tension.size and stamp % (10 * MS) == 0:
+    if faults.liar is not None and course.tension.size and cell_reads:
         value = _lie(course, faults.liar, stamp // MS, faults.off)
         live.feed_tensions(START + stamp + set_by, ("upper/8",), (value,), (0.05,))
 
