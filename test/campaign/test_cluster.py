@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from support.many_tasks import killed_once, square, sum_after_death, sum_with
 from cdrj_ros.campaign.cluster import check_address, on_cluster
 from cdrj_ros.campaign.cluster_pool import cluster_pool
 from cdrj_ros.campaign.tasks import Failed, Work, in_this_process
+from cdrj_ros.commands import validate
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import CdrjError, UsageError
@@ -27,6 +30,7 @@ from cdrj_ros.robot.reader import load_document
 
 from .test_processes import kill_when_noted
 
+ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's own modules
 
 
@@ -48,6 +52,22 @@ def test_a_cluster_gives_the_results_of_one_process_and_names_what_failed(addres
     done: list[float] = []
     assert on_cluster(work, address, done.append) == in_this_process(work, lambda _: None)
     assert done == [10.0, 20.0, 30.0, 40.0, 50.0]
+
+
+def figures(path: Path, *arguments: str) -> dict[str, Any]:
+    """What ``validate`` writes for three bags, without the time that it took."""
+    bags = [str(ROOT / "bags" / f"prototype_preload_{name}") for name in ("36_26", "23_6", "36_26")]
+    short = ["--robot", "prototype", "--quiet", "--duration", "3", "--json", str(path)]
+    assert validate.main([*bags, *short, *arguments]) == 0
+    found: dict[str, Any] = json.loads(path.read_text())
+    for bag in found["bags"]:
+        del bag["facts"]["time"]
+    return found
+
+
+def test_validate_has_the_figures_of_this_process(address: str, tmp_path: Path) -> None:
+    here = figures(tmp_path / "here.json", "--jobs", "1")
+    assert figures(tmp_path / "there.json", "--scheduler", address) == here
 
 
 def test_the_task_of_a_killed_worker_is_done_by_another(address: str, tmp_path: Path) -> None:

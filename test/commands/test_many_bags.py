@@ -1,4 +1,4 @@
-"""Many bags: on both cores or on a cluster the same figures, and no bag lost to another."""
+"""Many bags: no bag lost to another, and no process left behind; test_cluster.py has clusters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from typing import Any
 
 import psutil
 import pytest
-from support.clusters import running_cluster
 
 from cdrj_ros.bag import BagWriter
 from cdrj_ros.commands import validate
@@ -58,20 +57,6 @@ def test_a_bag_that_breaks_off_or_is_none_is_named_and_the_others_are_compared(
     assert len(errors) == 3
     assert [bag["path"] for bag in figures(out)["bags"]] == [str(bags[1])]
     assert "all elements" in captured.out
-
-
-def test_a_cluster_gives_the_figures_of_this_process(tmp_path: Path) -> None:
-    pytest.importorskip("distributed", reason="Dask's distributed is not installed")
-    bags = [BAG, ROOT / "bags" / "prototype_preload_23_6", BAG]
-    outputs = [tmp_path / "here.json", tmp_path / "there.json"]
-    short = ["--quiet", "--duration", "8", "--json"]
-    here = [*map(str, bags), "--robot", str(ROBOT), *short, str(outputs[0]), "--jobs", "1"]
-    assert validate.main(here) == 0
-    with running_cluster(tmp_path) as address:
-        there = [*bags, *short, outputs[1], "--scheduler", address]
-        result = subprocess.run(command(*there), capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
-    assert figures(outputs[0]) == figures(outputs[1])
 
 
 @pytest.mark.parametrize(

@@ -13,14 +13,22 @@ import psutil
 
 PROGRAM = """
 import sys, dask
-dask.config.set({"distributed.scheduler.allowed-failures": 1})
+dask.config.set({"distributed.scheduler.allowed-failures": 1,
+                 "distributed.worker.multiprocessing-method": "forkserver"})
 from distributed import LocalCluster
+from distributed.utils import get_mp_context
+get_mp_context().set_forkserver_preload(["distributed", *sys.argv[1:]])
 if __name__ == "__main__":
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
                       host="127.0.0.1") as cluster:
         print(cluster.scheduler_address, flush=True)
         sys.stdin.read()
 """
+
+IMPORTED = (
+    "cdrj_ros.campaign.cluster_pool", "cdrj_ros.commands.validate", "support.many_tasks",
+)  # fmt: skip
+"""What the tasks of the tests import; the workers are forks of a process that has done so."""
 
 
 @contextmanager
@@ -31,7 +39,7 @@ def running_cluster(folder: Path) -> Iterator[str]:
     support = Path(__file__).parents[1]
     path = f"{support}:{os.environ.get('PYTHONPATH', '')}"
     with subprocess.Popen(
-        [sys.executable, str(program)],
+        [sys.executable, str(program), *IMPORTED],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
