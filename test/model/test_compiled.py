@@ -8,12 +8,12 @@ import pickle
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numba
 import pytest
-from support.warm import Ended, Programs, warm_programs
+from support.warm import Ended, Programs
 
 import cdrj_ros.model
 from cdrj_ros.model.compiled import kernel_sources, source_digest
@@ -45,12 +45,6 @@ losses(plan, numbers, np.ones(1), np.zeros(1), contacts)
 stats = friction_losses.stats
 print(contacts[0].loss, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))
 """
-
-
-@pytest.fixture(scope="module")
-def warm() -> Iterator[Programs]:
-    with warm_programs() as programs:
-        yield programs
 
 
 def clean_environment(**more: str) -> dict[str, str]:
@@ -482,14 +476,10 @@ for part in (doubled, quadrupled):  # before and after a kernel uses them
 """
 
 
-def test_python_cannot_call_what_only_kernels_call(tmp_path: Path) -> None:
-    program = tmp_path / "parts.py"
-    program.write_text(PARTS, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, program],
-        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+def test_python_cannot_call_what_only_kernels_call(warm: Programs, tmp_path: Path) -> None:
+    (tmp_path / "parts.py").write_text(PARTS, encoding="utf-8")
+    done = warm.run(tmp_path, "import parts", {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)})
+    assert done.returncode == 0, done.stderr
     expected = [
         line
         for name in ("doubled", "quadrupled")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from support.warm import Programs
 
 KERNELS = """
 from cdrj_ros.model.compiled import callee, lean
@@ -32,9 +32,11 @@ print(whole(8.0), part(8.0), whole(8.0), part(4.0))
 """
 
 AT_ONCE = """
+import sys
 from threading import Barrier, Thread
 from kernels import part, whole
 
+sys.setswitchinterval(1e-6)  # the threads take turns as often as they can
 together = Barrier(2)
 found = {}
 
@@ -62,20 +64,25 @@ print(outer(8.0), part(8.0))
 """
 
 
+Run = Callable[[str], list[float]]
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "kernels.py").write_text(KERNELS, encoding="utf-8")
     return tmp_path
 
 
-def run(folder: Path, program: str) -> list[float]:
+@pytest.fixture
+def run(warm: Programs, folder: Path) -> Run:
     """Numbers that a program prints; its kernels are stored in the folder."""
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, "NUMBA_CACHE_DIR": str(folder)},
-        cwd=folder, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    return [float(word) for word in done.stdout.split()]
+
+    def numbers(program: str) -> list[float]:
+        done = warm.run(folder, program, {**os.environ, "NUMBA_CACHE_DIR": str(folder)})
+        assert done.returncode == 0, done.stderr
+        return [float(word) for word in done.stdout.split()]
+
+    return numbers
 
 
 def stored(folder: Path) -> set[str]:
@@ -83,23 +90,25 @@ def stored(folder: Path) -> set[str]:
     return {path.name.split(".")[1].partition("-")[0] for path in folder.rglob("*.nbc")}
 
 
-def test_only_the_whole_kernel_is_stored(folder: Path) -> None:
-    assert run(folder, "from kernels import whole; print(whole(8.0))") == [7.5]
+def test_only_the_whole_kernel_is_stored(run: Run, folder: Path) -> None:
+    assert run("from kernels import whole; print(whole(8.0))") == [7.5]
     assert stored(folder) == {"whole"}
 
 
-def test_what_was_a_part_can_be_called_afterwards(folder: Path) -> None:
-    assert run(folder, IN_TURN) == [7.5, 5.0, 7.5, 3.0]
+def test_what_was_a_part_can_be_called_afterwards(run: Run, folder: Path) -> None:
+    assert run(IN_TURN) == [7.5, 5.0, 7.5, 3.0]
     assert stored(folder) == {"whole", "part"}
-    assert run(folder, IN_TURN) == [7.5, 5.0, 7.5, 3.0], "loaded from disk"
+    assert run(IN_TURN) == [7.5, 5.0, 7.5, 3.0], "loaded from disk"
 
 
-def test_a_kernel_is_whole_while_another_thread_compiles_it_as_a_part(folder: Path) -> None:
-    for _ in range(3):
-        assert run(folder, AT_ONCE) == [7.5, 5.0]
+def test_a_kernel_is_whole_while_another_thread_compiles_it_as_a_part(
+    run: Run, folder: Path
+) -> None:
+    for _ in range(10):
+        assert run(AT_ONCE) == [7.5, 5.0]
         for path in folder.rglob("*.nb?"):
             path.unlink()
 
 
-def test_kernels_of_users_can_call_ours(folder: Path) -> None:
-    assert run(folder, BY_A_KERNEL_OF_THE_USER) == [9.0, 5.0]
+def test_kernels_of_users_can_call_ours(run: Run) -> None:
+    assert run(BY_A_KERNEL_OF_THE_USER) == [9.0, 5.0]

@@ -1,6 +1,7 @@
 """Python programs as forks of one process that has imported NumPy and numba, but nothing of ours.
 
-Importing the two takes most of the time of a short program.  Programs differ in nothing else: each
+Importing the two takes most of the time of a short program; so do the modules that numba imports
+when it compiles for the first time.  Programs differ in nothing else: each
 has its own environment, folder and output, and reads the package from the folder that it is given.
 """
 
@@ -18,6 +19,10 @@ from typing import NamedTuple
 SERVER = """
 import os, pickle, sys, traceback
 import numba, numba.core.event, numpy
+import numba.experimental, numba.np.arraymath, numba.np.linalg, numba.np.npyimpl, numba.typed
+from numba.core.registry import cpu_target
+
+cpu_target.typing_context.refresh()
 
 def run(folder, program, environment):
     os.environ.clear()
