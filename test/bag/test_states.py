@@ -1,5 +1,9 @@
-"""Bags in every state: compressed, split, without index or metadata, damaged, truncated."""
+"""Bags in every state: compressed, split, without index or metadata, damaged, truncated.
 
+``make soak`` sets CDRJ_DAMAGES and damages more bytes.
+"""
+
+import os
 import shutil
 import struct
 from pathlib import Path
@@ -180,7 +184,7 @@ def check_prefix(path, whole):
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_a_bag_cut_anywhere_gives_all_that_is_intact(make, tmp_path, compression):
     path = make.mcap(
-        tmp_path / "whole.mcap", make.swing(1500), compression=compression, chunk_size=20_000
+        tmp_path / "whole.mcap", make.swing(500), compression=compression, chunk_size=7_000
     )
     whole, content = read_recording(path, ONE_TOPIC), path.read_bytes()
     cut = tmp_path / "cut.mcap"
@@ -192,7 +196,7 @@ def test_a_bag_cut_anywhere_gives_all_that_is_intact(make, tmp_path, compression
     assert counts[0] == 0
     if compression == CompressionType.NONE:
         for percent in range(10, 80):
-            assert counts[percent] >= 1500 * (percent - 8) / 100
+            assert counts[percent] >= 500 * (percent - 8) / 100
 
 
 @pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
@@ -258,7 +262,7 @@ def test_any_wrong_byte_gives_messages_or_a_clear_error(make, tmp_path):
     content = make.mcap(tmp_path / "a.mcap", make.swing(12), chunk_size=500).read_bytes()
     path = tmp_path / "b.mcap"
     rng = np.random.default_rng(7)
-    for at in range(0, len(content), 4):
+    for at in range(0, len(content), 1 if "CDRJ_DAMAGES" in os.environ else 9):
         damaged = bytearray(content)
         damaged[at] = (damaged[at] + int(rng.integers(1, 256))) % 256
         path.write_bytes(damaged)

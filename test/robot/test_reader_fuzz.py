@@ -1,8 +1,12 @@
-"""Damaged robot files give a robot that can be stepped or a one-line error, without delay."""
+"""Damaged robot files give a robot that can be stepped or a one-line error, without delay.
+
+Of every kind of damage, ``make soak`` tries CDRJ_DAMAGES times as many.
+"""
 
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -28,6 +32,7 @@ from cdrj_ros.robot.reader import parse_robot
 FILES = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
 MOST_SECONDS = 20.0
 """Limit of CPU time, which is independent of other load on the machine [s]."""
+TIMES = int(os.environ.get("CDRJ_DAMAGES", "1"))
 STRANGE: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 2, 1e-300, 5e-324, 1e14, -1e14, 1e16, 1e308, 10**400, float("nan"),
     float("inf"), -float("inf"), "", "a", "1e3", "elbow", "winch", "\n", "x" * 5000, [], {}, [[]],
@@ -242,7 +247,7 @@ def test_a_damaged_document_is_a_robot_or_one_line(
     verdicts = []
     sound = whole(path)
     assert judge(dumped(sound), str(path))
-    for _ in range(60):
+    for _ in range(20 * TIMES):
         document = deepcopy(sound)
         for _ in range(rng.choice((1, 1, 1, 2, 4))):
             mutate(document, rng)
@@ -255,7 +260,7 @@ def test_a_damaged_text_is_a_robot_or_one_line(path: Path) -> None:
     rng = Random(path.stem)
     text = whole_text(path)
     assert judge(text, str(path))
-    verdicts = [judge(damaged_text(text, rng), str(path)) for _ in range(40)]
+    verdicts = [judge(damaged_text(text, rng), str(path)) for _ in range(12 * TIMES)]
     assert not all(verdicts)
 
 
@@ -312,7 +317,7 @@ def test_an_absurd_number_anywhere_is_one_line(
 ) -> None:
     rng = Random(path.stem)
     sound = whole(path)
-    for _ in range(30):
+    for _ in range(10 * TIMES):
         document = deepcopy(sound)
         places = [
             (place, key)
