@@ -32,6 +32,7 @@ PROTOTYPE = File(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 # preloads [N] and the rho that the source found at them, upper and lower
 FIRST = ((23.52, 6.66), (0.1114, 0.3920))
 SECOND = ((36.85, 26.26), (0.1100, 0.1315))
+Case = tuple[tuple[float, float], tuple[float, float]]
 DURATION, RATE = 26.0, 250.0
 
 
@@ -46,7 +47,7 @@ class Recording:
 
 
 @cache
-def recording(case: tuple[tuple[float, float], tuple[float, float]]) -> Recording:
+def recording(case: Case) -> Recording:
     """The motion of ``simulate`` with the sensors of ``simulate``."""
     robot = load_robot(PROTOTYPE)
     joint = robot.joints[0]
@@ -65,7 +66,7 @@ def recording(case: tuple[tuple[float, float], tuple[float, float]]) -> Recordin
     truth = simulate(robot, time, angle, torque, cells=8)
 
     generator, cells = np.random.default_rng(7), LoadCells()
-    times = reading_times(0.0, DURATION, cells.rate)
+    times = reading_times(0.0, DURATION, 0.5 * cells.rate)
     joint_angle = read_encoder(
         JOINT_ENCODER, times, time, np.reshape(truth.joint_angle, (time.size, -1))[:, 0]
     )
@@ -85,7 +86,9 @@ def recording(case: tuple[tuple[float, float], tuple[float, float]]) -> Recordin
     )
 
 
-def identified(rig: Recording, cable: str, node: int = 3, element: int = 8) -> RhoEstimate:
+@cache
+def identified(case: Case, cable: str, node: int = 3, element: int = 8) -> RhoEstimate:
+    rig = recording(case)
     layout = rig.model.layout
     name, pulley = f"{cable}/{element}", f"{cable}/{node}"
     tension = rig.tension[:, layout.elements.index(name)]
@@ -97,10 +100,10 @@ def identified(rig: Recording, cable: str, node: int = 3, element: int = 8) -> R
 @pytest.mark.parametrize("case", [FIRST, SECOND], ids=["first", "second"])
 @pytest.mark.parametrize("cable", ["upper", "lower"])
 def test_the_rho_of_the_source_are_recovered(
-    case: tuple[tuple[float, float], tuple[float, float]], cable: str
+    case: Case, cable: str
 ) -> None:
     true = case[1][("upper", "lower").index(cable)]
-    found = identified(recording(case), cable)
+    found = identified(case, cable)
     assert found.rho == pytest.approx(true, abs=0.01)
     assert 0.0 < found.stddev < 0.001, "due to the load cells' noise alone"
     assert found.rms < 0.2, "the rest is the propagated noise of the load cells"
@@ -139,7 +142,7 @@ def printed_procedure(rig: Recording, cable: int) -> float:
 @pytest.mark.parametrize("case", [FIRST, SECOND], ids=["first", "second"])
 @pytest.mark.parametrize("cable", [0, 1], ids=["upper", "lower"])
 def test_the_printed_procedure_underestimates_rho_where_pulleys_stick(
-    case: tuple[tuple[float, float], tuple[float, float]], cable: int
+    case: Case, cable: int
 ) -> None:
     found = printed_procedure(recording(case), cable)
     assert 0.4 < found / case[1][cable] < 0.75
@@ -156,7 +159,7 @@ def test_without_noise_rho_comes_back_exactly_from_forces_made_with_it() -> None
 
 
 def test_other_nodes_and_elements_serve_as_well() -> None:
-    found = identified(recording(SECOND), "upper", node=4, element=2)
+    found = identified(SECOND, "upper", node=4, element=2)
     assert found.rho == pytest.approx(0.11, abs=0.01)
     assert found.samples > 200
 
@@ -165,7 +168,7 @@ def test_a_missing_force_is_left_out() -> None:
     rig = recording(FIRST)
     force = rig.nodal_force[:, 1].copy()
     known = KnownTension("upper/8", rig.tension[:, 7], 0.02)
-    whole = identify_rho(rig.model, rig.path, known, "upper/3", force)
+    whole = identified(FIRST, "upper")
     force[::2] = np.nan
     half = identify_rho(rig.model, rig.path, known, "upper/3", force)
     assert 0.4 * whole.samples < half.samples < 0.6 * whole.samples
