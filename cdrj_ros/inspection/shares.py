@@ -118,13 +118,14 @@ def _effects(model: Model, causes: Sequence[Tolerance]) -> NDArray[np.float64]:
 def _deviating(model: Model, cause: Tolerance) -> Model | None:
     """The robot with one cause deviating by a standard deviation; None if neither sign works."""
     document: Any = model.robot.document
+    numbers = {**document, "uncertainty": {"others": "exact"}}  # numbers alone matter
     for sign in (1.0, -1.0):
         values = {}
         for path, stddev in cause.factor.items():
             values[path] = float(within_range(document, path, np.array([sign * stddev]))[0])
         try:
             return prepare(
-                build_robot(with_numbers(document, values), model.robot.source), check_range=False
+                build_robot(with_numbers(numbers, values), model.robot.source), check_range=False
             )
         except CdrjError:
             continue

@@ -325,24 +325,53 @@ def test_an_impossible_output_is_refused_before_the_inspection(
     assert robot.read_text() == PLAIN
 
 
-@pytest.mark.parametrize(
-    "command", ["check_robot", "identify", "reproduce", "simulate", "validate"]
-)
-def test_the_commands_run_without_docstrings_and_as_modules(command: str) -> None:
+COMMANDS = ("identify", "reproduce", "simulate", "validate", "check_robot")
+AS_MODULES = """
+import contextlib, io, json, runpy, sys
+said = {}
+for command in sys.argv[1:]:
     module = f"cdrj_ros.commands.{command}"
+    for given in (["--help"], *([["hoist"]] if command == "check_robot" else [])):
+        out, error = io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+            try:
+                sys.argv = [command, *given]
+                runpy.run_module(module, run_name="__main__", alter_sys=True)
+            except SystemExit as end:
+                code = end.code
+        said[" ".join([command, *given])] = code or 0, out.getvalue(), error.getvalue()
+print(json.dumps(said))
+"""
+
+
+@pytest.fixture(scope="module")
+def without_docstrings() -> dict[str, tuple[int, str, str]]:
+    """Exit code, output and errors of commands that one process runs as ``python -OO -m`` does."""
     done = subprocess.run(
-        [sys.executable, "-OO", "-m", module, "--help"], capture_output=True, text=True, check=False
-    )
+        [sys.executable, "-OO", "-W", "ignore::RuntimeWarning:runpy", "-c", AS_MODULES, *COMMANDS],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"usage: {command} ")
     assert done.stderr == ""
+    return {line: tuple(said) for line, said in json.loads(done.stdout).items()}
 
 
-def test_a_robot_is_checked_without_docstrings() -> None:
-    command = [sys.executable, "-OO", "-m", "cdrj_ros.commands.check_robot", "hoist"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("hoist: 1 motor, 1 joint, 1 cable, ")
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_commands_run_without_docstrings_and_as_modules(
+    without_docstrings: dict[str, tuple[int, str, str]], command: str
+) -> None:
+    code, output, errors = without_docstrings[f"{command} --help"]
+    assert code == 0
+    assert output.startswith(f"usage: {command} ")
+    assert errors == ""
+
+
+def test_a_robot_is_checked_without_docstrings(
+    without_docstrings: dict[str, tuple[int, str, str]],
+) -> None:
+    code, output, errors = without_docstrings["check_robot hoist"]
+    assert code == 0, errors
+    assert output.startswith("hoist: 1 motor, 1 joint, 1 cable, ")
 
 
 def test_an_unknown_argument_is_escaped_on_the_terminal(

@@ -22,6 +22,13 @@ def table(path: Path) -> tuple[list[str], np.ndarray]:
     return header, np.array(lines, dtype=float)
 
 
+@pytest.fixture
+def no_shares(monkeypatch: pytest.MonkeyPatch) -> None:
+    """check_robot does not say what causes the uncertainty, which takes most of its time."""
+    monkeypatch.setattr(check_robot, "uncertainty_shares", lambda _: None)
+
+
+@pytest.mark.usefixtures("no_shares")
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_lengths_arms_and_wraps_of_every_robot(robot: str, tmp_path: Path) -> None:
     model = load_model(robot)
