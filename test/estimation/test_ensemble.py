@@ -34,6 +34,8 @@ ROBOTS = ROOT / "config" / "robots"
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 RATE = 100.0
 RUNS = 200
+FEW = 8
+"""Members, where their number does not matter."""
 WATCHED = 1000
 """Number of samples in a run of the estimator."""
 EVERY = 20
@@ -345,13 +347,13 @@ def test_other_friction_is_drawn_with_the_same_geometry(
 ) -> None:
     """Bit for bit what reading every member gives, but no member is read."""
     model = load_model(str(ROBOTS / f"{name}.yaml"))
-    before = draw_numbers(model, MEMBERS, np.random.default_rng(3))
+    before = draw_numbers(model, FEW, np.random.default_rng(3))
     for values in ({"friction.rho": 0.31}, {"friction.mu_c": 0.11, "friction.rho": 0.4}):
         other = with_other_numbers(model, values)
-        slow = draw_numbers(other, MEMBERS, np.random.default_rng(3))
+        slow = draw_numbers(other, FEW, np.random.default_rng(3))
         with monkeypatch.context() as patch:
             patch.setattr("cdrj_ros.estimation.parameter_draws.build_robot", None)
-            fast = draw_numbers(other, MEMBERS, np.random.default_rng(3), before=before)
+            fast = draw_numbers(other, FEW, np.random.default_rng(3), before=before)
         assert fast.numbers.tobytes() == slow.numbers.tobytes()
         assert fast.numbers.tobytes() != before.numbers.tobytes() or "friction.mu_c" not in values
         assert fast.normal.tobytes() == slow.normal.tobytes()

@@ -99,9 +99,7 @@ def identified(case: Case, cable: str, node: int = 3, element: int = 8) -> RhoEs
 
 @pytest.mark.parametrize("case", [FIRST, SECOND], ids=["first", "second"])
 @pytest.mark.parametrize("cable", ["upper", "lower"])
-def test_the_rho_of_the_source_are_recovered(
-    case: Case, cable: str
-) -> None:
+def test_the_rho_of_the_source_are_recovered(case: Case, cable: str) -> None:
     true = case[1][("upper", "lower").index(cable)]
     found = identified(case, cable)
     assert found.rho == pytest.approx(true, abs=0.01)

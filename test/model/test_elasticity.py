@@ -179,6 +179,7 @@ def chain(count: int, seed: int) -> tuple[Any, Any, Any]:
     contacts, pulleys = np.zeros(count, CONTACT), np.zeros(count, PULLEY)
     contacts["loss"] = generator.uniform(0.02, 0.3, count)
     pulleys["bristle_stiffness"], pulleys["breakaway"], pulleys["cells"] = 2e4, 0.4, 1.0
+    pulleys.flags.writeable = False  # as in test_stiffness.py: compiled once
     return elements, contacts, pulleys
 
 
