@@ -110,7 +110,7 @@ def few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     from cdrj_ros.report import html
 
-    monkeypatch.setattr(html, "PICTURE_BUDGET", 200_000)
+    monkeypatch.setattr(html, "PICTURE_BUDGET", 50_000)
 
 
 @pytest.fixture

@@ -177,7 +177,7 @@ def test_equation_44_finds_the_rho_of_both_cables_from_a_nodal_force_and_a_tensi
     rig: WriteRig, upper: float, lower: float, tmp_path: Path
 ) -> None:
     truth = {"cables.upper.friction.rho": upper, "cables.lower.friction.rho": lower}
-    bag = rig("published_rho", truth, 0.62, 0.125, 9.0, cells=4)
+    bag = rig("published_rho", truth, 0.62, 0.25, 4.5, cells=4)
     figures = tmp_path / "figures.json"
     assert identify.main(
         [str(bag), "--robot", str(ROBOT), "--fit", "rho", "--quick", "--starts", "2",

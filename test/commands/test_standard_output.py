@@ -18,7 +18,7 @@ from cdrj_ros.robot.reader import load_robot
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bags") / "bag"
-    assert simulate.main([str(folder), "--robot", "prototype", "--duration", "6"]) == 0
+    assert simulate.main([str(folder), "--robot", "prototype", "--duration", "2"]) == 0
     return folder
 
 

@@ -60,7 +60,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "limits.yaml").write_text(re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)[0])
     for name in ("recordings/one", "recordings/two", "other"):
         (folder / name).parent.mkdir(exist_ok=True)
-        arguments = ["--robot", "prototype", "--duration", "6", "--cells", "1"]
+        arguments = ["--robot", "prototype", "--duration", "4", "--cells", "1"]
         assert simulate([str(folder / name), *arguments]) == 0
     return folder
 

@@ -31,18 +31,18 @@ def test_the_limiter_holds_every_true_tension_below_its_limit(measure: Any) -> N
 
 
 def test_the_feedforward_reduces_the_tracking_error_by_a_factor_of_50(measure: Any) -> None:
-    effect = measure.feedforward(seconds=2.5)
+    effect = measure.feedforward(seconds=1.5)
     assert effect.without > 0.2
     assert effect.having < effect.without / 50.0
 
 
 def test_the_feedforward_reduces_the_error_with_friction_20_percent_too_small(measure: Any) -> None:
-    effect = measure.feedforward(seconds=2.5, wrong={"friction.mu_c": 0.12})
+    effect = measure.feedforward(seconds=1.5, wrong={"friction.mu_c": 0.12})
     assert effect.having < effect.without / 5.0
 
 
 def test_the_cables_stay_taut_at_a_lower_mean_tension(measure: Any) -> None:
-    effect = measure.taut(seconds=4.0, share=0.2)
+    effect = measure.taut(seconds=3.6, share=0.3)
     assert effect.curves["with"].min() > 1.0
     assert effect.curves["without"].min() >= effect.curves["with"].min()
     assert effect.having < 0.9 * effect.without
