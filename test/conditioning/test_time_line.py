@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,6 +33,8 @@ MOTORS, JOINTS = ("a", "b"), ("p", "q")
 NAMES = MOTORS + JOINTS
 START = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
+STREAMS = int(os.environ.get("CDRJ_STREAMS", "50"))
+"""Number of streams of messages of any kind; 1000 in ``make soak``."""
 
 
 @dataclass(frozen=True)
@@ -359,7 +362,7 @@ def test_a_gap_is_crossed_and_loses_no_reading() -> None:
         assert last > cut + wait
 
 
-@settings(max_examples=150, deadline=None, derandomize=True, database=None)
+@settings(max_examples=STREAMS, deadline=None, derandomize=True, database=None)
 @given(st.data())
 def test_every_reading_is_accepted_refused_or_held_and_offline_agrees(data: st.DataObject) -> None:
     # stamps wander, repeat, jump far ahead and back; values may be anything
