@@ -45,6 +45,10 @@ class NotPlainError(Exception):
     """The text is not YAML, or is for ``ruamel.yaml`` to read."""
 
 
+class TooDeepError(NotPlainError):
+    """The text is nested too deep, which ``ruamel.yaml`` would find out slowly."""
+
+
 def plain_yaml(text: str, most_nodes: int, most_depth: int) -> Any:
     """The value of a YAML text, equal to that which ``ruamel.yaml`` gives.
 
@@ -102,7 +106,9 @@ class _Document:
         """The value that begins with an event, with at most ``depth`` levels."""
         self._left -= 1
         kind = type(event)
-        if not (self._left >= 0 and depth):
+        if depth == 0:
+            raise TooDeepError
+        if self._left < 0:
             raise NotPlainError
         if event.anchor is not None or event.tag is not None:  # also an alias
             raise NotPlainError

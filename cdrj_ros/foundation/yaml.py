@@ -13,7 +13,7 @@ from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.foundation.plain_yaml import NotPlainError, plain_yaml
+from cdrj_ros.foundation.plain_yaml import NotPlainError, TooDeepError, plain_yaml
 from cdrj_ros.foundation.text import printable
 
 MAXIMUM_CHARACTERS: Final = 1_000_000
@@ -23,6 +23,7 @@ MAXIMUM_NODES: Final = 100_000
 kilobyte of nested aliases can expand to billions."""
 MAXIMUM_DEPTH: Final = 50
 """Maximum depth of nesting, including aliases, since users of the result may recurse."""
+_TOO_DEEP: Final = f"is nested more than {MAXIMUM_DEPTH} deep"
 REMEMBERED: Final = 16
 """Texts whose values are remembered: a command reads a robot file more than once, and parsing takes
 six times as long as copying the value, if the text is not plain two hundred times."""
@@ -79,6 +80,8 @@ def _parsed(text: str) -> Any:
     """The value of a text, which must not be changed; errors as they are raised."""
     try:
         return plain_yaml(text, MAXIMUM_NODES, MAXIMUM_DEPTH)
+    except TooDeepError:
+        raise YamlError(_TOO_DEEP) from None
     except NotPlainError:
         return any_yaml(text)
 
@@ -106,7 +109,7 @@ class _BoundedComposer(Composer):
         if self._nodes > MAXIMUM_NODES:
             raise YamlError(f"has more than {MAXIMUM_NODES} entries")
         if self._level > MAXIMUM_DEPTH:
-            raise YamlError(f"is nested more than {MAXIMUM_DEPTH} deep")
+            raise YamlError(_TOO_DEEP)
         node = super().compose_node(parent, index)
         self._level -= 1
         return node

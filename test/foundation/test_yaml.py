@@ -5,7 +5,7 @@ from datetime import date
 
 import pytest
 
-from cdrj_ros.foundation.yaml import YamlError, load_yaml
+from cdrj_ros.foundation.yaml import YamlError, any_yaml, load_yaml
 
 MOST_MEMORY = 50e6
 """Memory for texts of a few kilobytes [bytes]."""
@@ -51,6 +51,12 @@ def test_a_text_that_expands_too_far_is_refused_in_one_line(name):
     assert peak < MOST_MEMORY
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 500
+
+
+def test_a_deep_text_that_only_ruamel_reads_is_refused_too():
+    with pytest.raises(YamlError, match="is nested more than 50 deep"):
+        any_yaml("[" * 51 + "]" * 51)
+    assert any_yaml("[" * 50 + "]" * 50)
 
 
 def test_a_text_of_too_many_entries_is_refused_while_it_is_parsed(monkeypatch):
