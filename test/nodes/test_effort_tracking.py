@@ -32,8 +32,9 @@ FREQUENCY_HZ = 0.25
 EVERY = 2
 """Only every n-th sample of the 250 Hz simulation is read: 125 Hz."""
 PATIENCE_S = 120.0
-BURST, AHEAD = 50, 200
-"""Samples sent between two checks of the answers, and samples allowed without an answer."""
+BURST, AHEAD = 20, 60
+"""Samples sent between two checks of the answers, and samples allowed without an answer: together
+0.64 s.  Efforts 1 s ahead of the joint's angles are discarded, and topics may arrive one by one."""
 INPUTS = ("motor_states", "joint_states")
 MOTOR = Template(JOINT_STATE, ("winch",), ("position", "effort"))
 MOTOR_ALONE = Template(JOINT_STATE, ("winch",), ("position",))
