@@ -19,11 +19,15 @@ export MAKEFLAGS=-j$(nproc)
 # Messages are encoded and decoded as fast as with -O3, which takes longer to compile.
 optimised="-O1 -DNDEBUG"
 
+# ROS 2 as wheels has no rclcpp, so no C++ node could include the messages.
+without_cpp=OFF
+if [ -e "$VIRTUAL_ENV/share/rclpy" ]; then without_cpp=ON; fi
+
 # Started by the environment's Python, colcon gives the installed executables that Python too.
 build() {
     python "$(command -v colcon)" build \
         --base-paths . msg_defs/cdrj_msgs --packages-select "$1" --symlink-install \
-        --cmake-args -DCMAKE_BUILD_TYPE=Release \
+        --cmake-args -DCMAKE_BUILD_TYPE=Release "-DWITHOUT_CPP=$without_cpp" \
         "-DCMAKE_C_FLAGS_RELEASE=$optimised" "-DCMAKE_CXX_FLAGS_RELEASE=$optimised" \
         "-DPython3_EXECUTABLE=$VIRTUAL_ENV/bin/python"
 }

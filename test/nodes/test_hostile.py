@@ -1,6 +1,6 @@
 """Hostile messages: the node keeps running, counts all of them, and its estimates stay correct.
 
-`make test` sends 100 000 messages from a fixed seed to the callbacks of a node in this process, and
+`make test` sends 25 000 messages from a fixed seed to the callbacks of a node in this process, and
 some more over DDS to a node in another process; `make soak` sends CDRJ_HOSTILE messages.
 """
 
@@ -40,13 +40,15 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID, UNSURE
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
-MESSAGES = int(os.environ.get("CDRJ_HOSTILE", "100000"))
+MESSAGES = int(os.environ.get("CDRJ_HOSTILE", "25000"))
 SEED = 20_240_607
 BEGIN = 1_700_000_000 * 10**9
 SECOND = 10**9
 MILLISECOND = 1_000_000
 NAMES = {"motors": "winch", "joints": "elbow"}
 GROWTH_MB = 8.0
+"""Most memory that 100 000 messages or more may add [MB]; fewer may add less in proportion."""
+OF_MESSAGES = min(1.0, MESSAGES / 100_000)
 PATIENCE_S = 180.0
 COMPILING_S = 600.0
 """Timeout of a first start, which compiles the kernels [s]."""
@@ -302,7 +304,7 @@ def test_hostile_messages_do_not_change_the_estimates(node: Any) -> None:
     assert {c: n for c, n in conditioner.refused.items() if n} == dict(expected)
     assert set(expected) == set(conditioner.refused)
     traffic.assert_counted()
-    assert grown < GROWTH_MB
+    assert grown < GROWTH_MB * OF_MESSAGES
     refused = ", ".join(f"{count} {cause}" for cause, count in sorted(expected.items()))
     print(  # noqa: T201 for make soak
         f"\n{traffic.sent} messages, a good stream among them: {wanted.stamp_ns.size} estimates as "
@@ -371,7 +373,7 @@ def test_after_any_messages_every_reading_is_counted_and_a_reset_gives_correct_e
             node._on_tensions(payload)
             tensions += 1
             traffic.whole += not is_tensions(payload)
-        if k % 5_003 == 0:
+        if k % 1_009 == 0:
             node.live.reset()
         for estimate in node.heard:
             known = estimate.status.astype(int) & INVALID == 0
@@ -383,7 +385,7 @@ def test_after_any_messages_every_reading_is_counted_and_a_reset_gives_correct_e
         if not warm and traffic.sent + tensions > whole // 2:
             warm = own_mb()
     grown = own_mb() - warm
-    assert grown < GROWTH_MB
+    assert grown < GROWTH_MB * OF_MESSAGES
     assert judged > whole // 20
     jumps = node.live.conditioner.clock_jumps
     assert jumps > 10
