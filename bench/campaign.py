@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,10 +25,11 @@ EIGHT = "rho,preload,EA,f_d"
 """Numbers to fit: four keys with a number for each of the prototype's two cables."""
 
 
-def _run(command: str, *arguments: object, processors: int | None = None) -> None:
-    """Run a command, on some of the processors or on all."""
-    own = sorted(os.sched_getaffinity(0))[:processors]
-    program = f"import os; os.sched_setaffinity(0, {own}); "
+def _run(command: str, *arguments: object, on: int | None = None) -> None:
+    """Run a command on one of this process's processors, by index, or on all."""
+    own = sorted(os.sched_getaffinity(0))
+    kept = own if on is None else [own[on]]
+    program = f"import os; os.sched_setaffinity(0, {kept}); "
     program += f"from cdrj_ros.commands.entry import {command}; {command}()"
     given = [*map(str, arguments), "--robot", str(ROBOT)]
     subprocess.run(
@@ -35,19 +38,33 @@ def _run(command: str, *arguments: object, processors: int | None = None) -> Non
     )  # fmt: skip
 
 
+def _beside_each_other(command: str, bags: Sequence[Path], *options: object) -> None:
+    """Run as many commands at once as there are processors, each with its share of the bags."""
+    count = processors()
+    with ThreadPoolExecutor(count) as pool:
+        started = [
+            pool.submit(_run, command, *bags[k::count], *options, on=k) for k in range(count)
+        ]
+    for one in started:
+        one.result()
+
+
 def measure() -> list[Row]:
     """Seconds for ``BAGS`` bags of ``DURATION_S`` each, and for a fit to one of them."""
     with TemporaryDirectory() as folder:
         bag = Path(folder, "long")
         write_long_bag(bag, read_recording(BAG))
         bags = [bag] * BAGS
-        together, alone, in_turn = [], [], []
+        together, alone, in_turn, separate = [], [], [], []
         _run("validate", bag, "--uncertainty", "on")  # compiles and fills the file cache
-        common = (*bags, "--quiet", "--uncertainty", "on")
+        options = ("--quiet", "--uncertainty", "on")
         for _ in turns(ROUNDS, MANY_S):
-            together.append(seconds(lambda: _run("validate", *common)))
-            alone.append(seconds(lambda: _run("validate", *common, "--jobs", 1, processors=1)))
-            in_turn.append(seconds(lambda: _run("validate", *common, "--jobs", 1)))
+            together.append(seconds(lambda: _run("validate", *bags, *options)))
+            alone.append(seconds(lambda: _run("validate", *bags, *options, "--jobs", 1, on=0)))
+            separate.append(
+                seconds(lambda: _beside_each_other("validate", bags, *options, "--jobs", 1))
+            )
+            in_turn.append(seconds(lambda: _run("validate", *bags, *options, "--jobs", 1)))
         fits = [
             seconds(lambda: _run("identify", bag, "--fit", EIGHT)) for _ in turns(ROUNDS, FIT_S)
         ]
@@ -56,6 +73,10 @@ def measure() -> list[Row]:
         compared(
             "campaign", f"validate, {BAGS} bags of {DURATION_S} s, {processors()} processors", "s",
             together, "the same on one processor", alone, "< 0.59",
+        ),
+        compared(
+            "campaign", "the same bags, a command of its own on each processor", "s",
+            separate, "on one processor", alone,
         ),
         compared(
             "campaign", "the same bags with --jobs 1, which estimates ahead in a thread", "s",
