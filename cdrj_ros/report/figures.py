@@ -30,19 +30,24 @@ from cdrj_ros.report.canvas import (
     TOP,
     WIDTH,
     Floats,
-    add_axes,
     add_stroke,
     add_text,
     draw_line,
-    new_figure,
     set_limits,
     set_x_label,
 )
 from cdrj_ros.report.numbers import decimals_for, format_number, scale_for
 from cdrj_ros.report.series import Window, gaps, seconds_since
+from cdrj_ros.report.sheets import Place, Sheets
 
 _ERROR_HEIGHT, _BETWEEN = 58, 32
 """Height of the error axes, and the gap between them and the axes of the series [px]."""
+
+_SERIES_HEIGHT = HEIGHT - TOP - BOTTOM - _ERROR_HEIGHT - _BETWEEN
+
+_SERIES: Final[Place] = (HEIGHT - TOP - _SERIES_HEIGHT, _SERIES_HEIGHT)
+_ERRORS: Final[Place] = (BOTTOM, _ERROR_HEIGHT)
+_LOOP: Final[Place] = (BOTTOM, HEIGHT - TOP - BOTTOM)
 
 USUAL_BANDS: Final = 1.5
 """Largest width of the band that the axes show, in multiples of its median width."""
@@ -52,7 +57,12 @@ BAND_IN_VIEW: Final = 4.0
 
 
 def over_time(
-    channel: Channel, origin_ns: int, *, window: Window | None = None, shade: Window | None = None
+    channel: Channel,
+    origin_ns: int,
+    *,
+    window: Window | None = None,
+    shade: Window | None = None,
+    sheets: Sheets | None = None,
 ) -> Figure:
     """Draw estimate and truth over time, with the error below.
 
@@ -61,12 +71,10 @@ def over_time(
         origin_ns: stamp at 0 s of the time axis [ns].
         window: the part to draw, by default everything; its reversal is marked.
         shade: a part to tint, for example the part enlarged in another figure.
+        sheets: figures to draw on, whose earlier pictures are no longer needed.
     """
     drawn = _drawn(channel, origin_ns, window)
-    figure = new_figure()
-    series_height = HEIGHT - TOP - BOTTOM - _ERROR_HEIGHT - _BETWEEN
-    series = add_axes(figure, HEIGHT - TOP - series_height, series_height)
-    errors = add_axes(figure, BOTTOM, _ERROR_HEIGHT)
+    figure, (series, errors) = (sheets or Sheets()).blank(_SERIES, _ERRORS)
     for axes in (series, errors):
         _mark(axes, channel, origin_ns, window, shade)
     _draw_series(series, drawn)
@@ -175,12 +183,13 @@ def _name_error(figure: Figure, unit: str, largest: float, at_s: float) -> None:
     add_text(figure, WIDTH - RIGHT, above, text, "error", align="right")
 
 
-def hysteresis(channel: Channel, window: Window) -> Figure:
+def hysteresis(channel: Channel, window: Window, *, sheets: Sheets | None = None) -> Figure:
     """Draw estimate and truth over the joint angle.
 
     Args:
         channel: with a finite angle in at least one sample of the window.
         window: the samples to draw.
+        sheets: figures to draw on, whose earlier pictures are no longer needed.
     """
     part = slice(window.begin, window.end)
     present = np.isfinite(channel.angle[part])
@@ -190,8 +199,7 @@ def hysteresis(channel: Channel, window: Window) -> Figure:
     breaks = gaps(stamps)
     factor, unit = _scale(channel)
 
-    figure = new_figure()
-    axes = add_axes(figure, BOTTOM, HEIGHT - TOP - BOTTOM)
+    figure, (axes,) = (sheets or Sheets()).blank(_LOOP)
     for values, role in ((channel.reference, "truth"), (channel.estimate, "estimate")):
         draw_line(axes, angle, factor * values[part][present], breaks, role, loop=True)
     set_limits(axes, angle, 6)

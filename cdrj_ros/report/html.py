@@ -39,6 +39,8 @@ from cdrj_ros.robot.description import Robot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from cdrj_ros.report.sheets import Sheets
+
 PICTURE_BUDGET: Final = 2_700_000
 """Characters available for pictures on one page; channels beyond it are listed but not drawn."""
 
@@ -194,7 +196,9 @@ def _health(bag: BagComparison) -> dict[str, Any] | None:
 
 def _sections(errors: Errors) -> dict[tuple[int, str], _Section]:
     """Sections of all channels; the telling channels of all recordings use the budget first."""
-    budget = PICTURE_BUDGET
+    from cdrj_ros.report.sheets import Sheets  # imports matplotlib
+
+    budget, sheets = PICTURE_BUDGET, Sheets()
     telling = [telling_channels([channel.name for channel in bag.channels]) for bag in errors.bags]
     sections: dict[tuple[int, str], _Section] = {}
     for first in (True, False):
@@ -209,7 +213,7 @@ def _sections(errors: Errors) -> dict[tuple[int, str], _Section]:
                     _anchor(number, index),
                     origin_of(bag),
                     label,
-                    drawn=budget > 0,
+                    sheets if budget > 0 else None,
                 )
                 budget -= sum(len(picture.svg) for picture in section.pictures)
                 sections[number, channel.name] = section
@@ -222,10 +226,9 @@ def _section(
     anchor: str,
     origin_ns: int,
     label_start: str,
-    *,
-    drawn: bool,
+    sheets: Sheets | None,
 ) -> _Section:
-    """Section of one channel: name, error figures in one line, pictures."""
+    """Section of one channel: name, error figures in one line, and pictures if there are sheets."""
     if error.n == 0:
         return _Section(channel.name, anchor, "no samples", (), left_out=False)
     line = (
@@ -235,8 +238,10 @@ def _section(
         f"R² {format_r2(error.r2)}"
         + (f"; {format_percent(error.coverage, 1)} within ±2σ" if error.coverage else "")
     )
-    pictures = channel_pictures(channel, anchor, origin_ns, label_start) if drawn else ()
-    return _Section(channel.name, anchor, line, pictures, left_out=not drawn)
+    if sheets is None:
+        return _Section(channel.name, anchor, line, (), left_out=True)
+    pictures = channel_pictures(channel, anchor, origin_ns, label_start, sheets)
+    return _Section(channel.name, anchor, line, pictures, left_out=False)
 
 
 def _facts(bag: BagComparison) -> dict[str, str]:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from markupsafe import Markup
     from matplotlib.figure import Figure
 
+    from cdrj_ros.report.sheets import Sheets
+
 # matplotlib takes half a second to import, so the functions below import it only when they draw.
 
 SHARE_IN_WORDS: Final = "difference of the two tensions over the larger one"
@@ -34,7 +36,7 @@ class Picture(NamedTuple):
 
 
 def channel_pictures(
-    channel: Channel, key: str, origin_ns: int, label_start: str
+    channel: Channel, key: str, origin_ns: int, label_start: str, sheets: Sheets
 ) -> tuple[Picture, ...]:
     """Pictures of one channel: over time, around its largest error, and over its angle.
 
@@ -43,41 +45,40 @@ def channel_pictures(
         key: identifier that is unique on the page.
         origin_ns: stamp at 0 s of the time axes [ns].
         label_start: beginning of the accessible label of the pictures.
+        sheets: figures to draw on.
     """
     from cdrj_ros.report.figures import hysteresis, over_time
 
+    label = f"{label_start}{channel.name}: recorded and estimated"
     turns = turning_points(channel.angle)
     look = closer_look(channel, turns)
     loop = loop_window(channel, turns)
     seconds = _span(channel, look, origin_ns)
-    shown = [
-        (
-            over_time(channel, origin_ns, shade=look),
-            "over time, error below",
-            "Whole recording; the tinted part is enlarged.",
-        ),
-        (
-            over_time(channel, origin_ns, window=look),
-            f"over time, {seconds}, error below",
-            "Around the largest error."
-            if look.reversal is None
-            else "The reversal (dashed) nearest to the largest error.",
-        ),
-    ]
-    turned = "position" if channel.angle_unit == "m" else "angle"
-    if np.isfinite(channel.angle[loop.begin : loop.end]).any():
-        shown.append(
-            (
-                hysteresis(channel, loop),
-                f"over the {turned} of {channel.angle_name}",
-                f"Over the {turned} of {channel.angle_name}, {_span(channel, loop, origin_ns)}.",
-            )
-        )
-    label = f"{label_start}{channel.name}: recorded and estimated"
-    return tuple(
-        _picture(figure, f"{label} {view}", f"{key}-{index}", caption)
-        for index, (figure, view, caption) in enumerate(shown)
+    whole = _picture(
+        over_time(channel, origin_ns, shade=look, sheets=sheets),
+        f"{label} over time, error below",
+        f"{key}-0",
+        "Whole recording; the tinted part is enlarged.",
     )
+    closer = _picture(
+        over_time(channel, origin_ns, window=look, sheets=sheets),
+        f"{label} over time, {seconds}, error below",
+        f"{key}-1",
+        "Around the largest error."
+        if look.reversal is None
+        else "The reversal (dashed) nearest to the largest error.",
+    )
+    if not np.isfinite(channel.angle[loop.begin : loop.end]).any():
+        return whole, closer
+    turned = "position" if channel.angle_unit == "m" else "angle"
+    over = f"the {turned} of {channel.angle_name}"
+    looped = _picture(
+        hysteresis(channel, loop, sheets=sheets),
+        f"{label} over {over}",
+        f"{key}-2",
+        f"Over {over}, {_span(channel, loop, origin_ns)}.",
+    )
+    return whole, closer, looped
 
 
 def friction_pictures(
