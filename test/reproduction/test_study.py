@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.reproduction import figures
 from cdrj_ros.reproduction import study as study_module
 from cdrj_ros.reproduction.runs import CABLES, COMMON_RHO, Motion, move_freely
 from cdrj_ros.reproduction.study import (
@@ -23,9 +26,25 @@ from cdrj_ros.reproduction.study import (
     features,
     first_cycle,
     forward_change,
+    work,
 )
+from cdrj_ros.reproduction.tables import REASONS, errors, markdown, tables
+from cdrj_ros.robot.reader import load_robot
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 
 NODE_3, LAST, WINCH = "nodal_force/{}/3", "tension/{}/8", "tension/{}/1"
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    shares: list[float] = []
+    made = work(
+        load_robot(PROTOTYPE), Motion(cycles=1, rate=250.0), cells=2, progress=shares.append
+    )
+    assert shares[-1] == 1.0
+    assert min(shares) >= 0.0
+    return made
 
 
 def of_rig(result: Result, name: str) -> dict[str, float]:
@@ -221,3 +240,39 @@ def test_the_numbers_of_figures_json_are_those_of_the_curves(study: Study) -> No
     assert low["rig"] == of_rig(study.results[0], "nodal_force/upper/3")
     assert low["error"]["n"] == pytest.approx(100 * study.motion.period, abs=10)
     assert told["free"]["rho 1"]["winch_difference_down"] < 0.0
+
+
+# Its tables and figures: here, because the study takes some seconds ------------------------------
+
+
+def test_the_sources_errors_stand_beside_ours_with_a_reason(study: Study) -> None:
+    table = errors(study)
+    assert len(table.rows) == 6
+    assert {row[2] for row in table.rows} == {
+        "1.34 N, 13.65 %", "1.10 N, 4.44 %", "2.58 N, 11.86 %",
+        "2.68 N, 6.74 %", "0.048 N, 15.78 %", "0.039 N, 13.19 %",
+    }  # fmt: skip
+    assert [row[5] for row in table.rows if row[5]] == list(REASONS)
+    for row in table.rows:
+        assert all(cell.endswith(" %") for cell in row[2:5])
+
+
+def test_markdown_tables_have_as_many_cells_in_every_line(study: Study) -> None:
+    for table in tables(study):
+        assert all(len(row) == len(table.headings) for row in table.rows)
+        text = markdown([table])
+        lines = [line for line in text.splitlines() if line.startswith("|")]
+        assert len(lines) == len(table.rows) + 2
+        assert len({line.count("|") for line in lines}) == 1
+
+
+def test_figures_are_drawn_as_png_and_pdf(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "fig09_rho"
+    monkeypatch.setattr(figures, "DRAWINGS", {name: figures.DRAWINGS[name]})
+    drawn = list(figures.figure_files(study, tmp_path))
+    assert drawn == [(tmp_path / f"{name}.png", tmp_path / f"{name}.pdf")]
+    assert drawn[0][0].read_bytes().startswith(b"\x89PNG")
+    assert drawn[0][1].read_bytes().startswith(b"%PDF")
+    assert sorted(tmp_path.iterdir()) == sorted(drawn[0])

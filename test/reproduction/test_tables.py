@@ -7,17 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.reproduction import figures
-from cdrj_ros.reproduction.study import Study
 from cdrj_ros.reproduction.tables import (
-    REASONS,
     TABLE_I,
     TABLE_II,
-    errors,
     friction_parameters,
-    markdown,
     pulleys,
-    tables,
     transmissions,
     wrap_range,
 )
@@ -66,36 +60,3 @@ def test_the_blend_is_that_of_rho() -> None:
         blended = replace(pulley, friction=replace(pulley.friction, rho=rho))
         eta_r, at_rest, _, eta = transmissions(blended)
         assert eta == pytest.approx(rho * at_rest + (1.0 - rho) * eta_r, abs=1e-12)
-
-
-def test_the_sources_errors_stand_beside_ours_with_a_reason(study: Study) -> None:
-    table = errors(study)
-    assert len(table.rows) == 6
-    assert {row[2] for row in table.rows} == {
-        "1.34 N, 13.65 %", "1.10 N, 4.44 %", "2.58 N, 11.86 %",
-        "2.68 N, 6.74 %", "0.048 N, 15.78 %", "0.039 N, 13.19 %",
-    }  # fmt: skip
-    assert [row[5] for row in table.rows if row[5]] == list(REASONS)
-    for row in table.rows:
-        assert all(cell.endswith(" %") for cell in row[2:5])
-
-
-def test_markdown_tables_have_as_many_cells_in_every_line(study: Study) -> None:
-    for table in tables(study):
-        assert all(len(row) == len(table.headings) for row in table.rows)
-        text = markdown([table])
-        lines = [line for line in text.splitlines() if line.startswith("|")]
-        assert len(lines) == len(table.rows) + 2
-        assert len({line.count("|") for line in lines}) == 1
-
-
-def test_figures_are_drawn_as_png_and_pdf(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    name = "fig09_rho"
-    monkeypatch.setattr(figures, "DRAWINGS", {name: figures.DRAWINGS[name]})
-    drawn = list(figures.figure_files(study, tmp_path))
-    assert drawn == [(tmp_path / f"{name}.png", tmp_path / f"{name}.pdf")]
-    assert drawn[0][0].read_bytes().startswith(b"\x89PNG")
-    assert drawn[0][1].read_bytes().startswith(b"%PDF")
-    assert sorted(tmp_path.iterdir()) == sorted(drawn[0])
