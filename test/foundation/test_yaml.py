@@ -54,7 +54,7 @@ def test_a_text_that_expands_too_far_is_refused_in_one_line(name):
 
 
 def test_a_deep_text_that_only_ruamel_reads_is_refused_too():
-    with pytest.raises(YamlError, match="is nested more than 50 deep$"):
+    with pytest.raises(YamlError, match=r"is nested more than 50 deep$"):
         any_yaml("[" * 51 + "]" * 51)
     assert any_yaml("[" * 50 + "]" * 50)
 

@@ -5,23 +5,30 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
 
-def test_matplotlib_and_rich_are_imported_only_where_something_is_drawn() -> None:
-    modules = "table, results_json, html, verdict, series"
+
+@pytest.fixture(scope="module")
+def imported() -> list[list[str]]:
+    """What is slow of the imports of the report, and after these of validate, in one process."""
     code = (
-        f"import sys; from cdrj_ros.report import {modules}; "
-        "assert not {'matplotlib', 'rich', 'rclpy'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_validate_imports_nothing_that_only_writing_a_bag_needs() -> None:
-    code = (
-        "import sys, cdrj_ros.commands.validate; "
+        "import sys; from cdrj_ros.report import table, results_json, html, verdict, series; "
+        "print(*sorted({'matplotlib', 'rich', 'rclpy'} & set(sys.modules))); "
+        "import cdrj_ros.commands.validate; "
         "print(*sorted({'rosbags', 'mcap.writer', 'rich', 'matplotlib'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert done.stdout.split() == []
+    return [line.split() for line in done.stdout.splitlines()]
+
+
+def test_matplotlib_and_rich_are_imported_only_where_something_is_drawn(
+    imported: list[list[str]],
+) -> None:
+    assert imported[0] == []
+
+
+def test_validate_imports_nothing_that_only_writing_a_bag_needs(imported: list[list[str]]) -> None:
+    assert imported[1] == []
 
 
 def test_the_estimator_node_imports_nothing_that_only_recordings_need() -> None:
