@@ -80,9 +80,15 @@ def test_identified_numbers_have_standard_deviations(model: Model) -> None:
     assert all(number_at(document, path) is not None for path in known.parameters)
 
 
-def compared(model: Model, folder: str) -> list[BagComparison]:
+def compared(model: Model, folder: str, spread: bool = False) -> list[BagComparison]:
     bags = sorted(entry for entry in (RECORDINGS / folder).iterdir() if entry.is_dir())
-    return [validate_bag(model, str(bag), Topics()) for bag in bags]
+    return [validate_bag(model, str(bag), Topics(), spread=spread) for bag in bags]
+
+
+@pytest.fixture(scope="module")
+def held_out(model: Model) -> list[BagComparison]:
+    """Runs that were not fitted, with standard deviations."""
+    return compared(model, "validate", spread=True)
 
 
 def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
@@ -94,20 +100,20 @@ def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
 
 
 @recordings
-def test_held_out_runs_are_explained(model: Model) -> None:
-    spindle, jaw = r2_of(compared(model, "validate"))
+def test_held_out_runs_are_explained(held_out: list[BagComparison]) -> None:
+    spindle, jaw = r2_of(held_out)
     assert spindle >= 0.991
     assert jaw >= 0.992
 
 
 @recordings
-def test_the_standard_deviation_covers_runs_that_were_not_fitted(model: Model) -> None:
-    bags = sorted(entry for entry in (RECORDINGS / "validate").iterdir() if entry.is_dir())
-    compared = [validate_bag(model, str(bag), Topics(), spread=True) for bag in bags]
-    assert len(compared) >= 6
+def test_the_standard_deviation_covers_runs_that_were_not_fitted(
+    held_out: list[BagComparison],
+) -> None:
+    assert len(held_out) >= 6
     for name in ("effort/spindle", "effort/jaw"):
         inside = []
-        for one in compared:
+        for one in held_out:
             channel = next(channel for channel in one.channels if channel.name == name)
             assert channel.stddev is not None
             error = np.abs(channel.estimate - channel.reference)
