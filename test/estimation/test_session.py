@@ -230,6 +230,8 @@ def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_t
     generator = np.random.default_rng(3)
 
     def measure(live: LiveEstimator, k: int) -> None:
+        if k % 3:
+            return
         noisy = effort[k] + generator.normal(0.0, 0.005)
         live.feed_efforts(int(cycles.stamp_ns[k]), ["winch"], [noisy])
 
