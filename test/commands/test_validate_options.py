@@ -323,11 +323,16 @@ def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
         np.testing.assert_array_equal(after.references[name].value, series.value)
 
 
-def test_rosbags_and_mcap_read_the_written_bag_by_its_embedded_types(
-    short: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    assert run(tmp_path, short, "--write-bag", out)[0] == 0
+@pytest.fixture(scope="module")
+def written_bag(second: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A second of a recording with its estimates."""
+    folder = tmp_path_factory.mktemp("written")
+    assert run(folder, second, "--write-bag", folder / "out")[0] == 0
+    return folder / "out"
+
+
+def test_rosbags_and_mcap_read_the_written_bag_by_its_embedded_types(written_bag: Path) -> None:
+    out = written_bag
     with AnyReader([out]) as reader:
         seen = {}
         for connection, _, payload in reader.messages():
@@ -351,10 +356,9 @@ def test_rosbags_and_mcap_read_the_written_bag_by_its_embedded_types(
     assert topics == set(seen)
 
 
-def test_a_reader_without_types_decodes_the_written_bag(short: Path, tmp_path: Path) -> None:
+def test_a_reader_without_types_decodes_the_written_bag(written_bag: Path) -> None:
     """Decode all messages of all topics with Foxglove's decoder."""
-    out = tmp_path / "out"
-    assert run(tmp_path, short, "--write-bag", out)[0] == 0
+    out = written_bag
     counts = dict.fromkeys(OUTPUTS, 0)
     with (out / "out_0.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
