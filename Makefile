@@ -5,7 +5,7 @@
 # make bench   speed, as ratios to comparable software
 # make figures renew every picture and number of README and docs; DAVINCI=DATA adds those of real recordings
 # make docs    the site of the documentation, in build/site
-# make soak    30 minutes at 1 kHz and two million hostile messages; MINUTES=10 for less
+# make soak    longer random campaigns, two million hostile messages, 30 minutes at 1 kHz; MINUTES=10 for less
 #
 # All of them first make .venv and install/ if these are missing or out of date.
 # Another Python: make PYTHON=python3.12 (3.10 to 3.13).
