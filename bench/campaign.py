@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,7 +17,7 @@ from cdrj_ros.campaign.tasks import processors
 
 BAGS = 6
 ROUNDS = 3
-MANY_S = 60.0
+MANY_S = 90.0
 """Time for the rounds of ``validate``."""
 FIT_S = 40.0
 """Time for the rounds of ``identify``."""
@@ -38,15 +38,10 @@ def _run(command: str, *arguments: object, on: int | None = None) -> None:
     )  # fmt: skip
 
 
-def _beside_each_other(command: str, bags: Sequence[Path], *options: object) -> None:
-    """Run as many commands at once as there are processors, each with its share of the bags."""
-    count = processors()
-    with ThreadPoolExecutor(count) as pool:
-        started = [
-            pool.submit(_run, command, *bags[k::count], *options, on=k) for k in range(count)
-        ]
-    for one in started:
-        one.result()
+def _at_once(start: Callable[[int], None]) -> None:
+    """Start something for every processor, by index, and wait for all."""
+    with ThreadPoolExecutor(processors()) as pool:
+        list(pool.map(start, range(processors())))
 
 
 def measure() -> list[Row]:
@@ -62,7 +57,13 @@ def measure() -> list[Row]:
             together.append(seconds(lambda: _run("validate", *bags, *options)))
             alone.append(seconds(lambda: _run("validate", *bags, *options, "--jobs", 1, on=0)))
             separate.append(
-                seconds(lambda: _beside_each_other("validate", bags, *options, "--jobs", 1))
+                seconds(
+                    lambda: _at_once(
+                        lambda k: _run(
+                            "validate", *bags[k :: processors()], *options, "--jobs", 1, on=k
+                        )
+                    )
+                )
             )
             in_turn.append(seconds(lambda: _run("validate", *bags, *options, "--jobs", 1)))
         fits = [

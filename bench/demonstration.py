@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from bench.figures import ROOT, Row, Spread
+from bench.figures import ROOT, Row, Spread, additions
 from bench.making import Said, make
 
 MESSAGES = ("Building cdrj_msgs", "Compiling the rest of the numerical kernels")
@@ -32,7 +32,9 @@ def measure() -> list[Row]:
         clone = Path(folder, "clone")
         subprocess.run(["git", "clone", "--quiet", str(ROOT), str(clone)], check=True)
         (clone / ".venv").symlink_to(ROOT / ".venv")
+        speed = [additions()]
         said = make(clone, "demo")
+        speed.append(additions())
     messages, package, whole = end_of(said, MESSAGES), end_of(said, PACKAGE), said[-1].after_s
     what = "make demo from nothing, packages installed"
     return [
@@ -40,4 +42,5 @@ def measure() -> list[Row]:
         Row("demo", "of this, the messages and the kernels", "s", Spread.of([messages])),
         Row("demo", "of this, the package", "s", Spread.of([package - messages])),
         Row("demo", "of this, the demonstration", "s", Spread.of([whole - package])),
+        Row("demo", "ten million additions in Python, before and after", "s", Spread.of(speed)),
     ]

@@ -100,6 +100,17 @@ def seconds(function: Callable[[], object]) -> float:
     return perf_counter() - begin
 
 
+def additions() -> float:
+    """Duration of ten million additions in Python, which tells how fast the machine is now [s]."""
+
+    def add() -> None:
+        total = 0
+        for k in range(10_000_000):
+            total += k
+
+    return seconds(add)
+
+
 def in_turn(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:
     """Time several functions in alternation, A B A B, after one warm-up round.
 

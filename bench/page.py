@@ -32,7 +32,8 @@ LIMITS = {
     ),
     "validate, 6 bags": (
         "imports, 0.4 s, precede everything; every process reads the robot file and loads the "
-        "kernels for itself, 0.15 s"
+        "kernels for itself, 0.15 s; a command of its own on each processor, in the row below, "
+        "takes longer"
     ),
     "second start of the estimator: more": (
         "importing numba and the package takes two thirds of it, the robot file and loading the "
@@ -51,14 +52,15 @@ LIMITS = {
         "compiles at every start; all of its pages can be discarded and read again"
     ),
     "make demo from": (
-        "of the processor time the kernels take 42 % and, compiled at once, the messages 29 %, "
-        "four tenths of that for their generation in Python; the demonstration alone, 90 000 "
-        "messages to another process and the answers, takes 26 %"
+        "of the processor time the kernels take half and the messages, compiled at once, a sixth, "
+        "two thirds of that for their generation in Python; the demonstration alone, 90 000 "
+        "messages to another process and the answers, takes three tenths, half of it in rclpy and "
+        "the middleware below"
     ),
     "make test, whole": (
-        "4600 tests, and no function of the package with more than 4 % of the processor time: "
-        "tests of estimation and commands take 15 to 20 % each, of nodes 11 %, of the model and of "
-        "the documents 8 % each"
+        "4600 tests that take 700 to 800 s of processor time on this machine, and no function of "
+        "the package with more than 4 % of it: tests of commands, estimation and nodes take some "
+        "15 % each, of the model and of the documents some 9 %"
     ),
     "10 000 whole pulleys": "Newton's method gives up even with softened bristles",
 }
