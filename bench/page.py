@@ -31,9 +31,9 @@ LIMITS = {
         "printed table 4 %"
     ),
     "validate, 6 bags": (
-        "imports, 0.4 s, precede everything; every process reads the robot file and loads the "
-        "kernels for itself, 0.15 s; a command of its own on each processor, in the row below, "
-        "takes longer"
+        "imports precede everything, 0.4 to 0.7 s, and a bag takes up to a tenth longer while the "
+        "other processor is busy; a command of its own on each processor, in the row below, shows "
+        "what the machine gives"
     ),
     "second start of the estimator: more": (
         "importing numba and the package takes two thirds of it, the robot file and loading the "

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 import re
-from functools import lru_cache
 from typing import Final
 from xml.etree import ElementTree
 
@@ -124,7 +123,6 @@ def _joined(tenths: list[int]) -> str:
     return " ".join(map(_number, tenths)).replace(" -", "-")
 
 
-@lru_cache(maxsize=4096)
 def _number(tenths: int) -> str:
     """A number of tenths in the fewest characters: "12.3", ".4", "-.4", "5"."""
     sign = "-" if tenths < 0 else ""
