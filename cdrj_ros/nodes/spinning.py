@@ -22,6 +22,7 @@ from cdrj_ros.commands.running import DONE
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption, deferring
 from cdrj_ros.foundation.output import say
+from cdrj_ros.nodes.timer_threads import calm_timers
 
 STOP_POLL_S: Final = 0.1
 """Maximum time until a stop request is noticed [s]."""
@@ -194,6 +195,7 @@ def spin_until_stopped(
         node.get_logger().info(
             f"reachable from this machine only; {RANGE}=SUBNET opens the network"
         )
+    calm_timers()
     executor = EventsExecutor()
     executor.add_node(node)
     with stop.listening():
