@@ -225,8 +225,12 @@ class LiveEstimator:
         jumped = conditioner.clock_jumps != self._jumps
         if jumped:
             self._restart(known=True)
-        taken = [(self.take(sample), sample.silent) for sample in samples]
-        return jumped, [output for output, silent in taken if not silent]
+        outputs = []
+        for sample in samples:
+            output = self.take(sample)
+            if not sample.silent:
+                outputs.append(output)
+        return jumped, outputs
 
     def finish(self) -> None:
         """Do what the last estimate need not wait for; the next sample does it otherwise."""

@@ -21,8 +21,6 @@ from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.model.prepared import Layout
 from cdrj_ros.model.status import STALE
 
-copyto: Final = np.copyto
-
 FORCE_ARRAYS: Final = (
     "force_x",
     "force_y",
@@ -93,9 +91,9 @@ class EstimateEncoder:
             )
         values = estimate.values
         for view, where in places:
-            copyto(view, values[where])
+            view[...] = values[where]  # half the time of copyto
         if stddev is not None:
-            copyto(template.views["stddev"], stddev[part])
+            template.views["stddev"][...] = stddev[part]
         status = values[self._layout.status]
         packed = status.tobytes()
         if packed != self._status:  # rarely: a comparison takes a tenth of the conversion

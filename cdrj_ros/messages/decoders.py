@@ -18,6 +18,9 @@ from cdrj_ros.messages.cdr import (
     read_layout,
 )
 
+NO_EFFORTS: Final = np.empty(0)
+"""What ``JointStateDecoder.efforts`` finds in a message without efforts."""
+
 
 @dataclass(frozen=True)
 class _KnownJointState:
@@ -116,6 +119,8 @@ class JointStateDecoder:
         """Efforts [N m] in the payload decoded last, shape (n,); n is 0 if it has none."""
         assert self._last is not None
         span = self._last.effort
+        if span.count == 0:
+            return NO_EFFORTS
         return np.frombuffer(payload, span.dtype, span.count, span.offset).astype(np.float64)
 
 

@@ -28,7 +28,7 @@ from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.text import counted
 from cdrj_ros.messages.cdr import MessageError
 from cdrj_ros.messages.conversions import marked_stale
-from cdrj_ros.messages.decoders import JointStateDecoder, cable_tensions
+from cdrj_ros.messages.decoders import NO_EFFORTS, JointStateDecoder, cable_tensions
 from cdrj_ros.messages.topics import (
     DIAGNOSTICS,
     FEW,
@@ -68,9 +68,6 @@ WATCH_S: Final = 1.0
 
 DIAGNOSIS_S: Final = 1.0
 """Time between two messages on /diagnostics [s]."""
-
-NO_EFFORTS: Final = np.empty(0)
-"""Efforts of a message whose efforts nobody uses."""
 
 
 class EstimatorNode(Node):
