@@ -14,6 +14,7 @@ from multiprocessing.process import BaseProcess, parent_process
 from typing import Any, Final, Generic, TypeVar
 
 from cdrj_ros.campaign.tasks import Failed, Progress, Work, attempt
+from cdrj_ros.campaign.transfer import receive_large, send_large
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -113,6 +114,8 @@ class _Pool(Generic[T, R]):
         """Receive one message of a process, or handle its death."""
         try:
             kind, value = worker.connection.recv()
+            if kind == RESULT:
+                value = receive_large(worker.connection, value)
         except (EOFError, OSError):
             self._bury(worker)
             return
@@ -175,7 +178,7 @@ def _serve(connection: Connection, function: Callable[[Any, Progress], Any]) -> 
             task, name = connection.recv()
         except EOFError:
             return
-        connection.send((RESULT, attempt(function, task, name, on)))
+        send_large(connection, RESULT, attempt(function, task, name, on))
 
 
 def _end_with_the_parent() -> None:
