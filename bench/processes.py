@@ -35,9 +35,9 @@ def estimator_command(log_level: str = "warn") -> list[str]:
     ]  # fmt: skip
 
 
-def node_command(*arguments: str) -> list[str]:
+def node_command(*arguments: object) -> list[str]:
     """Command line of one of the bare nodes."""
-    return [sys.executable, str(Path(__file__).with_name("node.py")), *arguments]
+    return [sys.executable, str(Path(__file__).with_name("node.py")), *map(str, arguments)]
 
 
 def end(process: Process) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from bench.figures import ROBOT, Row, compared
+from bench.node import WORK_US
 from bench.processes import (
     Process,
     estimator_command,
@@ -175,8 +176,12 @@ AIMS = {
 }
 
 
-def _rows(name: str, ours: np.ndarray, theirs: np.ndarray) -> list[Row]:
-    """Rows of one pace; trips [s] have the shape (BLOCKS, TRIPS, 2)."""
+BUSY = ": a relay that is busy for {:g} and {:g} µs".format(*WORK_US)
+"""End of the names of the rows of the busy relay."""
+
+
+def _rows(name: str, ours: np.ndarray, theirs: np.ndarray, node: str = "") -> list[Row]:
+    """Rows of one pace and one ``node``; trips [s] have the shape (BLOCKS, TRIPS, 2)."""
     rows = []
     for column, answer in enumerate(("tensions", "all three answers")):
         for percent in (50, 99):
@@ -184,51 +189,73 @@ def _rows(name: str, ours: np.ndarray, theirs: np.ndarray) -> list[Row]:
                 list(np.percentile(trips[:, :, column], percent, axis=1) * 1e6)
                 for trips in (ours, theirs)
             )
-            aimed = AIMS.get((name, answer, percent), "")
-            what = f"{name}, until {answer}, p{percent}"
+            aimed = "" if node else AIMS.get((name, answer, percent), "")
+            what = f"{name}, until {answer}, p{percent}{node}"
             rows.append(compared("node", what, "µs", mine, "bare relay", other, aimed))
     return rows
 
 
 @contextmanager
 def callers() -> Iterator[list[Called]]:
-    """Estimator and relay, each with a caller that is connected to it."""
+    """Estimator, relay and the busy relay, each with a caller that is connected to it."""
     model = load_model(str(ROBOT))
-    with (
-        TemporaryDirectory() as folder,
-        listening("caller") as (node, executor),
-        running(*estimator_command()) as estimator,
-    ):
-        _write_answers(model, Path(folder))
-        with running(*node_command("relay", folder)) as relay:
-            pair = [
-                Called(Caller(node, executor, "cdrj"), _messages(model), estimator),
-                Called(Caller(node, executor, "relay"), _messages(model), relay),
-            ]
-            for called in pair:
-                spin_until(executor, called.caller.is_connected, called.process)
-            gc.collect()
-            gc.disable()
-            yield pair
-            gc.enable()
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(TemporaryDirectory()))
+        node, executor = stack.enter_context(listening("caller"))
+        _write_answers(model, folder)
+        commands = {
+            "cdrj": estimator_command(),
+            "relay": node_command("relay", folder),
+            "busy": node_command("busy", folder),
+        }
+        processes = {name: stack.enter_context(running(*one)) for name, one in commands.items()}
+        nodes = [
+            Called(Caller(node, executor, name), _messages(model), process)
+            for name, process in processes.items()
+        ]
+        for called in nodes:
+            spin_until(executor, called.caller.is_connected, called.process)
+        gc.collect()
+        gc.disable()
+        yield nodes
+        gc.enable()
+
+
+def _turns(nodes: Sequence[Called], period_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Trips [s], shape (nodes, BLOCKS, TRIPS, 2), and processor time [s], shape (nodes, BLOCKS).
+
+    The nodes take turns, block by block, after a block of warm-up.
+    """
+    trips: list[list[np.ndarray]] = [[] for _ in nodes]
+    used: list[list[float]] = [[] for _ in nodes]
+    for _ in range(BLOCKS + 1):
+        for taken, work, called in zip(trips, used, nodes, strict=True):
+            before = processor_time(called.process.pid)
+            taken.append(called.turn(period_s))
+            work.append(processor_time(called.process.pid) - before)
+    return np.array(trips)[:, 1:], np.array(used)[:, 1:]
+
+
+def _processor_rows(used: np.ndarray) -> list[Row]:
+    """Processor time per sample of the estimator and of the busy relay, beside the relay's.
+
+    Args:
+        used: of a block [s], shape (3, BLOCKS).
+    """
+    ours, theirs, busy = used / TRIPS * 1e6
+    what = "processor time of the node per sample, 1 kHz"
+    return [
+        compared("node", what, "µs", ours, "bare relay", theirs, "≤ 1.5"),
+        compared("node", what + BUSY, "µs", busy, "bare relay", theirs),
+    ]
 
 
 def measure() -> list[Row]:
     """Round trip [µs]: paced at 1 kHz, then back to back; processor time of the former [µs]."""
-    with callers() as pair:
-        rows = []
-        for name, period_s in (("1 kHz", PERIOD_S), ("back to back", 0.0)):
-            trips: tuple[list[np.ndarray], list[np.ndarray]] = [], []
-            used: tuple[list[float], list[float]] = [], []
-            for _ in range(BLOCKS + 1):
-                for taken, work, called in zip(trips, used, pair, strict=True):
-                    before = processor_time(called.process.pid)
-                    taken.append(called.turn(period_s))
-                    work.append(processor_time(called.process.pid) - before)
-            ours, theirs = (np.array(taken[1:]) for taken in trips)
-            rows += _rows(name, ours, theirs)
-            if period_s > 0.0:
-                mine, other = (np.array(work[1:]) / TRIPS * 1e6 for work in used)
-                what = "processor time of the node per sample, 1 kHz"
-                rows.append(compared("node", what, "µs", mine, "bare relay", other, "≤ 1.5"))
-    return rows
+    with callers() as nodes:
+        (ours, theirs, busy), used = _turns(nodes, PERIOD_S)
+        rows = _rows("1 kHz", ours, theirs)
+        rows += [row for row in _rows("1 kHz", busy, theirs, BUSY) if "p50" in row.what]
+        rows += _processor_rows(used)
+        (ours, theirs), _ = _turns(nodes[:2], 0.0)
+        return rows + _rows("back to back", ours, theirs)

@@ -67,8 +67,8 @@ def highest(called: Called) -> float:
 
 def measure() -> list[Row]:
     """Rate [Hz] of the estimator and of the relay; the caller's own limit bounds both."""
-    with callers() as pair:
-        ours, theirs = (1e-3 * highest(called) for called in pair)
+    with callers() as nodes:
+        ours, theirs = (1e-3 * highest(called) for called in nodes[:2])
     return [
         Row("rate", "sustained rate, no sample lost", "kHz", Spread.of([ours]), aim="≥ 4"),
         Row("rate", "sustained rate of the bare relay", "kHz", Spread.of([theirs])),
