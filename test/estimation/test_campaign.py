@@ -277,16 +277,23 @@ def test_nothing_is_predicted_from_a_single_reading(model: Model, course: Course
         Faults(quarter_rate(), cell=30.0),
         Faults(quarter_rate(), effort=0.0),
         Faults(quarter_rate(), cell=60.0),
+        Faults(quarter_rate(), cell=30.0, noise=0.05),
+        Faults(quarter_rate(), effort=0.0, noise=0.005),
     ],
 )
 def test_a_sensor_that_is_stuck_from_the_start_corrects_nothing(
     faults: Faults, model: Model, course: Course
 ) -> None:
+    """Equal readings show it; a noisy sensor does not follow the motion, and stays on trial."""
+
     def watch(live: LiveEstimator) -> None:
         assert live.other_sensors is not None
-        (health,) = live.other_sensors.fusion.health.values()
+        fusion = live.other_sensors.fusion
+        (health,) = fusion.health.values()
         assert health.tried + health.refused > 0
         assert health.used == 0
+        assert ("frozen" in health.dropped) == (faults.noise == 0.0)
+        assert fusion.motor_friction == {}, "nothing follows from its first reading either"
 
     outputs = run(model, course, faults, watch=watch)
     verdict = judge(course, outputs, SECOND, course.duration_ns)

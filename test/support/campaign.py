@@ -90,6 +90,8 @@ class Faults:
     """Interval of the readings of the load cell [ns]."""
     effort: float | None = None
     """Constant effort that the motor's driver reports [N m]."""
+    noise: float = 0.0
+    """Noise of these constant readings [N] or [N m]."""
     good_effort: bool = False
     """Whether the preloads are tracked by an effort that is right, beside a liar."""
     liar: tuple[Lie, int] | None = None
@@ -231,19 +233,20 @@ def _feed_sensors(
     live: LiveEstimator, course: Course, faults: Faults, stamp: int, set_by: int
 ) -> None:
     """Feed the stuck sensors' readings at a stamp [ns]; ``set_by`` is the clock's offset [ns]."""
+    k = stamp // MS
+    noise = faults.noise * np.sin(1e3 * k)  # as good as random
     if faults.effort is not None:
-        live.feed_efforts(START + stamp + set_by, ("winch",), (faults.effort,))
+        live.feed_efforts(START + stamp + set_by, ("winch",), (faults.effort + noise,))
     elif faults.good_effort and course.effort.size:
-        k = stamp // MS
         effort = float(course.effort[k]) + 0.005 * np.sin(1e3 * k)
         live.feed_efforts(START + stamp + set_by, ("winch",), (effort,))
     period = faults.period_ns["winch"]
     cell_reads = stamp % faults.cell_ns < (period if period < faults.cell_ns else 1)
     if faults.cell is not None and cell_reads:
-        live.feed_tensions(START + stamp + set_by, ("upper/8",), (faults.cell,), (0.05,))
+        live.feed_tensions(START + stamp + set_by, ("upper/8",), (faults.cell + noise,), (0.05,))
 
     if faults.liar is not None and course.tension.size and cell_reads:
-        value = _lie(course, faults.liar, stamp // MS, faults.off)
+        value = _lie(course, faults.liar, k, faults.off)
         live.feed_tensions(START + stamp + set_by, ("upper/8",), (value,), (0.05,))
 
 
