@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from cdrj_ros.judgement.channels import Angle, BagComparison, Channel
@@ -20,6 +21,7 @@ from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.report import html, templates
 from cdrj_ros.report.canvas import PALETTE
 from cdrj_ros.report.html import RobotShown, write_report
+from cdrj_ros.report.pictures import Picture
 from cdrj_ros.report.table import Beside
 from cdrj_ros.report.verdict import telling_channels
 from cdrj_ros.robot.reader import load_robot
@@ -190,6 +192,25 @@ def test_channels_that_do_not_fit_are_named_but_not_drawn(
         assert f">{channel.name} <" in text
     # pictures of both recordings are drawn before those of collapsed channels
     assert text.count("<svg") >= 6
+
+
+def test_two_recordings_stay_below_three_megabytes_and_have_their_key_pictures(
+    tmp_path: Path, made_up: Callable[..., BagComparison], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With pictures of 100 kB per channel, which are too many."""
+    drawn: list[tuple[str, str]] = []
+
+    def draw(channel: Channel, _: str, __: int, label: str, ___: object) -> tuple[Picture, ...]:
+        drawn.append((label, channel.name))
+        return (Picture(Markup("." * 100_000), ""),)
+
+    monkeypatch.setattr(html, "channel_pictures", draw)
+    bags = [made_up(duration_s=1.0, rate_hz=100.0, path=path) for path in ("one", "two")]
+    written(tmp_path, *bags)
+    assert 2_000_000 < (tmp_path / "report.html").stat().st_size < 3_000_000
+    key = telling_channels([channel.name for channel in bags[0].channels])
+    first = {(f"{path}, ", name) for path in ("one", "two") for name in key}
+    assert set(drawn[: len(first)]) == first
 
 
 def test_a_spike_of_one_sample_is_in_the_picture(tmp_path: Path) -> None:
