@@ -294,7 +294,9 @@ class Channel:
         """Whether a reading is acceptable and nothing is special about it or about the channel.
 
         For such a reading ``complaint``, ``note_plausible`` and ``note_doubt`` have no effect, and
-        it takes half of the time that they do.
+        it takes half of the time that they do.  While there is a leap, or after a step, there is
+        also a doubt; only the first reading begins the doubt about an earlier step, or has a
+        channel ``before``.
         """
         limits, ahead = self.limits, stamp - self.last_stamp
         span, moved = ahead * 1e-9, reading - self.last_value
@@ -305,8 +307,8 @@ class Channel:
             and limits.least <= reading <= limits.most
             and abs(moved) <= limits.max_speed * span
             and abs(moved - self.motion.velocity * span) <= LEAP_FLOOR
-            and not (self.agreeing or self.stepped or self.held)
-            and (self.leap is None and self.doubt is None and self.before is None)
+            and not (self.agreeing or self.held)
+            and self.doubt is None
         )
 
     def go_on_turning(self, stamp: int) -> None:
