@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ import pytest
 from cdrj_ros.conditioning import whole_recording
 from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.conditioning.whole_recording import condition
+from cdrj_ros.conditioning.whole_recording import Stamps, condition
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.reader import parse_robot
 
@@ -128,3 +130,52 @@ def test_little_more_memory_is_used_than_readings_and_samples_take(
     assert samples.stamp_ns.size > n - 10
     kept = sum(array.nbytes for array in vars(samples).values())
     assert peak < HELD_AT_MOST * (given + kept)
+
+
+Channels = tuple[Series, Series]
+
+
+def steady(stamps: Stamps, values: Sequence[float] | None = None) -> Series:
+    """A channel that moves slowly, or has the given readings, and arrives without delay."""
+    value = 1e-4 * np.arange(stamps.size) if values is None else np.array(values)
+    return Series(stamps, MS * np.arange(stamps.size), value)
+
+
+def with_reading(value: float) -> Series:
+    return steady(EVENLY, [0.0] * 20 + [value] + [0.0] * 19)
+
+
+EVENLY = START + MS * np.arange(40)
+FROM_ZERO = MS * np.arange(40)
+REPEATED = np.insert(EVENLY, 20, EVENLY[20])
+INTERRUPTED = START + MS * np.arange(0, 5000, 10)
+INTERRUPTED[-2:] += 1500 * MS
+UNCLEAN: dict[str, tuple[float, Channels, str]] = {
+    "empty": (0.0, (steady(EVENLY), steady(EVENLY[:0])), ""),
+    "unstamped": (1.0, (steady(FROM_ZERO), steady(FROM_ZERO + 1000 * MS)), "unstamped"),
+    "before the clock's zero": (-0.01, (steady(FROM_ZERO + MS), steady(FROM_ZERO + MS)), "late"),
+    "repeated": (0.0, (steady(REPEATED, [0.1] * 41), steady(EVENLY)), "repeated"),
+    "gap": (0.0, (steady(INTERRUPTED, [0.1] * 500), steady(INTERRUPTED, [0.1] * 500)), ""),
+    "below": (0.0, (steady(EVENLY), with_reading(-1.1)), "out_of_range"),
+    "above": (0.0, (steady(EVENLY), with_reading(1.1)), "out_of_range"),
+    "fast": (0.0, (with_reading(0.1), steady(EVENLY)), "implausible"),
+}
+
+
+@pytest.mark.parametrize("case", UNCLEAN)
+def test_a_recording_with_one_fault_gives_the_samples_and_refusals_of_its_messages(
+    monkeypatch: pytest.MonkeyPatch, case: str
+) -> None:
+    clock_offset, (motor, joint), refused = UNCLEAN[case]
+    (winch,) = ROBOT.motors
+    sensor = replace(winch.sensor, clock_offset_ns=round(clock_offset * 1e9))
+    robot = replace(ROBOT, motors=(replace(winch, sensor=sensor, max_speed=5.0),))
+    monkeypatch.setattr(f"{__name__}.ROBOT", robot)
+    wanted, conditioner = message_by_message(motor, joint)
+    done = condition(robot, {"winch": motor}, {"elbow": joint})
+    assert (done.refused, done.accepted) == (conditioner.refused, conditioner.accepted)
+    assert done.refused.get(refused, 1) > 0
+    assert [s.stamp_ns for s in in_order(done.segments)] == [s.stamp_ns for s in wanted]
+    for one, other in zip(in_order(done.segments), wanted, strict=True):
+        assert one.motor_angle.tobytes() == other.motor_angle.tobytes()
+        assert one.joint_angle.tobytes() == other.joint_angle.tobytes()
