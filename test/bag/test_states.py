@@ -338,3 +338,66 @@ def test_a_bag_is_read_while_its_folder_cannot_be_written(make, tmp_path):
     finally:
         folder.chmod(0o755)
         shutil.rmtree(folder)
+
+
+MESSAGE = struct.Struct("<BQHIQQ")
+"""Code, length, channel, sequence and two times: all of a message record but its payload."""
+
+
+def message_records(path):
+    """First byte of every message record of a file without chunks."""
+    content, at, starts = path.read_bytes(), 8, []
+    while at < len(content) - 8:
+        code, length = struct.unpack_from("<BQ", content, at)
+        starts += [at] * (code == 5)
+        at += 9 + length
+    return starts
+
+
+def insert_record(path, record):
+    """Insert a record before the last message of a file without chunks."""
+    content, at = path.read_bytes(), message_records(path)[-1]
+    path.write_bytes(content[:at] + record + content[at:])
+
+
+def test_a_message_record_too_short_for_its_times_is_left_out(make, tmp_path):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(3), chunked=False, indexed=False)
+    insert_record(path, struct.pack("<BQ", 5, 21) + bytes(21))
+    file = McapFile(path)
+    assert [stretch.first_ns for stretch in file.stretches] == [
+        make.start_ns,
+        make.start_ns + 2_000_000,
+    ]
+    assert sum(batch.log_ns.size for batch in file.batches()) == 3
+    assert read_recording(path, ONE_TOPIC).motors["motor"].value.tolist() == [0.0, 1.0, 2.0]
+
+
+def test_a_message_record_that_is_too_long_is_left_out_with_a_note(make, tmp_path, monkeypatch):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(3), chunked=False, indexed=False)
+    size = 2000
+    start = make.start_ns + 1_500_000
+    insert_record(path, MESSAGE.pack(5, size - 9, 1, 0, start, start) + bytes(size - MESSAGE.size))
+    monkeypatch.setattr("cdrj_ros.bag.mcap_file.CHUNK_BYTES", size)
+    assert sum(batch.log_ns.size for batch in McapFile(path).batches()) == 4
+    monkeypatch.setattr("cdrj_ros.bag.mcap_file.CHUNK_BYTES", size - 1)
+    file = McapFile(path)
+    assert sum(batch.log_ns.size for batch in file.batches()) == 3
+    (note,) = file.notes
+    assert f"has {size} bytes, more than {size - 1}, left out" in note
+
+
+def test_a_file_cut_within_a_message_while_its_records_are_found_is_read_until_there(
+    make, tmp_path, monkeypatch
+):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(3), chunked=False, indexed=False)
+    size, starts = path.stat().st_size, message_records(path)
+    os.truncate(path, starts[-1] + 20)
+    opened = McapFile._open
+
+    def as_before(self):
+        data = opened(self)
+        data.size = size
+        return data
+
+    monkeypatch.setattr(McapFile, "_open", as_before)
+    assert sum(batch.log_ns.size for batch in McapFile(path).batches()) == 2
