@@ -16,6 +16,7 @@ from cdrj_ros.estimation.claims import Claim
 from cdrj_ros.estimation.contest import LASTING, Witness
 from cdrj_ros.estimation.independent_draws import standard
 from cdrj_ros.estimation.options import Options
+from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -230,3 +231,46 @@ def test_a_cell_that_changes_alone_is_not_believed(
 ) -> None:
     _, off = _run(model, recorded(model, 15), ("upper/3",))
     assert abs(off) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("sensor", "answer", "surprise", "used", "changes"),
+    [
+        ("upper/8", "agrees", 0.1, 1, 0),
+        ("upper/8", "contested", 4.0, 0, 0),
+        ("upper/8", "changed", 4.0, 1, 1),
+        ("upper/8", "changed", 1000.0, 0, 0),
+        ("winch", "contested", 4.0, 1, 0),
+    ],
+)
+def test_only_readings_that_agree_or_show_a_possible_change_correct_the_estimate(
+    sensor: str,
+    answer: str,
+    surprise: float,
+    used: int,
+    changes: int,
+    model: Model,
+    course: Course,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def weigh(witness: Witness, *_: float) -> str:
+        witness.surprise = surprise
+        return answer
+
+    monkeypatch.setattr(Witness, "weigh", weigh)
+    live = LiveEstimator(model, Options(tension_sensors=True, track_preload=True))
+    assert live.other_sensors is not None
+    health = SensorHealth(sensor, trusted=True)
+    live.other_sensors.fusion.health[sensor] = health
+    first = Sample(SECOND, course.winch[:1], course.elbow[:1])
+    before = live.take(first).estimate
+    stamp = first.stamp_ns + 10 * MS
+    if sensor in model.layout.elements:
+        tension = before.tension[model.layout.elements.index(sensor)]
+        live.feed_tensions(stamp, [sensor], [tension + 0.5], [0.05])
+    else:
+        live.feed_efforts(stamp, [sensor], before.motor_effort + 0.01)
+    live.take(first._replace(stamp_ns=stamp))
+    after = live.take(first._replace(stamp_ns=stamp + 10 * MS)).estimate
+    assert (health.used, health.refused, health.changes) == (used, 1 - used, changes)
+    assert np.array_equal(after.tension, before.tension) == (not used)
