@@ -200,6 +200,16 @@ def test_a_load_cell_that_freezes_drifts_or_reads_wrong_is_dropped(
     assert np.abs(course.error[broken:]).max() < 0.25 * tension.max()
 
 
+def test_after_a_reset_a_dropped_sensor_is_on_trial_again(model: Model) -> None:
+    live = LiveEstimator(model, Options(tension_sensors=True))
+    assert live.other_sensors is not None
+    fusion = live.other_sensors.fusion
+    fusion.drop({"upper/8": "frozen"})
+    assert fusion.faults() == {"upper/8": "frozen"}
+    live.reset()
+    assert not fusion.faults()
+
+
 def test_a_good_load_cell_is_never_dropped(model: Model, readings: Samples) -> None:
     _, values = _truth("36.85,26.26", readings)
     tension = values[:, model.layout.tension]
