@@ -20,6 +20,7 @@ from cdrj_ros.campaign.tasks import (
     processors,
     several_large,
 )
+from cdrj_ros.commands import entry
 
 
 def work(tasks: list[float]) -> Work[float, float]:
@@ -119,3 +120,16 @@ def test_processes_are_prepared_only_for_several_large_recordings(tmp_path: Path
     assert not several_large([one, other, "--jobs", "1"])
     assert not several_large([one, other, "--scheduler=tcp://127.0.0.1:8786"])
     assert not several_large([str(tmp_path / "none.mcap"), "a\0b"])
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_the_command_prepares_processes_before_its_slow_imports(
+    several: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepared: list[str] = []
+    monkeypatch.setattr("sys.argv", ["validate", "a.mcap", "b.mcap"])
+    monkeypatch.setattr("cdrj_ros.campaign.tasks.several_large", lambda paths: several and paths)
+    monkeypatch.setattr("cdrj_ros.campaign.processes.prepare_processes", prepared.append)
+    monkeypatch.setattr(entry, "run_interruptibly", lambda _, load: load())
+    entry.validate()
+    assert prepared == ["cdrj_ros.judgement.bag_task"] * several
