@@ -134,8 +134,6 @@ def _is_clean(readings: Series, angles: Series, limits: Limits) -> bool:
     stamps, value = angles.stamp_ns, angles.value
     if stamps.size == 0 or readings.stamp_ns[0] <= 0 or stamps[0] <= 0:
         return False
-    if not np.all(np.isfinite(value)):
-        return False
     ahead = np.diff(stamps)
     return bool(
         np.all(ahead > 0)

@@ -12,9 +12,12 @@ import pytest
 
 from cdrj_ros.conditioning import whole_recording
 from cdrj_ros.conditioning.conditioner import Conditioner
+from cdrj_ros.conditioning.gate import LARGEST
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.conditioning.whole_recording import Stamps, condition
 from cdrj_ros.foundation.series import Series
+from cdrj_ros.robot.document import LARGEST as LARGEST_NUMBER
+from cdrj_ros.robot.document import schema
 from cdrj_ros.robot.reader import parse_robot
 
 ROBOT = parse_robot("""
@@ -179,3 +182,18 @@ def test_a_recording_with_one_fault_gives_the_samples_and_refusals_of_its_messag
     for one, other in zip(in_order(done.segments), wanted, strict=True):
         assert one.motor_angle.tobytes() == other.motor_angle.tobytes()
         assert one.joint_angle.tobytes() == other.joint_angle.tobytes()
+
+
+def test_the_greatest_leaps_of_the_least_period_have_an_angle() -> None:
+    (winch,) = ROBOT.motors
+    document = schema()["$defs"]["motor"]["properties"]
+    sensor = replace(winch.sensor, period=document["period"]["minimum"], scale=-LARGEST_NUMBER)
+    robot = replace(ROBOT, motors=(replace(winch, sensor=sensor),))
+    motor = steady(EVENLY, [-LARGEST, LARGEST] * 20)
+    done = condition(robot, {"winch": motor}, {"elbow": steady(EVENLY)})
+    (samples,) = done.segments
+    assert np.all(np.isfinite(samples.motor_angle))
+    conditioner = Conditioner(robot)
+    for stamp, value in zip(motor.stamp_ns, motor.value, strict=True):
+        conditioner.feed_motors(int(stamp), ("winch",), (float(value),))
+    assert conditioner.accepted == done.accepted - 40

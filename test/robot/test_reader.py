@@ -183,6 +183,7 @@ REFUSED = {
     "text with a unit": ("radius: 0.01}", "radius_mm: wide}", "cables[0].nodes[0].radius_mm must be a number", "'wide'"),
     "not a number": ("preload: 5", "preload: .nan", "cables[0].preload must be a finite number", "nan"),
     "infinite": ("range: [-1, 1]", "range: [-1, .inf]", "joints[0].range[1] must be a finite number", "inf"),
+    "tiny period": ("max_speed: 50", "period: 9.9e-7", "motors[0].period must be at least 1e-06", "9.9e-07"),
     "too large for a number": ("preload: 5", "preload: 1e400", "cables[0].preload must be a finite number", "inf"),
     "duplicate key": ("name: small", "name: small\nname: big", "is not YAML", "duplicate key"),
     "duplicate cable": ("- name: r\n", "- name: c\n", "cables[1].name", "'c' is taken already"),
