@@ -114,7 +114,7 @@ class Conditioner:
         return {"axes": np.array(rows), "stepped": np.array(stepped)}
 
     def recall(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Restore the values of ``memory``; ignore them if shapes or values are invalid."""
+        """Restore the values of ``memory`` before the first reading; ignore invalid ones."""
         rows, stepped = arrays.get("axes"), arrays.get("stepped")
         shape = (len(self._channels), len(LASTING) + 1)
         if rows is None or stepped is None or rows.shape != shape or stepped.shape != shape[:1]:
