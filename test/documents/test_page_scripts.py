@@ -29,8 +29,9 @@ from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.faults import drums_of
 from cdrj_ros.rig.follow import follow_joints
+from cdrj_ros.robot.description import Pulley
 from cdrj_ros.robot.parameters import with_numbers
-from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.robot.reader import build_robot, load_document, load_robot
 
 COMMANDS: dict[str, Callable[[list[str]], int]] = {
     "simulate": simulate,
@@ -192,8 +193,21 @@ def test_the_lines_of_a_page_run(
     page: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(lab)
+    before = set(lab.glob("*.yaml"))
     found = [words for words in calls("".join(blocks(page)), lab) if not elsewhere(words)]
     assert len(found) > 1
+    shipped = [path.read_text() for path in (ROOT / "config" / "robots").glob("*.yaml")]
+    for made in set(lab.glob("*.yaml")) - before:
+        assert made.read_text() not in shipped, f"{made.name} is a copy: its line changes nothing"
     for words in found:
         play(words, monkeypatch)
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_the_line_that_adds_drag_adds_it_to_every_pulley(tmp_path: Path) -> None:
+    """It replaces two things, and the page goes on with a file in which only one was found."""
+    (tmp_path / "config").symlink_to(ROOT / "config")
+    (block,) = (block for block in blocks("docs/validation.md") if "> drag.yaml" in block)
+    calls(block, tmp_path)
+    for cable in load_robot(tmp_path / "drag.yaml").cables:
+        assert {one.bearing_torque for one in cable.nodes if isinstance(one, Pulley)} == {0.002}
