@@ -6,6 +6,7 @@ test_cross_references.py, names on lines of `ros2` in test_ros_commands.py.
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import subprocess
@@ -32,7 +33,7 @@ def lines(page: str, command: str) -> list[str]:
 
 @pytest.mark.parametrize("line", lines("rig.md", "simulate"))
 def test_simulations_of_the_page_on_the_rig_run(line: str, tmp_path: Path) -> None:
-    words = shlex.split(line.replace("@20:", "@2:"), comments=True)[1:]
+    words = shlex.split(re.sub(r"@\d+:", "@2:", line), comments=True)[1:]
     assert words[0] == "OUT"
     bag = tmp_path / "OUT"
     assert simulate([str(bag), *words[1:], *SHORT]) == 0
@@ -97,8 +98,15 @@ def test_validations_of_the_pages_run(
     code = validate(words)
     said = capsys.readouterr()
     assert code == (1 if "--limits" in words else 0), said.err  # a short bag has too few samples
-    for name in (words[k + 1] for k, word in enumerate(words) if word in ("--html", "--json")):
-        assert (lab / name).stat().st_size > 1000
+    if "--json" in words:
+        figures = json.loads((lab / words[words.index("--json") + 1]).read_text())
+        assert [bag["path"] for bag in figures["bags"]] == [w for w in words if w.startswith("/")]
+    if "--html" in words:
+        page = (lab / words[words.index("--html") + 1]).read_text()
+        assert page.count("recorded and estimated over") == 2 * 3, "pictures of two channels"
+        assert page.count("Not drawn") == 30
+        for shown in ("tension/upper/8: rec", "Friction loop", 'class="drawing"', "own rig</th>"):
+            assert shown in page
     assert ("outside the limits" if "--limits" in words else "Tension") in said.out + said.err
 
 

@@ -1,0 +1,70 @@
+"""The lines of a picture are those of its channel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from cdrj_ros.judgement.channels import Channel
+from cdrj_ros.judgement.reversals import turning_points
+from cdrj_ros.report import figures
+from cdrj_ros.report.canvas import PALETTE
+from cdrj_ros.report.figures import hysteresis, over_time
+from cdrj_ros.report.pictures import channel_pictures
+from cdrj_ros.report.series import Window, closer_look
+from cdrj_ros.report.sheets import Sheets
+
+TIME = 0.01 * np.arange(60)
+CHANNEL = Channel(
+    name="tension/upper/1", unit="N", stamp_ns=np.round(1e9 * TIME).astype(np.int64),
+    reference=30.0 + 3.0 * np.sin(9.0 * TIME), estimate=30.0 + 2.0 * np.sin(8.0 * TIME),
+    angle=0.2 * np.cos(9.0 * TIME), angle_name="elbow",
+)  # fmt: skip
+"""So few samples that each has a point of the line."""
+PART = Window(20, 50, 30)
+
+
+def line(axes: Axes, role: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The points of the line with the colour of a role; a dot has two."""
+    drawn = [one for one in axes.get_lines() if one.get_color() == PALETTE[role]]
+    points = max(drawn, key=lambda one: len(one.get_xdata()))
+    return np.asarray(points.get_xdata()), np.asarray(points.get_ydata())
+
+
+def assert_line(axes: Axes, role: str, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+    drawn = line(axes, role)
+    np.testing.assert_allclose(drawn[0], x)
+    np.testing.assert_allclose(drawn[1], y)
+
+
+def test_estimate_recording_and_error_are_drawn_over_time() -> None:
+    for window, part in ((None, slice(None)), (PART, slice(20, 50))):
+        series, errors = over_time(CHANNEL, 0, window=window).axes
+        time, reference, estimate = TIME[part], CHANNEL.reference[part], CHANNEL.estimate[part]
+        assert_line(series, "truth", time, reference)
+        assert_line(series, "estimate", time, estimate)
+        assert_line(errors, "error", time, estimate - reference)
+
+
+def test_estimate_and_recording_are_drawn_over_the_angle() -> None:
+    (axes,) = hysteresis(CHANNEL, PART).axes
+    angle = np.degrees(CHANNEL.angle[20:50])
+    assert_line(axes, "truth", angle, CHANNEL.reference[20:50])
+    assert_line(axes, "estimate", angle, CHANNEL.estimate[20:50])
+
+
+def test_the_part_that_is_tinted_is_enlarged(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[dict[str, object]] = []
+
+    def draw(channel: Channel, origin_ns: int, **how: object) -> Figure:
+        seen.append(how)
+        return over_time(channel, origin_ns)
+
+    monkeypatch.setattr(figures, "over_time", draw)
+    assert len(channel_pictures(CHANNEL, "key", 0, "", Sheets())) == 3
+    look = closer_look(CHANNEL, turning_points(CHANNEL.angle))
+    assert [one.get("shade") for one in seen] == [look, None]
+    assert [one.get("window") for one in seen] == [None, look]
