@@ -47,7 +47,7 @@ def test_identify_writes_its_files_whatever_becomes_of_standard_output(
         command = ["sh", "-c", 'exec "$@" >&-', "sh", *command]
     ended = subprocess.run(
         command, stdout=output, stderr=subprocess.PIPE, text=True, check=False,
-        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        env={**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUNBUFFERED": ""},
     )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
     assert "Traceback" not in ended.stderr

@@ -182,7 +182,7 @@ def test_files_and_exit_code_do_not_depend_on_standard_output(
     if output == "/dev/full":
         os.close(writing)
         writing = os.open(output, os.O_WRONLY)
-    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUNBUFFERED": ""}
     ended = subprocess.run(
         command, stdout=writing, stderr=subprocess.PIPE, env=environment, check=False
     )
