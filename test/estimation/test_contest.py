@@ -25,8 +25,6 @@ from cdrj_ros.model.status import UNSURE
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 SELDOM: Final = 20 * MS
 """Interval of a load cell's readings [ns]: correcting takes most of the time of these tests."""
-CALM: Final = 900
-"""Number of samples after which the readings change."""
 CHANGE: Final = -4.0
 """[N]."""
 
@@ -181,6 +179,19 @@ def test_a_change_in_small_steps_is_one_all_the_same() -> None:
     assert "changed" in answers
 
 
+@pytest.mark.parametrize("against_effort", [False, True])
+def test_a_slow_change_is_one_where_an_effort_can_decide(against_effort: bool) -> None:
+    """By 0.5 N in a second, of which a second alone shows nothing."""
+    witness = _witness()
+    witness.against_effort = against_effort
+    answers = set()
+    for k in range(250):
+        answers.add(witness.weigh(SECOND + 20 * MS * k, 0.01, 0.2, 0.01))
+        witness.learn(np.zeros(32), 0.0, 0.01)
+    assert ("changed" in answers) == against_effort
+    assert against_effort or answers == {"agrees"}
+
+
 def test_draws_are_not_correlated_with_what_they_are_kept_apart_from() -> None:
     generator = np.random.default_rng(0)
     known = [3.0 * generator.standard_normal(32) + 1.0 for _ in range(3)]
@@ -190,8 +201,12 @@ def test_draws_are_not_correlated_with_what_they_are_kept_apart_from() -> None:
     assert max(abs(normal @ one) for one in known) < 1e-10
 
 
-def _run(model: Model, samples: Samples, changed: tuple[str, ...]) -> tuple[LiveEstimator, float]:
-    """Both cells of the upper cable, of which some read ``CHANGE`` more after ``CALM`` samples.
+def _run(
+    model: Model, samples: Samples, calm: int, changed: tuple[str, ...], trusted: int = 2
+) -> tuple[LiveEstimator, float]:
+    """Both cells of the upper cable, of which some read ``CHANGE`` more after ``calm`` samples.
+
+    Until then one or both have been trusted.
 
     Returns:
         The estimator, and how far the tension at one of them is from the uncorrected estimate [N].
@@ -201,17 +216,21 @@ def _run(model: Model, samples: Samples, changed: tuple[str, ...]) -> tuple[Live
     tension = alone.values[:, model.layout.tension]
     generator = np.random.default_rng(3)
     off = 0.0
-    for k in range(2 * CALM):
+    for k in range(2 * calm):
         sample = Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])
         for cell in ("upper/3", "upper/8"):
             true = float(tension[k, model.layout.elements.index(cell)])
-            change = CHANGE if k >= CALM and cell in changed else 0.0
+            change = CHANGE if k >= calm and cell in changed else 0.0
             said = true + change + float(generator.normal(0.0, 0.05))
             live.feed_tensions(sample.stamp_ns, [cell], [said], [0.05])
         output = live.take(sample)
         off = float((output.estimate.tension - tension[k])[7])
-        if k == CALM + 2 and changed:
+        if k == calm + 2 and changed:
             assert np.all(output.estimate.status.astype(int) & UNSURE), "until it is decided"
+            assert live.other_sensors is not None
+            health = live.other_sensors.fusion.health
+            assert sum(one.used > 100 for one in health.values()) == trusted
+            assert all(one.refused == (3 if n in changed else 0) for n, one in health.items())
     assert output.stddev is not None
     assert output.stddev[7] < 2.0
     return live, off
@@ -220,16 +239,18 @@ def _run(model: Model, samples: Samples, changed: tuple[str, ...]) -> tuple[Live
 def test_two_cells_that_change_together_show_a_change_of_preload(
     model: Model, recorded: Callable[[Model, int], Samples]
 ) -> None:
-    live, off = _run(model, recorded(model, 15), ("upper/3", "upper/8"))
+    live, off = _run(model, recorded(model, 60), 500, ("upper/3", "upper/8"))
     assert live.other_sensors is not None
     assert live.other_sensors.fusion.faults() == {}
     assert abs(off - CHANGE) < 1.0
 
 
+@pytest.mark.parametrize(("step", "calm", "trusted"), [(60, 500, 2), (15, 900, 1)])
 def test_a_cell_that_changes_alone_is_not_believed(
-    model: Model, recorded: Callable[[Model, int], Samples]
+    step: int, calm: int, trusted: int, model: Model, recorded: Callable[[Model, int], Samples]
 ) -> None:
-    _, off = _run(model, recorded(model, 15), ("upper/3",))
+    """Whether the other cell is trusted by then or still on trial."""
+    _, off = _run(model, recorded(model, step), calm, ("upper/3",), trusted)
     assert abs(off) < 1.0
 
 
