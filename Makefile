@@ -87,7 +87,7 @@ $(VENV): requirements/constraints.txt requirements/ros.txt requirements/runtime.
 	@PYTHON=$(PYTHON) tools/setup_venv.sh $(FLAVOUR)
 	@touch $@
 
-$(BENCH): $(VENV) requirements/bench.txt
+$(BENCH): $(VENV) requirements/bench.txt requirements/opensim.txt
 	@tools/setup_venv.sh bench
 	@touch $@
 

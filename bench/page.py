@@ -10,7 +10,7 @@ from bench.figures import Row, Spread
 BEGIN = "<!-- Written by `make bench`; changes are lost. -->"
 END = "<!-- End of what `make bench` writes. -->"
 
-COMPARED = ("numpy", "numba", "rclpy", "mujoco", "exudyn", "rosbags", "mcap")
+COMPARED = ("numpy", "numba", "rclpy", "mujoco", "exudyn", "opensim", "rosbags", "mcap")
 
 NODE = (
     "the processor's empty caches: in a loop of the same callbacks a sample takes 40 µs, in the "
