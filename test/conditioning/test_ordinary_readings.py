@@ -6,23 +6,20 @@ from random import Random
 
 import numpy as np
 import pytest
+from support.wound import robot_of
 
 from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.gate import Channel
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.robot.reader import parse_robot
 
-ROBOT = parse_robot("""
+ROBOT = robot_of(
+    """
 name: gated
 motors: [{name: free}, {name: slow, max_speed: 0.5}, {name: geared, scale: 0.25, offset: 0.01}]
 joints: [{name: p, range: [-0.5, 0.5]}]
-cables:
-  - name: c
-    axial_stiffness: 1000
-    preload: 1
-    nodes: [{type: winch, motor: free, winding: 1, radius: 0.1}, {type: anchor}]
-    spans: [1]
-""")
+""",
+    "free",
+)
 MS = 1_000_000
 MOTORS = ("free", "slow", "geared")
 INTERVALS_MS = (*60 * (1,), *20 * (20,), 300, 1500, 4000)

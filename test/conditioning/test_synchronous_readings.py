@@ -6,21 +6,15 @@ from random import Random
 
 import numpy as np
 import pytest
+from support.wound import robot_of
 
 from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.robot.reader import parse_robot
 
-ROBOT = parse_robot("""
+ROBOT = robot_of("""
 name: plain
 motors: [{name: a, max_speed: 50}, {name: b, resolution: 0.001, tracking_bandwidth: 20}]
 joints: [{name: p, range: [-1, 1], max_speed: 20}]
-cables:
-  - name: c
-    axial_stiffness: 1000
-    preload: 1
-    nodes: [{type: winch, motor: a, winding: 1, radius: 0.1}, {type: anchor}]
-    spans: [1]
 """)
 BEGIN_NS = 10**18
 INTERVALS_MS = (*30 * (1,), 4, 4, 15, 60, 130, 400, 900)

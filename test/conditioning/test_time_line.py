@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.wound import robot_of
 
 from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.gate import CONFIRMATIONS, MAX_GAP_NS
@@ -18,16 +19,10 @@ from cdrj_ros.conditioning.whole_recording import Conditioned, condition
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.reader import parse_robot
 
-ROBOT = parse_robot("""
+ROBOT = robot_of("""
 name: four
 motors: [{name: a, max_speed: 50}, {name: b}]
 joints: [{name: p, range: [-1, 1], max_speed: 20}, {name: q, range: [0, 2]}]
-cables:
-  - name: c
-    axial_stiffness: 1000
-    preload: 1
-    nodes: [{type: winch, motor: a, winding: 1, radius: 0.1}, {type: anchor}]
-    spans: [1]
 """)
 MOTORS, JOINTS = ("a", "b"), ("p", "q")
 NAMES = MOTORS + JOINTS

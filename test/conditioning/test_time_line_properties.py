@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.wound import robot_of
 
 from cdrj_ros.conditioning import time_line
 from cdrj_ros.conditioning.conditioner import Conditioner
@@ -18,7 +19,6 @@ from cdrj_ros.conditioning.refusals import WHOLE
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.robot.reader import parse_robot
 
 PLAIN = """
 name: plain
@@ -35,15 +35,7 @@ joints:
      tracking_bandwidth: 12}
   - {name: q, range: [0, 2], period: 3, clock_offset: -0.002}
 """
-CABLE = """
-cables:
-  - name: c
-    axial_stiffness: 1000
-    preload: 1
-    nodes: [{type: winch, motor: a, winding: 1, radius: 0.1}, {type: anchor}]
-    spans: [1]
-"""
-ROBOTS = {text.split()[1]: parse_robot(text + CABLE) for text in (PLAIN, SENSED)}
+ROBOTS = {text.split()[1]: robot_of(text) for text in (PLAIN, SENSED)}
 NAMES = {"motors": ("a", "b"), "joints": ("p", "q"), "both": ("a", "b", "p", "q")}
 CLOCKS = (10**9, 1_700_000_000 * 10**9)
 MILLISECOND = 1_000_000

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.wound import robot_of
 
 from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.gate import limits_of
@@ -14,7 +15,6 @@ from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.description import Sensor
-from cdrj_ros.robot.reader import parse_robot
 
 COUNT = 2 * np.pi / 16_384
 SECOND = 1_000_000_000
@@ -22,12 +22,6 @@ ROBOT = """
 name: tracked
 motors: [{name: winch}]
 joints: [{name: elbow, range: [-1, 1], resolution: 4e-4, tracking_bandwidth: 12}]
-cables:
-  - name: c
-    axial_stiffness: 1000
-    preload: 1
-    nodes: [{type: winch, motor: winch, winding: 1, radius: 0.1}, {type: anchor}]
-    spans: [1]
 """
 
 
@@ -104,7 +98,7 @@ def test_the_band_is_half_a_count_and_three_deviations_in_angle() -> None:
 def test_the_node_path_and_the_bulk_path_agree_bit_for_bit_across_a_silence(
     tracking: str,
 ) -> None:
-    robot = parse_robot(ROBOT.replace("12}", f"12, tracking: {tracking}}}"))
+    robot = robot_of(ROBOT.replace("12}", f"12, tracking: {tracking}}}"), "winch")
     time = np.arange(0.0, 4.0, 2e-3)
     time = time[(time < 1.0) | (time > 1.9)]
     stamps = SECOND + np.round(time * 1e9).astype(np.int64)
@@ -188,13 +182,13 @@ def test_the_bandwidth_that_adapts_returns_to_the_fixed_one_at_rest() -> None:
 
 
 def test_a_bandwidth_that_the_node_is_given_is_fixed() -> None:
-    robot = parse_robot(ROBOT.replace("12}", "12, tracking: adaptive}"))
+    robot = robot_of(ROBOT.replace("12}", "12, tracking: adaptive}"), "winch")
     assert [one.adaptive for one in limits_of(robot)] == [False, True]
     assert [one.adaptive for one in limits_of(robot, 20.0)] == [False, False]
     with pytest.raises(RobotFileError, match="tracking needs tracking_bandwidth"):
-        parse_robot(ROBOT.replace("tracking_bandwidth: 12", "tracking: adaptive"))
+        robot_of(ROBOT.replace("tracking_bandwidth: 12", "tracking: adaptive"), "winch")
 
 
 def test_a_filter_without_an_error_to_stay_within_is_refused() -> None:
     with pytest.raises(RobotFileError, match=r"tracking_bandwidth needs resolution or noise"):
-        parse_robot(ROBOT.replace("resolution: 4e-4, ", ""))
+        robot_of(ROBOT.replace("resolution: 4e-4, ", ""), "winch")

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.wound import robot_of
 
 from cdrj_ros.conditioning import whole_recording
 from cdrj_ros.conditioning.conditioner import Conditioner
@@ -18,19 +19,15 @@ from cdrj_ros.conditioning.whole_recording import Stamps, condition
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.document import LARGEST as LARGEST_NUMBER
 from cdrj_ros.robot.document import schema
-from cdrj_ros.robot.reader import parse_robot
 
-ROBOT = parse_robot("""
+ROBOT = robot_of(
+    """
 name: pair
 motors: [{name: winch}]
 joints: [{name: elbow, range: [-1, 1]}]
-cables:
-  - name: c
-    axial_stiffness: 1000
-    preload: 1
-    nodes: [{type: winch, motor: winch, winding: 1, radius: 0.1}, {type: anchor}]
-    spans: [1]
-""")
+""",
+    "winch",
+)
 START = 1_700_000_000_000_000_000
 MS = 1_000_000
 HELD_AT_MOST = 1.6

@@ -1,0 +1,20 @@
+"""Robots whose readings are tested: axes as a test describes them, and one cable on a winch."""
+
+from __future__ import annotations
+
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import parse_robot
+
+CABLE = """
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 1
+    nodes: [{{type: winch, motor: {motor}, winding: 1, radius: 0.1}}, {{type: anchor}}]
+    spans: [1]
+"""
+
+
+def robot_of(axes: str, motor: str = "a") -> Robot:
+    """A robot with these motors and joints, in YAML, and a cable on the winch of one motor."""
+    return parse_robot(axes + CABLE.format(motor=motor))
