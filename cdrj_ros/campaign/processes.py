@@ -176,9 +176,9 @@ def _serve(connection: Connection, function: Callable[[Any, Progress], Any]) -> 
     while True:
         try:
             task, name = connection.recv()
-        except EOFError:
+            send_large(connection, RESULT, attempt(function, task, name, on))
+        except (EOFError, ConnectionError):  # the parent process has closed it, or has died
             return
-        send_large(connection, RESULT, attempt(function, task, name, on))
 
 
 def _end_with_the_parent() -> None:
