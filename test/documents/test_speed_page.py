@@ -25,6 +25,8 @@ def test_the_page_shows_the_figures_of_the_last_run() -> None:
     assert len(rows) > 20
     text = written(rows, found["machine"], found["versions"], found["failed"])
     assert renewed(page, text) == page, "run make bench"
+    if found["failed"]:  # a section that was not measured has no rows
+        return
     for what in LIMITS:
         assert any(row.what.startswith(what) for row in rows), what
 
