@@ -47,6 +47,8 @@ class Remote:
 
     def __init__(self, node: Any, start_node: Any, side: str) -> None:
         from cdrj_msgs.msg import CableTensions
+        from rcl_interfaces.msg import Log
+        from rclpy.qos import DurabilityPolicy, QoSProfile
         from sensor_msgs.msg import JointState
 
         self.node, self.side = node, side
@@ -59,10 +61,17 @@ class Remote:
         node.create_subscription(
             CableTensions, f"/{side}/tensions", self.answers.append, 2000, raw=True
         )
+        # announced after that for the tensions: who publishes to it knows both
+        self.logged = 0
+        kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(Log, "/rosout", self._on_log, kept)
+
+    def _on_log(self, message: Any) -> None:
+        self.logged += message.name == f"{self.side}.estimator"
 
     def start(self, *own: str, **parameters: Any) -> None:
         """Start a process and wait until it is connected; a killed one's endpoints remain."""
-        before = self._ends()
+        before, logged = self._ends(), self.logged
         # no filter between counts, since the tests compare with run()
         given = {"robot": ROBOT, "timeout": 3600.0, "tracking_bandwidth": 0.0, **parameters}
         self.process = self._start_node(
@@ -72,9 +81,13 @@ class Remote:
 
         def connected() -> bool:
             now = self._ends()
-            return all(new - old for new, old in zip(now, before, strict=True)) and all(
-                publisher.get_subscription_count() == len(found)
-                for publisher, found in zip(self.inputs.values(), now, strict=False)
+            return (
+                self.logged > logged  # so that it sends its first tensions here, too
+                and all(new - old for new, old in zip(now, before, strict=True))
+                and all(
+                    publisher.get_subscription_count() == len(found)
+                    for publisher, found in zip(self.inputs.values(), now, strict=False)
+                )
             )
 
         assert self.until(connected)
