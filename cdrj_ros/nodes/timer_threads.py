@@ -20,10 +20,11 @@ TASKS: Final = Path("/proc/self/task")
 
 
 def calm_timers(name: str = TIMERS) -> int:
-    """Give timer threads of this process that have the usual policy ``SCHED_BATCH``.
+    """Make this process's timer threads batch threads, unless they have a policy of their own.
 
-    A batch thread gets its share of the processor, but does not interrupt another thread when it
-    wakes.  The estimator takes a fifth less processor time by it.  Call it once the node exists.
+    A thread under ``SCHED_BATCH`` gets its share of the processor, but does not interrupt another
+    thread when it wakes.  The estimator takes a fifth less processor time by it.  Call it once the
+    node exists.
 
     Args:
         name: beginning of the names of the threads.
