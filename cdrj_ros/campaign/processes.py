@@ -14,7 +14,6 @@ from multiprocessing.process import BaseProcess, parent_process
 from typing import Any, Final, Generic, TypeVar
 
 from cdrj_ros.campaign.tasks import Failed, Progress, Work, attempt
-from cdrj_ros.campaign.transfer import receive_large, send_large
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -114,8 +113,6 @@ class _Pool(Generic[T, R]):
         """Receive one message of a process, or handle its death."""
         try:
             kind, value = worker.connection.recv()
-            if kind == RESULT:
-                value = receive_large(worker.connection, value)
         except (EOFError, OSError):
             self._bury(worker)
             return
@@ -176,7 +173,7 @@ def _serve(connection: Connection, function: Callable[[Any, Progress], Any]) -> 
     while True:
         try:
             task, name = connection.recv()
-            send_large(connection, RESULT, attempt(function, task, name, on))
+            connection.send((RESULT, attempt(function, task, name, on)))
         except (EOFError, ConnectionError):  # the parent process has closed it, or has died
             return
 

@@ -8,7 +8,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from support.many_tasks import dies_between, killed_once, noted, square
+from support.many_tasks import killed_once, noted, square
 
 from cdrj_ros.campaign.processes import in_processes
 from cdrj_ros.campaign.tasks import (
@@ -77,17 +77,6 @@ def test_the_task_of_a_process_killed_from_outside_is_done_by_another(tmp_path: 
     assert results == ["a", "b", "c"]
     first, second = notes[1].read_text().split()
     assert first != second
-
-
-def test_a_task_whose_process_dies_before_the_arrays_of_its_result_is_done_by_another(
-    tmp_path: Path,
-) -> None:
-    task = str(tmp_path / "note")
-    done: list[float] = []
-    (result,) = in_processes(Work(dies_between, [task], [task], [1]), 1, done.append)
-    assert not isinstance(result, Failed)
-    assert result.tolist() == [0.0, 1.0, 2.0, 3.0]
-    assert done == [0.5, 0.0, 0.5, 1.0]
 
 
 def test_processes_are_used_by_default_only_where_they_pay_off() -> None:

@@ -11,7 +11,6 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.campaign import transfer
 from cdrj_ros.foundation.errors import BagError
 
 
@@ -62,17 +61,3 @@ def sum_after_death(note: str, table: NDArray[np.float64]) -> float:
         path.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return float(table.sum())
-
-
-def dies_between(task: str, progress: Callable[[float], None]) -> NDArray[np.float64]:
-    """Kill the process at the first attempt, after the envelope of its result is sent."""
-    progress(0.5)
-    path = Path(task)
-    if not path.exists():
-        path.touch()
-        transfer.send_handle = _die
-    return np.arange(4.0)
-
-
-def _die(*_: object) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
