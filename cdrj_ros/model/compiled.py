@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,12 +29,23 @@ _Number = TypeVar("_Number", np.float64, np.int64, np.bool_)
 _FOLDER = Path(__file__).parent
 
 
+def _add(digest: Any, paths: Iterable[Path]) -> Any:
+    """The digest with the names and contents of files, in the order of their paths."""
+    for path in sorted(paths):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest
+
+
+@lru_cache
+def _digest_of_model() -> Any:
+    """Digest of every source file of the model, read once, which takes 2 ms."""
+    return _add(hashlib.sha256(), _FOLDER.glob("*.py"))
+
+
 def source_digest(*more: Path) -> str:
     """Digest of every source file of the model and of ``more``; it stamps the kernel cache."""
-    digest = hashlib.sha256()
-    for path in sorted({*_FOLDER.glob("*.py"), *more}):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()
+    others = {path for path in more if path.parent != _FOLDER}
+    return str(_add(_digest_of_model().copy(), others).hexdigest())
 
 
 def kernel_sources(file: Path) -> set[Path]:
@@ -123,6 +134,8 @@ def _compile(function: F, **options: bool) -> F:
     file = Path(function.__code__.co_filename)
     stamp = _stamp(None if file.parent == _FOLDER else file)
     dispatcher._cache = LaterCache(function, stamp)
+    # kernels need no extension of numba, for which it would search all installed packages: 20 ms
+    dispatcher._compilation_chain_init_hook = lambda: None
     compile_as_part_or_whole(dispatcher)
     return dispatcher
 

@@ -30,7 +30,7 @@ from cdrj_ros.messages.topics import CLOCK
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.player import Ending, Player
-from cdrj_ros.nodes.qos import read_overrides, was_latched
+from cdrj_ros.nodes.qos_files import read_overrides, was_latched
 from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, wiring_of
 from cdrj_ros.nodes.replay_options import replay_parser
 from cdrj_ros.nodes.services import offer_services
@@ -346,7 +346,7 @@ def _body(argv: Sequence[str]) -> int:
             raise UsageError(f"--rate: {error}") from None
     if arguments.passes < 1:
         raise UsageError(f"--passes must be at least 1, got {arguments.passes}")
-    ensure_compilation()
+    ensure_compilation(arguments.robot)
     model = load_model(arguments.robot, arguments.preload)
     topics = topics_of(arguments)
     overrides = {}

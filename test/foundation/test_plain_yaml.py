@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
+from cdrj_ros.foundation.any_yaml import any_yaml
 from cdrj_ros.foundation.plain_yaml import NotPlainError, plain_yaml
-from cdrj_ros.foundation.yaml import MAXIMUM_DEPTH, MAXIMUM_NODES, any_yaml
+from cdrj_ros.foundation.yaml import MAXIMUM_DEPTH, MAXIMUM_NODES
 
 FILES = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
 LINES = [

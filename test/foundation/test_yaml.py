@@ -5,7 +5,8 @@ from datetime import date
 
 import pytest
 
-from cdrj_ros.foundation.yaml import YamlError, any_yaml, load_yaml
+from cdrj_ros.foundation.any_yaml import any_yaml
+from cdrj_ros.foundation.yaml import YamlError, load_yaml
 
 MOST_MEMORY = 50e6
 """Memory for texts of a few kilobytes [bytes]."""
@@ -61,6 +62,7 @@ def test_a_deep_text_that_only_ruamel_reads_is_refused_too():
 
 def test_a_text_of_too_many_entries_is_refused_while_it_is_parsed(monkeypatch):
     monkeypatch.setattr("cdrj_ros.foundation.yaml.MAXIMUM_NODES", 100)
+    monkeypatch.setattr("cdrj_ros.foundation.any_yaml.MAXIMUM_NODES", 100)
     assert load_yaml("- 1\n" * 99, "a.yaml") == [1] * 99
     with pytest.raises(YamlError, match="more than 100 entries"):
         load_yaml("- 1\n" * 100 + "[", "a.yaml")

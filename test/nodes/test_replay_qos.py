@@ -8,7 +8,8 @@ import pytest
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.nodes.qos import DEPTH, read_overrides, was_latched
+from cdrj_ros.nodes.qos import DEPTH
+from cdrj_ros.nodes.qos_files import read_overrides, was_latched
 
 
 def _read(tmp_path: Path, text: str) -> dict[str, object]:

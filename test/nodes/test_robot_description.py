@@ -127,3 +127,27 @@ def test_a_node_takes_the_description_of_its_parameter(
     node, joints = make(name, {"robot": str(robot_file), "robot_description": URDF})
     node.destroy_node()
     assert joints == ("abduction", "mcp", "pip")
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_the_estimator_compiles_the_kernel_in_space_for_such_a_robot_only(
+    named: bool, ros: None, robot_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rclpy.parameter import Parameter
+
+    from cdrj_ros.commands import compilation
+    from cdrj_ros.model.spatial_shape import shape_in_space
+    from cdrj_ros.nodes import estimator
+
+    def all_but_that(*kernels: Any) -> bool:
+        return shape_in_space not in kernels
+
+    asked: list[tuple[Any, ...]] = []
+    for module in (compilation, estimator):
+        monkeypatch.setattr(module, "kernels_are_compiled", all_but_that)
+    monkeypatch.setattr(estimator, "compile_for_start", lambda *more: asked.append(more))
+    robot = str(robot_file) if named else "prototype"
+    given = {"robot": robot, "robot_description": URDF}
+    options = [Parameter(key, value=value) for key, value in given.items()]
+    estimator.EstimatorNode(parameter_overrides=options).destroy_node()
+    assert asked == ([(shape_in_space,)] if named else [])
