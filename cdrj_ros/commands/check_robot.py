@@ -74,7 +74,7 @@ def _body(argv: Sequence[str]) -> int:
         },
         [robot_path(arguments.robot), *([arguments.poses] if arguments.poses else [])],
     )
-    ensure_compilation()
+    ensure_compilation(arguments.robot)
     model = load_model(arguments.robot, arguments.preload)
     told = []
     if arguments.poses:

@@ -22,7 +22,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.commands.compilation import OF_EVERY_START, compile_together
+from cdrj_ros.commands.compilation import IN_SPACE, OF_EVERY_START, compile_together
+from cdrj_ros.conditioning import ordinary_kernel
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.tracking import new_track, track, track_all
 from cdrj_ros.estimation.ensemble import Spread, find_kernels
@@ -31,11 +32,14 @@ from cdrj_ros.estimation.member_records import no_members
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.estimation.unsure import mark_recording, mark_unsure, preload_of_elements
+from cdrj_ros.messages import estimate_encoder
 from cdrj_ros.model.compiled import direct, kernels_are_compiled
+from cdrj_ros.model.friction import blended_loss
 from cdrj_ros.model.linked import compile_without_callees
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, read_only
 from cdrj_ros.model.shape import shape
+from cdrj_ros.model.spatial_shape import shape_in_space
 
 ROBOT: Final = "prototype"
 """Kernels are the same for every robot; this one is installed with the package."""
@@ -56,17 +60,25 @@ def _compile_step() -> None:
 
 
 def _compile_geometry() -> None:
-    """Compile the geometry of all cables, and small kernels of every start."""
+    """Compile the geometry of cables in a plane, and small kernels of every start."""
     numbers = read_only(np.empty(0))
     direct(shape, _plan(), numbers, *4 * (np.empty(0),))
     track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
     mark_unsure(np.zeros(1), np.zeros(0), np.zeros(0), 1.0)
+    blended_loss(0.5, 0.1, 0.1, 1.0, 0.0, 0, 1.0)
+    ordinary_kernel.find_entry()
+    estimate_encoder.find_entry()
 
 
 def _compile_members() -> None:
     """Compile the kernels of live standard deviations, without the step that they call."""
     compile_without_callees()
     find_kernels(_plan(), read_only(np.empty(0)), no_members())
+
+
+def _compile_space() -> None:
+    """Compile the geometry of cables in space."""
+    direct(shape_in_space, _plan(), read_only(np.empty(0)), *4 * (np.empty(0),))
 
 
 def _plan() -> NDArray[np.int64]:
@@ -128,7 +140,14 @@ PARTS: Final[Mapping[str, Part]] = {
     "step": Part(_compile_step, ("model.mechanism.advance",)),
     "geometry": Part(
         _compile_geometry,
-        ("model.shape.shape", "conditioning.tracking.track", "estimation.unsure.mark_unsure"),
+        (
+            "model.shape.shape",
+            "model.friction.blended_loss",
+            "conditioning.ordinary_kernel.take_ordinary",
+            "conditioning.tracking.track",
+            "estimation.unsure.mark_unsure",
+            "messages.estimate_encoder.write_messages",
+        ),
     ),
     "members": Part(
         _compile_members,
@@ -138,6 +157,7 @@ PARTS: Final[Mapping[str, Part]] = {
             "estimation.member_steps.step_members",
         ),
     ),
+    IN_SPACE: Part(_compile_space, ("model.spatial_shape.shape_in_space",)),
     "motor_alone": Part(
         _compile_motor_alone,
         ("estimation.motor_alone_members.run_alone", "estimation.motor_alone_members.forget"),
@@ -149,7 +169,6 @@ PARTS: Final[Mapping[str, Part]] = {
             "estimation.drums_without_memory.advance_slipping",
             "estimation.member_kernels.follow_members",
             "estimation.unsure.mark_recording",
-            "model.friction.blended_loss",
             "model.mechanism.advance_all",
         ),
     ),
@@ -164,7 +183,7 @@ PARTS: Final[Mapping[str, Part]] = {
     ),
 }
 
-INDEPENDENT: Final = (*OF_EVERY_START, "motor_alone")
+INDEPENDENT: Final = (*OF_EVERY_START, IN_SPACE, "motor_alone")
 """Parts that are compiled first, at once; the others use them."""
 
 

@@ -55,7 +55,7 @@ def _body(argv: Sequence[str]) -> int:
 def _identified(arguments: argparse.Namespace, task: Task, pool: Pool | None) -> int:
     """Fit, compare with the bags, write and print."""
     begin = perf_counter()
-    ensure_compilation()
+    ensure_compilation(str(task.path))
     model = prepare(build_robot(task.document, task.source))
     recordings = _read(task.bags, task.topics, model)
     left: Moved = {}

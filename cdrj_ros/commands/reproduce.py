@@ -61,7 +61,7 @@ def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     folder = _output_folder(Path(arguments.out), arguments.force)
     begin = monotonic()
-    ensure_compilation()
+    ensure_compilation("prototype")
     robot = load_model("prototype").robot
     motion, cells = QUICK if arguments.quick else WHOLE
     with progress_bar("running the rig", 1.0) as report:

@@ -55,7 +55,7 @@ def _body(argv: Sequence[str]) -> int:
     arguments = parser().parse_args(argv)
     check_ranges(arguments)
     _check_output(Path(arguments.out))
-    ensure_compilation()
+    ensure_compilation(arguments.robot)
     model = load_model(arguments.robot, arguments.preload)
     read = sensors(arguments)
     plan, truth, reason = _simulated(model, arguments)

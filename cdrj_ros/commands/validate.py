@@ -202,7 +202,7 @@ def _body(argv: Sequence[str]) -> int:
     _check_files(arguments)
     limits = load_limits(arguments.limits) if arguments.limits else None
     preloads = _preloads(arguments)
-    ensure_compilation()
+    ensure_compilation(arguments.robot)
     model = prepared_model(arguments.robot, preloads[0])
     tasks = _tasks(arguments, model.robot)
     for task in tasks:

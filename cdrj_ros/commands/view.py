@@ -63,7 +63,7 @@ def body(argv: Sequence[str]) -> int:
     from cdrj_ros.view.player import Player
     from cdrj_ros.view.plots import TimeAxis
 
-    ensure_compilation()
+    ensure_compilation(arguments.robot)
     model = load_model(arguments.robot, arguments.preload)
     recording = read_inputs(arguments.bag, topics_of(arguments), model)
     conditioned = condition_recording(model, recording)

@@ -78,12 +78,13 @@ def compiles_part() -> bool:
 def apart(name: str | None = None) -> Iterator[None]:
     """Compile the kernel of a name, or any, as a whole, whatever is being compiled."""
     generator = _registry.cpu_target.target_context.codegen()
-    before = _Now.whole, _Now.part, generator._library_class
-    _Now.whole, _Now.part, generator._library_class = name, False, _library
-    try:
-        yield
-    finally:
-        _Now.whole, _Now.part, generator._library_class = before
+    with _lock:
+        before = _Now.whole, _Now.part, generator._library_class
+        _Now.whole, _Now.part, generator._library_class = name, False, _library
+        try:
+            yield
+        finally:
+            _Now.whole, _Now.part, generator._library_class = before
 
 
 @contextmanager

@@ -40,11 +40,13 @@ def record_type(fields: type, **vectors: int) -> Any:
     """Structured type with the annotated fields of a class, 8 bytes each and in their order.
 
     Args:
-        fields: a class whose annotations are ``int``, ``float`` or ``Vector``.
+        fields: a class whose annotations are ``int``, ``float`` or ``Vector``; the fields of
+            classes that it is derived from come first.
         vectors: length of every field annotated as ``Vector``.
     """
     columns: list[Any] = []
-    for name, kind in fields.__annotations__.items():
+    inherited = [vars(base).get("__annotations__", {}) for base in reversed(fields.__mro__)]
+    for name, kind in (field for one in inherited for field in one.items()):
         if hasattr(np.record, name):
             raise TypeError(f"{fields.__name__}.{name} is hidden by NumPy's own attribute")
         if name in vectors:

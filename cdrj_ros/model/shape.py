@@ -19,8 +19,7 @@ from cdrj_ros.model.packing import (
     number_views,
     plan_views,
 )
-from cdrj_ros.model.spatial_frames import place_spatial_frames
-from cdrj_ros.model.spatial_route import route_in_space
+from cdrj_ros.model.spatial_shape import SHAPE_SIGNATURE, shape_in_space_linked
 from cdrj_ros.model.state import ScratchViews, scratch_views
 from cdrj_ros.robot.description import TABLE_INTERVALS
 
@@ -71,64 +70,22 @@ def _add_arcs(
 
 
 @stage
-def _wind_drums(
-    plan: Plan, numbers: Numbers, c: int, motor_angle: Vector, scratch: ScratchViews
-) -> None:
-    """Set the angles of cable that the motors of one cable in space have wound in."""
-    cable = plan.cables[c]
-    for k in (0, 1):
-        motor, drum = plan.ends[2 * c + k].motor, numbers.ends[2 * c + k]
-        touch = scratch.touches[cable.first_node + k * cable.elements]
-        touch.wound = 0.0
-        if motor >= 0 and motor_angle.size > 0:
-            reference = numbers.motors[motor].reference_angle
-            touch.wound = drum.winding * (motor_angle[motor] - reference)
-
-
-@stage
 def _place_cables(
     plan: Plan,
     numbers: Numbers,
-    motor_angle: Vector,
     joint_angle: Vector,
     length: Vector,
     scratch: ScratchViews,
 ) -> bool:
-    """``shape``, with views.
-
-    Longer than a screen because numba takes the views of every cable as arguments.
-    """
+    """The cables in the plane, with views; the others are placed afterwards."""
     possible = True
     _tabulated_shape(plan, numbers, joint_angle, length, scratch)
     place_frames(plan.frames, numbers.frames, joint_angle, scratch.pose, scratch.twist)
-    if len(plan.spatial_frames) > 0:
-        place_spatial_frames(
-            plan.spatial_frames,
-            numbers.spatial_frames,
-            joint_angle,
-            scratch.spatial_pose,
-            scratch.spatial_twist,
-        )
     for c in range(len(plan.cables)):
         cable = plan.cables[c]
         first, last = cable.first_element, cable.first_element + cable.elements
         pulley, beyond = cable.first_pulley, cable.first_pulley + cable.pulleys
-        if cable.routed == SPATIAL:
-            nodes = slice(cable.first_node, cable.first_node + cable.elements + 1)
-            _wind_drums(plan, numbers, c, motor_angle, scratch)
-            possible &= route_in_space(
-                plan.spatial_nodes[nodes],
-                numbers.spatial_nodes[nodes],
-                scratch.spatial_pose,
-                scratch.spatial_twist,
-                joint_angle,
-                scratch.touches[nodes],
-                length[first:last],
-                scratch.length_by_joint[first:last],
-                scratch.wrap[pulley:beyond],
-                scratch.direction[first:last],
-            )
-        elif cable.routed == PLANAR:
+        if cable.routed == PLANAR:
             nodes = slice(cable.first_node, cable.first_node + cable.elements + 1)
             possible &= route(
                 plan.nodes[nodes],
@@ -140,7 +97,7 @@ def _place_cables(
                 scratch.wrap[pulley:beyond],
                 scratch.direction[first:last],
             )
-        else:
+        elif cable.routed != SPATIAL:
             _add_arcs(plan, numbers, pulley, beyond, length, scratch)
     return possible
 
@@ -168,12 +125,11 @@ def shape(
     parts = plan_views(plan)
     constants = number_views(parts.sizes, numbers)
     views = scratch_views(parts.sizes, scratch)
-    return _place_cables(parts, constants, motor_angle, joint_angle, length, views)
+    possible = _place_cables(parts, constants, joint_angle, length, views)
+    if len(parts.spatial_frames) > 0:
+        possible &= shape_in_space_linked(plan, numbers, motor_angle, joint_angle, length, scratch)
+    return possible
 
 
-shape_linked: Final = linked(
-    shape,
-    "boolean(Array(int64, 1, 'C', True), Array(float64, 1, 'C', True), float64[::1], float64[::1],"
-    " float64[::1], float64[::1])",
-)
+shape_linked: Final = linked(shape, SHAPE_SIGNATURE)
 """``shape``, to be called by kernels."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import callee, lean, stage
+from cdrj_ros.model.compiled import callee, stage
 from cdrj_ros.model.records import Grid, Rows
 from cdrj_ros.model.spatial_derivatives import lengths_by, seen_by_end, start_by, sweep_by
 from cdrj_ros.model.spatial_drums import turn_of_frame, wound_angle, wound_angle_by
@@ -69,7 +69,7 @@ def _add_wound(
             length[min(k, last - 1)] += nodes[k].reel * wound
 
 
-@lean
+@stage
 def route_in_space(
     plans: Rows[SpatialNodePlan],
     nodes: Rows[SpatialNodeNumbers],

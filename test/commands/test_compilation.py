@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic, sleep
@@ -17,9 +17,10 @@ from cdrj_ros.commands import compilation, compile_ahead
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.model.compiled import kernels_are_compiled
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.loading import load_model, robot_path
 from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.shape import shape
+from cdrj_ros.model.spatial_shape import shape_in_space
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 30.0
@@ -32,12 +33,55 @@ def test_no_notice_is_printed_if_the_kernels_are_compiled(
     monkeypatch.setattr(compilation, "compile_together", lambda parts, **_: asked.append(parts))
     for there, words in ((True, ""), (False, compilation.COMPILING + "\n")):
         monkeypatch.setattr(compilation, "kernels_are_compiled", lambda *_, there=there: there)
-        compilation.ensure_compilation()
+        compilation.ensure_compilation("prototype")
         assert capsys.readouterr().err == words
     assert asked == [compilation.OF_EVERY_START]
     monkeypatch.setattr(compilation, "kernels_can_be_kept", lambda *_: False)
-    compilation.ensure_compilation()  # other processes could not hand over what they compile
+    compilation.ensure_compilation(
+        "prototype"
+    )  # other processes could not hand over what they compile
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("robot", "missing", "compiled"),
+    [
+        ("finger3d", "", None),
+        ("finger3d", "shape_in_space", (compilation.IN_SPACE,)),
+        ("finger3d", "advance", compilation.OF_EVERY_START),
+        ("finger3d", "advance shape_in_space", (*compilation.OF_EVERY_START, compilation.IN_SPACE)),
+        ("prototype", "shape_in_space", None),
+        ("prototype", "advance shape_in_space", compilation.OF_EVERY_START),
+        ("/no/such.yaml", "shape_in_space", None),
+    ],
+)
+def test_the_kernel_in_space_is_compiled_with_the_others_for_robots_that_need_it(
+    robot: str,
+    missing: str,
+    compiled: tuple[str, ...] | None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def are_compiled(*kernels: Callable[..., object]) -> bool:
+        return not {kernel.__name__ for kernel in kernels} & set(missing.split())
+
+    asked: list[Iterable[str]] = []
+    monkeypatch.setattr(compilation, "compile_together", lambda parts, **_: asked.append(parts))
+    monkeypatch.setattr(compilation, "kernels_are_compiled", are_compiled)
+    compilation.ensure_compilation(robot)
+    assert asked == ([] if compiled is None else [compiled])
+    assert capsys.readouterr().err == ("" if compiled is None else compilation.COMPILING + "\n")
+
+
+def test_a_robot_whose_urdf_is_still_to_come_is_in_space(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    installed = robot_path("finger3d").read_text(encoding="utf-8")
+    assert installed.count("urdf: finger3d.urdf") == 1
+    named = installed.replace("urdf: finger3d.urdf", "urdf: robot_description")
+    (tmp_path / "named.yaml").write_text(named, encoding="utf-8")
+    monkeypatch.setattr(compilation, "kernels_are_compiled", lambda *_: False)
+    assert compilation.kernels_of_file(str(tmp_path / "named.yaml")) == (shape_in_space,)
 
 
 def _with_cache(folder: Path) -> list[int]:
@@ -51,7 +95,7 @@ def _with_cache(folder: Path) -> list[int]:
 
 
 def test_parts_are_the_names_of_what_is_compiled() -> None:
-    assert set(compilation.OF_EVERY_START) < set(compile_ahead.PARTS)
+    assert {*compilation.OF_EVERY_START, compilation.IN_SPACE} < set(compile_ahead.PARTS)
 
 
 def test_a_part_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,7 +46,7 @@ from cdrj_ros.rig.live import LiveRig, LiveSettings
 from cdrj_ros.rig.prescribed import follow
 from cdrj_ros.robot.reader import build_robot
 
-for robot in ("prototype", "parallel"):
+for robot in ("prototype", "parallel", "finger3d"):
     model = load_model(robot)
     joints, motors = len(model.layout.joints), len(model.layout.motors)
     stamps = 1_000_000_000 + 1_000_000 * np.arange(5)
@@ -68,7 +68,7 @@ for efforts in (np.zeros((5, 1)), np.full((5, 1), np.nan)):
     alone.run(read, efforts)
 alone.reset()
 follow(model.robot, np.arange(5) * 1e-3, np.zeros((5, 1)), cells=2)
-for robot in ("prototype", "parallel"):
+for robot in ("prototype", "parallel", "finger3d"):
     rig = LiveRig(load_model(robot).robot, LiveSettings(cells=2))
     for _ in range(3):
         rig.step(rig.motor_angle)
