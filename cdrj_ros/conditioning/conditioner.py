@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.gate import CONFIRMATIONS, Channel, limits_of
 from cdrj_ros.conditioning.motion import LASTING
+from cdrj_ros.conditioning.ordinary import OrdinaryReadings
 from cdrj_ros.conditioning.refusals import END_OF_TIME_NS, REFUSALS, unusable
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.stamps import timing_of
@@ -65,8 +66,28 @@ class Conditioner:
         self.steps = 0
         """Number of steps of sensors: the readings moved further than the axis can, and stayed."""
         self.time_line = TimeLine(len(motors), mode, horizon_ns)
-        self._channels: list[Channel] = []
+        self.ordinary = OrdinaryReadings(len(motors), len(joints))
+        """Takes ordinary messages while it is loaded, see ``begin_ordinary``."""
+        self._stored_channels: list[Channel] = []
         self.reset()
+
+    @property
+    def _channels(self) -> list[Channel]:
+        """The channels; ordinary messages are not taken from now on."""
+        if self.ordinary.loaded:
+            self.ordinary.store(self._stored_channels, self.time_line, self.accepted)
+        return self._stored_channels
+
+    def begin_ordinary(self) -> None:
+        """Let ``ordinary`` take messages if nothing is special; call after every sample."""
+        if not self.ordinary.loaded:
+            self.ordinary.load(self._stored_channels, self.time_line, self.accepted)
+
+    def index_of(self, kind: str) -> Mapping[str, int]:
+        """Channels by name in messages of one kind: ``motors``, ``joints`` or ``both``."""
+        return {"motors": self._motor_index, "joints": self._joint_index}.get(
+            kind, self._both_index
+        )
 
     @property
     def held(self) -> int:
@@ -102,8 +123,8 @@ class Conditioner:
                 channel.before = replace(old, readings=deque(), before=None)
 
     def _begin(self) -> None:
-        self._channels = [Channel(limits) for limits in self._limits]
-        self.time_line.begin(self._channels)
+        self._stored_channels = [Channel(limits) for limits in self._limits]
+        self.time_line.begin(self._stored_channels)
 
     def memory(self) -> dict[str, NDArray[np.float64]]:
         """Values that outlast a restart, for ``recall``: ``LASTING`` and the sensors' steps."""

@@ -311,6 +311,15 @@ class Channel:
             and self.doubt is None
         )
 
+    def is_settled_at(self, stamp: int) -> bool:
+        """Whether the last reading has this stamp, and the next one can be ordinary."""
+        return (
+            self.last_stamp == stamp
+            and not self.limits.sensor.corrected_at
+            and not (self.agreeing or self.held)
+            and self.doubt is None
+        )
+
     def go_on_turning(self, stamp: int) -> None:
         """Keep the turns counted before a reset if the first reading follows within a second."""
         before, self.before = self.before, None

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import exp, inf, sqrt
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cdrj_ros.model.compiled import usable_in_kernels
 
 Stamps = NDArray[np.int64]
 Vector = NDArray[np.float64]
@@ -91,6 +93,24 @@ class Leap(NamedTuple):
         return "step" if stamp - self.stamp_ns >= SETTLED_NS else ""
 
 
+class Moving(Protocol):
+    """Fields of ``Motion``, which kernels have in a record."""
+
+    band: float
+    negligible: float
+    begin_ns: int
+    begin: float
+    span_s: float
+    velocity: float
+    speed: float
+    acceleration: float
+    fastest: float
+    hardest: float
+    travelled: float
+    windows: float
+    seen_ns: int
+
+
 @dataclass
 class Motion:
     """Running estimates of an axis's speed and acceleration."""
@@ -124,48 +144,14 @@ class Motion:
 
     def take(self, stamp: int, angle: float) -> None:
         """Take the next reading of the axis, (C2)."""
-        if self.begin_ns < 0 or stamp < self.begin_ns:  # the clock went back during a restart
-            self.begin_ns, self.begin = stamp, angle
-        elif stamp - self.begin_ns >= WINDOW_NS:
-            self._close((stamp - self.begin_ns) * 1e-9, angle - self.begin)
-            self.begin_ns, self.begin = stamp, angle
+        take_angle(self, stamp, angle)
 
     def elsewhen(self) -> Motion:
         """Copy the fields ``LASTING``, which stay valid when the clock of the readings changes."""
         known = {name: getattr(self, name) for name in LASTING}
         later = Motion(self.band, self.negligible, **known)
-        later.seen_ns = later._seen()
+        later.seen_ns = seen_of(later)
         return later
-
-    def _close(self, span_s: float, moved: float) -> None:
-        """End a window of ``span_s`` in which the axis has moved by ``moved`` [rad]."""
-        velocity = moved / span_s
-        certain = max(abs(moved) - 2.0 * self.band, 0.0)
-        speed = certain / span_s
-        if self.span_s > 0.0:
-            change = max(abs(velocity - self.velocity) - 2.0 * self.band / span_s, 0.0)
-            acceleration = change / (0.5 * (span_s + self.span_s))
-        else:  # the first window of a slow channel gives no better estimate
-            acceleration = speed / span_s if span_s > 2e-9 * WINDOW_NS else 0.0
-        if span_s > 2e-9 * WINDOW_NS:
-            acceleration *= CHORDS
-        keep = exp(-span_s / MEMORY_S)
-        self.speed = max(speed, _faded(self.speed, speed, keep))
-        self.acceleration = max(acceleration, _faded(self.acceleration, acceleration, keep))
-        self.fastest = max(self.fastest, speed)
-        self.hardest = max(self.hardest, acceleration)
-        self.travelled += certain
-        self.windows += 1.0
-        self.span_s, self.velocity = span_s, velocity
-        self.seen_ns = self._seen()
-
-    def _seen(self) -> int:
-        if not (self.speed > 0.0 and self.acceleration > 0.0):
-            return EVER_NS
-        slow = 3.0 * self.negligible / self.speed
-        smooth = sqrt(8.0 * self.negligible / self.acceleration)
-        resolved = self.acceleration * smooth <= self.speed
-        return int(min(max(slow, smooth) if resolved else slow, 1e9) * 1e9)
 
     def knows(self, span_ns: int) -> bool:
         """Whether the motion so far tells what may happen between readings so far apart."""
@@ -233,9 +219,55 @@ class Motion:
         )
 
 
+@usable_in_kernels
 def _faded(before: float, now: float, keep: float) -> float:
     """Weighted root mean square of the old and the new value; ``keep`` weighs the old one."""
     return sqrt(before * before * keep + now * now * (1.0 - keep))
+
+
+@usable_in_kernels
+def seen_of(motion: Moving) -> int:
+    """``Motion.seen_ns`` by the speed and the acceleration so far [ns]."""
+    if not (motion.speed > 0.0 and motion.acceleration > 0.0):
+        return EVER_NS
+    slow = 3.0 * motion.negligible / motion.speed
+    smooth = sqrt(8.0 * motion.negligible / motion.acceleration)
+    resolved = motion.acceleration * smooth <= motion.speed
+    return int(min(max(slow, smooth) if resolved else slow, 1e9) * 1e9)
+
+
+@usable_in_kernels
+def _close(motion: Moving, span_s: float, moved: float) -> None:
+    """End a window of ``span_s`` in which the axis has moved by ``moved`` [rad]."""
+    velocity = moved / span_s
+    certain = max(abs(moved) - 2.0 * motion.band, 0.0)
+    speed = certain / span_s
+    if motion.span_s > 0.0:
+        change = max(abs(velocity - motion.velocity) - 2.0 * motion.band / span_s, 0.0)
+        acceleration = change / (0.5 * (span_s + motion.span_s))
+    else:  # the first window of a slow channel gives no better estimate
+        acceleration = speed / span_s if span_s > 2e-9 * WINDOW_NS else 0.0
+    if span_s > 2e-9 * WINDOW_NS:
+        acceleration *= CHORDS
+    keep = exp(-span_s / MEMORY_S)
+    motion.speed = max(speed, _faded(motion.speed, speed, keep))
+    motion.acceleration = max(acceleration, _faded(motion.acceleration, acceleration, keep))
+    motion.fastest = max(motion.fastest, speed)
+    motion.hardest = max(motion.hardest, acceleration)
+    motion.travelled += certain
+    motion.windows += 1.0
+    motion.span_s, motion.velocity = span_s, velocity
+    motion.seen_ns = seen_of(motion)
+
+
+@usable_in_kernels
+def take_angle(motion: Moving, stamp: int, angle: float) -> None:
+    """Take the next reading of an axis, (C2)."""
+    if motion.begin_ns < 0 or stamp < motion.begin_ns:  # the clock went back during a restart
+        motion.begin_ns, motion.begin = stamp, angle
+    elif stamp - motion.begin_ns >= WINDOW_NS:
+        _close(motion, (stamp - motion.begin_ns) * 1e-9, angle - motion.begin)
+        motion.begin_ns, motion.begin = stamp, angle
 
 
 def curvatures(motion: Motion, stamps: Stamps, angles: Vector) -> Vector | None:

@@ -77,6 +77,15 @@ class TimeLine:
         """Whether there has been a sample that is not predicted."""
         return self._given_out >= 0
 
+    @property
+    def last_exact_ns(self) -> int:
+        """Stamp of the last sample [ns]; -1 before the first, or if samples are predicted."""
+        return -1 if self._predict else self._given_out
+
+    def go_on_from(self, stamp_ns: int) -> None:
+        """Note that the samples up to this stamp [ns] have been made elsewhere."""
+        self._given_out = self._ahead_from = stamp_ns
+
     def resume(self, stamp_ns: int) -> None:
         """Continue an earlier run, whose last sample had this stamp [ns]."""
         self._resumed = stamp_ns
@@ -142,7 +151,7 @@ class TimeLine:
                 newest = last
         if until <= self._given_out and not self._predict:
             return []
-        samples = self._together(until) or self._interpolated(until)
+        samples = self._interpolated(until)
         if self._predict and self._is_predictable(newest, until):
             samples.append(self._predicted(newest))
         self.lag_ns = newest - max(self._given_out, self._ahead)
@@ -155,28 +164,6 @@ class TimeLine:
         lagging = (channel for channel in self._channels if channel.last_stamp < newest)
         known = all(c.recent_ns and c.motion.knows(c.usual_ns) for c in lagging)
         return known and self._given_out >= 0
-
-    def _together(self, stamp: int) -> list[Sample]:
-        """The next sample if every channel was read then, and not between the last sample and it.
-
-        ``_interpolated`` gives the same; with this a message takes 5 to 10 % less time.
-        """
-        if self._given_out < 0 or self._doubts:
-            return []
-        angles = []
-        for channel in self._channels:
-            if len(channel.readings) < 2:
-                return []
-            when, angle, curvature = channel.readings[1]
-            if when != stamp or curvature != 0.0:
-                return []
-            angles.append(angle)
-        for channel in self._channels:
-            channel.readings.popleft()
-        self._given_out = self._ahead_from = stamp
-        values, motors = np.array(angles), self._motor_count
-        silent = stamp <= self._ahead
-        return [Sample(stamp, values[:motors], values[motors:], silent=silent)]
 
     def _interpolated(self, until: int) -> list[Sample]:
         """The next samples, up to the stamp ``until`` that every channel has reached."""

@@ -92,7 +92,7 @@ def adapted(memory: Vector, dt: float, reading: float, bandwidth: float, band: f
     return max(bandwidth, min(best, FASTEST / dt))
 
 
-@compiled
+@lean
 def track(
     memory: Vector, dt_ns: int, reading: float, bandwidth: float, band: float, adaptive: bool
 ) -> float:

@@ -19,13 +19,15 @@ from cdrj_ros.messages.cdr import (
 )
 
 NO_EFFORTS: Final = np.empty(0)
-"""What ``JointStateDecoder.efforts`` finds in a message without efforts."""
+"""What ``KnownJointState.efforts`` finds in a message without efforts."""
 
 
 @dataclass(frozen=True)
-class _KnownJointState:
+class KnownJointState:
     """A layout prepared for comparison by `JointStateDecoder`."""
 
+    length: int
+    """Bytes of the payload."""
     representation: bytes
     head: bytes
     """From the frame's length to the first position."""
@@ -37,6 +39,18 @@ class _KnownJointState:
     dtype: np.dtype[Any]
     stop: int
     effort: Span
+
+    def stamp_ns(self, payload: bytes) -> int:
+        """Header stamp of a payload of this layout [ns]."""
+        sec, nanosec = self.stamp.unpack_from(payload, 4)
+        return int(sec * 1_000_000_000 + nanosec)
+
+    def efforts(self, payload: bytes) -> npt.NDArray[np.float64]:
+        """Efforts [N m] in a payload of this layout, shape (n,); n is 0 if it has none."""
+        span = self.effort
+        if span.count == 0:
+            return NO_EFFORTS
+        return np.frombuffer(payload, span.dtype, span.count, span.offset).astype(np.float64)
 
 
 class JointStateDecoder:
@@ -58,12 +72,13 @@ class JointStateDecoder:
         """Start with an empty cache.
 
         Args:
-            efforts: whether ``efforts`` is called; messages with efforts for only some of their
+            efforts: whether efforts are read; messages with efforts for only some of their
                 names are then refused.
         """
         self._efforts = efforts
-        self._last: _KnownJointState | None = None
-        self._known: dict[int, list[_KnownJointState]] = {}
+        self.last: KnownJointState | None = None
+        """Layout of the payload decoded last."""
+        self._known: dict[int, list[KnownJointState]] = {}
         self._bytes = 0
 
     def __call__(self, payload: bytes) -> tuple[int, tuple[str, ...], npt.NDArray[np.float64]]:
@@ -76,13 +91,12 @@ class JointStateDecoder:
                 if payload[tail_start:tail_stop] != tail:
                     break
             else:
-                self._last = known
-                sec, nanosec = known.stamp.unpack_from(payload, 4)
+                self.last = known
                 position = np.frombuffer(payload[stop : known.stop], known.dtype)
                 if not known.dtype.isnative:
                     position = position.astype(np.float64)
                     position.flags.writeable = False
-                return sec * 1_000_000_000 + nanosec, known.names, position
+                return known.stamp_ns(payload), known.names, position
         self._learn(payload)
         return self(payload)
 
@@ -96,7 +110,8 @@ class JointStateDecoder:
         if self._efforts and effort.count not in (0, len(names)):
             raise MessageError(f"{len(names)} names but {effort.count} efforts")
         tail = [(max(a, span.offset), b) for a, b in layout.fixed if b > span.offset]
-        known = _KnownJointState(
+        known = KnownJointState(
+            length=len(payload),
             representation=payload[:2],
             head=payload[12 : span.offset],
             head_stop=span.offset,
@@ -114,14 +129,6 @@ class JointStateDecoder:
         family = self._known.setdefault(len(payload), [])
         family.insert(0, known)
         del family[self.KEPT :]
-
-    def efforts(self, payload: bytes) -> npt.NDArray[np.float64]:
-        """Efforts [N m] in the payload decoded last, shape (n,); n is 0 if it has none."""
-        assert self._last is not None
-        span = self._last.effort
-        if span.count == 0:
-            return NO_EFFORTS
-        return np.frombuffer(payload, span.dtype, span.count, span.offset).astype(np.float64)
 
 
 def cable_tensions(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable
 from pathlib import Path
-from time import monotonic, perf_counter, time_ns
+from time import monotonic, time_ns
 from typing import Any, Final
 
 import numpy as np
@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 
-from cdrj_ros.commands.compilation import COMPILING, compile_for_start
+from cdrj_ros.commands.compilation import COMPILING, compile_for_start, kernels_of_file
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.tracking import new_track, track
 from cdrj_ros.estimation.output import Output
@@ -28,7 +28,7 @@ from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.text import counted
 from cdrj_ros.messages.cdr import MessageError
 from cdrj_ros.messages.conversions import marked_stale
-from cdrj_ros.messages.decoders import NO_EFFORTS, JointStateDecoder, cable_tensions
+from cdrj_ros.messages.decoders import cable_tensions
 from cdrj_ros.messages.topics import (
     DIAGNOSTICS,
     FEW,
@@ -44,6 +44,7 @@ from cdrj_ros.nodes.estimator_services import EstimatorServices
 from cdrj_ros.nodes.health import HealthWatch
 from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
+from cdrj_ros.nodes.listener import Listener
 from cdrj_ros.nodes.output_topics import OutputTopics
 from cdrj_ros.nodes.robot_description import robot_description
 from cdrj_ros.nodes.settings import (
@@ -113,9 +114,10 @@ class EstimatorNode(Node):
         if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
         self.timeout_s, self.stamps = started.timeout_s, StampClock(started.same_clock_s)
-        if not kernels_are_compiled(*kernels_of(started.options)):
+        more = kernels_of_file(started.robot)
+        if not kernels_are_compiled(*kernels_of(started.options), *more):
             self.get_logger().info(COMPILING)
-            compile_for_start()
+            compile_for_start(*more)
         with description_given(lambda: robot_description(self)):
             model = load_model(started.robot, started.preload)
         self.live = LiveEstimator(model, started.options)
@@ -236,6 +238,7 @@ class EstimatorNode(Node):
         self.live.take(reference._replace(stamp_ns=1_001_000_000))
         self.live.reset()
         track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
+        self.live.conditioner.ordinary.prepare()
 
     def _read_state(self, path: Path) -> None:
         try:
@@ -257,45 +260,25 @@ class EstimatorNode(Node):
 
     def _listener(self, kind: str, heard: TopicHeard | None = None) -> Callable[[bytes], None]:
         """The callback of one topic: decodes, conditions, steps and publishes."""
-        live, thinning = self.live, self._thinning
-        feed, refused = live.feed, live.conditioner.refused
-        with_efforts = (live.options.track_preload or live.alone is not None) and kind != "joints"
-        decode = JointStateDecoder(with_efforts)
-        health = None if kind == "joints" else self.health
-        topic = TopicHeard("") if heard is None else heard
+        listener = Listener(
+            kind,
+            self.live,
+            self._thinning,
+            self.health,
+            heard=TopicHeard("") if heard is None else heard,
+            publish=self._take,
+            warn=lambda words: self.get_logger().warning(words, throttle_duration_sec=1.0),
+        )
+        return listener.on_message
 
-        def on_message(payload: bytes) -> None:
-            begin = perf_counter()
-            try:
-                stamp, names, position = decode(payload)
-                fed = with_efforts and live.wants_efforts(stamp)
-                watched = health is not None and health.wants_efforts(stamp)
-                efforts = decode.efforts(payload) if fed or watched else NO_EFFORTS
-                if fed:
-                    live.feed_efforts(stamp, names, efforts)
-                if health is not None and watched:
-                    health.read_efforts(stamp, names, efforts)
-            except MessageError:
-                refused["malformed"] += 1
-                return
-            topic.messages += 1
-            topic.names, topic.positions = names, position
-            if thinning.active and kind != "joints":
-                thinning.note(stamp, names)
-            jumped, outputs = feed(kind, stamp, names, position)
-            if jumped:
-                self.get_logger().warning(
-                    "the clock of the inputs went back: estimate restarted",
-                    throttle_duration_sec=1.0,
-                )
-            if outputs:
-                self.times.add((perf_counter() - begin) / len(outputs))
-                self._take(outputs)
+    def _take(self, outputs: list[Output], step_s: float) -> None:
+        """Publish the estimates that one message led to; those older than the timeout as STALE.
 
-        return on_message
-
-    def _take(self, outputs: list[Output]) -> None:
-        """Publish the estimates that one message led to; those older than the timeout as STALE."""
+        Args:
+            outputs: at least one.
+            step_s: time that each has taken [s].
+        """
+        self.times.add(step_s)
         thinning = self._thinning
         newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.time_line.lag_ns
         now_ns = self._now_ns()

@@ -11,7 +11,8 @@ from sensor_msgs.msg import JointState
 
 from cdrj_ros.estimation.output import Output, OutputAlone
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.messages.conversions import EstimateEncoder, marked_stale
+from cdrj_ros.messages.conversions import marked_stale
+from cdrj_ros.messages.estimate_encoder import EstimateEncoder
 from cdrj_ros.messages.topics import EFFORTS, NODAL_FORCES, TENSIONS
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.settings import Started
@@ -72,9 +73,10 @@ class OutputTopics:
         estimate, stddev = output
         if self._angles is not None and isinstance(output, OutputAlone) and output.angles:
             self._angles.publish(estimate.stamp_ns, output.angles)
-        self.tensions.publish(self._encoder.tensions(estimate, stddev))
-        self.forces.publish(self._encoder.nodal_forces(estimate, stddev))
-        self.efforts.publish(self._encoder.efforts(estimate))
+        tensions, forces, efforts = self._encoder.encode(estimate, stddev)
+        self.tensions.publish(tensions)
+        self.forces.publish(forces)
+        self.efforts.publish(efforts)
         on_efforts = self.efforts_stddev
         if on_efforts is not None and stddev is not None and on_efforts.get_subscription_count():
             on_efforts.publish(self._encoder.efforts_stddev(estimate, stddev))
@@ -84,9 +86,9 @@ class OutputTopics:
 
     def publish_stale(self, output: Output) -> None:
         """Publish tensions and nodal forces once more, as STALE."""
-        stale = marked_stale(output.estimate)
-        self.tensions.publish(self._encoder.tensions(stale, output.stddev))
-        self.forces.publish(self._encoder.nodal_forces(stale, output.stddev))
+        tensions, forces, _ = self._encoder.encode(marked_stale(output.estimate), output.stddev)
+        self.tensions.publish(tensions)
+        self.forces.publish(forces)
 
     def close(self) -> None:
         """Close the topics."""

@@ -360,6 +360,7 @@ def everything(
         for sample in feed(conditioner, message)
     ]
     remembered = {**vars(conditioner), "time_line": vars(conditioner.time_line)}
+    assert not remembered.pop("ordinary").loaded  # only topics take messages with it
     return samples, f"{remembered}"
 
 

@@ -216,12 +216,15 @@ def test_a_stamp_beyond_32_bit_seconds_is_refused(stamp_ns):
         template.encode_many(np.array([stamp_ns]), {})
 
 
-def test_a_decoder_gives_the_efforts_of_the_message_it_decoded_last(make):
+def test_the_layout_of_a_message_gives_its_efforts_and_its_stamp(make):
     decode = JointStateDecoder(efforts=True)
     for efforts in ([3.0, -4.5], [], [7.0, 8.0]):
         payload = make.joint_state(5, ["a", "b"], [1.0, 2.0], [], efforts)
         assert decode(payload)[1] == ("a", "b")
-        assert decode.efforts(payload).tolist() == efforts
+        known = decode.last
+        assert known is not None
+        assert known.efforts(payload).tolist() == efforts
+        assert known.stamp_ns(payload) == 5
 
 
 def test_a_decoder_of_efforts_refuses_efforts_for_only_some_names(make):

@@ -12,7 +12,7 @@ from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.time_line import Mode
 from cdrj_ros.estimation.estimator import Estimate, initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.conversions import EstimateEncoder
+from cdrj_ros.messages.estimate_encoder import EstimateEncoder
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -52,11 +52,7 @@ class Bench:
     def answer(self, *numbers: int, topics: tuple[int, ...] = (0, 1, 2)) -> None:
         for number in numbers:
             estimate = self._estimate._replace(stamp_ns=FIRST_NS + number * MS)
-            messages = (
-                self._encoder.tensions(estimate),
-                self._encoder.nodal_forces(estimate),
-                self._encoder.efforts(estimate),
-            )
+            messages = self._encoder.encode(estimate)
             for topic in topics:
                 self._hear[topic](messages[topic])
 
@@ -151,7 +147,7 @@ def test_an_estimator_of_another_robot_is_noticed(bench: Bench) -> None:
     names = tuple(name.replace("upper", "left") for name in layout.elements)
     encoder = EstimateEncoder(replace(layout, elements=names))
     bench.send(0)
-    bench.run.listener(0)(encoder.tensions(bench._estimate._replace(stamp_ns=FIRST_NS)))
+    bench.run.listener(0)(encoder.encode(bench._estimate._replace(stamp_ns=FIRST_NS)).tensions)
     assert isinstance(bench.run.trouble, AnotherRobotError)
     assert "tensions are of left/1" in str(bench.run.trouble)
     assert "expected upper/1" in str(bench.run.trouble)
