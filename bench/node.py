@@ -1,8 +1,7 @@
 """Bare nodes that the estimator is compared with, each in its own process.
 
 ``node.py relay FOLDER`` answers every motor message with three prepared messages of the sizes that
-the estimator sends.  ``node.py busy FOLDER`` does so too, after keeping its processor busy for as
-long as the estimator's callbacks.  ``node.py bare`` has one publisher and one subscription.
+the estimator sends.  ``node.py bare`` has one publisher and one subscription.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from __future__ import annotations
 import signal
 import sys
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import rclpy
@@ -22,29 +20,12 @@ from sensor_msgs.msg import JointState
 
 QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
-WORK_US = (6.0, 24.0)
-"""Time that the estimator's callbacks for a joint and a motor message take in a loop on the faster
-machine of docs/speed.md, without the publications [us]."""
 
-
-def _be_busy(for_us: float) -> None:
-    until = perf_counter() + 1e-6 * for_us
-    while perf_counter() < until:
-        pass
-
-
-def relay(name: str, folder: Path, joint_us: float = 0.0, motor_us: float = 0.0) -> Node:
-    """Create a node with the estimator's topics that publishes prepared messages.
-
-    Args:
-        name: of the node and its namespace.
-        folder: of the messages.
-        joint_us: time for which a joint message keeps the node busy [us].
-        motor_us: time for which a motor message keeps it busy before the answers [us].
-    """
+def relay(folder: Path) -> Node:
+    """Create a node with the estimator's topics that publishes the messages in a folder."""
     from cdrj_msgs.msg import CableTensions, NodalForces
 
-    node = Node(name, namespace=name)
+    node = Node("relay", namespace="relay")
     tensions, forces, efforts = (
         node.create_publisher(kind, topic, QOS)
         for kind, topic in (
@@ -56,16 +37,12 @@ def relay(name: str, folder: Path, joint_us: float = 0.0, motor_us: float = 0.0)
     prepared = [(folder / name).read_bytes() for name in ("tensions", "nodal_forces", "efforts")]
 
     def on_motor(_payload: bytes) -> None:
-        if motor_us:
-            _be_busy(motor_us)
         tensions.publish(prepared[0])
         forces.publish(prepared[1])
         efforts.publish(prepared[2])
 
     def on_joint(_payload: bytes) -> None:
         """Send nothing: the estimator, too, answers only the motor message that follows."""
-        if joint_us:
-            _be_busy(joint_us)
 
     node.create_subscription(JointState, "motor_states", on_motor, QOS, raw=True)
     node.create_subscription(JointState, "joint_states", on_joint, QOS, raw=True)
@@ -90,8 +67,7 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, ask)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    work = WORK_US if kind == "busy" else ()
-    node = bare() if kind == "bare" else relay(kind, Path(sys.argv[2]), *work)
+    node = bare() if kind == "bare" else relay(Path(sys.argv[2]))
     executor = EventsExecutor()
     executor.add_node(node)
     if kind == "bare":

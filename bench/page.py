@@ -13,9 +13,8 @@ END = "<!-- End of what `make bench` writes. -->"
 COMPARED = ("numpy", "numba", "rclpy", "mujoco", "exudyn", "opensim", "rosbags", "mcap")
 
 NODE = (
-    "Python's interpreter, whose work takes three times as long in the node as in a loop, because "
-    "other processes use the caches meanwhile; a relay that is only busy for as long as the "
-    "callbacks take in a loop has 1.2 for the answers and 1.4 for the processor time, see above"
+    "the interpreter's part of the callbacks, which take up to three times as long between other "
+    "processes, whose data fill the caches, as in a loop; see below"
 )
 LIMITS = {
     "one update, 2 cables": "the call from Python and its results; see the update in bulk",
@@ -41,9 +40,9 @@ LIMITS = {
         "kernels the rest; a machine on which the bare node starts in 0.17 s needs 0.30 s more"
     ),
     "first start without a compiled kernel: more": (
-        "compilation of the step, the geometry and the standard deviations: 18 s of processor time "
-        "on a machine that adds ten million numbers in 0.24 s; see below; `colcon build` and "
-        "`make demo` do it in advance"
+        "compilation of the step, the geometry in the plane and the standard deviations: 23 s of "
+        "processor time on a machine that adds ten million numbers in 0.37 s; see below; `colcon "
+        "build` and `make demo` do it in advance"
     ),
     "first start without a compiled kernel, until": (
         "the start of Python and the imports of rclpy and numba; a bare node is not ready sooner "

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from bench.figures import ROBOT, Row, compared
-from bench.node import WORK_US
 from bench.processes import (
     Process,
     estimator_command,
@@ -26,9 +25,10 @@ from bench.processes import (
 )
 from bench.update import recorded_motion
 from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.ensemble import spread_columns
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.conversions import EstimateEncoder
+from cdrj_ros.messages.estimate_encoder import EstimateEncoder
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -163,10 +163,10 @@ def _write_answers(model: Model, folder: Path) -> None:
         np.array([joint.reference_angle for joint in robot.joints]),
     )
     _, estimate = step(model, initial_state(model), reference)
-    encoder = EstimateEncoder(model.layout)
-    (folder / "tensions").write_bytes(encoder.tensions(estimate))
-    (folder / "nodal_forces").write_bytes(encoder.nodal_forces(estimate))
-    (folder / "efforts").write_bytes(encoder.efforts(estimate))
+    encoder = EstimateEncoder(model.layout, uncertain=True)
+    stddev = np.zeros(spread_columns(model.layout).size)
+    for name, message in encoder.encode(estimate, stddev)._asdict().items():
+        (folder / name).write_bytes(message)
 
 
 AIMS = {
@@ -176,12 +176,8 @@ AIMS = {
 }
 
 
-BUSY = ": a relay that is busy for {:g} and {:g} µs".format(*WORK_US)
-"""End of the names of the rows of the busy relay."""
-
-
-def _rows(name: str, ours: np.ndarray, theirs: np.ndarray, node: str = "") -> list[Row]:
-    """Rows of one pace and one ``node``; trips [s] have the shape (BLOCKS, TRIPS, 2)."""
+def _rows(name: str, ours: np.ndarray, theirs: np.ndarray) -> list[Row]:
+    """Rows of one pace; trips [s] have the shape (BLOCKS, TRIPS, 2)."""
     rows = []
     for column, answer in enumerate(("tensions", "all three answers")):
         for percent in (50, 99):
@@ -189,15 +185,15 @@ def _rows(name: str, ours: np.ndarray, theirs: np.ndarray, node: str = "") -> li
                 list(np.percentile(trips[:, :, column], percent, axis=1) * 1e6)
                 for trips in (ours, theirs)
             )
-            aimed = "" if node else AIMS.get((name, answer, percent), "")
-            what = f"{name}, until {answer}, p{percent}{node}"
+            aimed = AIMS.get((name, answer, percent), "")
+            what = f"{name}, until {answer}, p{percent}"
             rows.append(compared("node", what, "µs", mine, "bare relay", other, aimed))
     return rows
 
 
 @contextmanager
 def callers() -> Iterator[list[Called]]:
-    """Estimator, relay and the busy relay, each with a caller that is connected to it."""
+    """Estimator and relay, each with a caller that is connected to it."""
     model = load_model(str(ROBOT))
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory()))
@@ -206,7 +202,6 @@ def callers() -> Iterator[list[Called]]:
         commands = {
             "cdrj": estimator_command(),
             "relay": node_command("relay", folder),
-            "busy": node_command("busy", folder),
         }
         processes = {name: stack.enter_context(running(*one)) for name, one in commands.items()}
         nodes = [
@@ -236,26 +231,21 @@ def _turns(nodes: Sequence[Called], period_s: float) -> tuple[np.ndarray, np.nda
     return np.array(trips)[:, 1:], np.array(used)[:, 1:]
 
 
-def _processor_rows(used: np.ndarray) -> list[Row]:
-    """Processor time per sample of the estimator and of the busy relay, beside the relay's.
+def _processor_row(used: np.ndarray) -> Row:
+    """Processor time per sample of the estimator beside the relay's.
 
     Args:
-        used: of a block [s], shape (3, BLOCKS).
+        used: of a block [s], shape (2, BLOCKS).
     """
-    ours, theirs, busy = used / TRIPS * 1e6
+    ours, theirs = used / TRIPS * 1e6
     what = "processor time of the node per sample, 1 kHz"
-    return [
-        compared("node", what, "µs", ours, "bare relay", theirs, "≤ 1.5"),
-        compared("node", what + BUSY, "µs", busy, "bare relay", theirs),
-    ]
+    return compared("node", what, "µs", ours, "bare relay", theirs, "≤ 1.5")
 
 
 def measure() -> list[Row]:
     """Round trip [µs]: paced at 1 kHz, then back to back; processor time of the former [µs]."""
     with callers() as nodes:
-        (ours, theirs, busy), used = _turns(nodes, PERIOD_S)
-        rows = _rows("1 kHz", ours, theirs)
-        rows += [row for row in _rows("1 kHz", busy, theirs, BUSY) if "p50" in row.what]
-        rows += _processor_rows(used)
-        (ours, theirs), _ = _turns(nodes[:2], 0.0)
-        return rows + _rows("back to back", ours, theirs)
+        trips, used = _turns(nodes, PERIOD_S)
+        rows = [*_rows("1 kHz", *trips), _processor_row(used)]
+        trips, _ = _turns(nodes, 0.0)
+        return rows + _rows("back to back", *trips)
