@@ -178,12 +178,15 @@ class Playback:
     def burst(self, number: int) -> None:
         """Send the next messages at once, 0 for all remaining; then return to the previous mode.
 
+        Messages of an earlier request that are not sent yet are sent as well: two requests may
+        arrive before the next ``take``.
+
         Raises:
             UsageError: the number is negative.
         """
         if number < 0:
             raise UsageError(f"number of messages must not be negative, got {number}")
-        self._burst = float(number) if number else inf
+        self._burst += number or inf
 
     def seek(self, time_ns: int) -> int:
         """Go to a time, clamped to [begin_ns, end_ns]; returns the clamped time [ns].

@@ -99,6 +99,16 @@ def test_faster_and_slower_go_through_all_rates_and_back(controls: Controls) -> 
     assert controls.playback.rate == RATES[0]
 
 
+def test_a_key_pressed_twice_before_the_next_message_steps_twice(controls: Controls) -> None:
+    assert controls.playback is not None
+    controls.press(" ")
+    for _ in range(2):
+        reply = controls.press("n")
+        assert reply is not None
+        assert reply.done
+    assert len(controls.playback.take(0.0, 100)) == 2
+
+
 def test_a_burst_at_the_end_is_refused(controls: Controls) -> None:
     assert controls.playback is not None
     assert controls.burst(0).done

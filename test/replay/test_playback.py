@@ -97,6 +97,20 @@ def test_a_step_while_paused_sends_one_message_and_stays_paused() -> None:
     assert playback.position_ns(9.0) == 1 * S
 
 
+def test_requests_that_arrive_before_the_next_messages_are_sent_add_up() -> None:
+    playback = _playing([k * S for k in range(100)])
+    playback.pause(0.0)
+    for number in (1, 1, 3):
+        playback.burst(number)
+    assert _numbers(playback.take(0.0, 4)) == [0, 1, 2, 3]
+    playback.burst(2)
+    assert _numbers(playback.take(0.0, 10)) == [4, 5, 6]
+    assert not playback.take(9.0, 10)
+    playback.burst(0)
+    playback.burst(1)
+    assert len(playback.take(9.0, 100)) == 93
+
+
 def test_after_a_burst_the_time_goes_on_from_its_last_message() -> None:
     playback = _playing([0, 1 * S, 2 * S, 3 * S])
     playback.burst(3)
