@@ -22,6 +22,7 @@ from cdrj_ros.commands.running import DONE
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption, deferring
 from cdrj_ros.foundation.output import say
+from cdrj_ros.nodes.log_callers import introduce_log_callers
 from cdrj_ros.nodes.timer_threads import calm_timers
 
 STOP_POLL_S: Final = 0.1
@@ -156,6 +157,7 @@ def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
                 say(f"no log file: {reason}; ROS_LOG_DIR names another folder", file=sys.stderr)
                 arguments = [*arguments, "--ros-args", "--disable-external-lib-logs"]
             rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+        introduce_log_callers()
         yield StopRequest()
     finally:
         before = [signal.signal(number, signal.SIG_IGN) for number in SIGNALS]
