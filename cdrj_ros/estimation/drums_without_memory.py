@@ -24,10 +24,11 @@ def forget_drums(plan: NDArray[np.int64], numbers: Vector, state: Vector) -> Non
     for c in range(len(layout.cables)):
         cable = layout.cables[c]
         for end in range(2):
-            if layout.ends[2 * c + end].motor < 0:
+            number = layout.ends[2 * c + end].drum
+            if number < 0:
                 continue
             e = cable.first_element + (0 if end == 0 else cable.elements - 1)
-            drum = now.drums[2 * c + end]
+            drum = now.drums[number]
             top = int(drum.points) - 1
             rate = values.ends[2 * c + end].radius / max(now.length[e] / now.material[e], 1.0)
             start_drum(drum, drum.angle[top], drum.material[top], rate)

@@ -173,7 +173,7 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     Raises:
         ValueError: the angles are not those of this robot.
     """
-    stamp, motor_angle, joint_angle = sample[:3]
+    stamp, motor_angle, joint_angle, _, _, _, _ = sample
     before, whole, _ = state
     plan, numbers, size, state_part, estimate_part, layout = model.parts
     out = _empty(size)

@@ -82,7 +82,13 @@ def _sizes(robot: Robot) -> Sizes:
         spatial_frames=len(robot.spatial_frames),
         spatial_nodes=nodes if robot.spatial_frames else 0,
         terms=sum(1 for cable in cables for profile in _profiles(cable) if profile.joint),
+        drums=sum(isinstance(node, Winch) for cable in cables for node in _ends(cable)),
     )
+
+
+def _ends(cable: Cable) -> tuple[Node, Node]:
+    """The first and the last node of a cable."""
+    return cable.nodes[0], cable.nodes[-1]
 
 
 def _profiles(cable: Cable) -> Iterator[Profile]:
@@ -113,6 +119,7 @@ class _Rows:
         self._frames = {name: k for k, name in enumerate(names)}
         self._node = 0
         self._term = 0
+        self._drums = 0
 
     def axes(self) -> None:
         """Fill the rows of motors, of joints, and of the passive torques of both."""
@@ -190,10 +197,11 @@ class _Rows:
             wound_tension=cable.preload,
             slack_tension=cable.slack_tension,
         )
-        for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
+        for end, node in enumerate(_ends(cable)):
             winch = node if isinstance(node, Winch) else None
-            motor = self._motors[winch.motor] if winch else -1
-            _fill(self._plan.ends, 2 * c + end, motor=motor)
+            motor, drum = (self._motors[winch.motor], self._drums) if winch else (-1, -1)
+            self._drums += winch is not None
+            _fill(self._plan.ends, 2 * c + end, motor=motor, drum=drum)
             radius, winding = (winch.reel, winch.winding) if winch else (0.0, 0.0)
             _fill(self._numbers.ends, 2 * c + end, radius=radius, winding=winding)
         stribeck = _stribeck(cable)

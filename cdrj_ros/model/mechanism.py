@@ -126,7 +126,7 @@ def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
         if motor >= 0:
             rate = drum.radius / stretch
             angle = drum.winding * (motor_angle[motor] - numbers.motors[motor].reference_angle)
-            start_drum(after.drums[end], angle, rate * angle, rate)
+            start_drum(after.drums[step.plan.ends[end].drum], angle, rate * angle, rate)
             total -= rate * angle
     for e in range(first, last):
         after.material[e] = after.length[e] * (total / span)
@@ -149,7 +149,7 @@ def _turn_drums(step: Step, c: int, motor_angle: Vector) -> tuple[float, float]:
             continue
         e = cable.first_element if end == 0 else cable.first_element + cable.elements - 1
         stretch = max(before.length[e] / before.material[e], 1.0)
-        memory = step.after.drums[2 * c + end]
+        memory = step.after.drums[step.plan.ends[2 * c + end].drum]
         held = material_held(memory)
         angle = drum.winding * (motor_angle[motor] - step.numbers.motors[motor].reference_angle)
         wound = turn_drum(memory, angle, drum.radius / stretch)
@@ -314,8 +314,8 @@ def advance(
     )
     started = step.before.started[0] != 0.0
     after.started[0] = 1.0
-    for end in range(len(after.drums)):
-        after.drums[end] = step.before.drums[end]
+    for d in range(len(after.drums)):
+        after.drums[d] = step.before.drums[d]
     estimate.motor_effort[:] = 0.0
     estimate.joint_effort[:] = 0.0
     solved_all = True

@@ -61,6 +61,8 @@ class Sizes(NamedTuple):
     """0 for a robot described in the plane."""
     spatial_nodes: int
     """As ``nodes``, or 0 for a robot described in the plane."""
+    drums: int
+    """Ends of cables that motors wind."""
 
 
 class CablePlan:
@@ -82,6 +84,8 @@ class EndPlan:
 
     motor: int
     """Motor of its winch; -1 for an anchor."""
+    drum: int
+    """Its memory among those of the state; -1 for an anchor."""
 
 
 class PulleyPlan:
@@ -256,8 +260,9 @@ def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int]:
 def plan_views(plan: Indices) -> Plan:
     """Named views of the parts of a plan."""
     sizes = Sizes(
-        plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6], plan[7], plan[8], plan[9]
-    )
+        plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6], plan[7], plan[8], plan[9],
+        plan[10],
+    )  # fmt: skip
     cables, ends, pulleys, frames, nodes, terms, spatial_frames, spatial_nodes = _plan_ends(sizes)
     return Plan(
         sizes,

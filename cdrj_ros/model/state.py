@@ -57,7 +57,7 @@ class StateViews(NamedTuple):
     bearing_friction: Vector
     """Friction torques of motors, then joints [N m], of prismatic joints [N], shape (axes,)."""
     drums: Rows[Drum]
-    """Of both ends of every cable, shape (2 cables,)."""
+    """Of every end that a motor winds, shape (drums,); see ``EndPlan.drum``."""
 
 
 class EstimateViews(NamedTuple):
@@ -125,7 +125,7 @@ def _state_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int, i
     lagged_speed = slip_speed + sizes.pulleys
     angle = lagged_speed + sizes.motors + sizes.joints
     bearing_friction = angle + sizes.motors + sizes.joints
-    drums = bearing_friction + 2 * sizes.cables * _DRUM
+    drums = bearing_friction + sizes.drums * _DRUM
     return (
         length, material, delayed, bristle, slip_speed, lagged_speed, angle, bearing_friction,
         drums,

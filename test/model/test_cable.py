@@ -248,7 +248,7 @@ def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(
         parts = state_views(model.sizes, state.values)
         material = parts.material.reshape(2, -1).sum(axis=1)
         for cable in range(2):
-            total[k, cable] = material[cable] + material_held(parts.drums[2 * cable])
+            total[k, cable] = material[cable] + material_held(parts.drums[cable])
     assert loose > 1000
     np.testing.assert_allclose(total, np.broadcast_to(total[0], total.shape), rtol=0, atol=1e-12)
 

@@ -29,7 +29,7 @@ from cdrj_ros.model.mechanism import friction_losses
 from cdrj_ros.model.packing import Sizes, empty_robot, number_views, plan_views
 
 sizes = Sizes(motors=0, joints=0, cables=0, elements=0, pulleys=1, frames=0, nodes=0, terms=0,
-    spatial_frames=0, spatial_nodes=0)
+    spatial_frames=0, spatial_nodes=0, drums=0)
 plan, numbers = empty_robot(sizes)
 plan, numbers = plan_views(plan), number_views(sizes, numbers)
 plan.pulleys[0].wrap_changes = 1

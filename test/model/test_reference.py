@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
+from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import OK, SLACK
@@ -143,11 +144,12 @@ def history_of(model: Model, state: State) -> History | None:
     if not views.started[0]:
         return None
     rows: Any = views.drums
+    ends: Any = plan_views(model.plan).ends
     drums = [
         Drum(row["angle"][:n], row["material"][:n], row["rate_below"], row["spacing"])
-        if (n := int(row["points"]))
+        if drum >= 0 and (n := int((row := rows[drum])["points"]))
         else None
-        for row in rows
+        for drum in ends["drum"]
     ]
     return History(
         views.length, views.material, views.delayed, views.bristle, views.slip_speed,
