@@ -91,6 +91,8 @@ class InputWatch:
         now_s = monotonic()
         _, refusing = refusal_rate(conditioner.refused, self._refused, now_s - self.looked_s)
         self._refused, self.looked_s = dict(conditioner.refused), now_s
+        for one in self._inputs:
+            one.heard.look(now_s)
         age = float("inf")
         if output is not None:
             lag_s = conditioner.time_line.lag_ns * 1e-9

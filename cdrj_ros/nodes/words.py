@@ -19,6 +19,9 @@ MANY: Final = 8
 LONG: Final = 60
 """Maximum number of characters shown of a name."""
 
+SILENT_S: Final = 1.5
+"""Time without a message after which a topic counts as silent [s]."""
+
 TOLERATED_PER_S: Final = 5.0
 """Rate of refused readings below which no warning is given [1/s]."""
 
@@ -38,6 +41,20 @@ class TopicHeard:
     positions: Sequence[float] | NDArray[np.float64] = ()
     """Positions in the latest message [rad or m]."""
     publishers: int = 0
+    silent_s: float = 0.0
+    """Time since the last message, to the second, as of the last ``look`` [s]."""
+    _seen: tuple[int, float] = (0, 0.0)
+    """Number of messages at the last change of it, and its time [s]."""
+
+    def look(self, now_s: float) -> None:
+        """Measure the silence; call once a second.
+
+        Args:
+            now_s: time of a steady clock [s].
+        """
+        if self.messages != self._seen[0]:
+            self._seen = self.messages, now_s
+        self.silent_s = now_s - self._seen[1] if self.messages else 0.0
 
 
 def listed(names: Sequence[str]) -> str:
@@ -93,7 +110,13 @@ def missing_inputs(
         refused: readings refused, by cause.
         robot: provides the joints and their ranges.
     """
-    what = f"no reading of {listed(unheard)} accepted" if unheard else "no common time of all axes"
+    silent = [topic.topic for topic in topics if topic.silent_s > SILENT_S]
+    if unheard:
+        what = f"no reading of {listed(unheard)} accepted"
+    elif silent:
+        what = f"no further message on {listed(silent)}"
+    else:
+        what = "no common time of all axes"
     lines = [what, *(heard_on(topic, unheard, robot) for topic in topics)]
     if words := refusals(refused):
         lines.append(f"refused: {words}")

@@ -132,6 +132,37 @@ def test_a_missing_name_is_reported_with_the_names_that_arrived(
     assert logged(bench, log, "WARN", "the last names winch_motor, not winch")
 
 
+def test_topics_that_have_fallen_silent_are_named(bench: Bench, log: list[tuple[int, str]]) -> None:
+    from cdrj_ros.nodes.input_watch import PATIENCE_S
+
+    node = bench.estimator(timeout=0.05)
+    assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
+
+    def two_seconds_pass() -> None:
+        for one in node.inputs:
+            one.heard._seen = one.heard._seen[0], one.heard._seen[1] - 2.0
+
+    feed(node, 0, 10)
+    assert bench.until(node.watch.lost)
+    diagnosed(node)
+    assert [one.heard.silent_s for one in node.inputs] == [0.0, 0.0]
+    two_seconds_pass()
+    node.motor(MOTOR.encode(BEGIN + 10 * MILLISECOND, position=[0.0]))
+    node.watch.estimated_s -= PATIENCE_S
+    diagnosed(node)
+    words = "no estimate: no further message on /cdrj/joint_states. /cdrj/motor_states: 11 messages"
+    assert logged(bench, log, "WARN", words)
+
+    two_seconds_pass()
+    health = node.watch.health(node.output, 0.0, 0)
+    assert health.waiting.startswith(
+        "no further message on /cdrj/motor_states, /cdrj/joint_states. "
+    )
+    node.joint(JOINT.encode(BEGIN + 10 * MILLISECOND, position=[0.0]))
+    node.motor(MOTOR.encode(BEGIN + 11 * MILLISECOND, position=[0.0]))
+    assert node.watch.health(node.output, 0.0, 0).waiting == ""
+
+
 def test_estimates_that_begin_stop_and_resume_are_logged(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
