@@ -6,7 +6,7 @@ See docs/model.md, sections 2 and 3.
 from __future__ import annotations
 
 from cdrj_ros.model.cable_records import Contact, PulleyNumbers, SolverElement
-from cdrj_ros.model.compiled import lean, stage
+from cdrj_ros.model.compiled import inlined, lean, stage
 from cdrj_ros.model.elasticity import Elasticity, stiffened_tension
 from cdrj_ros.model.friction import BOUND_FLOOR, NONE, friction_force
 from cdrj_ros.model.records import Rows
@@ -73,7 +73,7 @@ def _friction(
     return force, by_slip, by_pull
 
 
-@lean
+@inlined
 def balance(
     elastic: Elasticity,
     elements: Rows[SolverElement],

@@ -91,6 +91,11 @@ def lean(function: F) -> F:
     return _compile(function, _nrt=False)
 
 
+def inlined(function: F) -> F:
+    """As ``lean``, inlined into each of its callers."""
+    return _compile(function, _nrt=False, forceinline=True)
+
+
 def callee(function: F) -> F:
     """As ``lean``, for a kernel that only kernels call: a call from Python raises TypeError.
 
@@ -125,11 +130,17 @@ def usable_in_kernels(function: F) -> F:
     return usable
 
 
-def _compile(function: F, **options: bool) -> F:
+def _compile(function: F, forceinline: bool = False, **options: bool) -> F:
+    """The kernel of a function.
+
+    ``forceinline`` is always set: what is not set, numba takes over from the caller.  Everything
+    that a stage called was inlined, so that the balance of a cable stood in the step eight times.
+    """
     if getattr(numba.config, "DISABLE_JIT", 0):  # NUMBA_DISABLE_JIT=1, for a debugger
         return function
     njit: Any = numba.njit
-    dispatcher = njit(error_model="numpy", nogil=True, no_cfunc_wrapper=True, **options)(function)
+    options |= {"nogil": True, "no_cfunc_wrapper": True, "forceinline": forceinline}
+    dispatcher = njit(error_model="numpy", **options)(function)
     # computed now and not when it is used: the sources may be replaced while the process runs
     file = Path(function.__code__.co_filename)
     stamp = _stamp(None if file.parent == _FOLDER else file)

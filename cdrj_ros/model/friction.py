@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import cos, exp, sqrt
 from typing import Final, get_args
 
-from cdrj_ros.model.compiled import lean
+from cdrj_ros.model.compiled import inlined, lean
 from cdrj_ros.robot.description import LAWS, StribeckForm
 
 # The code of a law or a form is its place among the words of a robot file.
@@ -120,7 +120,7 @@ def blended_loss(
     return kinetic, static
 
 
-@lean
+@inlined
 def friction_force(
     law: int, before: float, slip: float, stiffness: float, bound: float, breakaway: float
 ) -> tuple[float, float, float]:

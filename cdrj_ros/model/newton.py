@@ -9,7 +9,7 @@ from typing import Final
 
 from cdrj_ros.model.balance import balance, tolerance
 from cdrj_ros.model.cable_records import Contact, PulleyNumbers, SolverElement
-from cdrj_ros.model.compiled import callee, lean
+from cdrj_ros.model.compiled import callee, lean, stage
 from cdrj_ros.model.elasticity import Elasticity, modulus_at
 from cdrj_ros.model.friction import LUGRE, NONE
 from cdrj_ros.model.records import Rows
@@ -61,7 +61,7 @@ def _matrix_row(
     return lower, diagonal, upper
 
 
-@callee
+@stage
 def _newton_step(
     elastic: Elasticity, elements: Rows[SolverElement], contacts: Rows[Contact]
 ) -> float:

@@ -10,11 +10,19 @@ import pytest
 from support.warm import Programs
 
 KERNELS = """
-from cdrj_ros.model.compiled import callee, lean
+from cdrj_ros.model.compiled import callee, inlined, lean, stage
 
 @callee
 def halved(x):
     return 0.5 * x
+
+@inlined
+def doubled(x):
+    return 2.0 * x
+
+@stage
+def kept(x):
+    return halved(doubled(x))
 
 @lean
 def part(x):
@@ -23,6 +31,10 @@ def part(x):
 @lean
 def whole(x):
     return part(part(x)) + halved(x)
+
+@lean
+def stepped(x):
+    return kept(x)
 """
 
 IN_TURN = """
@@ -61,6 +73,15 @@ def outer(x):
     return part(x) + halved(x)
 
 print(outer(8.0), part(8.0))
+"""
+
+INLINED = """
+from kernels import doubled, halved, kept, stepped
+
+stepped(8.0)
+for kernel in (kept, doubled, halved):
+    (found,) = kernel.overloads.values()
+    print(int(found.fndesc.inline))
 """
 
 
@@ -112,3 +133,7 @@ def test_a_kernel_is_whole_while_another_thread_compiles_it_as_a_part(
 
 def test_kernels_of_users_can_call_ours(run: Run) -> None:
     assert run(BY_A_KERNEL_OF_THE_USER) == [9.0, 5.0]
+
+
+def test_what_an_inlined_stage_calls_is_inlined_only_where_it_says_so(run: Run) -> None:
+    assert run(INLINED) == [1, 1, 0]
