@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.member_records import BEHIND, LAST_STAMP, TURN, Members, Path
 from cdrj_ros.estimation.member_spread import ANY, is_invalid, write_stddev
-from cdrj_ros.estimation.member_steps import step_members
+from cdrj_ros.estimation.member_steps import step_members_linked
 from cdrj_ros.estimation.member_turns import (
     forget,
     is_due,
@@ -118,12 +118,12 @@ def begin_sample(
         count = len(members.states)
     progress[BEHIND] = 1 if unsolved else 0
     if count > 1:
-        step_members(plan, members, count, hidden, part_s)
+        step_members_linked(plan, members, count, hidden, part_s)
     remember_unseen(members, hidden)
     write_stddev(members, members.estimate, stddev)
     waiting = count == 1 and is_due(members, stamp)
     if waiting and at_once:
-        step_members(plan, members, count, hidden, 0.0)
+        step_members_linked(plan, members, count, hidden, 0.0)
     return WAITING if waiting and not at_once else DONE
 
 
@@ -186,7 +186,7 @@ def advance_with_members(
     copy_part(estimate, 0, members.estimate)
     if not at_once:
         return SOLVED + WAITING
-    step_members(plan, members, ONE, hidden, 0.0)
+    step_members_linked(plan, members, ONE, hidden, 0.0)
     return SOLVED + DONE
 
 

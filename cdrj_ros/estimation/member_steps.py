@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.drums_without_memory import forget_drums
-from cdrj_ros.estimation.member_records import BEHIND, BETWEEN, LAST, LAST_STAMP, TURN, Members
+from cdrj_ros.estimation.member_records import (
+    BEHIND,
+    BETWEEN,
+    LAST,
+    LAST_STAMP,
+    TURN,
+    Members,
+    no_members,
+)
 from cdrj_ros.estimation.member_spread import take_deviation
 from cdrj_ros.model.compiled import callee, lean
 from cdrj_ros.model.friction_history import impose_friction
+from cdrj_ros.model.linked import linked
 from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import state_views
@@ -159,3 +169,15 @@ def step_members(
         members.stamps[k] = stamp
         own = part(members.out, size, size + wanted)
         take_deviation(members, sizes.elements, solved and not unsolved, own, k)
+
+
+def _signature() -> Any:
+    """Types of ``step_members``."""
+    kinds: Any = numba.types
+    plan = kinds.Array(kinds.int64, 1, "C", readonly=True)
+    members = numba.typeof(no_members())  # type: ignore[no-untyped-call,unused-ignore]
+    return kinds.none(plan, members, kinds.int64, kinds.boolean, kinds.float64)
+
+
+step_members_linked: Final = linked(step_members, _signature())
+"""``step_members``, to be called by kernels."""

@@ -50,12 +50,12 @@ def bring_callees(machine_code: bytes) -> None:
             resolve()
 
 
-def linked(kernel: F, signature: str) -> F:
+def linked(kernel: F, signature: Any) -> F:
     """A function for use in kernels that calls ``kernel``, which is loaded before its callers.
 
     Args:
         kernel: from ``compiled`` or ``lean``.
-        signature: its six or seven types, as numba writes them.
+        signature: its five to seven types: numba's signature, or as numba writes it.
     """
     if not hasattr(kernel, "overloads"):  # compilation is switched off
         return kernel
@@ -73,7 +73,7 @@ def linked(kernel: F, signature: str) -> F:
     return _usable(callee, bring, generate)
 
 
-def linked_lazily(kernel: F, signature: str) -> F:
+def linked_lazily(kernel: F, signature: Any) -> F:
     """As ``linked``; the first call compiles or loads ``kernel``, which then stays.
 
     An exception meanwhile, as KeyboardInterrupt, is raised by the outermost kernel.
@@ -112,7 +112,7 @@ class _Callee(NamedTuple):
     """Compiles or loads the kernel, if need be, and gives its address."""
 
 
-def _callee(kernel: Callable[..., Any], signature: str) -> _Callee:
+def _callee(kernel: Callable[..., Any], signature: Any) -> _Callee:
     """The kernel for one signature."""
     dispatcher: Any = kernel
     arguments, result = _sigutils.normalize_signature(signature)
@@ -133,15 +133,19 @@ def _callee(kernel: Callable[..., Any], signature: str) -> _Callee:
 def _usable(callee: _Callee, resolve: Callable[[], None], generate: Callable[..., Any]) -> Any:
     """A function for use in kernels, whose names are resolved before a caller is loaded."""
 
-    def call(_: Any, _a: Any, _b: Any, _c: Any, _d: Any, _e: Any, _f: Any) -> Any:
+    def call_with_five(_: Any, _a: Any, _b: Any, _c: Any, _d: Any, _e: Any) -> Any:
         resolve()
         return callee.result(*callee.arguments), generate
 
-    def call_with_seven(_: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, _g: Any) -> Any:
-        return call(_, a, b, c, d, e, f)
+    def call_with_six(_: Any, a: Any, b: Any, c: Any, d: Any, e: Any, _f: Any) -> Any:
+        return call_with_five(_, a, b, c, d, e)
+
+    def call_with_seven(_: Any, a: Any, b: Any, c: Any, d: Any, e: Any, _f: Any, _g: Any) -> Any:
+        return call_with_five(_, a, b, c, d, e)
 
     _resolve[callee.name] = resolve
-    return _intrinsic(call if len(callee.arguments) == 6 else call_with_seven)
+    calls = {5: call_with_five, 6: call_with_six, 7: call_with_seven}
+    return _intrinsic(calls[len(callee.arguments)])
 
 
 def _call(context: Any, builder: Any, function: Any, callee: _Callee, values: Any) -> Any:
