@@ -109,18 +109,18 @@ def begin_sample(
     unknown = take_unknown(members, hidden)
     if unknown or was_unseen(progress[LAST_STAMP], stamp, members.angle, members.new_angle):
         forget(members)
-    passed = stamp - progress[LAST_STAMP]
-    count, part_s = now_due(members, passed, hidden, least)
+    count, part_s = now_due(members, stamp - progress[LAST_STAMP], hidden, least)
     progress[LAST_STAMP] = stamp
     _move(members)
-    unsolved = is_invalid(members.estimate, plan_views(plan).sizes.elements, ANY)
+    whole = part(members.estimate, 0, members.estimate.size)
+    unsolved = is_invalid(whole, plan_views(plan).sizes.elements, ANY)
     if progress[TURN] == 0 or (progress[BEHIND] != 0 and not unsolved):
         count = len(members.states)
     progress[BEHIND] = 1 if unsolved else 0
     if count > 1:
         step_members_linked(plan, members, count, hidden, part_s)
     remember_unseen(members, hidden)
-    write_stddev(members, members.estimate, stddev)
+    write_stddev(members, whole, stddev)
     waiting = count == 1 and is_due(members, stamp)
     if waiting and at_once:
         step_members_linked(plan, members, count, hidden, 0.0)

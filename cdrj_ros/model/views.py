@@ -1,8 +1,9 @@
 """Views of parts of one flat vector, which holds numbers and rows of several kinds.
 
 Nothing is copied.  Python runs these functions as written.  Inside kernels a view is an address
-and a shape; checking bounds and counting references would take longer than the sample itself, so
-neither is done.  The vector must outlive the view, as an argument of the kernel does.
+and a shape (``cdrj_ros.model.view_type``); checking bounds and counting references would take
+longer than the sample itself, so neither is done.  The vector must outlive the view, as an argument
+of the kernel does.
 """
 
 from __future__ import annotations
@@ -12,15 +13,13 @@ from typing import Any, Final
 from numba import types
 from numba.core import cgutils
 from numba.extending import lower_builtin, type_callable
-from numba.np import arrayobj
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import usable_in_kernels
 from cdrj_ros.model.records import words
+from cdrj_ros.model.view_type import View, address_of, make_view
 
-# numba has no types of its own
-_arrays: Final[Any] = arrayobj
-_cgutils: Final[Any] = cgutils
+_cgutils: Final[Any] = cgutils  # numba has no types of its own
 _lower: Final[Any] = lower_builtin
 
 
@@ -63,34 +62,13 @@ def is_dense(vector: NDArray[Any]) -> bool:
 
 def _view_type(vector: Any, dimensions: int, record: Any = None) -> Any:
     """Type of a view in a kernel; for anything but a flat vector None, which numba rejects."""
-    if not isinstance(vector, types.Array) or vector.ndim != 1 or vector.layout != "C":
+    if isinstance(vector, View) and vector.dimensions == 1:
+        item, mutable = vector.item, vector.mutable
+    elif isinstance(vector, types.Array) and vector.ndim == 1 and vector.layout == "C":
+        item, mutable = vector.dtype, vector.mutable
+    else:
         return None
-    dtype = vector.dtype if record is None else record.dtype
-    return types.Array(dtype, dimensions, "C", readonly=not vector.mutable, aligned=vector.aligned)
-
-
-def _address(context: Any, builder: Any, signature: Any, arguments: Any, shape: list[Any]) -> Any:
-    """A view in numba's representation: address and shape, without an owner."""
-    word = context.get_constant(types.intp, 8)
-    vector = _arrays.make_array(signature.args[0])(context, builder, arguments[0])
-    begin = context.cast(builder, arguments[1], signature.args[1], types.intp)
-    view = _arrays.make_array(signature.return_type)(context, builder)
-    size = context.get_abi_sizeof(context.get_data_type(signature.return_type.dtype))
-    strides: list[Any] = []
-    step = context.get_constant(types.intp, size)
-    itemsize = step
-    for count in reversed(shape):
-        strides.insert(0, step)
-        step = builder.mul(step, count)
-    _arrays.populate_array(
-        view,
-        data=_cgutils.pointer_add(builder, vector.data, builder.mul(begin, word), view.data.type),
-        shape=shape,
-        strides=strides,
-        itemsize=itemsize,
-        meminfo=None,
-    )
-    return view._getvalue()
+    return View(item if record is None else record.dtype, dimensions, mutable)
 
 
 @type_callable(part)
@@ -125,19 +103,32 @@ def _grid_type(_context: Any) -> Any:
     return typer
 
 
-@_lower(part, types.Array, types.Integer, types.Integer)
-@_lower(rows, types.Array, types.Integer, types.Integer, types.DType)
+@_lower(part, types.Any, types.Integer, types.Integer)
+@_lower(rows, types.Any, types.Integer, types.Integer, types.DType)
 def _lower_line(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     begin, end = (
         context.cast(builder, arguments[k], signature.args[k], types.intp) for k in (1, 2)
     )
-    size = context.get_abi_sizeof(context.get_data_type(signature.return_type.dtype))
+    size = context.get_abi_sizeof(context.get_data_type(signature.return_type.item))
     count = builder.sdiv(builder.sub(end, begin), context.get_constant(types.intp, size // 8))
-    return _address(context, builder, signature, arguments, [count])
+    return _from(context, builder, signature, arguments, [count])
 
 
-@_lower(table, types.Array, types.Integer, types.Integer, types.Integer)
-@_lower(grid, types.Array, types.Integer, types.Integer, types.Integer, types.DType)
+@_lower(table, types.Any, types.Integer, types.Integer, types.Integer)
+@_lower(grid, types.Any, types.Integer, types.Integer, types.Integer, types.DType)
 def _lower_rectangle(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     shape = [context.cast(builder, arguments[k], signature.args[k], types.intp) for k in (2, 3)]
-    return _address(context, builder, signature, arguments, shape)
+    return _from(context, builder, signature, arguments, shape)
+
+
+def _from(context: Any, builder: Any, signature: Any, arguments: Any, shape: list[Any]) -> Any:
+    """The view of the vector that begins where the second argument says."""
+    begin = context.cast(builder, arguments[1], signature.args[1], types.intp)
+    kind = signature.return_type
+    data = _cgutils.pointer_add(
+        builder,
+        address_of(context, builder, signature.args[0], arguments[0]),
+        builder.mul(begin, context.get_constant(types.intp, 8)),
+        context.get_data_type(kind.item).as_pointer(),
+    )
+    return make_view(context, builder, kind, data, shape)

@@ -17,6 +17,7 @@ from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.shape import shape_linked
 from cdrj_ros.model.state import scratch_size, scratch_views
+from cdrj_ros.model.views import copy_part
 from cdrj_ros.rig.faults import drums_of
 
 Vector = NDArray[np.float64]
@@ -43,7 +44,7 @@ def _shapes(
     for k in range(joint_angle.shape[0]):
         if not shape_linked(plan, numbers, at_rest, joint_angle[k], lengths[k], scratch):
             return k
-        wraps[k] = scratch_views(sizes, scratch).wrap
+        copy_part(scratch_views(sizes, scratch).wrap, 0, wraps[k])
     return joint_angle.shape[0]
 
 

@@ -1,0 +1,112 @@
+"""Views in kernels do what NumPy's do in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+from numba.core.errors import TypingError
+from numpy.typing import NDArray
+
+from cdrj_ros.model.records import record_type
+from cdrj_ros.model.views import copy_part, grid, part, rows, table
+
+Vector = NDArray[np.float64]
+
+
+class Pair:
+    """A row of two numbers and a vector."""
+
+    first: int
+    second: float
+    both: Vector
+
+
+PAIR = record_type(Pair, both=2)
+
+
+def numbers() -> Vector:
+    return np.arange(40.0)
+
+
+def of_a_part(vector: Vector) -> Any:
+    view = part(vector, 3, 9)
+    inner = view[2:5]
+    inner[0] += 100.0
+    view[4:] = -1.0
+    rest = part(inner, 1, inner.size)
+    return len(view), view.size, view.shape[0], inner[0], rest[0], len(view[5:]), len(view[6:])
+
+
+def of_a_table(vector: Vector) -> Any:
+    view = table(vector, 2, 4, 3)
+    lower = view[1:3]
+    lower[1, 2] = 50.0
+    row = view[2]
+    row[0] = row[2] + view[3, 1]
+    view[3:] = 7.0
+    return len(view), view.size, view.shape, lower.shape[0], lower[0, 1], row[0]
+
+
+def of_rows(vector: Vector) -> Any:
+    pairs = rows(vector, 4, 16, PAIR)
+    pairs[1].second = 60.0
+    pairs[1].both[1] = pairs[0].second
+    pairs[2] = pairs[1]
+    last = pairs[2:3][0]
+    return len(pairs), last.second, last.both[1], pairs[0].second
+
+
+def of_a_grid(vector: Vector) -> Any:
+    pairs = grid(vector, 8, 2, 3, PAIR)
+    pairs[1, 2].second = pairs[0, 1].second
+    return pairs[1, 2].second, pairs[1, 2].both[0]
+
+
+def of_all(vector: Vector) -> Any:
+    view = part(vector, 0, vector.size)
+    copy_part(vector, 20, part(view, 0, 5))
+    view[10:12] = view[0]
+    part(view, 30, 40)[:] = 0.5
+    return view[0], view[11], view[39]
+
+
+@pytest.mark.parametrize("function", [of_a_part, of_a_table, of_rows, of_a_grid, of_all])
+def test_a_kernel_reads_and_writes_as_python_does(function: Callable[[Vector], Any]) -> None:
+    in_python, in_kernel = numbers(), numbers()
+    expected = function(in_python)
+    assert numba.njit(function)(in_kernel) == expected
+    np.testing.assert_array_equal(in_kernel, in_python)
+    assert not np.array_equal(in_kernel, numbers())
+
+
+def test_a_view_of_what_cannot_be_written_cannot_be_written() -> None:
+    fixed = numbers()
+    fixed.flags.writeable = False
+
+    @numba.njit
+    def read(vector: Vector) -> float:
+        return part(vector, 1, 3)[1]
+
+    @numba.njit
+    def write(vector: Vector) -> None:
+        part(vector, 1, 3)[1] = 0.0
+
+    assert read(fixed) == 2.0
+    with pytest.raises(TypingError, match="setitem"):
+        write(fixed)
+
+
+def test_a_kernel_that_takes_arrays_takes_views() -> None:
+    @numba.njit(["float64(float64[::1])", "float64(float64[:, ::1])"])
+    def takes(array: NDArray[np.float64]) -> Any:
+        return array.sum() if array.ndim == 1 else array[1, 1:].sum() + array.strides[0]
+
+    @numba.njit
+    def total(vector: Vector) -> tuple[float, float]:
+        return takes(part(vector, 1, 4)), takes(table(vector, 1, 2, 3))
+
+    assert total(numbers()) == (6.0, 11.0 + 3 * 8)
