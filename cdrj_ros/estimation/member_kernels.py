@@ -25,7 +25,7 @@ from cdrj_ros.estimation.member_turns import (
 from cdrj_ros.model.compiled import callee, lean, stage
 from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import plan_views
-from cdrj_ros.model.views import copy_part, is_dense, part
+from cdrj_ros.model.views import copy_part, is_dense, part, views_of
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -101,27 +101,27 @@ def begin_sample(
 
     Takes 10 arguments, because copying them in Python takes longer than the rest.
     """
-    if not _fit(members, motor_angle, joint_angle, estimate):
+    own = views_of(members)
+    if not _fit(own, motor_angle, joint_angle, estimate):
         return UNFIT
-    progress = members.progress
-    _join(motor_angle, joint_angle, members.new_angle)
-    copy_part(estimate, 0, members.estimate)
-    unknown = take_unknown(members, hidden)
-    if unknown or was_unseen(progress[LAST_STAMP], stamp, members.angle, members.new_angle):
-        forget(members)
-    count, part_s = now_due(members, stamp - progress[LAST_STAMP], hidden, least)
+    progress = own.progress
+    _join(motor_angle, joint_angle, own.new_angle)
+    copy_part(estimate, 0, own.estimate)
+    unknown = take_unknown(own, hidden)
+    if unknown or was_unseen(progress[LAST_STAMP], stamp, own.angle, own.new_angle):
+        forget(own)
+    count, part_s = now_due(own, stamp - progress[LAST_STAMP], hidden, least)
     progress[LAST_STAMP] = stamp
-    _move(members)
-    whole = part(members.estimate, 0, members.estimate.size)
-    unsolved = is_invalid(whole, plan_views(plan).sizes.elements, ANY)
+    _move(own)
+    unsolved = is_invalid(own.estimate, plan_views(plan).sizes.elements, ANY)
     if progress[TURN] == 0 or (progress[BEHIND] != 0 and not unsolved):
-        count = len(members.states)
+        count = len(own.states)
     progress[BEHIND] = 1 if unsolved else 0
     if count > 1:
         step_members_linked(plan, members, count, hidden, part_s)
-    remember_unseen(members, hidden)
-    write_stddev(members, whole, stddev)
-    waiting = count == 1 and is_due(members, stamp)
+    remember_unseen(own, hidden)
+    write_stddev(own, own.estimate, stddev)
+    waiting = count == 1 and is_due(own, stamp)
     if waiting and at_once:
         step_members_linked(plan, members, count, hidden, 0.0)
     return WAITING if waiting and not at_once else DONE
@@ -171,19 +171,20 @@ def advance_with_members(
         ValueError: as ``advance``.
     """
     solved = advance_robot(plan, nominal, before, motor_angle, joint_angle, dt, out)
-    if hidden or not solved or not _is_ordinary(members, motor_angle, joint_angle, stamp):
+    own = views_of(members)
+    if hidden or not solved or not _is_ordinary(own, motor_angle, joint_angle, stamp):
         return SPECIAL + SOLVED if solved else SPECIAL
-    state = members.states.shape[1]
-    estimate = part(out, state, state + members.estimate.size)
-    if stamp != members.progress[LAST_STAMP]:
-        note_unseen(members.unseen, hidden, members.intervals)
-    members.progress[LAST_STAMP] = stamp
-    _move(members)
-    remember_unseen(members, hidden)
-    write_stddev(members, estimate, stddev)
-    if not is_due(members, stamp):
+    state = own.states.shape[1]
+    estimate = part(out, state, state + own.estimate.size)
+    if stamp != own.progress[LAST_STAMP]:
+        note_unseen(own.unseen, hidden, own.intervals)
+    own.progress[LAST_STAMP] = stamp
+    _move(own)
+    remember_unseen(own, hidden)
+    write_stddev(own, estimate, stddev)
+    if not is_due(own, stamp):
         return SOLVED + DONE
-    copy_part(estimate, 0, members.estimate)
+    copy_part(estimate, 0, own.estimate)
     if not at_once:
         return SOLVED + WAITING
     step_members_linked(plan, members, ONE, hidden, 0.0)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.member_records import Members
 from cdrj_ros.model.compiled import callee
 from cdrj_ros.model.status import INVALID
-from cdrj_ros.model.views import part
 
 Vector = NDArray[np.float64]
 
@@ -36,7 +35,7 @@ def take_deviation(members: Members, elements: int, all_solved: bool, own: Vecto
 
     Quantities not solved in either keep their last difference.
     """
-    columns, estimate = members.columns, part(members.estimate, 0, members.estimate.size)
+    columns, estimate = members.columns, members.estimate
     deviation, variance = members.deviation, members.variance
     count = deviation.shape[0]
     for c in range(columns.size):

@@ -25,7 +25,7 @@ from cdrj_ros.model.linked import linked
 from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import state_views
-from cdrj_ros.model.views import copy_part, part
+from cdrj_ros.model.views import copy_part, part, views_of
 
 Vector = NDArray[np.float64]
 
@@ -143,7 +143,7 @@ def step_members(
         part_s: if an axis may have moved unseen since the sample before, the time since then
             divided by ``PARTS`` [s]: each member then takes a path of its own; otherwise 0.
     """
-    sizes = plan_views(plan).sizes
+    sizes, members = plan_views(plan).sizes, views_of(members)
     readings, progress = members.readings, members.progress
     states, stamp = members.states, progress[LAST_STAMP]
     motors, axes = sizes.motors, sizes.motors + sizes.joints

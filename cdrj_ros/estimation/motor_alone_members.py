@@ -23,7 +23,7 @@ from cdrj_ros.model.compiled import callee, lean
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import estimate_views
 from cdrj_ros.model.status import INVALID
-from cdrj_ros.model.views import copy_part
+from cdrj_ros.model.views import copy_part, views_of
 
 Vector = NDArray[np.float64]
 
@@ -42,6 +42,7 @@ def run_alone(plan: NDArray[np.int64], alone: Alone, recorded: Recorded) -> None
         alone: the estimate and its ensemble, changed.
         recorded: the samples; their results are written.
     """
+    alone, recorded = views_of(alone), views_of(recorded)
     members, progress = alone.deviation.shape[0], alone.progress
     for k in range(recorded.stamp_ns.size):
         stamp = recorded.stamp_ns[k]
@@ -49,7 +50,7 @@ def run_alone(plan: NDArray[np.int64], alone: Alone, recorded: Recorded) -> None
         for m in range(alone.motor_effort.size):
             heard |= isfinite(recorded.effort[k, m])
         if not heard:
-            forget(alone)
+            _forget(alone)
             _write_unknown(plan, recorded, k)
             continue
         first = alone.memories[0, 0] == 0.0
@@ -73,6 +74,12 @@ def run_alone(plan: NDArray[np.int64], alone: Alone, recorded: Recorded) -> None
 @lean
 def forget(alone: Alone) -> None:
     """Discard everything that was heard; the next effort starts anew."""
+    _forget(views_of(alone))
+
+
+@callee
+def _forget(alone: Alone) -> None:
+    """``forget``, for kernels."""
     alone.memories[:] = 0.0
     alone.states[:] = 0.0
     alone.deviation[:] = 0.0
@@ -138,8 +145,8 @@ def _write_stddev(alone: Alone, estimate: Vector, stddev: Vector, angle_stddev: 
 @callee
 def _write_unknown(plan: NDArray[np.int64], recorded: Recorded, k: int) -> None:
     """No effort was heard: no numbers, and every element is ``INVALID``."""
-    recorded.estimates[k, :] = nan
+    recorded.estimates[k][:] = nan
     estimate_views(plan_views(plan).sizes, recorded.estimates[k]).status[:] = INVALID
-    recorded.stddevs[k, :] = nan
-    recorded.angles[k, :] = nan
-    recorded.angle_stddevs[k, :] = nan
+    recorded.stddevs[k][:] = nan
+    recorded.angles[k][:] = nan
+    recorded.angle_stddevs[k][:] = nan

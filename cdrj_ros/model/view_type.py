@@ -2,7 +2,7 @@
 
 Numba passes an array as seven numbers, most of which a part of a vector does not need.  A sample
 has sixty views, and passing those numbers on took a third of the code of its kernels.  A view has
-two numbers, a table three.
+two numbers, and one more for each further axis.
 
 Kernels read and write views by index and by slice, and ask for length, size and shape.  Bounds are
 not checked, and no index is negative.  Where a kernel that is called by name takes an array, numba
@@ -38,21 +38,20 @@ _signature: Final[Any] = templates.signature
 _templates: Final[Any] = templates
 _types: Final[Any] = types
 
-_PAIR: Final[Any] = _types.UniTuple(_types.intp, 2)
-
 
 class View(_types.Type):  # type: ignore[misc]
     """A part of a contiguous vector, with numbers or rows of the type ``item``."""
 
     def __init__(self, item: Any, dimensions: int, mutable: bool) -> None:
-        """One dimension, or two."""
         self.item, self.dimensions, self.mutable = item, dimensions, mutable
         self.array = _types.Array(item, dimensions, "C", readonly=not mutable)
         super().__init__(f"View({self.array})")
 
     def entry(self) -> Any:
         """Type of what one index selects."""
-        return self.item if self.dimensions == 1 else View(self.item, 1, self.mutable)
+        if self.dimensions == 1:
+            return self.item
+        return View(self.item, self.dimensions - 1, self.mutable)
 
     def can_convert_to(self, context: Any, other: Any) -> Any:
         """How well a view can be passed as ``other``, which may be an array."""
@@ -85,17 +84,13 @@ def _counts(builder: Any, kind: View, view: Any) -> list[Any]:
     return [builder.extract_value(view, 1 + k) for k in range(kind.dimensions)]
 
 
-def _moved(builder: Any, kind: View, view: Any, place: Any) -> Any:
-    """The address of what an index selects."""
-    if kind.dimensions == 2:
-        place = builder.mul(place, builder.extract_value(view, 2))
-    return builder.gep(builder.extract_value(view, 0), [place], inbounds=True)
-
-
-def _moved_in_table(builder: Any, view: Any, places: Any) -> Any:
-    """The address of what two indices select."""
-    row, column = (builder.extract_value(places, k) for k in range(2))
-    place = builder.add(builder.mul(row, builder.extract_value(view, 2)), column)
+def _moved(builder: Any, kind: View, view: Any, places: list[Any]) -> Any:
+    """The address of what indices of the first axes select."""
+    place = places[0]
+    for axis, count in enumerate(_counts(builder, kind, view)[1:], 1):
+        place = builder.mul(place, count)
+        if axis < len(places):
+            place = builder.add(place, places[axis])
     return builder.gep(builder.extract_value(view, 0), [place], inbounds=True)
 
 
@@ -106,7 +101,8 @@ def _sliced(context: Any, builder: Any, kind: View, view: Any, bounds: Any) -> A
     beyond = builder.icmp_signed("<", limits.stop, counts[0])
     end = builder.select(beyond, limits.stop, counts[0])
     counts[0] = builder.sub(end, limits.start)
-    return make_view(context, builder, kind, _moved(builder, kind, view, limits.start), counts)
+    data = _moved(builder, kind, view, [limits.start])
+    return make_view(context, builder, kind, data, counts)
 
 
 @_templates.infer_global(operator.getitem)
@@ -119,8 +115,8 @@ class _Getitem(_templates.AbstractTemplate):  # type: ignore[misc]
             return _signature(kind.entry(), kind, _types.intp)
         if place == _types.slice2_type:
             return _signature(kind, kind, place)
-        if kind.dimensions == 2 and _is_pair(place):
-            return _signature(kind.item, kind, _PAIR)
+        if _selects_entry(kind, place):
+            return _signature(kind.item, kind, _types.UniTuple(_types.intp, len(place)))
         return None
 
 
@@ -134,16 +130,17 @@ class _Setitem(_templates.AbstractTemplate):  # type: ignore[misc]
             return _signature(_types.none, kind, _types.intp, kind.item)
         if place == _types.slice2_type:
             return _signature(_types.none, kind, place, kind.item)
-        if kind.dimensions == 2 and _is_pair(place):
-            return _signature(_types.none, kind, _PAIR, kind.item)
+        if _selects_entry(kind, place):
+            indices = _types.UniTuple(_types.intp, len(place))
+            return _signature(_types.none, kind, indices, kind.item)
         return None
 
 
-def _is_pair(place: Any) -> bool:
-    """Whether an index is a tuple of two integers."""
+def _selects_entry(kind: View, place: Any) -> bool:
+    """Whether an index is a tuple of as many integers as the view has axes."""
     return (
         isinstance(place, _types.BaseTuple)
-        and len(place) == 2
+        and len(place) == kind.dimensions
         and all(isinstance(one, _types.Integer) for one in place)
     )
 
@@ -151,10 +148,10 @@ def _is_pair(place: Any) -> bool:
 @_lower(operator.getitem, View, _types.Integer)
 def _get_entry(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     kind, (view, place) = signature.args[0], arguments
-    address = _moved(builder, kind, view, place)
-    if kind.dimensions == 2:
-        width = builder.extract_value(view, 2)
-        return make_view(context, builder, kind.entry(), address, [width])
+    address = _moved(builder, kind, view, [place])
+    if kind.dimensions > 1:
+        counts = _counts(builder, kind, view)[1:]
+        return make_view(context, builder, kind.entry(), address, counts)
     return _arrays.load_item(context, builder, kind.array, address)
 
 
@@ -165,22 +162,24 @@ def _get_slice(context: Any, builder: Any, signature: Any, arguments: Any) -> An
 
 @_lower(operator.getitem, View, _types.BaseTuple)
 def _get_from_table(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    address = _moved_in_table(builder, *arguments)
-    return _arrays.load_item(context, builder, signature.args[0].array, address)
+    kind, (view, places) = signature.args[0], arguments
+    address = _moved(builder, kind, view, _cgutils.unpack_tuple(builder, places))
+    return _arrays.load_item(context, builder, kind.array, address)
 
 
 @_lower(operator.setitem, View, _types.Integer, _types.Any)
 def _set_entry(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     kind, (view, place, value) = signature.args[0], arguments
-    _arrays.store_item(context, builder, kind.array, value, _moved(builder, kind, view, place))
+    address = _moved(builder, kind, view, [place])
+    _arrays.store_item(context, builder, kind.array, value, address)
     return context.get_dummy_value()
 
 
 @_lower(operator.setitem, View, _types.BaseTuple, _types.Any)
 def _set_in_table(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    view, places, value = arguments
-    address = _moved_in_table(builder, view, places)
-    _arrays.store_item(context, builder, signature.args[0].array, value, address)
+    kind, (view, places, value) = signature.args[0], arguments
+    address = _moved(builder, kind, view, _cgutils.unpack_tuple(builder, places))
+    _arrays.store_item(context, builder, kind.array, value, address)
     return context.get_dummy_value()
 
 
@@ -221,8 +220,10 @@ class _Attributes(_templates.AttributeTemplate):  # type: ignore[misc]
 
 def _size(builder: Any, kind: View, view: Any) -> Any:
     """Number of entries of a view."""
-    counts = _counts(builder, kind, view)
-    return counts[0] if kind.dimensions == 1 else builder.mul(*counts)
+    first, *others = _counts(builder, kind, view)
+    for count in others:
+        first = builder.mul(first, count)
+    return first
 
 
 @_lower_getattr(View, "size")

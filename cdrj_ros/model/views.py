@@ -8,10 +8,10 @@ of the kernel does.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from numba import types
-from numba.core import cgutils
+from numba.core import cgutils, imputils
 from numba.extending import lower_builtin, type_callable
 from numpy.typing import NDArray
 
@@ -19,8 +19,12 @@ from cdrj_ros.model.compiled import usable_in_kernels
 from cdrj_ros.model.records import words
 from cdrj_ros.model.view_type import View, address_of, make_view
 
+T = TypeVar("T")
+
 _cgutils: Final[Any] = cgutils  # numba has no types of its own
+_borrowed: Final[Any] = imputils.impl_ret_borrowed
 _lower: Final[Any] = lower_builtin
+_types: Final[Any] = types
 
 
 def part(vector: NDArray[Any], begin: int, end: int) -> NDArray[Any]:
@@ -42,6 +46,14 @@ def grid(vector: NDArray[Any], begin: int, height: int, width: int, record: Any)
     """``height`` by ``width`` rows of a record type from ``begin`` on."""
     end = begin + height * width * words(record)
     return vector[begin:end].view(record).reshape(height, width)
+
+
+def views_of(arrays: T) -> T:
+    """A named tuple of arrays, with a view for each of them in a kernel.
+
+    Arrays that are not contiguous remain arrays.  Tuples in the tuple are converted alike.
+    """
+    return arrays
 
 
 @usable_in_kernels
@@ -132,3 +144,40 @@ def _from(context: Any, builder: Any, signature: Any, arguments: Any, shape: lis
         context.get_data_type(kind.item).as_pointer(),
     )
     return make_view(context, builder, kind, data, shape)
+
+
+def _viewed(kind: Any) -> Any:
+    """Type of what ``views_of`` makes of a type."""
+    if isinstance(kind, types.Array) and kind.layout == "C":
+        return View(kind.dtype, kind.ndim, kind.mutable)
+    if isinstance(kind, types.NamedTuple):
+        return _types.NamedTuple([_viewed(one) for one in kind], kind.instance_class)
+    return kind
+
+
+@type_callable(views_of)
+def _views_type(_context: Any) -> Any:
+    return _viewed
+
+
+@_lower(views_of, types.Any)
+def _lower_views(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    kind, wanted = signature.args[0], signature.return_type
+    value = _as_viewed(context, builder, kind, wanted, arguments[0])
+    return _borrowed(context, builder, wanted, value)  # arrays that remain keep their owners
+
+
+def _as_viewed(context: Any, builder: Any, kind: Any, wanted: Any, value: Any) -> Any:
+    """A value of one type as what ``views_of`` makes of it."""
+    if kind == wanted:
+        return value
+    if isinstance(wanted, View):
+        place = context.data_model_manager[kind].get_field_position("shape")
+        counts = _cgutils.unpack_tuple(builder, builder.extract_value(value, place))
+        data = address_of(context, builder, kind, value)
+        return make_view(context, builder, wanted, data, counts)
+    entries = [
+        _as_viewed(context, builder, *kinds, builder.extract_value(value, place))
+        for place, kinds in enumerate(zip(kind, wanted, strict=True))
+    ]
+    return context.make_tuple(builder, wanted, entries)

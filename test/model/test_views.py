@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -12,7 +12,7 @@ from numba.core.errors import TypingError
 from numpy.typing import NDArray
 
 from cdrj_ros.model.records import record_type
-from cdrj_ros.model.views import copy_part, grid, part, rows, table
+from cdrj_ros.model.views import copy_part, grid, part, rows, table, views_of
 
 Vector = NDArray[np.float64]
 
@@ -74,7 +74,32 @@ def of_all(vector: Vector) -> Any:
     return view[0], view[11], view[39]
 
 
-@pytest.mark.parametrize("function", [of_a_part, of_a_table, of_rows, of_a_grid, of_all])
+class Inner(NamedTuple):
+    flags: NDArray[np.bool_]
+    spaced: Vector
+
+
+class Outer(NamedTuple):
+    vector: Vector
+    cube: NDArray[np.float64]
+    inner: Inner
+    count: int
+
+
+def of_a_tuple(vector: Vector) -> Any:
+    flags, spaced = np.zeros(3, dtype=np.bool_), vector[::2]
+    outer = views_of(Outer(vector, vector[:24].reshape(2, 3, 4), Inner(flags, spaced), 7))
+    outer.cube[1, 2, 3] = outer.vector[1] + outer.inner.spaced[3]
+    outer.cube[1][1, 2] = -2.0
+    outer.cube[1][0][:] = -3.0
+    outer.inner.flags[1] = outer.count == 7
+    shape = outer.cube.shape
+    return shape, outer.cube.size, outer.cube[0, 1, 2], flags[1], flags[2], len(outer.cube[1:])
+
+
+@pytest.mark.parametrize(
+    "function", [of_a_tuple, of_a_part, of_a_table, of_rows, of_a_grid, of_all]
+)
 def test_a_kernel_reads_and_writes_as_python_does(function: Callable[[Vector], Any]) -> None:
     in_python, in_kernel = numbers(), numbers()
     expected = function(in_python)
