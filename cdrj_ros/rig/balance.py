@@ -11,6 +11,7 @@ from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import estimate_size, scratch_size, state_size
+from cdrj_ros.model.views import copy_part
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -36,8 +37,11 @@ def scan(
     size = state_size(sizes)
     state = np.zeros(size)
     out = np.empty(size + estimate_size(sizes) + scratch_size(sizes))
+    motor_angle = np.empty(base.size)
     for k in range(angles.size):
-        advance_robot(plan, numbers, state, base + direction * angles[k], joint_angle, 0.0, out)
+        for m in range(base.size):
+            motor_angle[m] = base[m] + direction[m] * angles[k]
+        advance_robot(plan, numbers, state, motor_angle, joint_angle, 0.0, out)
         efforts[k] = out[size + effort_place]
 
 
@@ -161,6 +165,6 @@ def balance(
             excused = happening[k]
         angle, phase = b, following
         drive[k], phases[k], lacking[k] = b, phase, fb
-        state[:] = out[:size]
-        estimates[k] = out[size : size + wanted]
+        copy_part(out, 0, state)
+        copy_part(out, size, estimates[k])
     return dt.size, angle, phase, excused, 0.0

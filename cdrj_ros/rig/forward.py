@@ -19,6 +19,7 @@ from cdrj_ros.model.compiled import compiled
 from cdrj_ros.model.mechanism import advance_robot
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.state import scratch_size
+from cdrj_ros.model.views import copy_part
 from cdrj_ros.rig.assembly import BATCH, Kept, MotionError, Truth, make_rig, read_out, require_taut
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.load import (
@@ -172,7 +173,7 @@ def swing_steps(
     out = np.empty(size + wanted + scratch_size(plan_views(plan).sizes))
     pose = np.empty(joints.shape[1])
     for k in range(dt.size):
-        pose[:] = joints[k]
+        copy_part(joints[k], 0, pose)
         q0, v0, torque0 = course[0], course[1], course[3]
         q, excess = q0, 0.0
         if dt[k] > 0.0:
@@ -215,6 +216,6 @@ def swing_steps(
         course[3] = sign * out[size + effort_place]
         joints[k, joint] = pose_angle
         residual[k] = excess
-        state[:] = out[:size]
-        estimates[k] = out[size : size + wanted]
+        copy_part(out, 0, state)
+        copy_part(out, size, estimates[k])
     return dt.size
