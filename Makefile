@@ -25,6 +25,7 @@ BENCH := .venv/.bench-is-ready
 DOCS := .venv/.docs-is-ready
 MESSAGES := install/.cdrj_msgs-is-built
 PACKAGE := install/.cdrj_ros-is-built
+KERNELS := install/.kernels-are-compiled
 IN_ENV := . tools/env.sh &&
 
 # The Python files are linked, not copied, so that a change in them needs no build. Other installed
@@ -33,7 +34,8 @@ INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/nul
 
 .PHONY: demo live test check style bench docs soak figures setup lock clean
 
-demo: setup
+# The kernels that the demonstration does without are compiled while it plays.
+demo: $(PACKAGE)
 	@$(IN_ENV) python tools/demo.py
 
 live: setup
@@ -80,7 +82,7 @@ figures: setup
 	@$(IN_ENV) python tools/figures.py $(if $(DAVINCI),--davinci $(DAVINCI))
 	@$(IN_ENV) python tools/view_figures.py
 
-setup: $(PACKAGE)
+setup: $(KERNELS)
 
 $(VENV): requirements/constraints.txt requirements/ros.txt requirements/runtime.txt \
 		requirements/dev.txt tools/setup_venv.sh tools/mend_wheels.py
@@ -101,6 +103,10 @@ $(MESSAGES): $(VENV) tools/build.sh $(shell find msg_defs -print)
 
 $(PACKAGE): $(MESSAGES) package.xml setup.py setup.cfg $(INSTALLED)
 	@tools/build.sh cdrj_ros
+	@touch $@
+
+$(KERNELS): $(PACKAGE)
+	@tools/build.sh kernels
 	@touch $@
 
 # Update the pinned versions, for every supported Python at once. Needs `uv` on the path.

@@ -62,8 +62,11 @@ def compile_kernels(folder: Path) -> None:
     """Compile the numerical kernels of the package in `folder`, so that no start has to.
 
     They are kept beside the sources, for this machine's processor. Without them everything works:
-    the first start compiles.
+    the first start compiles. If the environment has ``CDRJ_KERNELS=later``, this is left to the
+    caller.
     """
+    if os.environ.get("CDRJ_KERNELS") == "later":
+        return
     paths = [str(folder), *filter(None, [os.environ.get("PYTHONPATH")])]
     done = subprocess.run(
         [sys.executable, "-m", f"{PACKAGE}.commands.compile_ahead", "--missing"],

@@ -1,14 +1,21 @@
 #!/usr/bin/env bash
-# Build one of the two packages with colcon into install/. Called by `make setup`.
+# Build one of the two packages with colcon into install/, or compile the kernels. Called by `make`.
 #
-#   tools/build.sh PACKAGE
+#   tools/build.sh cdrj_msgs | cdrj_ros | kernels
 #
-# The numerical kernels need neither ROS nor the messages. They are compiled beside the sources while the
-# messages are built; the build of `cdrj_ros` compiles those that are missing.
+# The numerical kernels need neither ROS nor the messages. Those of every start are compiled beside the
+# sources while the messages are built, the others afterwards, or while `make demo` plays.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/say.sh
 . tools/env.sh
+
+compile_kernels() { python -m cdrj_ros.commands.compile_ahead --missing "$@"; }
+
+if [ "$1" = kernels ]; then
+    stage build/kernels.log "Compiling the other numerical kernels" compile_kernels
+    exit
+fi
 
 # Remove files that are no longer among the sources.
 rm -rf "install/$1"
@@ -32,13 +39,14 @@ build() {
         "-DPython3_EXECUTABLE=$VIRTUAL_ENV/bin/python"
 }
 
+export CDRJ_KERNELS=later
 if [ "$1" != cdrj_msgs ]; then
     stage "build/colcon-$1.log" "Building $1" build "$1"
     exit
 fi
 
 mkdir -p build
-python -m cdrj_ros.commands.compile_ahead --missing >build/kernels.out 2>&1 &
+compile_kernels --start >build/kernels.out 2>&1 &
 kernels=$!
 # The processes that it has started end with it.
 trap 'kill "$kernels" 2>/dev/null || true' EXIT
@@ -51,5 +59,4 @@ rest_of_kernels() {
 }
 
 stage "build/colcon-$1.log" "Building $1" build "$1"
-stage build/kernels.log "Compiling the rest of the numerical kernels" rest_of_kernels ||
-    printf 'The build of cdrj_ros tries again.\n'
+stage build/kernels.log "Compiling the numerical kernels of every start" rest_of_kernels

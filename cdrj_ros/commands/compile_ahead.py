@@ -220,16 +220,22 @@ def _end_with_the_parent() -> None:
 
 
 def main() -> int:
-    """Compile all parts, or those that are not on disk."""
+    """Compile all parts or those of every start, or what of them is not on disk."""
     parser = argparse.ArgumentParser(prog="compile_ahead", description=__doc__.partition("\n")[0])
     parser.add_argument(
         "--missing",
         action="store_true",
         help="only what is not on disk, compiled from these sources",
     )
-    missing = parser.parse_args().missing
+    parser.add_argument(
+        "--start", action="store_true", help="only what every start of the estimator needs"
+    )
+    arguments = parser.parse_args()
     begin = monotonic()
-    if not compile_kernels([part for part in PARTS if not (missing and is_compiled(part))]):
+    parts = OF_EVERY_START if arguments.start else PARTS
+    if not compile_kernels(
+        [part for part in parts if not (arguments.missing and is_compiled(part))]
+    ):
         return 1
     print(f"kernels compiled in {monotonic() - begin:.0f} s", flush=True)
     return 0

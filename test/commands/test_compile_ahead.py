@@ -148,11 +148,11 @@ def test_only_parts_that_are_not_on_disk_are_compiled(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(compile_ahead, "compile_together", note)
     monkeypatch.setattr(compile_ahead, "is_compiled", lambda part: part not in ("rig", "members"))
-    for arguments in (["--missing"], []):
+    for arguments in (["--missing"], ["--missing", "--start"], []):
         monkeypatch.setattr(sys, "argv", ["compile_ahead", *arguments])
         assert compile_ahead.main() == 0
-    assert asked[:2] == [["members"], ["rig"]]
-    assert sorted(asked[2] + asked[3]) == sorted(PARTS)
+    assert asked[:4] == [["members"], ["rig"], ["members"], []]
+    assert sorted(asked[4] + asked[5]) == sorted(PARTS)
 
 
 @pytest.mark.parametrize("changed", ["", "def loose() -> None:\n    pass\n"])
@@ -249,6 +249,15 @@ def test_a_build_with_links_compiles_beside_the_sources(sources: Path) -> None:
 
 def test_a_build_for_other_machines_compiles_nothing(sources: Path) -> None:
     done = set_up(sources, "install", "--root", "../root", "--record", "list")
+    assert done.returncode == 0, done.stderr
+    assert not list(sources.parent.rglob("compiled here"))
+
+
+def test_a_build_compiles_nothing_if_the_caller_does(
+    sources: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CDRJ_KERNELS", "later")
+    done = set_up(sources, *INSTALL)
     assert done.returncode == 0, done.stderr
     assert not list(sources.parent.rglob("compiled here"))
 
