@@ -104,13 +104,13 @@ def limits(problem: Problem) -> tuple[Vector, Vector]:
 
 
 def with_priors(problem: Problem, coordinates: Vector, residuals: Vector) -> Vector:
-    """Residuals followed by those of the priors."""
+    """Residuals followed by those of the priors; a new array, which older SciPy scales in place."""
     priors = [
         problem.prior_scale * (unknown.value(float(x)) - unknown.prior[0]) / unknown.prior[1]
         for unknown, x in zip(problem.unknowns, coordinates, strict=True)
         if unknown.prior is not None
     ]
-    return np.concatenate([residuals, priors]) if priors else residuals
+    return np.concatenate([residuals, priors])
 
 
 def jacobian(problem: Problem, coordinates: Vector, central: bool = False) -> Table:

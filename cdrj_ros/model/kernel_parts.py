@@ -53,10 +53,12 @@ class _Part(_codegen.JITCodeLibrary):  # type: ignore[misc]
 
     def _optimize_final_module(self) -> None:
         """Simplify it as numba does first; the kernel would be 3 % slower without."""
-        passes, builder = self._codegen._module_pass_manager(
-            loop_vectorize=False, slp_vectorize=False, opt=0, cost="cheap"
-        )
-        passes.run(self._final_module, builder)
+        options = {"loop_vectorize": False, "slp_vectorize": False, "opt": 0, "cost": "cheap"}
+        passes = self._codegen._module_pass_manager(**options)
+        if isinstance(passes, tuple):
+            passes[0].run(self._final_module, passes[1])
+        else:  # numba before 0.62
+            passes.run(self._final_module)
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()

@@ -150,7 +150,7 @@ def test_a_tare_narrows_a_fresh_file(tool: ModuleType) -> None:
             out = live.take(Sample(10**9 + k * 1_000_000, np.zeros(1), np.zeros(1)))
         assert out.stddev is not None
         assert live.spread is not None
-        widths.append(float(out.stddev[7]))
+        widths.append(float(out.stddev[:8].mean()))  # of one cable; draws vary with NumPy
         cables: Any = number_views(live.model.sizes, live.spread.numbers).cables
         preloads.append(float(cables["preload"][:, 0].std()) / 36.85)
         then()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 from scipy.optimize import brentq, root
 
 from cdrj_ros.conditioning.samples import Sample
@@ -157,8 +158,8 @@ def test_a_cycle_returns_the_work_that_it_took() -> None:
         effort.append(estimate.joint_effort[0])
         tension.append(estimate.tension[0])
     np.testing.assert_allclose(tension, tension[::-1], rtol=1e-12)
-    work = -np.trapezoid(effort[: there.size], there)
-    assert np.trapezoid(effort, course) == pytest.approx(0.0, abs=1e-12)
+    work = -trapezoid(effort[: there.size], there)
+    assert trapezoid(effort, course) == pytest.approx(0.0, abs=1e-12)
 
     def stored(t: float) -> float:  # the integral of T d(eps), per unstretched length
         ratio = t / 8.0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numba
@@ -15,6 +17,8 @@ from cdrj_ros.model.records import record_type
 from cdrj_ros.model.views import copy_part, grid, part, rows, table, views_of
 
 Vector = NDArray[np.float64]
+
+SOURCES = Path(__file__).parents[2] / "cdrj_ros"
 
 
 class Pair:
@@ -123,6 +127,34 @@ def test_a_view_of_what_cannot_be_written_cannot_be_written() -> None:
     assert read(fixed) == 2.0
     with pytest.raises(TypingError, match="setitem"):
         write(fixed)
+
+
+KERNELS = {"compiled", "lean", "inlined", "callee", "stage", "usable_in_kernels"}
+
+
+def counted_from_the_end(source: str) -> list[int]:
+    """Lines in kernels with an index or a bound that is negative, which views do not know."""
+    return [
+        at.lineno
+        for function in ast.walk(ast.parse(source))
+        if isinstance(function, ast.FunctionDef)
+        and KERNELS & {one.id for one in function.decorator_list if isinstance(one, ast.Name)}
+        for at in ast.walk(function)
+        if isinstance(at, ast.Subscript)
+        for one in ast.walk(at.slice)
+        if isinstance(one, ast.UnaryOp) and isinstance(one.op, ast.USub)
+    ]
+
+
+def test_no_kernel_counts_from_the_end() -> None:
+    wrong = "@lean\ndef f(v):\n    v[0] = 1.0\n    return v[1:-1]\n\ndef g(v):\n    return v[-1]\n"
+    assert counted_from_the_end(wrong) == [4]
+    found = {
+        str(path.relative_to(SOURCES)): lines
+        for path in SOURCES.rglob("*.py")
+        if (lines := counted_from_the_end(path.read_text(encoding="utf-8")))
+    }
+    assert found == {}
 
 
 def test_a_kernel_that_takes_arrays_takes_views() -> None:
