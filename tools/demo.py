@@ -57,24 +57,23 @@ def main() -> int:
             code = play(figures)
             if code == 0:
                 keep(figures)
-                return compiled(compiling)
+                wait_for(compiling)
             return code
         finally:
             end(compiling)
 
 
-def compiled(compiling: "subprocess.Popen[bytes]") -> int:
-    """Wait for the other kernels; returns the exit code."""
+def wait_for(compiling: "subprocess.Popen[bytes]") -> None:
+    """Wait for the other kernels; what needs them compiles them if this fails."""
     begin = time.monotonic()
     print("Compiling the other numerical kernels ... ", end="", flush=True)
+    said = f"failed, see {LOG}"
     try:
-        failed = compiling.wait() != 0
+        if compiling.wait() == 0:
+            said = f"{time.monotonic() - begin:.0f} s"
     except KeyboardInterrupt:
-        print("interrupted")
-        return 130
-    said = f"failed, see {LOG}" if failed else f"{time.monotonic() - begin:.0f} s"
+        said = "interrupted"
     print(said, flush=True)
-    return int(failed)
 
 
 def play(figures: Path) -> int:
