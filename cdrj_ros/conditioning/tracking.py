@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import compiled, lean
+from cdrj_ros.model.compiled import compiled, lean, usable_in_kernels
 from cdrj_ros.robot.description import Sensor
 
 Vector = NDArray[np.float64]
@@ -59,7 +59,7 @@ def half_width(sensor: Sensor) -> float:
     return abs(sensor.scale) * (0.5 * sensor.resolution + NOISE_BAND * sensor.noise)
 
 
-@lean
+@usable_in_kernels
 def adapted(memory: Vector, dt: float, reading: float, bandwidth: float, band: float) -> float:
     """Bandwidth at a reading [Hz], (C6) of docs/conditioning.md; not below ``bandwidth``.
 
@@ -87,8 +87,8 @@ def adapted(memory: Vector, dt: float, reading: float, bandwidth: float, band: f
         memory[BEGUN], memory[SINCE] = reading, 0.0
     if memory[MOVES] == 0.0 or memory[LARGEST] == 0.0:
         return bandwidth
-    jerk = memory[HARDEST] ** 2 / memory[LARGEST]
-    best = (LAG * jerk**2 / (band**2 / 3.0 * dt)) ** (1.0 / 7.0) / (2.0 * pi)
+    jerk = memory[HARDEST] * memory[HARDEST] / memory[LARGEST]
+    best = (LAG * (jerk * jerk) / (band * band / 3.0 * dt)) ** (1.0 / 7.0) / (2.0 * pi)
     return max(bandwidth, min(best, FASTEST / dt))
 
 
@@ -124,9 +124,10 @@ def track(
     fade = exp(-2.0 * pi * bandwidth * dt)
     fresh = 1.0 - fade
     # at first all readings count alike (growing memory), later the recent ones more
-    g = max(1.0 - fade**3, 3.0 * (3.0 * n * n - 3.0 * n + 2.0) / (n * (n + 1.0) * (n + 2.0)))
-    h = max(1.5 * fresh**2 * (1.0 + fade), 18.0 * (2.0 * n - 1.0) / (n * (n + 1.0) * (n + 2.0)))
-    k = max(fresh**3, 60.0 / (n * (n + 1.0) * (n + 2.0)))
+    many = n * (n + 1.0) * (n + 2.0)
+    g = max(1.0 - fade * fade * fade, 3.0 * (3.0 * n * n - 3.0 * n + 2.0) / many)
+    h = max(1.5 * (fresh * fresh) * (1.0 + fade), 18.0 * (2.0 * n - 1.0) / many)
+    k = max(fresh * fresh * fresh, 60.0 / many)
     if n < 3.0:  # a line through two readings, no parabola yet
         h, k = 1.0, 0.0
     off = reading - angle

@@ -192,3 +192,19 @@ def test_a_bandwidth_that_the_node_is_given_is_fixed() -> None:
 def test_a_filter_without_an_error_to_stay_within_is_refused() -> None:
     with pytest.raises(RobotFileError, match=r"tracking_bandwidth needs resolution or noise"):
         robot_of(ROBOT.replace("resolution: 4e-4, ", ""), "winch")
+
+
+def test_python_gives_the_numbers_of_the_compiled_filter() -> None:
+    """It stands in for the kernel while that is being compiled."""
+    random = np.random.default_rng(0)
+    for _ in range(30):
+        compiled, interpreted = new_track(), new_track()
+        bandwidth, band = random.choice([1.0, 5.0, 20.0, 100.0]), random.choice([1e-4, 1e-3, 0.05])
+        adaptive, reading = bool(random.integers(2)), 0.0
+        for _ in range(200):
+            dt_ns = int(random.choice([100_000, 1_000_000, 3_333_333, 20_000_000]))
+            reading += random.normal() * random.choice([1e-4, 1e-2, 0.3])
+            numbers = dt_ns, reading, float(bandwidth), float(band), adaptive
+            angle = track(compiled, *numbers)
+            assert track.py_func(interpreted, *numbers) == angle  # type: ignore[attr-defined]
+            assert interpreted.tobytes() == compiled.tobytes()
