@@ -40,13 +40,13 @@ LIMITS = {
         "importing numba and the package takes two thirds of it, the robot file and loading the "
         "kernels the rest; a machine on which the bare node starts in 0.17 s needs 0.30 s more"
     ),
-    "first start without a compiled kernel: more": (
-        "compilation of the step, the geometry in the plane and the standard deviations: 13 s of "
-        "processor time, of each alone, on a machine that adds ten million numbers in 0.34 s, of "
-        "which the step takes 5.7 s; 60 % is numba's analysis in Python; see below; `colcon "
-        "build` and `make demo` do it in advance"
+    "first start without a compiled kernel, until it": (
+        "compilation of the step in one process, and of the geometry in the plane and the solution "
+        "of a cable in another: 9 s of processor time in all on a machine that adds ten million "
+        "numbers in 0.36 s, 60 % of it numba's analysis in Python; see below; `colcon build` and "
+        "`make demo` do it in advance"
     ),
-    "first start without a compiled kernel, until": (
+    "first start without a compiled kernel, until its first": (
         "the start of Python and the imports of rclpy and numba; a bare node is not ready sooner "
         "than in half of this"
     ),

@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
-from typing import Any, Final
+from typing import Final
 
+from cdrj_ros.commands.parts import IN_SPACE, OF_ESTIMATES, OF_EVERY_START, is_compiled
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.model.compiled import kernels_are_compiled, kernels_can_be_kept
+from cdrj_ros.model.compiled import kernels_can_be_kept
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.shape import shape
-from cdrj_ros.model.spatial_shape import shape_in_space
 from cdrj_ros.robot.reader import load_document
 from cdrj_ros.robot.space_reader import is_spatial
 from cdrj_ros.robot.urdf import description_given
 
 COMPILING: Final = "compiling the numerical kernels, up to a minute; kept for the next start ..."
 
-OF_EVERY_START: Final = ("step", "geometry", "members")
-"""Parts of ``compile_ahead`` that do not depend on one another; the longest one first."""
-
-IN_SPACE: Final = "space"
-"""Part of ``compile_ahead`` that only robots described in space need."""
-
 _PROGRAM: Final = """
 import sys
 sys.path[:] = {path!r}
 from cdrj_ros.commands.compile_ahead import compile_part
-compile_part({part!r})
+compile_part({part!r}, {niceness})
 """
+
+WHILE_ESTIMATING: Final = 10
+"""Niceness of what compiles beside a running estimator."""
 
 
 def ensure_compilation(robot: str) -> None:
@@ -39,22 +37,18 @@ def ensure_compilation(robot: str) -> None:
     Args:
         robot: the robot file, or the name of an installed one.
     """
-    more = kernels_of_file(robot)
-    if not kernels_are_compiled(shape, advance, *more):
-        print(COMPILING, file=sys.stderr, flush=True)
-        compile_for_start(*more)
+    needed = OF_EVERY_START if missing(OF_ESTIMATES) else ()
+    compile_for_estimates(robot, needed, (), lambda: print(COMPILING, file=sys.stderr, flush=True))
 
 
-def kernels_of_file(robot: str) -> tuple[Callable[..., Any], ...]:
-    """Kernels that a robot file needs beyond those of every start, and that are not on disk.
+def parts_of_file(robot: str) -> tuple[str, ...]:
+    """Parts that a robot file needs beyond those of every start, and that are not on disk.
 
     Args:
         robot: the file, or the name of an installed one; none if it is invalid, which is said when
             it is loaded.
     """
-    if kernels_are_compiled(shape_in_space) or not _is_in_space(robot):
-        return ()
-    return (shape_in_space,)
+    return (IN_SPACE,) if not is_compiled(IN_SPACE) and _is_in_space(robot) else ()
 
 
 class _UrdfNamedError(Exception):
@@ -76,19 +70,41 @@ def _is_in_space(robot: str) -> bool:
         return False
 
 
-def compile_for_start(*more: Callable[..., Any]) -> None:
-    """Compile the kernels of a start in several processes, which takes half as long as in one.
+def compile_for_estimates(
+    robot: str, needed: Iterable[str], later: Iterable[str], announce: Callable[[], object]
+) -> Compilation | None:
+    """Compile the kernels that a robot's estimates need, and begin with those that can follow.
 
-    Where they fail or nothing can be kept, this process compiles what it needs when it needs it.
+    Several processes take half as long as one.  Where one of them fails or nothing can be kept,
+    this process compiles what it needs when it needs it.
 
     Args:
-        more: from ``kernels_of_file``.
+        robot: the robot file, or the name of an installed one.
+        needed: parts of ``OF_EVERY_START`` that are compiled when this returns.
+        later: parts of it that can follow; they wait for a processor.
+        announce: called before a wait.
+
+    Returns:
+        What is still being compiled; None if that is nothing.
     """
-    parts = () if kernels_are_compiled(shape, advance) else OF_EVERY_START
-    if more:
-        parts = (*parts, IN_SPACE)
-    if parts and kernels_can_be_kept(shape, advance, *more):
-        compile_together(parts, quiet=True)
+    urgent, others = (*missing(needed), *parts_of_file(robot)), missing(later)
+    if urgent:
+        announce()
+    if not (urgent or others) or not kernels_can_be_kept(shape, advance):
+        return None
+    at_once = len(os.sched_getaffinity(0)) > len(urgent)
+    rest = Compilation(others if at_once else (), quiet=True, niceness=WHILE_ESTIMATING)
+    if not compile_together(urgent, quiet=True):
+        rest.end()
+        return None
+    if not at_once:
+        rest = Compilation(others, quiet=True, niceness=WHILE_ESTIMATING)
+    return rest if others else None
+
+
+def missing(parts: Iterable[str]) -> tuple[str, ...]:
+    """Those of the parts whose kernels are not on disk."""
+    return tuple(part for part in parts if not is_compiled(part))
 
 
 def compile_together(parts: Iterable[str], *, quiet: bool = False) -> bool:
@@ -101,19 +117,53 @@ def compile_together(parts: Iterable[str], *, quiet: bool = False) -> bool:
     Returns:
         Whether all succeeded.
     """
-    path, silence = list(sys.path), subprocess.DEVNULL if quiet else None
-    running: list[subprocess.Popen[bytes]] = []
-    try:
-        for part in parts:
-            command = [sys.executable, "-c", _PROGRAM.format(path=path, part=part)]
-            running.append(
-                subprocess.Popen(command, stdin=subprocess.PIPE, stdout=silence, stderr=silence)
-            )
-        codes = [process.wait() for process in running]
-        return not any(codes)
-    except OSError:  # no further process can be started
-        return False
-    finally:
-        for process in running:
+    with Compilation(parts, quiet=quiet) as compilation:
+        return compilation.succeeds()
+
+
+class Compilation:
+    """Processes that compile a part each; they end with this one at the latest."""
+
+    def __init__(self, parts: Iterable[str], *, quiet: bool = False, niceness: int = 0) -> None:
+        """Start the processes.
+
+        Args:
+            parts: keys of ``compile_ahead.PARTS``.
+            quiet: whether the processes report nothing.
+            niceness: of the processes, in addition to that of this one.
+        """
+        self.parts = tuple(parts)
+        path, silence = list(sys.path), subprocess.DEVNULL if quiet else None
+        self._running: list[subprocess.Popen[bytes]] = []
+        self._failed = False
+        try:
+            for part in self.parts:
+                program = _PROGRAM.format(path=path, part=part, niceness=niceness)
+                command = [sys.executable, "-c", program]
+                self._running.append(
+                    subprocess.Popen(command, stdin=subprocess.PIPE, stdout=silence, stderr=silence)
+                )
+        except OSError:  # no further process can be started
+            self._failed = True
+            self.end()
+
+    def __enter__(self) -> Compilation:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def is_over(self) -> bool:
+        """Whether every process has ended."""
+        return all(process.poll() is not None for process in self._running)
+
+    def succeeds(self) -> bool:
+        """Wait for the processes; True if all parts have been compiled."""
+        codes = [process.wait() for process in self._running]
+        return not self._failed and not any(codes)
+
+    def end(self) -> None:
+        """End the processes that still run."""
+        for process in self._running:
             process.kill()
             process.communicate()

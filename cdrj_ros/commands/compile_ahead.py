@@ -15,14 +15,14 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from importlib import import_module
 from time import monotonic
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.commands.compilation import IN_SPACE, OF_EVERY_START, compile_together
+from cdrj_ros.commands.compilation import compile_together
+from cdrj_ros.commands.parts import IN_SPACE, INDEPENDENT, OF_EVERY_START, is_compiled
 from cdrj_ros.conditioning import ordinary_kernel
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.tracking import new_track, track, track_all
@@ -33,7 +33,8 @@ from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.estimation.unsure import mark_recording, mark_unsure, preload_of_elements
 from cdrj_ros.messages import estimate_encoder
-from cdrj_ros.model.compiled import direct, kernels_are_compiled
+from cdrj_ros.model.cable import compile_solve_cable
+from cdrj_ros.model.compiled import direct
 from cdrj_ros.model.friction import blended_loss
 from cdrj_ros.model.linked import compile_without_callees
 from cdrj_ros.model.loading import load_model
@@ -54,25 +55,30 @@ def _samples(model: Model) -> Samples:
 
 
 def _compile_step() -> None:
-    """Compile the step, without the geometry that it calls."""
+    """Compile the step, without the geometry and the solution of a cable, which it calls."""
     compile_without_callees()
     find_entry()
 
 
 def _compile_geometry() -> None:
-    """Compile the geometry of cables in a plane, and small kernels of every start."""
+    """Compile geometry and solution of cables in a plane, and what encodes estimates."""
     numbers = read_only(np.empty(0))
     direct(shape, _plan(), numbers, *4 * (np.empty(0),))
-    track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
-    mark_unsure(np.zeros(1), np.zeros(0), np.zeros(0), 1.0)
+    compile_solve_cable()
     blended_loss(0.5, 0.1, 0.1, 1.0, 0.0, 0, 1.0)
-    ordinary_kernel.find_entry()
     estimate_encoder.find_entry()
+
+
+def _compile_conditioning() -> None:
+    """Compile the kernels that condition readings, for which Python can stand in."""
+    track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
+    ordinary_kernel.find_entry()
 
 
 def _compile_members() -> None:
     """Compile the kernels of live standard deviations, without the step that they call."""
     compile_without_callees()
+    mark_unsure(np.zeros(1), np.zeros(0), np.zeros(0), 1.0)
     find_kernels(_plan(), read_only(np.empty(0)), no_members())
 
 
@@ -128,72 +134,17 @@ def _compile_rig() -> None:
     simulate(robot, time, joints[:, 0], np.zeros(2), cells=2)
 
 
-class Part(NamedTuple):
-    """Kernels that are compiled in one process."""
-
-    compile: Callable[[], None]
-    outermost: tuple[str, ...]
-    """Those that Python calls; the kernels that they call are compiled with them."""
-
-
-PARTS: Final[Mapping[str, Part]] = {
-    "step": Part(_compile_step, ("model.mechanism.advance",)),
-    "geometry": Part(
-        _compile_geometry,
-        (
-            "model.shape.shape",
-            "model.friction.blended_loss",
-            "conditioning.ordinary_kernel.take_ordinary",
-            "conditioning.tracking.track",
-            "estimation.unsure.mark_unsure",
-            "messages.estimate_encoder.write_messages",
-        ),
-    ),
-    "members": Part(
-        _compile_members,
-        (
-            "estimation.member_kernels.begin_sample",
-            "estimation.member_kernels.advance_with_members",
-            "estimation.member_steps.step_members",
-        ),
-    ),
-    IN_SPACE: Part(_compile_space, ("model.spatial_shape.shape_in_space",)),
-    "motor_alone": Part(
-        _compile_motor_alone,
-        ("estimation.motor_alone_members.run_alone", "estimation.motor_alone_members.forget"),
-    ),
-    "recordings": Part(
-        _compile_recordings,
-        (
-            "conditioning.tracking.track_all",
-            "estimation.drums_without_memory.advance_slipping",
-            "estimation.member_kernels.follow_members",
-            "estimation.unsure.mark_recording",
-            "model.mechanism.advance_all",
-        ),
-    ),
-    "rig": Part(
-        _compile_rig,
-        (
-            "rig.balance.balance",
-            "rig.balance.scan",
-            "rig.follow._shapes",
-            "rig.forward.swing_steps",
-        ),
-    ),
+PARTS: Final[Mapping[str, Callable[[], None]]] = {
+    "step": _compile_step,
+    "geometry": _compile_geometry,
+    "members": _compile_members,
+    "conditioning": _compile_conditioning,
+    IN_SPACE: _compile_space,
+    "motor_alone": _compile_motor_alone,
+    "recordings": _compile_recordings,
+    "rig": _compile_rig,
 }
-
-INDEPENDENT: Final = (*OF_EVERY_START, IN_SPACE, "motor_alone")
-"""Parts that are compiled first, at once; the others use them."""
-
-
-def is_compiled(part: str) -> bool:
-    """Whether the kernels of a part are on disk, compiled from these sources."""
-    for name in PARTS[part].outermost:
-        module, _, kernel = name.rpartition(".")
-        if not kernels_are_compiled(getattr(import_module(f"cdrj_ros.{module}"), kernel)):
-            return False
-    return True
+"""What compiles each part of ``parts.OUTERMOST``."""
 
 
 def compile_kernels(parts: Iterable[str]) -> bool:
@@ -203,14 +154,13 @@ def compile_kernels(parts: Iterable[str]) -> bool:
     return compile_together(first) and compile_together(others)
 
 
-def compile_part(part: str) -> None:
+def compile_part(part: str, niceness: int = 0) -> None:
     """Compile a part in this process, which ends with the process that holds its standard input."""
+    os.nice(niceness)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # that process decides when to stop
     threading.Thread(target=_end_with_the_parent, name="parent", daemon=True).start()
-    if part != OF_EVERY_START[0]:
-        os.nice(3)  # all wait for the longest part
     gc.set_threshold(100_000, 50, 100)  # little is garbage; saves 6 % of the time
-    PARTS[part].compile()
+    PARTS[part]()
 
 
 def _end_with_the_parent() -> None:

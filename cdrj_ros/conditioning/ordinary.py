@@ -51,10 +51,16 @@ class OrdinaryReadings:
         self._channels = new_channels(motors + joints)
         self._motor, self._joint = np.zeros(motors), np.zeros(joints)
         self._entry: Any = None
+        self._postponed = False
         self._samples, self._pause, self._accepted = 0, 1, 0
+
+    def postpone(self) -> None:
+        """Load no channels until ``prepare`` is called, because the kernel is being compiled."""
+        self._postponed = True
 
     def prepare(self) -> None:
         """Compile or load the kernel, if this has not been done."""
+        self._postponed = False
         if self._entry is None:
             self._entry = find_entry()
 
@@ -83,7 +89,9 @@ class OrdinaryReadings:
             return
         self._samples, self._accepted = 0, accepted
         stamp = time_line.last_exact_ns
-        if stamp < 0 or not all(channel.is_settled_at(stamp) for channel in channels):
+        if self._postponed or stamp < 0:
+            return
+        if not all(channel.is_settled_at(stamp) for channel in channels):
             return
         self.prepare()
         for k, channel in enumerate(channels):

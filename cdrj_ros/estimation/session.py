@@ -5,10 +5,10 @@ This module is independent of ROS: a node converts messages, calls it and publis
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,7 @@ from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
-from cdrj_ros.estimation.member_kernels import begin_sample
-from cdrj_ros.estimation.member_steps import step_members
+from cdrj_ros.estimation.late_spread import LateSpread
 from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.other_numbers import preloads_of, reference_at, with_other_numbers
 from cdrj_ros.estimation.other_sensors import OtherSensors
@@ -33,21 +32,13 @@ from cdrj_ros.estimation.unsure import (
     preload_of_elements,
 )
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.shape import shape
 from cdrj_ros.robot.tolerances import narrowed
 
 if TYPE_CHECKING:
     from cdrj_ros.estimation.live_alone import LiveAlone
 
 Vector = NDArray[np.float64]
-
-
-def kernels_of(options: Options) -> tuple[Callable[..., Any], ...]:
-    """Outermost kernels of a live estimator, whose compilation takes noticeable time."""
-    ensemble = (begin_sample, step_members) if options.uncertainty else ()
-    return (shape, advance, *ensemble)
 
 
 class LiveEstimator:
@@ -81,6 +72,8 @@ class LiveEstimator:
         """Elements that are ``UNSURE`` whatever their standard deviation, shape (elements,); None
         for none.  The health monitor sets it."""
         self.spread: Spread | None = None
+        self._late: LateSpread | None = None
+        """What the ensemble has yet to be updated with, while its kernels are being compiled."""
         self.other_sensors: OtherSensors | None = None
         """Load cells and motors' efforts, if the options ask for them."""
         self.alone: LiveAlone | None = None
@@ -118,9 +111,32 @@ class LiveEstimator:
             else:
                 self.other_sensors.use(spread)
         self.model, self.spread = model, spread
+        if self._late is not None:
+            self._late.forget()
         self._ahead: State | None = None
         """The state after the last predicted sample, if one was taken since the last other one."""
         self._preload = preload_of_elements(model.robot)
+
+    def postpone_spread(self) -> None:
+        """Until ``add_spread``, estimate without the ensemble, whose kernels are being compiled.
+
+        Standard deviations are infinite and all elements ``UNSURE`` meanwhile.  What restarts the
+        estimate, or changes the robot's numbers, makes the ensemble begin with the sample after it.
+        Without effect where other sensors correct the ensemble, or where there is none.
+        """
+        if self.spread is not None and self.other_sensors is None:
+            self._late = LateSpread(self.spread.columns.size)
+
+    @property
+    def spread_is_late(self) -> bool:
+        """Whether the estimates are without the ensemble, see ``postpone_spread``."""
+        return self._late is not None
+
+    def add_spread(self) -> None:
+        """Update the ensemble with what it has missed, and use it from now on."""
+        late, self._late = self._late, None
+        if late is not None and self.spread is not None:
+            late.update(self.spread)
 
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""
@@ -146,6 +162,8 @@ class LiveEstimator:
             self.alone.reset()
         if self.spread is not None:
             self.spread.reset()
+        if self._late is not None:
+            self._late.forget()
         if self.other_sensors is not None:
             self.other_sensors.restart(known=known)
 
@@ -257,7 +275,7 @@ class LiveEstimator:
         estimate, stddev = self._step(sample)
         self._note(sample, estimate)
         if stddev is not None:
-            mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
+            self._mark(estimate, stddev)
         self._mark_doubts(sample, estimate)
         others = self.other_sensors
         if others is not None and estimate.solved:
@@ -268,11 +286,14 @@ class LiveEstimator:
         """The next estimate, and its standard deviations if they are wanted."""
         spread, others = self.spread, self.other_sensors
         if others is None:
-            if spread is not None:
+            if spread is not None and self._late is None:
                 self.state, estimate, stddev = spread.step(self.state, sample, at_once=False)
                 return estimate, stddev
             self.state, estimate = step(self.model, self.state, sample)
-            return estimate, None
+            if self._late is None:
+                return estimate, None
+            self._late.note(sample, estimate)
+            return estimate, self._late.unknown
         assert spread is not None
         model, untaught = self.model, self.state is self.unaided
         if self.state.stamp_ns == NEVER:
@@ -312,12 +333,20 @@ class LiveEstimator:
         self._ahead, estimate = step(self.model, self._ahead or self.state, sample)
         stddev = None
         if self.spread is not None:
-            stddev = self.spread.look_ahead(sample, estimate)
-            mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
+            late = self._late
+            stddev = late.unknown if late else self.spread.look_ahead(sample, estimate)
+            self._mark(estimate, stddev)
         self._mark_doubts(sample, estimate)
         if self.other_sensors is not None and self.other_sensors.fusion.contested:
             mark_all_unsure(estimate.values, self._preload.size)
         return Output(estimate, stddev)
+
+    def _mark(self, estimate: Estimate, stddev: Vector) -> None:
+        """Set ``UNSURE`` where standard deviations are too large, or unknown."""
+        if self._late is not None:
+            mark_all_unsure(estimate.values, self._preload.size)
+        else:
+            mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
 
     def _mark_doubts(self, sample: Sample, estimate: Estimate) -> None:
         """Set ``UNSURE`` where readings or the robot itself are in doubt."""

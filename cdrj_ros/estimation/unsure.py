@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import compiled, lean
+from cdrj_ros.model.compiled import compiled, lean, usable_in_kernels
 from cdrj_ros.model.status import INVALID, UNSURE
 from cdrj_ros.robot.description import Robot
 
@@ -45,7 +45,7 @@ def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -
                 values[elements + e] = flags | UNSURE
 
 
-@lean
+@usable_in_kernels
 def mark_all_unsure(values: Vector, elements: int) -> None:
     """Set ``UNSURE`` on every element of an estimate that is not ``INVALID``."""
     for e in range(elements):

@@ -9,14 +9,24 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+import numba
 import numpy as np
 
 from cdrj_ros.model.balance import acceptable, element_tension, tolerance
-from cdrj_ros.model.cable_records import Contact, PulleyNumbers, SolverElement
+from cdrj_ros.model.cable_records import (
+    CONTACT,
+    PULLEY,
+    SOLVER_ELEMENT,
+    Contact,
+    PulleyNumbers,
+    SolverElement,
+)
 from cdrj_ros.model.compiled import callee, compiled, lean
 from cdrj_ros.model.elasticity import Elasticity
+from cdrj_ros.model.linked import linked
 from cdrj_ros.model.newton import newton
 from cdrj_ros.model.records import Rows
+from cdrj_ros.model.view_type import View
 
 MAX_SUBSTEPS: Final = 256
 HARDNESS: Final = (1e-6, 1e-4, 1e-2, 1.0)
@@ -118,6 +128,32 @@ def solve_cable(
         count, worst = _harden(elastic, elements, contacts, pulleys, first_slip, last_slip, law, dt)
         iterations += count
     return iterations, worst
+
+
+def _signature() -> Any:
+    """Types of ``solve_cable`` when the step of a robot calls it."""
+    elements, contacts = (
+        View(numba.from_dtype(kind), 1, True) for kind in (SOLVER_ELEMENT, CONTACT)
+    )
+    pulleys = View(numba.from_dtype(PULLEY), 1, False)
+    kinds: Any = numba.types
+    number, code = kinds.float64, kinds.int64
+    elastic = kinds.NamedUniTuple(number, 3, Elasticity)
+    result = kinds.Tuple((code, number))
+    return result(elastic, elements, contacts, pulleys, number, number, code, number)
+
+
+_SIGNATURE: Final = _signature()
+
+solve_cable_linked: Final = linked(solve_cable, _SIGNATURE)
+"""``solve_cable``, to be called by kernels."""
+
+
+def compile_solve_cable() -> None:
+    """Compile ``solve_cable`` for ``solve_cable_linked``, or load it."""
+    dispatcher: Any = solve_cable
+    if hasattr(dispatcher, "overloads"):  # compilation is not switched off
+        dispatcher.compile(_SIGNATURE.args)
 
 
 @callee

@@ -177,6 +177,21 @@ def direct(kernel: F, *arguments: Any) -> F:
     return entry
 
 
+def interpret(kernel: Callable[..., Any]) -> None:
+    """Until ``compile_at_calls``, let calls from Python run the source of a kernel.
+
+    Without effect on a kernel that has been compiled or loaded.
+    """
+    dispatcher: Any = kernel
+    if hasattr(kernel, "overloads"):
+        dispatcher._compile_for_args = lambda *_, **__: dispatcher.py_func
+
+
+def compile_at_calls(kernel: Callable[..., Any]) -> None:
+    """Undo ``interpret``."""
+    vars(kernel).pop("_compile_for_args", None)
+
+
 def kernels_are_compiled(*kernels: Callable[..., Any]) -> bool:
     """Whether the machine code of kernels is on disk, so that their first call does not compile.
 

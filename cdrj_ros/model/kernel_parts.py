@@ -51,6 +51,13 @@ class _Part(_codegen.JITCodeLibrary):  # type: ignore[misc]
     def codegen(self) -> Any:
         return _NowhereLoaded(self._codegen)
 
+    def _optimize_functions(self, module: Any) -> None:
+        """Omit numba's passes over every function, also over those that are only declared.
+
+        They took 6 % of the time of all compilations; the kernels are as fast without.
+        """
+        module.data_layout = self._codegen._data_layout
+
     def _optimize_final_module(self) -> None:
         """Simplify it as numba does first; the kernel would be 3 % slower without."""
         options = {"loop_vectorize": False, "slp_vectorize": False, "opt": 0, "cost": "cheap"}

@@ -55,7 +55,7 @@ def linked(kernel: F, signature: Any) -> F:
 
     Args:
         kernel: from ``compiled`` or ``lean``.
-        signature: its five to seven types: numba's signature, or as numba writes it.
+        signature: its five to eight types: numba's signature, or as numba writes it.
     """
     if not hasattr(kernel, "overloads"):  # compilation is switched off
         return kernel
@@ -143,8 +143,13 @@ def _usable(callee: _Callee, resolve: Callable[[], None], generate: Callable[...
     def call_with_seven(_: Any, a: Any, b: Any, c: Any, d: Any, e: Any, _f: Any, _g: Any) -> Any:
         return call_with_five(_, a, b, c, d, e)
 
+    def call_with_eight(
+        _: Any, a: Any, b: Any, c: Any, d: Any, e: Any, _f: Any, _g: Any, _h: Any
+    ) -> Any:
+        return call_with_five(_, a, b, c, d, e)
+
     _resolve[callee.name] = resolve
-    calls = {5: call_with_five, 6: call_with_six, 7: call_with_seven}
+    calls = {5: call_with_five, 6: call_with_six, 7: call_with_seven, 8: call_with_eight}
     return _intrinsic(calls[len(callee.arguments)])
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.balance import acceptable, element_tension
-from cdrj_ros.model.cable import solve_cable
+from cdrj_ros.model.cable import solve_cable_linked
 from cdrj_ros.model.cable_records import Contact, SolverElement
 from cdrj_ros.model.compiled import callee, compiled, lean, stage, usable_in_kernels
 from cdrj_ros.model.creep import creep_of, crept
@@ -191,7 +191,7 @@ def _move_cable(step: Step, c: int, motor_angle: Vector, dt: float) -> bool:
         contacts[p].slip = before.slip_speed[p] * dt
         contacts[p].bristle_before = before.bristle[p]
         contacts[p].bristle = 0.0
-    iterations, worst = solve_cable(
+    iterations, worst = solve_cable_linked(
         elastic, elements[first:last], contacts[pulley:beyond],
         step.numbers.pulleys[pulley:beyond], first_slip, last_slip, cable.law, dt,
     )  # fmt: skip

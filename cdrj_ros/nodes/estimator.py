@@ -18,11 +18,11 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 
-from cdrj_ros.commands.compilation import COMPILING, compile_for_start, kernels_of_file
+from cdrj_ros.commands.compilation import COMPILING, compile_for_estimates
+from cdrj_ros.commands.parts import OF_ESTIMATES
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.conditioning.tracking import new_track, track
 from cdrj_ros.estimation.output import Output
-from cdrj_ros.estimation.session import LiveEstimator, kernels_of
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.text import counted
@@ -37,18 +37,19 @@ from cdrj_ros.messages.topics import (
     NAMESPACE,
     TENSION_SENSORS,
 )
-from cdrj_ros.model.compiled import kernels_are_compiled
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
 from cdrj_ros.nodes.estimator_services import EstimatorServices
 from cdrj_ros.nodes.health import HealthWatch
 from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
+from cdrj_ros.nodes.late_kernels import LateKernels, prepare_conditioning
 from cdrj_ros.nodes.listener import Listener
 from cdrj_ros.nodes.output_topics import OutputTopics
 from cdrj_ros.nodes.robot_description import robot_description
 from cdrj_ros.nodes.settings import (
     SIMULATED,
+    Started,
     changed_options,
     declare,
     in_force,
@@ -76,6 +77,9 @@ class EstimatorNode(Node):
 
     live: LiveEstimator
 
+    begins_at_once = True
+    """Whether estimates may begin before all kernels are compiled."""
+
     def __init__(self, state_file: Path | None = None, **options: Any) -> None:
         """Declare the parameters and start.
 
@@ -92,6 +96,8 @@ class EstimatorNode(Node):
         self.configured = False
         """Whether the robot is loaded, and outputs and services are open."""
         self._showing = self._simulated = False
+        self.late: LateKernels | None = None
+        """Kernels that are still being compiled."""
         super().__init__("estimator", namespace=NAMESPACE, **options)
         self._state_file = state_file
         self._start()
@@ -114,15 +120,16 @@ class EstimatorNode(Node):
         if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
         self.timeout_s, self.stamps = started.timeout_s, StampClock(started.same_clock_s)
-        more = kernels_of_file(started.robot)
-        if not kernels_are_compiled(*kernels_of(started.options), *more):
-            self.get_logger().info(COMPILING)
-            compile_for_start(*more)
+        needed, later = self._parts(started)
+        compilation = compile_for_estimates(
+            started.robot, needed, later, lambda: self.get_logger().info(COMPILING)
+        )
         with description_given(lambda: robot_description(self)):
             model = load_model(started.robot, started.preload)
         self.live = LiveEstimator(model, started.options)
         if started.friction:
             self.live.set_numbers(started.friction)
+        self.late = None if compilation is None else LateKernels(self, self.live, compilation)
         self._warm_up()
         watched = started.health and self.live.alone is None  # it needs the angle of every joint
         self.health = HealthWatch(self.live, marks_unsure=started.health_marks) if watched else None
@@ -155,6 +162,14 @@ class EstimatorNode(Node):
             f"{counted(len(layout.joints), 'joint')}, {counted(len(layout.elements), 'element')}, "
             f"{counted(len(layout.pulleys), 'pulley')}"
         )
+
+    def _parts(self, started: Started) -> tuple[list[str], list[str]]:
+        """Parts of the kernels without which no estimate is made, and those that can follow."""
+        options = started.options
+        spread = ["members"] if options.uncertainty else []
+        if self.begins_at_once and self._state_file is None and not options.corrects:
+            return [*OF_ESTIMATES], [*spread, "conditioning"]
+        return [*OF_ESTIMATES, *spread, "conditioning"], []
 
     def _listen(self) -> None:
         """Subscribe to the inputs and check them regularly."""
@@ -237,8 +252,8 @@ class EstimatorNode(Node):
         self.live.take(reference)
         self.live.take(reference._replace(stamp_ns=1_001_000_000))
         self.live.reset()
-        track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
-        self.live.conditioner.ordinary.prepare()
+        if self.late is None:
+            prepare_conditioning(self.live)
 
     def _read_state(self, path: Path) -> None:
         try:
@@ -246,6 +261,12 @@ class EstimatorNode(Node):
                 self.get_logger().info(words)
         except StateFileError as error:
             self.get_logger().warning(f"{error}; starting without it")
+
+    def destroy_node(self) -> None:
+        """Destroy the node, and end what it compiles."""
+        if self.late is not None:
+            self.late.end()
+        super().destroy_node()
 
     def write_state(self) -> None:
         """Write the state file, if there is one."""

@@ -160,7 +160,7 @@ class Outcome:
                 (*recording.notes, *self.notes()), facts,
             )  # fmt: skip
         names = channels_of(layout)
-        known = np.atleast_1d(np.isfinite(self.stddev).all(axis=0))
+        known = np.atleast_1d(np.isfinite(self.stddev).any(axis=0))
         estimates = ByChannel(
             self.stamp_ns.size,
             dict(zip(names, self.value.T, strict=True)),

@@ -20,19 +20,41 @@ from cdrj_ros.model.compiled import kernels_are_compiled
 from cdrj_ros.model.loading import load_model, robot_path
 from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.shape import shape
-from cdrj_ros.model.spatial_shape import shape_in_space
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 30.0
 
 
+@pytest.fixture
+def on_disk(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[tuple[str, ...]]]:
+    """Declare what is missing on disk; gives what is compiled instead, at once and afterwards."""
+
+    class Noted(compilation.Compilation):
+        def __init__(self, parts: Iterable[str], *, quiet: bool, niceness: int = 0) -> None:
+            super().__init__((), quiet=quiet)
+            self.parts = tuple(parts)
+            if self.parts:
+                assert bool(niceness) == ({"members", "conditioning"} >= set(self.parts))
+                asked.append(self.parts)
+
+    asked: list[tuple[str, ...]] = []
+    monkeypatch.setattr(compilation, "Compilation", Noted)
+
+    def declare(absent: str) -> list[tuple[str, ...]]:
+        monkeypatch.setattr(compilation, "is_compiled", lambda part: part not in absent.split())
+        return asked
+
+    return declare
+
+
 def test_no_notice_is_printed_if_the_kernels_are_compiled(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    on_disk: Callable[[str], list[tuple[str, ...]]],
 ) -> None:
-    asked: list[Iterable[str]] = []
-    monkeypatch.setattr(compilation, "compile_together", lambda parts, **_: asked.append(parts))
-    for there, words in ((True, ""), (False, compilation.COMPILING + "\n")):
-        monkeypatch.setattr(compilation, "kernels_are_compiled", lambda *_, there=there: there)
+    every = " ".join(compilation.OF_EVERY_START)
+    for absent, words in (("", ""), (every, compilation.COMPILING + "\n")):
+        asked = on_disk(absent)
         compilation.ensure_compilation("prototype")
         assert capsys.readouterr().err == words
     assert asked == [compilation.OF_EVERY_START]
@@ -44,44 +66,70 @@ def test_no_notice_is_printed_if_the_kernels_are_compiled(
 
 
 @pytest.mark.parametrize(
-    ("robot", "missing", "compiled"),
+    ("robot", "absent", "compiled"),
     [
         ("finger3d", "", None),
-        ("finger3d", "shape_in_space", (compilation.IN_SPACE,)),
-        ("finger3d", "advance", compilation.OF_EVERY_START),
-        ("finger3d", "advance shape_in_space", (*compilation.OF_EVERY_START, compilation.IN_SPACE)),
-        ("prototype", "shape_in_space", None),
-        ("prototype", "advance shape_in_space", compilation.OF_EVERY_START),
-        ("/no/such.yaml", "shape_in_space", None),
+        ("finger3d", "space", ("space",)),
+        ("finger3d", "step", ("step",)),
+        ("finger3d", "members conditioning", None),  # those of a live estimator only
+        ("finger3d", "step members space", ("step", "members", "space")),
+        ("prototype", "space", None),
+        ("prototype", "geometry space", ("geometry",)),
+        ("/no/such.yaml", "space", None),
     ],
 )
-def test_the_kernel_in_space_is_compiled_with_the_others_for_robots_that_need_it(
+def test_commands_compile_what_is_missing_and_the_part_in_space_for_robots_that_need_it(
     robot: str,
-    missing: str,
+    absent: str,
     compiled: tuple[str, ...] | None,
-    monkeypatch: pytest.MonkeyPatch,
+    on_disk: Callable[[str], list[tuple[str, ...]]],
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def are_compiled(*kernels: Callable[..., object]) -> bool:
-        return not {kernel.__name__ for kernel in kernels} & set(missing.split())
-
-    asked: list[Iterable[str]] = []
-    monkeypatch.setattr(compilation, "compile_together", lambda parts, **_: asked.append(parts))
-    monkeypatch.setattr(compilation, "kernels_are_compiled", are_compiled)
+    asked = on_disk(absent)
     compilation.ensure_compilation(robot)
     assert asked == ([] if compiled is None else [compiled])
     assert capsys.readouterr().err == ("" if compiled is None else compilation.COMPILING + "\n")
 
 
+@pytest.mark.parametrize(
+    ("processors", "absent", "in_turn", "announced"),
+    [
+        (2, "", [], False),
+        (2, "step geometry members conditioning", ["step geometry", "members conditioning"], True),
+        (4, "step geometry members conditioning", ["members conditioning", "step geometry"], True),
+        (2, "members conditioning", ["members conditioning"], False),
+        (2, "step members", ["members", "step"], True),
+        (1, "step geometry space", ["step geometry space"], True),
+    ],
+)
+def test_what_can_follow_waits_for_a_processor(
+    processors: int,
+    absent: str,
+    in_turn: list[str],
+    announced: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    on_disk: Callable[[str], list[tuple[str, ...]]],
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(processors))
+    asked, said = on_disk(absent), []
+    rest = compilation.compile_for_estimates(
+        "finger3d", compilation.OF_ESTIMATES, ("members", "conditioning"), lambda: said.append(True)
+    )
+    assert asked == [tuple(parts.split()) for parts in in_turn]
+    assert bool(said) == announced
+    later = tuple(part for part in ("members", "conditioning") if part in absent)
+    assert (rest.parts if rest else ()) == later
+
+
 def test_a_robot_whose_urdf_is_still_to_come_is_in_space(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    tmp_path: Path, on_disk: Callable[[str], list[tuple[str, ...]]]
 ) -> None:
     installed = robot_path("finger3d").read_text(encoding="utf-8")
     assert installed.count("urdf: finger3d.urdf") == 1
     named = installed.replace("urdf: finger3d.urdf", "urdf: robot_description")
     (tmp_path / "named.yaml").write_text(named, encoding="utf-8")
-    monkeypatch.setattr(compilation, "kernels_are_compiled", lambda *_: False)
-    assert compilation.kernels_of_file(str(tmp_path / "named.yaml")) == (shape_in_space,)
+    on_disk("space")
+    assert compilation.parts_of_file(str(tmp_path / "named.yaml")) == ("space",)
 
 
 def _with_cache(folder: Path) -> list[int]:
@@ -96,6 +144,18 @@ def _with_cache(folder: Path) -> list[int]:
 
 def test_parts_are_the_names_of_what_is_compiled() -> None:
     assert {*compilation.OF_EVERY_START, compilation.IN_SPACE} < set(compile_ahead.PARTS)
+    assert set(compilation.OF_ESTIMATES) < set(compilation.OF_EVERY_START)
+
+
+def test_a_process_is_as_nice_as_it_is_to_be(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    program = "import os; open({part!r}, 'w').write(str(os.nice(0) + {niceness}))"
+    monkeypatch.setattr(compilation, "_PROGRAM", program)
+    noted = tmp_path / "niceness"
+    with compilation.Compilation([str(noted)], niceness=7) as running:
+        assert running.succeeds()
+    assert noted.read_text() == str(os.nice(0) + 7)
 
 
 def test_a_part_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,9 +168,20 @@ def test_where_no_process_can_be_started_this_one_compiles(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    monkeypatch.setattr(compilation, "kernels_are_compiled", lambda *_: False)
+    monkeypatch.setattr(compilation, "is_compiled", lambda _: False)
     assert not compilation.compile_together(["step"])
-    compilation.compile_for_start()  # leaves it to the first use
+    compilation.ensure_compilation("prototype")  # leaves it to the first use
+    rest = compilation.compile_for_estimates("prototype", ["step"], ["members"], lambda: None)
+    assert rest is None
+
+
+def test_a_compilation_ends_when_it_is_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compilation, "_PROGRAM", "import sys; sys.stdin.read()  # {path} {part}")
+    with compilation.Compilation(["step", "members"], quiet=True) as running:
+        assert not running.is_over()
+        running.end()
+        assert running.is_over()
+        assert not running.succeeds()
 
 
 def test_without_compiled_kernels_the_first_line_says_so_before_the_wait(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from cdrj_ros.commands import compile_ahead
 from cdrj_ros.commands.compile_ahead import PARTS
+from cdrj_ros.commands.parts import OUTERMOST
 
 ROOT = Path(__file__).parents[2]
 
@@ -77,11 +78,12 @@ print("used")
 
 LOADING = """
 import sys
-from cdrj_ros.commands.compile_ahead import INDEPENDENT, PARTS
+from cdrj_ros.commands.compile_ahead import PARTS
+from cdrj_ros.commands.parts import INDEPENDENT
 
 # those compiled without the kernels that they call come last: they must not be run afterwards
 for name in sorted(PARTS, key=lambda name: name in INDEPENDENT):
-    PARTS[name].compile()
+    PARTS[name]()
 for module in [module for name, module in sys.modules.items() if name.startswith("cdrj_ros.")]:
     for value in vars(module).values():
         if getattr(value, "overloads", None):
@@ -135,7 +137,8 @@ def test_the_kernels_that_python_calls_are_all_named() -> None:
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    named = {f"cdrj_ros.{kernel}" for part in PARTS.values() for kernel in part.outermost}
+    named = {f"cdrj_ros.{kernel}" for kernels in OUTERMOST.values() for kernel in kernels}
+    assert set(OUTERMOST) == set(PARTS)
     assert set(done.stdout.splitlines()) == named
 
 
@@ -162,14 +165,14 @@ def test_a_part_is_on_disk_until_its_sources_change(tmp_path: Path, changed: str
     with (folder / "estimation" / "unsure.py").open("a", encoding="utf-8") as file:
         file.write(changed)
     program = (
-        "from cdrj_ros.commands.compile_ahead import PARTS, is_compiled\n"
-        "print([part for part in PARTS if not is_compiled(part)])\n"
+        "from cdrj_ros.commands.parts import OUTERMOST, is_compiled\n"
+        "print([part for part in OUTERMOST if not is_compiled(part)])\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, env={**os.environ, "PYTHONPATH": ""},
         capture_output=True, text=True, check=True,
     )  # fmt: skip
-    assert done.stdout.strip() == ("['geometry', 'recordings']" if changed else "[]")
+    assert done.stdout.strip() == ("['members', 'recordings']" if changed else "[]")
 
 
 def test_commands_compile_nothing_after_a_build(compiled_in_use: tuple[str, str]) -> None:

@@ -238,6 +238,15 @@ def test_all_messages_after_the_first_sample_are_ordinary() -> None:
     assert len(family.layouts) == 1
 
 
+def test_no_message_is_ordinary_until_the_kernel_is_there() -> None:
+    quick = Quick()
+    quick.conditioner.ordinary.postpone()
+    assert not any(steady(quick, 50))
+    assert quick.conditioner.accepted == 250
+    quick.conditioner.ordinary.prepare()
+    assert all(steady(quick, 150)[100:])
+
+
 def test_loading_is_tried_ever_less_often_where_it_is_not_worth_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

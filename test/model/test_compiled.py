@@ -378,6 +378,26 @@ def test_kernels_are_compiled_once_all_of_them_are_on_disk(
     assert done.stdout.splitlines()[0].split()[1:] == ["False", "False"]
 
 
+def test_python_stands_in_for_a_kernel_until_it_is_to_be_compiled(
+    warm: Programs, copied: Path
+) -> None:
+    program = """
+from cdrj_ros.model.compiled import compile_at_calls, interpret
+from cdrj_ros.model.friction import stribeck_share
+
+def share():
+    return stribeck_share(0.1, 1.0), len(stribeck_share.overloads)
+
+for change in (interpret, compile_at_calls, interpret):
+    change(stribeck_share)
+    print(*share())
+"""
+    done = warm.run(copied, program, clean_environment())
+    shares, overloads = zip(*(line.split() for line in done.stdout.splitlines()), strict=True)
+    assert len(set(shares)) == 1, done.stderr
+    assert overloads == ("0", "1", "1")  # once compiled, it stays so
+
+
 def test_kernels_without_a_place_on_disk_do_not_count_as_compiled(
     run_least: RunLeast, copied: Path
 ) -> None:

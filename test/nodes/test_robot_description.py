@@ -136,18 +136,15 @@ def test_the_estimator_compiles_the_kernel_in_space_for_such_a_robot_only(
     from rclpy.parameter import Parameter
 
     from cdrj_ros.commands import compilation
-    from cdrj_ros.model.spatial_shape import shape_in_space
     from cdrj_ros.nodes import estimator
 
-    def all_but_that(*kernels: Any) -> bool:
-        return shape_in_space not in kernels
-
-    asked: list[tuple[Any, ...]] = []
-    for module in (compilation, estimator):
-        monkeypatch.setattr(module, "kernels_are_compiled", all_but_that)
-    monkeypatch.setattr(estimator, "compile_for_start", lambda *more: asked.append(more))
+    asked: list[tuple[str, ...]] = []
+    monkeypatch.setattr(compilation, "is_compiled", lambda part: part != "space")
+    monkeypatch.setattr(
+        compilation, "compile_together", lambda parts, **_: asked.append(parts) or True
+    )
     robot = str(robot_file) if named else "prototype"
     given = {"robot": robot, "robot_description": URDF}
     options = [Parameter(key, value=value) for key, value in given.items()]
     estimator.EstimatorNode(parameter_overrides=options).destroy_node()
-    assert asked == ([(shape_in_space,)] if named else [])
+    assert asked == ([("space",)] if named else [])

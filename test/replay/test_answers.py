@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.bag import Topics
+from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.conditioning.time_line import Mode
-from cdrj_ros.estimation.estimator import Estimate, initial_state, step
+from cdrj_ros.estimation.estimator import Estimate, initial_state, run, step
+from cdrj_ros.judgement.inputs import read_inputs
+from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.estimate_encoder import EstimateEncoder
 from cdrj_ros.messages.templates import Template
@@ -21,6 +25,7 @@ from cdrj_ros.replay.heard import Tally, channels_of
 from cdrj_ros.replay.line import FOLD
 from cdrj_ros.replay.outcome import Outcome
 
+SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 MS = 1_000_000
 FIRST_NS = 1_000 * MS
@@ -224,3 +229,33 @@ def test_an_estimate_that_was_predicted_is_expected_once(model: Model) -> None:
         assert list(bench.run._expected) == sorted(set(bench.run._expected))
     bench.answer(*range(5, 31))
     assert bench.run.tally() == Tally(36, 26, 26, 0, 0, 0)
+
+
+def test_what_is_known_of_standard_deviations_counts_for_the_coverage(
+    model: Model, recorded: Callable[[Model, int], Samples]
+) -> None:
+    """A node has none for the first seconds of its first start."""
+    samples = recorded(model, 100)
+    count, outcome = samples.stamp_ns.size, Outcome(model)
+    estimates = run(model, initial_state(model), samples)[1]
+    layout, values = model.layout, estimates.values
+    outcome.stamp_ns = samples.stamp_ns
+    outcome.angle = np.hstack([samples.motor_angle, samples.joint_angle])
+    outcome.value = np.hstack(
+        [values[:, k] for k in (layout.tension, layout.magnitude)]
+        + [values[:, k] for k in (layout.motor_effort, layout.joint_effort)]
+    )
+    outcome.stddev = np.full(outcome.value.shape, 0.05)
+    outcome.stddev[: count // 2, :16] = np.inf
+    outcome.stddev[:, -1] = np.nan
+    recording = read_inputs(str(SAMPLE), Topics(), model)
+    errors = errors_of([outcome.comparison("bag", recording)]).pooled
+    half, whole = errors["tension/upper/8"].coverage, errors["nodal_force/upper/8"].coverage
+    assert half is not None
+    assert whole is not None
+    assert 0.0 < half < 1.0
+    assert 0.0 < whole < 1.0
+    outcome.stddev[: count // 2, :16] = 0.05
+    all_known = errors_of([outcome.comparison("bag", recording)]).pooled["tension/upper/8"]
+    assert all_known.coverage == pytest.approx(half, abs=0.1)
+    assert errors["effort/elbow"].coverage is None

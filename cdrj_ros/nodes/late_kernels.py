@@ -1,0 +1,68 @@
+"""Kernels that are still being compiled when a node begins to estimate."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from cdrj_ros.commands.compilation import Compilation
+from cdrj_ros.conditioning.tracking import new_track, track
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.model.compiled import compile_at_calls, interpret
+
+PERIOD_S: Final = 0.1
+"""Time between two looks whether the compilation is over [s]."""
+
+UNTIL_THEN: Final = (
+    "the kernels of standard deviations are still being compiled: tensions are UNSURE until then"
+)
+FROM_NOW_ON: Final = "standard deviations from now on"
+
+
+def prepare_conditioning(live: LiveEstimator) -> None:
+    """Load the kernels that condition readings, or compile them."""
+    track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
+    live.conditioner.ordinary.prepare()
+
+
+class LateKernels:
+    """Lets a node do without kernels until they are compiled, and use them from then on."""
+
+    def __init__(self, node: Node, live: LiveEstimator, compilation: Compilation) -> None:
+        """Let the estimator do without, and look regularly whether it still has to.
+
+        Args:
+            node: the node.
+            live: its estimator, before the first sample.
+            compilation: of "members" or "conditioning" of ``parts.OF_EVERY_START``, or both.
+        """
+        self._node, self._live, self._compilation = node, live, compilation
+        live.conditioner.ordinary.postpone()
+        interpret(track)
+        self._waits_for_spread = "members" in compilation.parts
+        if self._waits_for_spread:
+            live.postpone_spread()
+            node.get_logger().info(UNTIL_THEN)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._looks = node.create_timer(PERIOD_S, self._look, clock=steady)
+
+    def _look(self) -> None:
+        if not self._compilation.is_over():
+            return
+        self._looks.cancel()
+        if not self._compilation.succeeds():
+            self._node.get_logger().warning(
+                "a process that compiles kernels has failed; this one compiles them, and estimates "
+                "are late meanwhile"
+            )
+        compile_at_calls(track)
+        prepare_conditioning(self._live)
+        self._live.add_spread()
+        if self._waits_for_spread:
+            self._node.get_logger().info(FROM_NOW_ON)
+
+    def end(self) -> None:
+        """End the compilation, if it is not over."""
+        self._compilation.end()
