@@ -94,6 +94,8 @@ class CollisionNode(Between):
         stop = np.zeros_like(wished)
         if message is None or self.angle is None or not message.effort:
             return stop, "stopped: the efforts or the joint's angle are unknown"
+        if not np.isfinite(self.stddev):  # a push would not be noticed
+            return stop, "stopped: the standard deviation of the efforts is unknown"
         effort = self.sign * message.effort[message.name.index(self.joint)]
         if dt > 0.0:
             torque = self.observer.update(dt, self.angle, effort)

@@ -157,6 +157,27 @@ def test_a_push_stops_the_motors_until_they_are_released(controller: Any) -> Non
     assert bench.until(lambda c: c == [1.0] and not bench.controller.reason, *feed(0.0))
 
 
+def test_motors_stop_while_the_standard_deviation_of_the_efforts_is_infinite(
+    controller: Any,
+) -> None:
+    from sensor_msgs.msg import JointState
+
+    bench = controller("collision_stop", "CollisionNode", "velocity", threshold=0.5)
+    held = float(bench.controller.observer.numbers[3:5].sum())  # weight at an angle of 0 [N m]
+
+    def feed(stddev: float) -> list[Callable[[], None]]:
+        return [
+            lambda: bench.wish(1.0),
+            lambda: bench.publish("joint_states", JointState(name=["elbow"], position=[0.0])),
+            lambda: bench.publish("efforts_stddev", JointState(name=["elbow"], effort=[stddev])),
+            lambda: bench.publish("efforts", JointState(name=["elbow"], effort=[held])),
+        ]
+
+    assert bench.until(lambda c: c == [1.0], *feed(0.1))
+    assert bench.until(lambda c: c == [0.0], *feed(float("inf")))
+    assert bench.until(lambda c: c == [1.0], *feed(0.1))
+
+
 def test_loose_cables_are_tightened_and_tight_ones_loosened(
     controller: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
