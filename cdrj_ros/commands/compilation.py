@@ -88,18 +88,21 @@ def compile_for_estimates(
         What is still being compiled; None if that is nothing.
     """
     urgent, others = (*missing(needed), *parts_of_file(robot)), missing(later)
-    if urgent:
+    if not (urgent or others):
+        return None
+    kept = kernels_can_be_kept(shape, advance)
+    if urgent or not kept:
         announce()
-    if not (urgent or others) or not kernels_can_be_kept(shape, advance):
+    if not kept:
         return None
     at_once = len(os.sched_getaffinity(0)) > len(urgent)
     rest = Compilation(others if at_once else (), quiet=True, niceness=WHILE_ESTIMATING)
-    if not compile_together(urgent, quiet=True):
+    if not compile_together(urgent, quiet=True) or missing(urgent):
         rest.end()
         return None
     if not at_once:
         rest = Compilation(others, quiet=True, niceness=WHILE_ESTIMATING)
-    return rest if others else None
+    return rest if rest.runs() else None
 
 
 def missing(parts: Iterable[str]) -> tuple[str, ...]:
@@ -153,9 +156,9 @@ class Compilation:
     def __exit__(self, *_: object) -> None:
         self.end()
 
-    def is_over(self) -> bool:
-        """Whether every process has ended."""
-        return all(process.poll() is not None for process in self._running)
+    def runs(self) -> bool:
+        """Whether a process still runs."""
+        return any(process.poll() is None for process in self._running)
 
     def succeeds(self) -> bool:
         """Wait for the processes; True if all parts have been compiled."""

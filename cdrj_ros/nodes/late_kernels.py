@@ -7,7 +7,7 @@ from typing import Final
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from cdrj_ros.commands.compilation import Compilation
+from cdrj_ros.commands.compilation import Compilation, missing
 from cdrj_ros.conditioning.tracking import new_track, track
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.compiled import compile_at_calls, interpret
@@ -19,6 +19,10 @@ UNTIL_THEN: Final = (
     "the kernels of standard deviations are still being compiled: tensions are UNSURE until then"
 )
 FROM_NOW_ON: Final = "standard deviations from now on"
+STILL_MISSING: Final = (
+    "some kernels could not be compiled or kept, and tensions may stay UNSURE; "
+    "python3 -m cdrj_ros.commands.compile_ahead --missing says why"
+)
 
 
 def prepare_conditioning(live: LiveEstimator) -> None:
@@ -49,14 +53,13 @@ class LateKernels:
         self._looks = node.create_timer(PERIOD_S, self._look, clock=steady)
 
     def _look(self) -> None:
-        if not self._compilation.is_over():
+        if self._compilation.runs():
             return
         self._looks.cancel()
-        if not self._compilation.succeeds():
-            self._node.get_logger().warning(
-                "a process that compiles kernels has failed; this one compiles them, and estimates "
-                "are late meanwhile"
-            )
+        self._compilation.end()
+        if missing(self._compilation.parts):  # compiled here, they would stop the estimates
+            self._node.get_logger().error(STILL_MISSING)
+            return
         compile_at_calls(track)
         prepare_conditioning(self._live)
         self._live.add_spread()

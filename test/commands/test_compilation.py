@@ -36,12 +36,20 @@ def on_disk(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[tuple[str, 
             if self.parts:
                 assert bool(niceness) == ({"members", "conditioning"} >= set(self.parts))
                 asked.append(self.parts)
+                if not niceness:
+                    lacking.difference_update(self.parts)
+
+        def runs(self) -> bool:
+            return bool(self.parts)
 
     asked: list[tuple[str, ...]] = []
+    lacking: set[str] = set()
     monkeypatch.setattr(compilation, "Compilation", Noted)
+    monkeypatch.setattr(compilation, "is_compiled", lambda part: part not in lacking)
 
     def declare(absent: str) -> list[tuple[str, ...]]:
-        monkeypatch.setattr(compilation, "is_compiled", lambda part: part not in absent.split())
+        lacking.clear()
+        lacking.update(absent.split())
         return asked
 
     return declare
@@ -121,6 +129,27 @@ def test_what_can_follow_waits_for_a_processor(
     assert (rest.parts if rest else ()) == later
 
 
+@pytest.mark.parametrize("absent", ["step members", "members"])
+@pytest.mark.parametrize("written", [True, False])
+def test_where_nothing_can_be_kept_nothing_follows_the_estimates(
+    absent: str,
+    written: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    on_disk: Callable[[str], list[tuple[str, ...]]],
+) -> None:
+    """This process then compiles everything before it estimates, and says so."""
+    asked, said = on_disk(absent), []
+    monkeypatch.setattr(compilation, "kernels_can_be_kept", lambda *_: written)
+    if written:  # the disk is full, say
+        monkeypatch.setattr(compilation, "is_compiled", lambda part: part not in absent.split())
+    rest = compilation.compile_for_estimates(
+        "prototype", ["step"], ["members"], lambda: said.append(True)
+    )
+    assert (rest is None) == (not written or "step" in absent)
+    assert bool(said) == (not written or "step" in absent)
+    assert bool(asked) == written
+
+
 def test_a_robot_whose_urdf_is_still_to_come_is_in_space(
     tmp_path: Path, on_disk: Callable[[str], list[tuple[str, ...]]]
 ) -> None:
@@ -171,16 +200,17 @@ def test_where_no_process_can_be_started_this_one_compiles(
     monkeypatch.setattr(compilation, "is_compiled", lambda _: False)
     assert not compilation.compile_together(["step"])
     compilation.ensure_compilation("prototype")  # leaves it to the first use
-    rest = compilation.compile_for_estimates("prototype", ["step"], ["members"], lambda: None)
-    assert rest is None
+    for needed in ["step"], []:
+        rest = compilation.compile_for_estimates("prototype", needed, ["members"], lambda: None)
+        assert rest is None
 
 
 def test_a_compilation_ends_when_it_is_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compilation, "_PROGRAM", "import sys; sys.stdin.read()  # {path} {part}")
     with compilation.Compilation(["step", "members"], quiet=True) as running:
-        assert not running.is_over()
+        assert running.runs()
         running.end()
-        assert running.is_over()
+        assert not running.runs()
         assert not running.succeeds()
 
 

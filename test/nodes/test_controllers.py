@@ -132,50 +132,44 @@ def test_a_command_of_the_wrong_length_is_not_used(controller: Any) -> None:
     assert all(len(command) == 1 and abs(command[0]) <= 2.0 for command in bench.commands)
 
 
-def test_a_push_stops_the_motors_until_they_are_released(controller: Any) -> None:
+def _stop_feed(bench: Any, extra: float, stddev: float | None) -> list[Callable[[], None]]:
+    """What the collision stop hears: a wished speed, the joint at rest, and its effort [N m]."""
     from sensor_msgs.msg import JointState
+
+    held = float(bench.controller.observer.numbers[3:5].sum())  # weight at an angle of 0
+    spread = JointState(name=["elbow"], effort=[] if stddev is None else [stddev])
+    return [
+        lambda: bench.wish(1.0),
+        lambda: bench.publish("joint_states", JointState(name=["elbow"], position=[0.0])),
+        lambda: bench.publish("efforts_stddev", spread),
+        lambda: bench.publish("efforts", JointState(name=["elbow"], effort=[held - extra])),
+    ]
+
+
+def test_a_push_stops_the_motors_until_they_are_released(controller: Any) -> None:
     from std_srvs.srv import Trigger
 
     bench = controller("collision_stop", "CollisionNode", "velocity", threshold=0.5)
-    held = float(bench.controller.observer.numbers[3:5].sum())  # weight at an angle of 0 [N m]
-
-    def feed(extra: float) -> list[Callable[[], None]]:
-        return [
-            lambda: bench.wish(1.0),
-            lambda: bench.publish("joint_states", JointState(name=["elbow"], position=[0.0])),
-            lambda: bench.publish("efforts", JointState(name=["elbow"], effort=[held - extra])),
-        ]
-
-    assert bench.until(lambda c: c == [1.0], *feed(0.0))
-    assert bench.until(lambda c: c == [0.0], *feed(2.0))
+    calm, push = (_stop_feed(bench, extra, None) for extra in (0.0, 2.0))
+    assert bench.until(lambda c: c == [1.0], *calm)
+    assert bench.until(lambda c: c == [0.0], *push)
     assert "push" in bench.controller.reason
     client = bench.user.create_client(Trigger, "collision_stop/release")
-    assert bench.until(lambda _: client.service_is_ready(), *feed(0.0))
+    assert bench.until(lambda _: client.service_is_ready(), *calm)
     done = client.call_async(Trigger.Request())
-    assert bench.until(lambda _: done.done(), *feed(0.0))
+    assert bench.until(lambda _: done.done(), *calm)
     assert "push" in done.result().message
-    assert bench.until(lambda c: c == [1.0] and not bench.controller.reason, *feed(0.0))
+    assert bench.until(lambda c: c == [1.0] and not bench.controller.reason, *calm)
 
 
 def test_motors_stop_while_the_standard_deviation_of_the_efforts_is_infinite(
     controller: Any,
 ) -> None:
-    from sensor_msgs.msg import JointState
-
     bench = controller("collision_stop", "CollisionNode", "velocity", threshold=0.5)
-    held = float(bench.controller.observer.numbers[3:5].sum())  # weight at an angle of 0 [N m]
-
-    def feed(stddev: float) -> list[Callable[[], None]]:
-        return [
-            lambda: bench.wish(1.0),
-            lambda: bench.publish("joint_states", JointState(name=["elbow"], position=[0.0])),
-            lambda: bench.publish("efforts_stddev", JointState(name=["elbow"], effort=[stddev])),
-            lambda: bench.publish("efforts", JointState(name=["elbow"], effort=[held])),
-        ]
-
-    assert bench.until(lambda c: c == [1.0], *feed(0.1))
-    assert bench.until(lambda c: c == [0.0], *feed(float("inf")))
-    assert bench.until(lambda c: c == [1.0], *feed(0.1))
+    known, unknown = (_stop_feed(bench, 0.0, stddev) for stddev in (0.1, float("inf")))
+    assert bench.until(lambda c: c == [1.0], *known)
+    assert bench.until(lambda c: c == [0.0], *unknown)
+    assert bench.until(lambda c: c == [1.0], *known)
 
 
 def test_loose_cables_are_tightened_and_tight_ones_loosened(
