@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from time import perf_counter
 from typing import Final
 
 import numpy as np
@@ -32,7 +34,7 @@ class LateSpread:
         """
         self.unknown: Vector = np.full(columns, np.inf)
         """Standard deviations meanwhile, shape (columns,)."""
-        self._missed: list[tuple[Sample, Estimate]] = []
+        self._missed: deque[tuple[Sample, Estimate]] = deque()
 
     def note(self, sample: Sample, estimate: Estimate) -> None:
         """Keep a sample with its estimate, without the state that the estimate's memory holds."""
@@ -47,8 +49,19 @@ class LateSpread:
         """Forget all samples: the ensemble begins with the next one."""
         self._missed.clear()
 
-    def update(self, spread: Spread) -> None:
-        """Update an ensemble with all that it has missed."""
-        for sample, estimate in self._missed:
-            spread.update(sample, estimate)
-        self.forget()
+    def update(self, spread: Spread, within_s: float) -> bool:
+        """Update an ensemble with what it has missed, the oldest first.
+
+        Args:
+            spread: the ensemble.
+            within_s: time after which no further sample is begun [s].
+
+        Returns:
+            Whether it has now been updated with everything.
+        """
+        end = perf_counter() + within_s
+        while self._missed:
+            spread.update(*self._missed.popleft())
+            if perf_counter() > end:
+                break
+        return not self._missed

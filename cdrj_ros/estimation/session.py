@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -132,11 +133,20 @@ class LiveEstimator:
         """Whether the estimates are without the ensemble, see ``postpone_spread``."""
         return self._late is not None
 
-    def add_spread(self) -> None:
-        """Update the ensemble with what it has missed, and use it from now on."""
-        late, self._late = self._late, None
-        if late is not None and self.spread is not None:
-            late.update(self.spread)
+    def add_spread(self, within_s: float = inf) -> bool:
+        """Update the ensemble with what it has missed, and then use it from now on.
+
+        Args:
+            within_s: time after which the rest is left to further calls [s].
+
+        Returns:
+            Whether the ensemble is used from now on, as it is where it was never postponed.
+        """
+        late, spread = self._late, self.spread
+        if late is not None and spread is not None and not late.update(spread, within_s):
+            return False
+        self._late = None
+        return True
 
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""

@@ -15,6 +15,9 @@ from cdrj_ros.model.compiled import compile_at_calls, interpret
 PERIOD_S: Final = 0.1
 """Time between two looks whether the compilation is over [s]."""
 
+CATCHING_UP_S: Final = 0.02
+"""Longest time that a look takes for samples that the ensemble has missed [s]."""
+
 UNTIL_THEN: Final = (
     "the kernels of standard deviations are still being compiled: tensions are UNSURE until then"
 )
@@ -42,7 +45,8 @@ class LateKernels:
             live: its estimator, before the first sample.
             compilation: of "members" or "conditioning" of ``parts.OF_EVERY_START``, or both.
         """
-        self._node, self._live, self._compilation = node, live, compilation
+        self._node, self._live = node, live
+        self._compilation: Compilation | None = compilation
         live.conditioner.ordinary.postpone()
         interpret(track)
         self._waits_for_spread = "members" in compilation.parts
@@ -53,19 +57,24 @@ class LateKernels:
         self._looks = node.create_timer(PERIOD_S, self._look, clock=steady)
 
     def _look(self) -> None:
-        if self._compilation.runs():
-            return
-        self._looks.cancel()
-        self._compilation.end()
-        if missing(self._compilation.parts):  # compiled here, they would stop the estimates
-            self._node.get_logger().error(STILL_MISSING)
-            return
-        compile_at_calls(track)
-        prepare_conditioning(self._live)
-        self._live.add_spread()
-        if self._waits_for_spread:
-            self._node.get_logger().info(FROM_NOW_ON)
+        if self._compilation is not None:
+            if self._compilation.runs():
+                return
+            parts = self._compilation.parts
+            self.end()
+            if missing(parts):  # compiled here, they would stop the estimates
+                self._looks.cancel()
+                self._node.get_logger().error(STILL_MISSING)
+                return
+            compile_at_calls(track)
+            prepare_conditioning(self._live)
+        if self._live.add_spread(CATCHING_UP_S):
+            self._looks.cancel()
+            if self._waits_for_spread:
+                self._node.get_logger().info(FROM_NOW_ON)
 
     def end(self) -> None:
         """End the compilation, if it is not over."""
-        self._compilation.end()
+        if self._compilation is not None:
+            self._compilation.end()
+            self._compilation = None

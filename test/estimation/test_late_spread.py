@@ -75,6 +75,23 @@ def test_after_joining_every_number_is_that_of_an_ensemble_from_the_start(
     assert usual.spread.states.tobytes() == late.spread.states.tobytes()
 
 
+def test_catching_up_can_be_spread_over_several_calls(model: Model, readings: Samples) -> None:
+    usual, late = LiveEstimator(model), _late(model)
+    calls = 0
+    for k in range(COUNT):
+        if k >= 200 and late.spread_is_late:
+            calls += 1
+            done = [late.add_spread(0.0) for _ in range(5)]  # one sample each
+            assert done[-1] is not late.spread_is_late
+        late_before = late.spread_is_late
+        (_, stddev), (_, found) = (_take(live, readings.at(k)) for live in (usual, late))
+        assert late_before == bool(np.isposinf(found).all())
+        if not late_before:
+            assert found.tobytes() == stddev.tobytes()
+    assert calls == 50  # 200 samples and one more with every call, five at a time
+    assert late.add_spread()
+
+
 def test_predicted_samples_are_not_kept(model: Model, readings: Samples) -> None:
     usual, late = LiveEstimator(model), _late(model)
     for k in range(COUNT):
