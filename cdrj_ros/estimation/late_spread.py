@@ -15,8 +15,9 @@ from cdrj_ros.estimation.estimator import Estimate
 
 Vector = NDArray[np.float64]
 
-MOST: Final = 100_000
-"""Number of samples that are kept.  If there are more, the ensemble begins with a later one."""
+MOST: Final = 20_000
+"""Number of samples that are kept, some 2 kB each.  If there are more, the ensemble begins with a
+later one."""
 
 
 class LateSpread:

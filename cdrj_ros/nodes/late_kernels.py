@@ -49,9 +49,10 @@ class LateKernels:
         self._compilation: Compilation | None = compilation
         live.conditioner.ordinary.postpone()
         interpret(track)
-        self._waits_for_spread = "members" in compilation.parts
-        if self._waits_for_spread:
+        if "members" in compilation.parts:
             live.postpone_spread()
+        self._waits_for_spread = live.spread_is_late
+        if self._waits_for_spread:
             node.get_logger().info(UNTIL_THEN)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._looks = node.create_timer(PERIOD_S, self._look, clock=steady)

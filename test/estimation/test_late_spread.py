@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from cdrj_ros.estimation import late_spread
 from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import UNSURE
+from cdrj_ros.robot.reader import build_robot
 
 COUNT = 400
 """Samples of a run."""
@@ -149,10 +151,18 @@ def test_of_too_many_samples_the_first_are_forgotten(
 
 
 def test_an_estimator_that_corrects_its_ensemble_or_has_none_does_not_wait_for_it(
-    model: Model, readings: Samples
+    model: Model,
 ) -> None:
-    for options in (Options(tension_sensors=True), Options(uncertainty=False)):
-        live = _late(model, options)
+    document = deepcopy(dict(model.robot.document))
+    for joint in document["joints"]:
+        joint["measured"] = False
+    alone = prepare(build_robot(document, "without encoder"))
+    for robot, options in (
+        (model, Options(tension_sensors=True)),
+        (model, Options(uncertainty=False)),
+        (alone, Options()),
+    ):
+        live = _late(robot, options)
         assert not live.spread_is_late
-        live.take(readings.at(0))
-        live.add_spread()
+        assert live.add_spread()
+    assert live.alone is not None
