@@ -40,7 +40,7 @@ LIMITS = {
         "importing numba and the package takes two thirds of it, the robot file and loading the "
         "kernels the rest; a machine on which the bare node starts in 0.17 s needs 0.30 s more"
     ),
-    "first start without a compiled kernel, until it": (
+    "first start without a compiled kernel, until it estimates": (
         "compilation of the step in one process, and of the geometry in the plane and the solution "
         "of a cable in another: 9 s of processor time in all on a machine that adds ten million "
         "numbers in 0.36 s, 60 % of it numba's analysis in Python; see below; `colcon build` and "
