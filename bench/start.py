@@ -27,8 +27,10 @@ FROM_NOTHING = 3
 """Rounds of first starts that compile."""
 NOTHING_S = 60.0
 """Time for them."""
+INCOMPLETE = b"still being compiled"
+"""In what the node logs, before it works, if standard deviations follow later."""
 COMPLETE = b"standard deviations from now on"
-"""What the node logs when all kernels of a first start are compiled."""
+"""What it logs when they do."""
 
 
 class Started(NamedTuple):
@@ -57,7 +59,7 @@ def started(
         command: of the node.
         said: what it logs when it works.
         variables: of its environment.
-        complete: whether to wait for its standard deviations too, which come later.
+        complete: whether to wait for its standard deviations too, if they come later.
 
     Raises:
         RuntimeError: the process ended earlier.
@@ -65,7 +67,7 @@ def started(
     begin = perf_counter()
     environment = {**os.environ, **(variables or {})}
     process = subprocess.Popen(command, stderr=subprocess.PIPE, env=environment)
-    line_s = 0.0
+    line_s, follows = 0.0, False
     try:
         assert process.stderr is not None
         for line in process.stderr:
@@ -73,8 +75,10 @@ def started(
             line_s = line_s or now
             if said in line:
                 ready = Started(line_s, now, _resident_mb(process.pid))
-                if not complete:
-                    return ready
+                if not (complete and follows):
+                    return ready._replace(complete_s=now)
+            elif INCOMPLETE in line:
+                follows = True
             elif COMPLETE in line:
                 return ready._replace(complete_s=now)
         raise RuntimeError(f"{command[0]} ended early, exit code {process.wait()}")
