@@ -65,7 +65,7 @@ def _compile_geometry() -> None:
     numbers = read_only(np.empty(0))
     direct(shape, _plan(), numbers, *4 * (np.empty(0),))
     compile_solve_cable()
-    blended_loss(0.5, 0.1, 0.1, 1.0, 0.0, 0, 1.0)
+    blended_loss(0.5, 0.1, 0.1, 1.0, 0.0, 0)
     estimate_encoder.find_entry()
 
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.elasticity import Elasticity, elasticities, strain_at, tensions_at
+from cdrj_ros.model.filling import contact_cells
 from cdrj_ros.model.packing import number_views, plan_views
-from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.prepared import Model, segments_of, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Winch
 
@@ -21,16 +22,21 @@ class CableStates(NamedTuple):
     """One cable's values in a state, or in every row of a table of states: views."""
 
     length: Table
-    """[m], shape (elements,) or (rows, elements), as those that follow."""
+    """Of the segments [m], shape (segments,) or (rows, segments), as those that follow."""
     material: Table
     """[m]."""
     bristle: Table
-    """[N], shape (pulleys,) or (rows, pulleys)."""
+    """[N], shape (contacts,) or (rows, contacts)."""
     law: Elasticity
     """Of every row, shapes (1,) or (rows, 1)."""
+    between: Table | None
+    """Weights of the elements at every segment, shape (elements, segments); None where the segments
+    are the elements."""
 
     def stretch(self, shift: Table) -> Vector:
-        """Change the tensions by ``shift`` [N], which can be broadcast to the elements.
+        """Change the tensions by ``shift`` [N], of shape (..., 1) or (..., elements).
+
+        Between the cells of a pulley it is interpolated.
 
         Returns:
             Change of the cable's material [m], shape () or (rows,).
@@ -41,6 +47,8 @@ class CableStates(NamedTuple):
         strain = length / material
         strain -= 1.0
         tension = law.axial_stiffness * strain if linear else tensions_at(law, strain)
+        if self.between is not None and shift.shape[-1] > 1:
+            shift = shift @ self.between
         tension = tension + shift
         strain = tension / law.axial_stiffness if linear else strain_at(law, tension)
         strain += 1.0
@@ -65,23 +73,26 @@ class CablePlaces:
         robot, layout = model.robot, model.layout
         cable = plan_views(model.plan).cables[c]
         first, pulley = cable.first_element, cable.first_pulley
-        self.count = int(cable.elements)
         elements = len(layout.elements)
         self.elements = slice(first, first + cable.elements)
         self.pulleys = slice(elements + pulley, elements + pulley + cable.pulleys)
+        segments, contact = segments_of(model, c), cable.first_contact
         numbers = number_views(model.sizes, np.arange(float(model.numbers.size)))
-        rows: Any = numbers.elements
-        self._material_columns = _columns(rows["material"][self.elements])
+        rows: Any = numbers.segments
+        self._material_columns = _columns(rows["material"][segments])
         self._law_columns = [int(k) for k in elasticities(numbers.cables[c])]
         state = state_views(model.sizes, np.arange(float(model.state_size)))
-        self._length_part = _columns(state.length[self.elements])
-        self._material_part = _columns(state.material[self.elements])
-        self._bristle_part = _columns(state.bristle[pulley : pulley + cable.pulleys])
+        self._length_part = _columns(state.length[segments])
+        self._material_part = _columns(state.material[segments])
+        self._bristle_part = _columns(state.bristle[contact : contact + cable.contacts])
+        self._between = _between([contact_cells(one) for one in robot.cables[c].pulleys])
         wrap = np.array([_mean_wrap(model, pulley + k) for k in range(cable.pulleys)])
         self.lever = 2.0 * np.sin(0.5 * wrap)
         """Force on every pulley per newton of tension [-]."""
-        self._length = shape_at(model, _reference(model)).length[self.elements]
-        self.weight = self._length / self._length.sum()
+        shape = shape_at(model, _reference(model))
+        self._length = shape.segment[segments]
+        length = shape.length[self.elements]
+        self.weight = length / length.sum()
         """Share of every element in the cable's mean tension, which slip does not change [-]."""
         motors = {motor.name: k for k, motor in enumerate(robot.motors)}
         offset = elements + len(layout.pulleys)
@@ -106,10 +117,11 @@ class CablePlaces:
             states[..., self._material_part],
             states[..., self._bristle_part],
             self._law(numbers),
+            self._between,
         )
 
     def start(self, numbers: Table) -> Table:
-        """Material of the cable's elements in the reference pose [m], a view of ``numbers``."""
+        """Material of the cable's segments in the reference pose [m], a view of ``numbers``."""
         return numbers[..., self._material_columns]
 
     def preload(self, numbers: Table, shift: Vector) -> None:
@@ -132,10 +144,24 @@ def lengthen(start: Table, change: Vector) -> None:
     """Let states begin with more material, so that they know a correction of the preload.
 
     Args:
-        start: see ``CablePlaces.start``, shape (elements,) or (rows, elements), changed.
+        start: see ``CablePlaces.start``, shape (segments,) or (rows, segments), changed.
         change: of the cable's material [m], shape () or (rows,).
     """
     start *= 1.0 + (change / np.add.reduce(start, axis=-1))[..., None]
+
+
+def _between(cells: list[int]) -> Table | None:
+    """Weights that interpolate from elements to segments, shape (elements, segments).
+
+    Args:
+        cells: number of contact cells of every pulley; with one each, None is returned.
+    """
+    if all(count == 1 for count in cells):
+        return None
+    at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(cells))])
+    elements = np.arange(len(cells) + 1.0)
+    weights: Table = np.maximum(1.0 - np.abs(elements[:, None] - at), 0.0)
+    return weights
 
 
 def _columns(places: Vector) -> slice:

@@ -67,7 +67,7 @@ def _motor_arms(robot: Robot, name: str) -> Vector:
 
 def _joint_arms(shape: Shape, joint: int) -> Vector:
     """Effort on a joint per newton in every element [m], shape (elements,)."""
-    arms: Vector = np.abs(shape.length_by_joint[:, joint])
+    arms: Vector = np.abs(shape.lever_arm[:, joint])
     return np.where(arms > LEAST_ARM * max(float(arms.max(initial=0.0)), 1e-300), arms, 0.0)
 
 

@@ -22,7 +22,7 @@ from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.filling import friction_numbers
 from cdrj_ros.model.friction import blended_loss
 from cdrj_ros.model.packing import number_views, plan_views
-from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.prepared import Model, segments_of, shape_at
 from cdrj_ros.robot.description import LAWS, Cable, Friction, Pulley
 from cdrj_ros.robot.tolerances import TURNING
 
@@ -31,8 +31,8 @@ Table = NDArray[np.float64]
 
 FIELDS: Final = frozenset(one.name for one in fields(Friction) if one.name != "stribeck")
 
-UNTOUCHED: Final = ("drag", "cells")
-"""Friction numbers of a pulley that depend on no field of ``Friction``."""
+UNTOUCHED: Final = ("drag",)
+"""Friction number of a pulley that depends on no field of ``Friction``."""
 
 
 def is_friction(path: str) -> bool:
@@ -78,7 +78,7 @@ def drawn_numbers(
     views: Any = number_views(model.sizes, numbers)
     if earlier is None:
         pose = np.array([joint.reference_angle for joint in model.robot.joints])
-        lengths = shape_at(model, pose).length
+        lengths = shape_at(model, pose).segment
         for c, one in enumerate(cables):
             one.write_elasticity(model, views, c, lengths)
     written = [one.write_friction(model, views, c, friction) for c, one in enumerate(cables)]
@@ -141,7 +141,6 @@ class _CableDraw:
 
     def write_elasticity(self, model: Model, views: Any, c: int, lengths: Vector) -> None:
         """Write the cable's elasticity and preload."""
-        plan = plan_views(model.plan).cables[c]
         for key, value in self._elastic._asdict().items():
             views.cables[key][:, c] = value
         for key, value in self._creep.items():
@@ -149,9 +148,9 @@ class _CableDraw:
         views.cables["preload"][:, c] = self._preload
         views.cables["wound_tension"][:, c] = self._preload
         strain = strain_at(self._elastic, self._preload)
-        for k in range(plan.elements):
-            place = plan.first_element + k
-            views.elements["material"][:, place] = lengths[place] / (1.0 + strain)
+        own = segments_of(model, c)
+        for segment in range(own.start, own.stop):
+            views.segments["material"][:, segment] = lengths[segment] / (1.0 + strain)
 
     def write_friction(self, model: Model, views: Any, c: int, common: _Layer) -> bool:
         """Write the friction of its pulleys; False if that of some member is not allowed."""
@@ -208,11 +207,11 @@ def _friction(pulley: Pulley, radius: Vector | None, *layers: _Layer) -> Frictio
 
 def _losses(row: Any, stribeck: int) -> Table:
     """Kinetic and static loss of a pulley for every member, shape (members, 2)."""
-    names = ("rho", "mu_c", "mu_s", "wrap", "bearing_ratio", "cells")
+    names = ("rho", "mu_c", "mu_s", "wrap", "bearing_ratio")
     columns: Iterable[list[float]] = (row[name].tolist() for name in names)
     return np.array(
         [
-            blended_loss(rho, kinetic, static, wrap, bearing, stribeck, cells)
-            for rho, kinetic, static, wrap, bearing, cells in zip(*columns, strict=True)
+            blended_loss(rho, kinetic, static, wrap, bearing, stribeck)
+            for rho, kinetic, static, wrap, bearing in zip(*columns, strict=True)
         ]
     )

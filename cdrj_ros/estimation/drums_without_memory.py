@@ -27,7 +27,7 @@ def forget_drums(plan: NDArray[np.int64], numbers: Vector, state: Vector) -> Non
             number = layout.ends[2 * c + end].drum
             if number < 0:
                 continue
-            e = cable.first_element + (0 if end == 0 else cable.elements - 1)
+            e = cable.first_contact + c + (0 if end == 0 else cable.contacts)
             drum = now.drums[number]
             top = int(drum.points) - 1
             rate = values.ends[2 * c + end].radius / max(now.length[e] / now.material[e], 1.0)

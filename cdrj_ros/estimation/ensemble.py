@@ -211,7 +211,7 @@ class Spread:
         Both are of the same robot, which may have different numbers.
         """
         mine, theirs, drawn = (
-            number_views(self.model.sizes, numbers).elements["material"]  # type: ignore[call-overload]
+            number_views(self.model.sizes, numbers).segments["material"]  # type: ignore[call-overload]
             for numbers in (self.numbers, other.numbers, other._drawn)
         )
         mine *= theirs / drawn

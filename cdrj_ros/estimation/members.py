@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.model.elasticity import elasticities, strain_at
 from cdrj_ros.model.packing import number_views
-from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.prepared import Model, segments_of, shape_at
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
@@ -62,17 +62,16 @@ def preload_differently(
     shape = shape_at(model, np.array([joint.reference_angle for joint in model.robot.joints]))
     half = len(numbers) // 2
     cables: Any = number_views(model.sizes, numbers).cables
-    elements: Any = number_views(model.sizes, numbers).elements
-    element = 0
-    for c, cable in enumerate(model.robot.cables):
+    segments: Any = number_views(model.sizes, numbers).segments
+    for c in range(len(model.robot.cables)):
         normal = generator.standard_normal(half)
         change = 1.0 + share * np.concatenate([normal, -normal])
         preload = cables["preload"][:, c] * np.maximum(change, 0.0)
         cables["preload"][:, c] = preload
         stretch = 1.0 + strain_at(elasticities(cables[:, c]), preload)
-        for _ in cable.element_names:
-            elements["material"][:, element] = shape.length[element] / stretch
-            element += 1
+        own = segments_of(model, c)
+        for segment in range(own.start, own.stop):
+            segments["material"][:, segment] = shape.segment[segment] / stretch
 
 
 def friction_shares(members: int, pulleys: int, generator: np.random.Generator) -> Table:

@@ -98,15 +98,15 @@ def _arms(
     """
     parts = plan_views(plan)
     cable, before = parts.cables[c], state_views(parts.sizes, state)
-    by_joint = _scratch(plan, state.size, joints.out).length_by_joint
+    lever_arm = _scratch(plan, state.size, joints.out).lever_arm
     longer = 0.0
     arms[:] = 0.0
     for e in range(cable.first_element, cable.first_element + cable.elements):
         for a in range(arms.size):
-            arms[a] += by_joint[e, joints.joints[a]]
+            arms[a] += lever_arm[e, joints.joints[a]]
         for k in range(joints.measured.size):
             j = joints.measured[k]
-            longer += by_joint[e, j] * (joints.angle[j] - before.angle[parts.sizes.motors + j])
+            longer += lever_arm[e, j] * (joints.angle[j] - before.angle[parts.sizes.motors + j])
     return longer
 
 

@@ -34,9 +34,10 @@ from cdrj_ros.identification.sliding import (
     slip_rates,
     slips_of,
 )
+from cdrj_ros.model.along import Course, course
 from cdrj_ros.model.elasticity import elasticity_of, modulus_at
 from cdrj_ros.model.packing import number_views, plan_views
-from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Anchor
 
 Vector = NDArray[np.float64]
@@ -55,12 +56,8 @@ class Path:
 
     stamp_ns: NDArray[np.int64]
     """Increasing [ns], shape (n,)."""
-    length: Table
-    """Lengths of all elements with their share of the arcs [m], shape (n, elements)."""
-    length_by_joint: NDArray[np.float64]
-    """Derivatives of the lengths by the joint angles, shape (n, elements, joints)."""
-    wrap: Table
-    """Wrap angles of all pulleys [rad], shape (n, pulleys)."""
+    course: Course
+    """Of all cables over these stamps."""
     wound: Table
     """Cable drawn in by the winch at the last node of every cable with two winches [m], shape
     (n, cables); 0 for other cables."""
@@ -130,15 +127,7 @@ def path_of(
     Raises:
         UsageError: a cable path is geometrically impossible in some pose.
     """
-    count = stamp_ns.size
-    robot, sizes = model.robot, model.sizes
-    length, wrap = np.empty((count, sizes.elements)), np.empty((count, sizes.pulleys))
-    by_joint = np.empty((count, sizes.elements, sizes.joints))
-    for k in range(count):
-        shape = shape_at(model, joint_angle[k])
-        if not shape.possible:
-            raise UsageError(f"a cable path is impossible at the joint angles {joint_angle[k]}")
-        length[k], wrap[k], by_joint[k] = shape.length, shape.wrap, shape.length_by_joint
+    count, robot = stamp_ns.size, model.robot
     wound = np.zeros((count, len(robot.cables)))
     for c, cable in enumerate(robot.cables):
         last = cable.nodes[-1]
@@ -148,7 +137,7 @@ def path_of(
             raise UsageError(f"cable {cable.name} has two winches: its motor angles are needed")
         motor = model.layout.motors.index(last.motor)  # type: ignore[union-attr]
         wound[:, c] = last.reel * last.winding * motor_angle[:, motor]  # type: ignore[union-attr]
-    return Path(stamp_ns, length, by_joint, wrap, wound)
+    return Path(stamp_ns, course(model, joint_angle), wound)
 
 
 def propagate(
@@ -305,8 +294,9 @@ def _motion_of(model: Model, path: Path, c: int) -> CableMotion:
     pulleys = slice(own.first_pulley, own.first_pulley + own.pulleys)
     return CableMotion(
         stamp_ns=path.stamp_ns,
-        length=path.length[:, elements],
-        wrap=path.wrap[:, pulleys],
+        length=path.course.length[:, elements],
+        wrap=path.course.wrap[:, pulleys],
+        track=path.course.track[:, pulleys],
         wound=path.wound[:, c],
         held_last=isinstance(cable.nodes[-1], Anchor) or not isinstance(cable.nodes[0], Anchor),
         elastic=elasticity_of(cable),
@@ -339,7 +329,7 @@ def _unseen(
     """Slip below the resolution of joint and tension sensors [m], shape (n, pulleys)."""
     step = np.array([j.sensor.resolution + CERTAIN * j.sensor.noise for j in model.robot.joints])
     own = plan_views(model.plan).cables[c]
-    rates = path.length_by_joint[:, own.first_element : own.first_element + own.elements]
+    rates = path.course.lever_arm[:, own.first_element : own.first_element + own.elements]
     behind = slip_rates(rates, motion.held_last)
     hidden = np.abs(behind) @ step if step.size else np.zeros(behind.shape[:2])
     sharpest = min(known, key=lambda sensor: sensor.stddev)

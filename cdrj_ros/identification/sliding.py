@@ -31,6 +31,8 @@ class CableMotion:
     """Lengths of the elements with their share of the arcs [m], shape (n, elements)."""
     wrap: Table
     """Wrap angles of the pulleys [rad], shape (n, pulleys)."""
+    track: Table
+    """Places of the middles of the arcs along their bodies [m], (E26), shape (n, pulleys)."""
     wound: Vector
     """Cable drawn in by a winch at the last node [m], shape (n,)."""
     held_last: bool
@@ -43,13 +45,14 @@ class CableMotion:
     """Form of static friction, an index of ``STRIBECK_FORMS``."""
 
     def slips(self, tension: Table) -> Table:
-        """(E17): material past every pulley towards the last node [m], shape (n, pulleys).
+        """(E17): slip against every pulley towards the last node [m], shape (n, pulleys).
 
         Args:
             tension: tensions of the elements [N], shape (n, elements); NaN counts as 0.
         """
-        material = self.length / (1.0 + strain_at(self.elastic, np.nan_to_num(tension)))
-        return slips_of(material, self.wound, self.held_last)
+        stretch = 1.0 + strain_at(self.elastic, np.nan_to_num(tension))
+        laid = self.track / (0.5 * (stretch[:, :-1] + stretch[:, 1:]))
+        return slips_of(self.length / stretch, self.wound, self.held_last) + laid
 
     def hidden_slips(self, lower: Table, upper: Table) -> Table:
         """Uncertainty of the slip due to the intervals of tension [m], shape (n, pulleys).
@@ -144,7 +147,6 @@ def _losses(wrap: Table, constants: Rows[PulleyNumbers], stribeck: int) -> tuple
                 wrap[k, p],
                 row.bearing_ratio,
                 stribeck,
-                row.cells,
             )
     return kinetic, static
 

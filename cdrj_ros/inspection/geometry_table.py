@@ -137,7 +137,7 @@ def geometry_table(model: Model, poses: Matrix) -> GeometryTable:
             )
             raise UsageError(f"pose {k + 1} is impossible for the cables of {robot.name}: {where}")
         lengths = [shape.length[part].sum() for part in cables]
-        arms = [shape.length_by_joint[part].sum(axis=0) for part in cables]
+        arms = [shape.lever_arm[part].sum(axis=0) for part in cables]
         values[k] = np.concatenate([lengths, *arms, shape.wrap])
     return GeometryTable(tuple(columns), values)
 

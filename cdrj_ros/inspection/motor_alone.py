@@ -70,7 +70,7 @@ def effort_slopes(model: Model, joint_angle: NDArray[np.float64]) -> NDArray[np.
         own = slice(at, at + len(cable.element_names))
         at = own.stop
         stiffness = cable.axial_stiffness / float(shape.length[own].sum())
-        longer = shape.length_by_joint[own].sum(axis=0)
+        longer = shape.lever_arm[own].sum(axis=0)
         for node in (cable.nodes[0], cable.nodes[-1]):
             if isinstance(node, Winch):
                 m = names.index(node.motor)

@@ -93,7 +93,6 @@ def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[floa
         wrap_angle,
         bearing_ratio(pulley),
         STRIBECK_FORMS.index(friction.stribeck),
-        1.0,
     )
     return 1.0 - kinetic - static, 1.0 - kinetic
 
@@ -120,7 +119,7 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
     poses = visited_poses(robot)
     shapes = [shape_at(model, pose) for pose in poses]
     length = np.array([shape.length for shape in shapes])
-    by_joint = np.array([shape.length_by_joint for shape in shapes])
+    by_joint = np.array([shape.lever_arm for shape in shapes])
     whole = np.stack([length[:, part].sum(axis=1) for part in _parts(robot)], axis=1)
     whole_by = np.stack([by_joint[:, part].sum(axis=1) for part in _parts(robot)], axis=1)
 
@@ -183,7 +182,7 @@ def _cables(
     pulley_at = 0
     for c, (cable, part) in enumerate(zip(robot.cables, _parts(robot), strict=True)):
         length = np.array([shape.length[part] for shape in shapes])
-        by_joint = np.array([shape.length_by_joint[part] for shape in shapes])
+        by_joint = np.array([shape.lever_arm[part] for shape in shapes])
         count = len(cable.pulleys)
         wrap = np.array([shape.wrap[pulley_at : pulley_at + count] for shape in shapes])
         pulley_at += count

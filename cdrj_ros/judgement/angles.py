@@ -29,7 +29,7 @@ def telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
     }
     lowest = np.min(segment.joint_angle, axis=0)
     middle = 0.5 * (lowest + np.max(segment.joint_angle, axis=0))
-    moves = np.abs(shape_at(model, middle).length_by_joint)
+    moves = np.abs(shape_at(model, middle).lever_arm)
     reach = moves * (np.max(segment.joint_angle, axis=0) - lowest)
     by_cable = {}
     for cable in robot.cables:

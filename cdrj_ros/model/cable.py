@@ -1,6 +1,6 @@
-"""One sample of one cable: all its pulleys solved together.
+"""One sample of one cable: all its contacts solved together.
 
-Newton's method starts from the slips of the sample before or from a prediction; samples that are
+Newton's method starts from the fluxes of the sample before or from a prediction; samples that are
 too large for it are solved in pieces, or with bristles that start soft.  See docs/model.md,
 section 4.
 """
@@ -13,14 +13,7 @@ import numba
 import numpy as np
 
 from cdrj_ros.model.balance import acceptable, element_tension, tolerance
-from cdrj_ros.model.cable_records import (
-    CONTACT,
-    PULLEY,
-    SOLVER_ELEMENT,
-    Contact,
-    PulleyNumbers,
-    SolverElement,
-)
+from cdrj_ros.model.cable_records import CONTACT, SEGMENT, Contact, Segment
 from cdrj_ros.model.compiled import callee, compiled, lean
 from cdrj_ros.model.elasticity import Elasticity
 from cdrj_ros.model.linked import linked
@@ -35,37 +28,37 @@ HARDNESS: Final = (1e-6, 1e-4, 1e-2, 1.0)
 
 @callee
 def _predict(
-    contacts: Rows[Contact], elements: Rows[SolverElement], first_slip: float, last_slip: float
+    contacts: Rows[Contact], segments: Rows[Segment], first_flux: float, last_flux: float
 ) -> None:
-    """Slips that scale the stretch L / l of every element by one factor, which fits the material.
+    """Fluxes that scale the stretch L / l of every segment by one factor, which fits the material.
 
-    A start from the previous slips instead can shrink short elements to zero length.
+    A start from the previous fluxes instead can shrink short segments to zero length.
     """
     n = len(contacts)
     kept = 0.0
-    total = first_slip - last_slip
+    total = first_flux - last_flux
     for e in range(n + 1):
-        before = elements[e].material_before
-        kept += before * (elements[e].length / elements[e].length_before)
+        before = segments[e].material_before
+        kept += before * (segments[e].length / segments[e].length_before)
         total += before
     scale = total / kept
-    passing = first_slip
+    passing = first_flux
     for i in range(n):
-        before = elements[i].material_before
-        passing += before * (1.0 - elements[i].length / elements[i].length_before * scale)
-        contacts[i].slip = passing
+        before = segments[i].material_before
+        passing += before * (1.0 - segments[i].length / segments[i].length_before * scale)
+        contacts[i].flux = passing
 
 
 @callee
 def _guess_is_usable(
-    contacts: Rows[Contact], elements: Rows[SolverElement], first_slip: float, last_slip: float
+    contacts: Rows[Contact], segments: Rows[Segment], first_flux: float, last_flux: float
 ) -> bool:
-    """Whether the slips in ``contacts`` leave every element half of its material."""
+    """Whether the fluxes in ``contacts`` leave every segment half of its material."""
     n = len(contacts)
-    incoming = first_slip
+    incoming = first_flux
     for e in range(n + 1):
-        outgoing = contacts[e].slip if e < n else last_slip
-        if incoming - outgoing < -0.5 * elements[e].material_before:
+        outgoing = contacts[e].flux if e < n else last_flux
+        if incoming - outgoing < -0.5 * segments[e].material_before:
             return False
         incoming = outgoing
     return True
@@ -74,25 +67,23 @@ def _guess_is_usable(
 @lean
 def solve_cable(
     elastic: Elasticity,
-    elements: Rows[SolverElement],
+    segments: Rows[Segment],
     contacts: Rows[Contact],
-    pulleys: Rows[PulleyNumbers],
-    first_slip: float,
-    last_slip: float,
+    first_flux: float,
+    last_flux: float,
     law: int,
     dt: float,
 ) -> tuple[int, float]:
-    """Advance one cable of n pulleys by one sample: (E11), in the stages of (E23) where it is hard.
+    """Advance one cable of n contacts by one sample: (E11), or the stages of (E23).
 
     Args:
         elastic: tension-strain law of the cable.
-        elements: shape (n + 1,); the lengths before and now and the material before are given;
+        segments: shape (n + 1,); the lengths before and now and the material before are given;
             material and tension are written.
-        contacts: shape (n,); a first guess of the slip, the bristle force before, the loss and the
-            share of static friction in it are given; slip and bristle force are written; the
-            rest is scratch.
-        pulleys: constants of the pulleys, shape (n,).
-        first_slip, last_slip: material that enters at the first and leaves at the last node [m].
+        contacts: shape (n,); constants, a first guess of the flux, the shift, the bristle force
+            before, the loss and the share of static friction in it are given; flux and bristle
+            force are written; the rest is scratch.
+        first_flux, last_flux: material that enters at the first and leaves at the last node [m].
         law: code of the friction law.
         dt: duration of the sample [s]; 0 where unknown (speeds then count as zero).
 
@@ -101,46 +92,39 @@ def solve_cable(
         this is within ``acceptable``, the sample is not solved, and the caller must report it.
     """
     if len(contacts) == 0:
-        material = elements[0].material_before + first_slip - last_slip
-        elements[0].material = material
-        elements[0].tension = element_tension(elastic, elements[0].length, material)
+        material = segments[0].material_before + first_flux - last_flux
+        segments[0].material = material
+        segments[0].tension = element_tension(elastic, segments[0].length, material)
         return 0, 0.0
     enough = tolerance(elastic)
     # In steady motion the given guess is better; in all other cases the predictor is.
     iterations = 0
-    if _guess_is_usable(contacts, elements, first_slip, last_slip):
-        iterations, worst = newton(
-            elastic, elements, contacts, pulleys, 1.0, first_slip, last_slip, law, dt
-        )
+    if _guess_is_usable(contacts, segments, first_flux, last_flux):
+        iterations, worst = newton(elastic, segments, contacts, 1.0, first_flux, last_flux, law, dt)
         if worst <= enough:
             return iterations, worst
-    _predict(contacts, elements, first_slip, last_slip)
-    count, worst = newton(elastic, elements, contacts, pulleys, 1.0, first_slip, last_slip, law, dt)
+    _predict(contacts, segments, first_flux, last_flux)
+    count, worst = newton(elastic, segments, contacts, 1.0, first_flux, last_flux, law, dt)
     iterations += count
     pieces: Any = np.int64(4)  # a literal has its own type: numba would compile _walk twice
     while not worst <= enough and pieces <= MAX_SUBSTEPS:
-        count, worst = _walk(
-            pieces, elastic, elements, contacts, pulleys, first_slip, last_slip, law, dt
-        )
+        count, worst = _walk(pieces, elastic, segments, contacts, first_flux, last_flux, law, dt)
         iterations += count
         pieces *= 4
     if not worst <= acceptable(elastic):
-        count, worst = _harden(elastic, elements, contacts, pulleys, first_slip, last_slip, law, dt)
+        count, worst = _harden(elastic, segments, contacts, first_flux, last_flux, law, dt)
         iterations += count
     return iterations, worst
 
 
 def _signature() -> Any:
     """Types of ``solve_cable`` when the step of a robot calls it."""
-    elements, contacts = (
-        View(numba.from_dtype(kind), 1, True) for kind in (SOLVER_ELEMENT, CONTACT)
-    )
-    pulleys = View(numba.from_dtype(PULLEY), 1, False)
+    segments, contacts = (View(numba.from_dtype(kind), 1, True) for kind in (SEGMENT, CONTACT))
     kinds: Any = numba.types
     number, code = kinds.float64, kinds.int64
     elastic = kinds.NamedUniTuple(number, 3, Elasticity)
     result = kinds.Tuple((code, number))
-    return result(elastic, elements, contacts, pulleys, number, number, code, number)
+    return result(elastic, segments, contacts, number, number, code, number)
 
 
 _SIGNATURE: Final = _signature()
@@ -159,11 +143,10 @@ def compile_solve_cable() -> None:
 @callee
 def _harden(
     elastic: Elasticity,
-    elements: Rows[SolverElement],
+    segments: Rows[Segment],
     contacts: Rows[Contact],
-    pulleys: Rows[PulleyNumbers],
-    first_slip: float,
-    last_slip: float,
+    first_flux: float,
+    last_flux: float,
     law: int,
     dt: float,
 ) -> tuple[int, float]:
@@ -177,11 +160,9 @@ def _harden(
         Newton iterations and the largest force imbalance with the true stiffness [N].
     """
     iterations, worst = 0, 0.0
-    _predict(contacts, elements, first_slip, last_slip)
+    _predict(contacts, segments, first_flux, last_flux)
     for hardness in HARDNESS:
-        count, worst = newton(
-            elastic, elements, contacts, pulleys, hardness, first_slip, last_slip, law, dt
-        )
+        count, worst = newton(elastic, segments, contacts, hardness, first_flux, last_flux, law, dt)
         iterations += count
     return iterations, worst
 
@@ -190,11 +171,10 @@ def _harden(
 def _walk(
     pieces: int,
     elastic: Elasticity,
-    elements: Rows[SolverElement],
+    segments: Rows[Segment],
     contacts: Rows[Contact],
-    pulleys: Rows[PulleyNumbers],
-    first_slip: float,
-    last_slip: float,
+    first_flux: float,
+    last_flux: float,
     law: int,
     dt: float,
 ) -> tuple[int, float]:
@@ -202,28 +182,27 @@ def _walk(
 
     Returns:
         Newton iterations and the largest force imbalance of any piece [N].  Above ``acceptable``
-        the remaining pieces were not solved and the slips are not those of the sample.
-
-    Takes 9 arguments because it passes the 8 of ``solve_cable`` on, piece by piece.
+        the remaining pieces were not solved and the fluxes are not those of the sample.
     """
     n = len(contacts)
     start, end, material = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
     for e in range(n + 1):
-        start[e], end[e] = elements[e].length_before, elements[e].length
-        material[e] = elements[e].material_before
-    bristle, slip = np.empty(n), np.zeros(n)
+        start[e], end[e] = segments[e].length_before, segments[e].length
+        material[e] = segments[e].material_before
+    bristle, shift, flux = np.empty(n), np.empty(n), np.zeros(n)
     for i in range(n):
-        bristle[i] = contacts[i].bristle_before
+        bristle[i], shift[i] = contacts[i].bristle_before, contacts[i].shift
+        contacts[i].shift = shift[i] / pieces
     iterations, worst = 0, 0.0
     for piece in range(pieces):
         for e in range(n + 1):
             way = end[e] - start[e]
-            elements[e].length_before = start[e] + way * (piece / pieces)
-            elements[e].length = start[e] + way * ((piece + 1) / pieces)
-        _predict(contacts, elements, first_slip / pieces, last_slip / pieces)
+            segments[e].length_before = start[e] + way * (piece / pieces)
+            segments[e].length = start[e] + way * ((piece + 1) / pieces)
+        _predict(contacts, segments, first_flux / pieces, last_flux / pieces)
         count, left = newton(
-            elastic, elements, contacts, pulleys, 1.0,
-            first_slip / pieces, last_slip / pieces, law, dt / pieces,
+            elastic, segments, contacts, 1.0,
+            first_flux / pieces, last_flux / pieces, law, dt / pieces,
         )  # fmt: skip
         iterations += count
         if not left <= worst:  # true for NaN too
@@ -231,13 +210,14 @@ def _walk(
         if not left <= acceptable(elastic):  # leave out the remaining pieces
             break
         for e in range(n + 1):
-            elements[e].material_before = elements[e].material
+            segments[e].material_before = segments[e].material
         for i in range(n):
-            slip[i] += contacts[i].slip
+            flux[i] += contacts[i].flux
             contacts[i].bristle_before = contacts[i].bristle
     for e in range(n + 1):
-        elements[e].length_before, elements[e].length = start[e], end[e]
-        elements[e].material_before = material[e]
+        segments[e].length_before, segments[e].length = start[e], end[e]
+        segments[e].material_before = material[e]
     for i in range(n):
-        contacts[i].bristle_before, contacts[i].slip = bristle[i], slip[i]
+        contacts[i].bristle_before, contacts[i].shift = bristle[i], shift[i]
+        contacts[i].flux = flux[i]
     return iterations, worst

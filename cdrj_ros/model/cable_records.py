@@ -1,8 +1,9 @@
-"""What a cable's solver knows of every pulley and element, and where it keeps its unknowns.
+"""What a cable's solver knows of every contact and segment, and where it keeps its unknowns.
 
-A cable of n nodes has n - 1 elements and n - 2 pulleys.  Arrays count elements and pulleys from 0:
-pulley ``i`` lies between elements ``i`` and ``i + 1``.  The unknowns are the slips of the pulleys:
-the unstretched material that moves past each towards the last node.
+A pulley is one contact, or a row of contact cells, each with friction of its own.  The n contacts
+of a cable divide it into n + 1 segments: contact ``i`` lies between segments ``i`` and ``i + 1``.
+The unknowns are the fluxes: the unstretched material that moves past the middle of each contact
+towards the last node.
 """
 
 from __future__ import annotations
@@ -39,10 +40,12 @@ class PulleyNumbers:
     """sigma2 [N s/m]."""
     breakaway: float
     """Fraction of the bound up to which pre-sliding is elastic [-]."""
-    cells: float
-    """Number of equal contact cells of the whole pulley, of which this is one; a whole number."""
     wrap: float
     """Constant part of the wrap angle [rad]."""
+    moved_after: float
+    """Motion of the middle of the arc towards the last node as a share of the arc's growth [-]: 1/2
+    where the end after it moves, -1/2 where that before it does, 0 where both do.  Only used where
+    the wrap is given by tables."""
     kinetic_loss: float
     """Loss 1 - eta at high slip speed where the wrap never changes [-]."""
     static_loss: float
@@ -53,8 +56,8 @@ class PulleyNumbers:
     """cos(wrap / 2) where the wrap never changes."""
 
 
-class SolverElement:
-    """One element in the solver."""
+class Segment:
+    """The cable between two neighbouring contacts, or between a contact and an end."""
 
     length_before: float
     """Geometric length at the sample before [m]."""
@@ -69,10 +72,25 @@ class SolverElement:
 
 
 class Contact:
-    """One pulley in the solver: its unknown slip, its friction and its row of the linear system."""
+    """One contact: its unknown flux, its friction and its row of the linear system."""
 
-    slip: float
-    """Material that moves past the pulley towards the last node in this sample [m]."""
+    share: float
+    """Share of its pulley's wrap [-]."""
+    stiffness: float
+    """Its part of sigma0 [N/m]."""
+    damping: float
+    """Its part of sigma1 [N s/m]."""
+    viscous: float
+    """Its part of sigma2 [N s/m]."""
+    drag: float
+    """Its part of the bearing's friction force without load [N]."""
+    breakaway: float
+    """Fraction of the bound up to which pre-sliding is elastic [-]."""
+    shift: float
+    """Material by which its middle has moved on the body, towards the last node, in this sample
+    [m]: the second term of (E25)."""
+    flux: float
+    """Material that moves past its middle towards the last node in this sample [m]."""
     bristle_before: float
     """Bristle force at the sample before [N]."""
     bristle: float
@@ -84,9 +102,9 @@ class Contact:
     bound: float
     """Largest friction force, g of (34) [N]."""
     trial: float
-    """Slip at which the imbalance is evaluated [m]."""
+    """Flux at which the imbalance is evaluated [m]."""
     step: float
-    """Newton step of the slip [m]."""
+    """Newton step of the flux [m]."""
     residual: float
     """Force imbalance at ``trial`` [N]."""
     by_slip: float
@@ -94,9 +112,9 @@ class Contact:
     by_pull: float
     """Derivative of friction by the tension on the pull side [-]."""
     upper: float
-    """Eliminated system: coefficient of the next pulley's step [-]."""
+    """Eliminated system: coefficient of the next contact's step [-]."""
 
 
 PULLEY: Final = record_type(PulleyNumbers)
-SOLVER_ELEMENT: Final = record_type(SolverElement)
+SEGMENT: Final = record_type(Segment)
 CONTACT: Final = record_type(Contact)

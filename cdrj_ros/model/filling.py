@@ -36,6 +36,7 @@ from cdrj_ros.robot.description import (
     TABLE_INTERVALS,
     Cable,
     Frame,
+    MovingEnd,
     Node,
     Profile,
     Pulley,
@@ -45,6 +46,9 @@ from cdrj_ros.robot.description import (
 from cdrj_ros.robot.space import CONTACT_KINDS, SpatialFrame
 
 Vector = NDArray[np.float64]
+
+MOVED_AFTER: Final[dict[MovingEnd, float]] = {"before": -0.5, "both": 0.0, "after": 0.5}
+"""Motion of the middle of an arc per growth of the arc, by the end that moves [-]."""
 
 NEVER_SLIDES: Final = 1e9
 """Stribeck speed [m/s] that stands for 'no Stribeck effect'; no slip reaches it."""
@@ -77,6 +81,7 @@ def _sizes(robot: Robot) -> Sizes:
         cables=len(cables),
         elements=nodes - len(cables),
         pulleys=nodes - 2 * len(cables),
+        contacts=sum(contact_cells(pulley) for cable in cables for pulley in cable.pulleys),
         frames=len(robot.frames),
         nodes=nodes,
         spatial_frames=len(robot.spatial_frames),
@@ -120,6 +125,7 @@ class _Rows:
         self._node = 0
         self._term = 0
         self._drums = 0
+        self._contact = 0
 
     def axes(self) -> None:
         """Fill the rows of motors, of joints, and of the passive torques of both."""
@@ -181,6 +187,8 @@ class _Rows:
             elements=len(cable.nodes) - 1,
             first_pulley=pulley,
             pulleys=len(cable.nodes) - 2,
+            first_contact=self._contact,
+            contacts=sum(contact_cells(one) for one in cable.pulleys),
             first_node=self._node,
             law=LAWS.index(cable.law),
             routed=SPATIAL if cable.spatial else PLANAR if cable.routed else 0,
@@ -209,7 +217,7 @@ class _Rows:
             self._pulley(cable, node, stribeck, pulley + k, element + k)
         for k, profiles in enumerate(cable.spans or ((),) * (len(cable.nodes) - 1)):
             span = self._add_profiles(profiles, False, element + k)
-            _fill(self._numbers.elements, element + k, span=span, material=0.0)
+            _fill(self._numbers.elements, element + k, span=span)
         for node in cable.nodes:
             self._add_node(node)
 
@@ -222,9 +230,12 @@ class _Rows:
             self._plan.pulleys,
             place,
             element=element,
+            first_contact=self._contact,
+            cells=contact_cells(pulley),
             wrap_changes=int(changes),
             stribeck=stribeck,
         )
+        self._contact += contact_cells(pulley)
         values = friction_numbers(pulley, LAWS.index(cable.law))
         kinetic, static = blended_loss(
             values["rho"],
@@ -233,13 +244,13 @@ class _Rows:
             wrap,
             values["bearing_ratio"],
             stribeck,
-            values["cells"],
         )
         _fill(
             self._numbers.pulleys,
             place,
             radius=pulley.radius,
             wrap=wrap,
+            moved_after=MOVED_AFTER[pulley.moving_end],
             kinetic_loss=kinetic,
             static_loss=static,
             half_sine=sin(0.5 * wrap),
@@ -340,8 +351,6 @@ def friction_numbers(pulley: Pulley, law: int) -> dict[str, float]:
     if law == EULER:  # sliding alone, without static friction
         friction = replace(friction, rho=1.0, mu_s=friction.mu_c)
     rigid = law in (EULER, STEADY)
-    cells = float(pulley.cells)  # the cells share stiffness and drag equally
-    drag = 0.0 if law == EULER else bearing_drag(pulley)
     return {
         "rho": friction.rho,
         "mu_c": friction.mu_c,
@@ -349,12 +358,11 @@ def friction_numbers(pulley: Pulley, law: int) -> dict[str, float]:
         "stribeck_speed": friction.stribeck_speed or NEVER_SLIDES,
         "stribeck_lag": friction.stribeck_lag,
         "bearing_ratio": bearing_ratio(pulley),
-        "drag": drag / cells,
-        "bristle_stiffness": (RIGID_BRISTLE if rigid else friction.bristle_stiffness) / cells,
-        "bristle_damping": (0.0 if rigid else friction.bristle_damping) / cells,
-        "viscous": (0.0 if rigid else friction.viscous) / cells,
+        "drag": 0.0 if law == EULER else bearing_drag(pulley),
+        "bristle_stiffness": RIGID_BRISTLE if rigid else friction.bristle_stiffness,
+        "bristle_damping": 0.0 if rigid else friction.bristle_damping,
+        "viscous": 0.0 if rigid else friction.viscous,
         "breakaway": 1.0 if rigid else friction.breakaway,
-        "cells": cells,
     }
 
 
@@ -368,3 +376,8 @@ def bearing_ratio(pulley: Pulley) -> float:
 def bearing_drag(pulley: Pulley) -> float:
     """Friction force of the bearing without load, at the cable [N]."""
     return pulley.bearing_torque / pulley.radius if pulley.radius else 0.0
+
+
+def contact_cells(pulley: Pulley) -> int:
+    """Number of contact cells of a pulley."""
+    return pulley.cells

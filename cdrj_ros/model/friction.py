@@ -97,27 +97,29 @@ def blended_loss(
     wrap_angle: float,
     bearing_ratio: float,
     stribeck: int,
-    cells: float,
 ) -> tuple[float, float]:
-    """(42), (43): ``1 - eta = kinetic + static * stribeck_share(v)``.
+    """(42), (43): ``1 - eta = kinetic + static * stribeck_share(v)`` of a pulley.
 
-    The transmission is eta = rho eta_d + (1 - rho) eta_r.
-
-    ``wrap_angle`` [rad] is that of one of ``cells`` equal contact cells; the transmission of the
-    whole pulley is shared out as its cells-th root, exact at rest and at high speed.  Returns
-    (kinetic, static).  Their sum is kept below 1 - ``MINIMUM_TRANSMISSION``.
+    The transmission is eta = rho eta_d + (1 - rho) eta_r.  Returns (kinetic, static).  Their sum is
+    kept below 1 - ``MINIMUM_TRANSMISSION``.
     """
-    whole = wrap_angle * cells
-    kinetic, static = sliding_loss(mu_c, mu_s, whole, stribeck)
-    bearing = 1.0 - bearing_transmission(whole, bearing_ratio)
+    kinetic, static = sliding_loss(mu_c, mu_s, wrap_angle, stribeck)
+    bearing = 1.0 - bearing_transmission(wrap_angle, bearing_ratio)
     most = 1.0 - MINIMUM_TRANSMISSION
     kinetic = min(rho * kinetic + (1.0 - rho) * bearing, most)
-    static = min(rho * static, most - kinetic)
-    if cells != 1.0:
-        fast = (1.0 - kinetic) ** (1.0 / cells)
-        static = fast - (1.0 - kinetic - static) ** (1.0 / cells)
-        kinetic = 1.0 - fast
-    return kinetic, static
+    return kinetic, min(rho * static, most - kinetic)
+
+
+@lean
+def cell_loss(kinetic: float, static: float, share: float) -> tuple[float, float]:
+    """(E28): losses of a contact cell that has a share of its pulley's wrap.
+
+    The transmissions of all cells multiply to that of the pulley, at rest and at high speed.
+    """
+    if share == 1.0:
+        return kinetic, static
+    fast = (1.0 - kinetic) ** share
+    return 1.0 - fast, fast - (1.0 - kinetic - static) ** share
 
 
 @inlined

@@ -42,7 +42,8 @@ def impose_friction(
     length, material = after.length, after.material
     for c in range(len(parts.cables)):
         cable, elastic = parts.cables[c], elasticity_of(constants.cables[c])
-        first, last = cable.first_element, cable.first_element + cable.elements
+        first = cable.first_contact + c
+        last = first + cable.contacts + 1
         if cable.law == NONE:
             continue
         total = 0.0
@@ -55,29 +56,29 @@ def impose_friction(
             continue
         # compute the ratios of the tensions, then the common factor that keeps the elongation
         ratio = 1.0
-        weighted = 0.0
-        for e in range(first, last):
-            if e > first:
-                p = cable.first_pulley + e - 1 - first
-                drag = constants.pulleys[p].drag
-                hold = max(1.0 - work.contacts[p].loss - drag / (mean + drag), 1e-3)
-                ratio *= hold ** (-share[p])
-            work.elements[e].tension = ratio
-            weighted += length[e] * ratio
+        work.segments[first].tension = ratio
+        weighted = length[first]
+        for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
+            own = parts.pulleys[p]
+            for q in range(own.first_contact, own.first_contact + own.cells):
+                contact = work.contacts[q]
+                hold = 1.0 - contact.loss - contact.drag / (mean + contact.drag)
+                ratio *= max(hold, 1e-3) ** (-share[p])
+                work.segments[q + c + 1].tension = ratio
+                weighted += length[q + c + 1] * ratio
         scale = mean * span / weighted
         for _ in range(3 if elastic.bedding_strain == 0.0 else MOST_ROUNDS):
             held = 0.0
             slope = 0.0
             for e in range(first, last):
-                ratio = work.elements[e].tension
+                ratio = work.segments[e].tension
                 stretch = 1.0 + strain_at(elastic, scale * ratio)
                 modulus = modulus_at(elastic, scale * ratio)
                 held += length[e] / stretch
                 slope -= length[e] * ratio / (modulus * stretch * stretch)
             scale -= (held - total) / slope
         for e in range(first, last):
-            ratio = work.elements[e].tension
+            ratio = work.segments[e].tension
             material[e] = length[e] / (1.0 + strain_at(elastic, scale * ratio))
             if e > first:
-                p = cable.first_pulley + e - 1 - first
-                after.bristle[p] = scale * (ratio - work.elements[e - 1].tension)
+                after.bristle[e - 1 - c] = scale * (ratio - work.segments[e - 1].tension)

@@ -223,83 +223,72 @@ def route(
     pose: Rows[Pose],
     twist: Grid[Twist],
     length: Vector,
-    length_by_joint: Table,
+    lever_arm: Table,
     wrap: Vector,
+    arc: Vector,
+    middle: Vector,
     direction: Table,
 ) -> bool:
-    """Wraps (E5), lengths (E6), their derivatives (E7) and directions of one cable of n nodes.
+    """Geometry of one cable of n nodes: (E5), (E6), (E26), (E27).
 
     Args:
         plans, nodes: every node, shape (n,).
         pose, twist: from ``place_frames``.
         length: geometric length of every element with its share of the arcs [m], (n - 1,), written.
-        length_by_joint: its derivative by every joint, (n - 1, j), written.
+        lever_arm: of every element about every joint [m], (n - 1, j), written.
         wrap: wrap angle of every pulley [rad], (n - 2,), written.
+        arc: length of its arc [m], (n - 2,), written.
+        middle: place of the middle of its arc on the pulley [m], (n - 2,), written.
         direction: unit vector of every element from its first to its last node, (n - 1, 3); x and y
             are written.
 
     Returns:
         False where a common tangent does not exist or a wrap is negative.
 
-    Longer than a screen because every element's length, its derivatives and the wrap before it
-    follow from the same tangent, which is computed once.
+    Longer than a screen because an element's length and lever arms and the arc before it follow
+    from the same tangent, which is computed once.
     """
     n = len(nodes)
-    joints = length_by_joint.shape[1]
+    joints = lever_arm.shape[1]
     possible = True
-    length_by_joint[:] = 0.0
     x1, y1 = node_centre(nodes[0], pose[plans[0].frame])
     angle_before = 0.0
     for e in range(n - 1):
         r1 = nodes[e].turn * nodes[e].radius
         r2 = nodes[e + 1].turn * nodes[e + 1].radius
         x2, y2 = node_centre(nodes[e + 1], pose[plans[e + 1].frame])
-        span, angle, h = tangent(x1, y1, r1, x2, y2, r2)
+        f1, f2 = plans[e].frame, plans[e + 1].frame
+        span, angle, _ = tangent(x1, y1, r1, x2, y2, r2)
         if not span > 0.0:
             possible = False
-        dx, dy = x2 - x1, y2 - y1
-        square = dx * dx + dy * dy
         direction[e, 0], direction[e, 1] = cos(angle), sin(angle)
         # half of the arc at a pulley; the whole arc at an end, which winds cable itself
         turn_at_start = 0.0
         if e == 0:
             turn_at_start = wrap_to_pi(angle - nodes[0].arc_reference)
             arcs = r1 * (nodes[0].arc_angle * nodes[0].turn + turn_at_start)
-            arcs -= r1 * pose[plans[0].frame].angle
+            arcs -= r1 * pose[f1].angle
         else:
-            middle = nodes[e].arc_angle
-            wrap[e - 1] = middle + wrap_to_pi(nodes[e].turn * (angle - angle_before) - middle)
-            if not wrap[e - 1] >= 0.0:
+            turn, radius, expected = nodes[e].turn, nodes[e].radius, nodes[e].arc_angle
+            beta = expected + wrap_to_pi(turn * (angle - angle_before) - expected)
+            if not beta >= 0.0:
                 possible = False
-            half = 0.5 * nodes[e].radius * wrap[e - 1]
+            half = 0.5 * radius * beta
+            wrap[e - 1], arc[e - 1] = beta, radius * beta
+            middle[e - 1] = radius * (turn * (angle_before - pose[f1].angle)) + half
             length[e - 1] += half
             arcs = half
         if e == n - 2:
             arrival = wrap_to_pi(angle - nodes[n - 1].arc_reference)
             arcs += r2 * (nodes[n - 1].arc_angle * nodes[n - 1].turn - arrival)
-            arcs += r2 * pose[plans[n - 1].frame].angle
+            arcs += r2 * pose[f2].angle
         length[e] = span + arcs
         for j in range(joints):
-            f1, f2 = plans[e].frame, plans[e + 1].frame
             vx = twist[f2, j].x - twist[f2, j].turn * y2 - twist[f1, j].x + twist[f1, j].turn * y1
             vy = twist[f2, j].y + twist[f2, j].turn * x2 - twist[f1, j].y - twist[f1, j].turn * x1
-            along = dx * vx + dy * vy  # D dD
-            span_by = along / span
-            angle_by = (dx * vy - dy * vx) / square + h * along / (square * span)
-            # the arc on r1 grows with the angle of the element, the arc on r2 shrinks
-            share1, share2 = 0.5 * r1, 0.5 * r2
-            length_by_joint[e, j] += span_by
-            if e == 0:
-                share1 = r1
-                length_by_joint[e, j] -= r1 * twist[f1, j].turn
-            else:
-                length_by_joint[e - 1, j] += share1 * angle_by
-            if e == n - 2:
-                share2 = r2
-                length_by_joint[e, j] += r2 * twist[f2, j].turn
-            else:
-                length_by_joint[e + 1, j] -= share2 * angle_by
-            length_by_joint[e, j] += share1 * angle_by - share2 * angle_by
+            # relative velocity along the element of the bodies' surfaces where it leaves them
+            arm = direction[e, 0] * vx + direction[e, 1] * vy
+            lever_arm[e, j] = arm + r2 * twist[f2, j].turn - r1 * twist[f1, j].turn
         angle_before = angle
         x1, y1 = x2, y2
     return possible

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from cdrj_ros.model.balance import acceptable, element_tension
 from cdrj_ros.model.cable import solve_cable_linked
-from cdrj_ros.model.cable_records import Contact, SolverElement
+from cdrj_ros.model.cable_records import Segment
+from cdrj_ros.model.cells import place_contacts, span_segment
 from cdrj_ros.model.compiled import callee, compiled, lean, stage, usable_in_kernels
 from cdrj_ros.model.creep import creep_of, crept
 from cdrj_ros.model.drum import material_held, start_drum, turn_drum
 from cdrj_ros.model.elasticity import Elasticity, elasticity_of, strain_at
-from cdrj_ros.model.friction import blended_loss, stribeck_share
+from cdrj_ros.model.friction import blended_loss, cell_loss, stribeck_share
 from cdrj_ros.model.linked import linked
 from cdrj_ros.model.outputs import passive_torque, report_cable
 from cdrj_ros.model.packing import Indices, Numbers, Plan, Sizes, number_views, plan_views
@@ -77,30 +78,40 @@ def _step_views(plan: Indices, numbers: Vector, before: Vector, out: Vector) -> 
 
 @stage
 def friction_losses(
-    plan: Plan, numbers: Numbers, wrap: Vector, lagged_speed: Vector, contacts: Rows[Contact]
+    plan: Plan, numbers: Numbers, lagged_speed: Vector, scratch: ScratchViews
 ) -> None:
-    """(37), (41) and their blend for every pulley; constant wraps use losses computed beforehand.
+    """(37), (41), their blend for every pulley, and (E28) for the cells of one that is divided.
+
+    Constant wraps use losses computed beforehand.
 
     Static friction fades with the slip speed delayed by ``stribeck_lag`` (E10), frictional memory.
     With the speed of the sample itself, friction would fall while the cable slips; a massless
     cable then has several solutions or none, and would jump from sample to sample.
     """
-    for p in range(len(contacts)):
-        pulley = numbers.pulleys[p]
+    for p in range(len(plan.pulleys)):
+        pulley, first = numbers.pulleys[p], plan.pulleys[p].first_contact
         kinetic, static = pulley.kinetic_loss, pulley.static_loss
         if plan.pulleys[p].wrap_changes == 1:
             kinetic, static = blended_loss(
                 pulley.rho,
                 pulley.mu_c,
                 pulley.mu_s,
-                wrap[p],
+                scratch.wrap[p],
                 pulley.bearing_ratio,
                 plan.pulleys[p].stribeck,
-                pulley.cells,
             )
-        share = stribeck_share(lagged_speed[p], pulley.stribeck_speed)
-        contacts[p].static_share = share
-        contacts[p].loss = kinetic + static * share
+        kinetic, static = cell_loss(kinetic, static, scratch.contacts[first].share)
+        for q in range(first, first + plan.pulleys[p].cells):
+            share = stribeck_share(lagged_speed[q], pulley.stribeck_speed)
+            scratch.contacts[q].static_share = share
+            scratch.contacts[q].loss = kinetic + static * share
+
+
+@stage
+def _segments_of(plan: Plan, c: int) -> tuple[int, int]:
+    """First segment of a cable, and the one after its last."""
+    first = plan.cables[c].first_contact + c
+    return first, first + plan.cables[c].contacts + 1
 
 
 @stage
@@ -111,15 +122,15 @@ def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
         False if no material is left because the cable is wound in entirely.
     """
     cable, numbers = step.plan.cables[c], step.numbers
-    constants, after, tension = numbers.cables[c], step.after, step.estimate.tension
-    first, last = cable.first_element, cable.first_element + cable.elements
+    constants, after = numbers.cables[c], step.after
+    first, last = _segments_of(step.plan, c)
     # with an unknown history, assume that the drum was wound at the cable's wound tension
     elastic = elasticity_of(constants)
     stretch = 1.0 + strain_at(elastic, constants.wound_tension)
     total = 0.0
     span = 0.0
     for e in range(first, last):
-        total += numbers.elements[e].material
+        total += numbers.segments[e].material
         span += after.length[e]
     for end in range(2 * c, 2 * c + 2):
         motor, drum = step.plan.ends[end].motor, numbers.ends[end]
@@ -130,10 +141,12 @@ def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
             total -= rate * angle
     for e in range(first, last):
         after.material[e] = after.length[e] * (total / span)
-        tension[e] = element_tension(elastic, after.length[e], after.material[e])
+        step.scratch.segments[e].tension = element_tension(
+            elastic, after.length[e], after.material[e]
+        )
         after.delayed[e] = constants.creep_share * strain_at(elastic, constants.preload)
-    for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
-        after.bristle[p], after.slip_speed[p], after.lagged_speed[p] = 0.0, 0.0, 0.0
+    for q in range(cable.first_contact, cable.first_contact + cable.contacts):
+        after.bristle[q], after.slip_speed[q], after.lagged_speed[q] = 0.0, 0.0, 0.0
     step.estimate.iterations[c], step.estimate.residual[c] = 0.0, 0.0
     return after.material[first] > 0.0
 
@@ -141,99 +154,114 @@ def _start_cable(step: Step, c: int, motor_angle: Vector) -> bool:
 @stage
 def _turn_drums(step: Step, c: int, motor_angle: Vector) -> tuple[float, float]:
     """Material [m] that enters at the first and leaves at the last node as the winches turn."""
-    cable, before = step.plan.cables[c], step.before
-    slips = (0.0, 0.0)
+    before, (first, beyond) = step.before, _segments_of(step.plan, c)
+    fluxes = (0.0, 0.0)
     for end in range(2):
         motor, drum = step.plan.ends[2 * c + end].motor, step.numbers.ends[2 * c + end]
         if motor < 0:
             continue
-        e = cable.first_element if end == 0 else cable.first_element + cable.elements - 1
+        e = first if end == 0 else beyond - 1
         stretch = max(before.length[e] / before.material[e], 1.0)
         memory = step.after.drums[step.plan.ends[2 * c + end].drum]
         held = material_held(memory)
         angle = drum.winding * (motor_angle[motor] - step.numbers.motors[motor].reference_angle)
         wound = turn_drum(memory, angle, drum.radius / stretch)
-        slips = (held - wound, slips[1]) if end == 0 else (slips[0], wound - held)
-    return slips
+        fluxes = (held - wound, fluxes[1]) if end == 0 else (fluxes[0], wound - held)
+    return fluxes
 
 
 @stage
 def _yield(step: Step, c: int, dt: float) -> None:
-    """Lengthen the material of every element by what it has crept since the sample before."""
-    cable, before = step.plan.cables[c], step.before
+    """Lengthen the material of every segment by what it has crept since the sample before."""
+    before, (first, beyond) = step.before, _segments_of(step.plan, c)
     law = creep_of(step.numbers.cables[c])
     none = law.share == 0.0 and law.flow_time == inf
-    for e in range(cable.first_element, cable.first_element + cable.elements):
+    for e in range(first, beyond):
         step.after.delayed[e] = before.delayed[e]
         if none:
             continue
         strain = before.length[e] / before.material[e] - 1.0
         delayed, growth = crept(law, strain, before.delayed[e], dt)
         step.after.delayed[e] = delayed
-        step.scratch.elements[e].material_before = growth * before.material[e]
+        step.scratch.segments[e].material_before = growth * before.material[e]
 
 
 @stage
 def _move_cable(step: Step, c: int, motor_angle: Vector, dt: float) -> bool:
-    """Advance a cable with a friction history; False if its slips could not be solved."""
+    """Advance a cable with a friction history; False if its fluxes could not be solved."""
     cable, before, after = step.plan.cables[c], step.before, step.after
     elastic = elasticity_of(step.numbers.cables[c])
-    first, last = cable.first_element, cable.first_element + cable.elements
-    pulley, beyond = cable.first_pulley, cable.first_pulley + cable.pulleys
-    elements, contacts = step.scratch.elements, step.scratch.contacts
-    first_slip, last_slip = _turn_drums(step, c, motor_angle)
+    first, last = _segments_of(step.plan, c)
+    contact, beyond = cable.first_contact, cable.first_contact + cable.contacts
+    segments, contacts = step.scratch.segments, step.scratch.contacts
+    first_flux, last_flux = _turn_drums(step, c, motor_angle)
     for e in range(first, last):
-        elements[e].length_before = before.length[e]
-        elements[e].length = after.length[e]
-        elements[e].material_before = before.material[e]
+        segments[e].length_before = before.length[e]
+        segments[e].material_before = before.material[e]
     _yield(step, c, dt)
-    for p in range(pulley, beyond):
-        contacts[p].slip = before.slip_speed[p] * dt
-        contacts[p].bristle_before = before.bristle[p]
-        contacts[p].bristle = 0.0
+    for q in range(contact, beyond):
+        contacts[q].flux = before.slip_speed[q] * dt - contacts[q].shift
+        contacts[q].bristle_before = before.bristle[q]
+        contacts[q].bristle = 0.0
     iterations, worst = solve_cable_linked(
-        elastic, elements[first:last], contacts[pulley:beyond],
-        step.numbers.pulleys[pulley:beyond], first_slip, last_slip, cable.law, dt,
+        elastic, segments[first:last], contacts[contact:beyond],
+        first_flux, last_flux, cable.law, dt,
     )  # fmt: skip
-    solved = worst <= acceptable(elastic) and _has_material(elements[first:last])
+    solved = worst <= acceptable(elastic) and _has_material(segments[first:last])
     if not solved:
-        _spread_evenly(elastic, elements[first:last], first_slip - last_slip)
-        for p in range(pulley, beyond):
-            contacts[p].bristle, contacts[p].slip = 0.0, 0.0
+        _spread_evenly(elastic, segments[first:last], first_flux - last_flux)
+        for q in range(contact, beyond):
+            contacts[q].bristle, contacts[q].flux = 0.0, -contacts[q].shift
     for e in range(first, last):
-        after.material[e] = elements[e].material
-        step.estimate.tension[e] = elements[e].tension
-    for p in range(pulley, beyond):
-        after.bristle[p] = contacts[p].bristle
-        after.slip_speed[p] = contacts[p].slip / dt if dt > 0.0 else 0.0
-        lag = step.numbers.pulleys[p].stribeck_lag  # (E10)
-        after.lagged_speed[p] = (lag * before.lagged_speed[p] + dt * after.slip_speed[p]) / (
-            lag + dt
-        )
+        after.material[e] = segments[e].material
+    for q in range(contact, beyond):
+        after.bristle[q] = contacts[q].bristle
+        slip = contacts[q].flux + contacts[q].shift  # (E25)
+        after.slip_speed[q] = slip / dt if dt > 0.0 else 0.0
+    for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
+        lag, own = step.numbers.pulleys[p].stribeck_lag, step.plan.pulleys[p]
+        for q in range(own.first_contact, own.first_contact + own.cells):  # (E10)
+            moved = lag * before.lagged_speed[q] + dt * after.slip_speed[q]
+            after.lagged_speed[q] = moved / (lag + dt)
     step.estimate.iterations[c], step.estimate.residual[c] = iterations, worst
     return solved
 
 
 @callee
-def _has_material(elements: Rows[SolverElement]) -> bool:
-    """Whether every element has some unstretched length."""
+def _has_material(segments: Rows[Segment]) -> bool:
+    """Whether every segment has some unstretched length."""
     every = True
-    for e in range(len(elements)):
-        every &= elements[e].material > 0.0
+    for e in range(len(segments)):
+        every &= segments[e].material > 0.0
     return every
 
 
 @callee
-def _spread_evenly(elastic: Elasticity, elements: Rows[SolverElement], entered: float) -> None:
-    """Distribute the elongation of a cable evenly, because its slips were not solved."""
+def _spread_evenly(elastic: Elasticity, segments: Rows[Segment], entered: float) -> None:
+    """Distribute the elongation of a cable evenly, because its fluxes were not solved."""
     total = entered
     span = 0.0
-    for e in range(len(elements)):
-        total += elements[e].material_before
-        span += elements[e].length
-    for e in range(len(elements)):
-        elements[e].material = elements[e].length * (total / span)
-        elements[e].tension = element_tension(elastic, elements[e].length, elements[e].material)
+    for e in range(len(segments)):
+        total += segments[e].material_before
+        span += segments[e].length
+    for e in range(len(segments)):
+        segments[e].material = segments[e].length * (total / span)
+        segments[e].tension = element_tension(elastic, segments[e].length, segments[e].material)
+
+
+@stage
+def _report(step: Step, c: int, solved: bool) -> None:
+    """Results of one cable: tensions of the free spans, mean slip speed of a pulley's cells."""
+    cable, estimate = step.plan.cables[c], step.estimate
+    for k in range(cable.elements):
+        segment = step.scratch.segments[span_segment(step.plan, c, k)]
+        estimate.tension[cable.first_element + k] = segment.tension
+    for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
+        own, total = step.plan.pulleys[p], 0.0
+        for q in range(own.first_contact, own.first_contact + own.cells):
+            total += step.after.slip_speed[q]
+        estimate.slip_speed[p] = total / own.cells
+    report_cable(step.plan, step.numbers, c, solved, step.scratch, estimate)
 
 
 @stage
@@ -298,24 +326,28 @@ def advance(
 
     Returns:
         False where the geometry is impossible at these joint angles (the state is then kept) or
-        the slips of some cable could not be solved; the elements concerned are ``INVALID``.
+        the fluxes of some cable could not be solved; the elements concerned are ``INVALID``.
 
     Raises:
         ValueError: the angles are not contiguous, or of another robot; nothing has changed then.
     """
     step = _step_views(plan, numbers, before, out)
     _require_angles(step.plan.sizes, motor_angle, joint_angle)
-    after, scratch, estimate = step.after, step.scratch, step.estimate
-    if not shape_linked(plan, numbers, motor_angle, joint_angle, after.length, step.workspace):
+    state, after, scratch, estimate = step.before, step.after, step.scratch, step.estimate
+    if not shape_linked(plan, numbers, motor_angle, joint_angle, step.workspace):
         _refuse(before, out, estimate, step.plan.sizes)
         return False
-    friction_losses(
-        step.plan, step.numbers, scratch.wrap, step.before.lagged_speed, scratch.contacts
-    )
-    started = step.before.started[0] != 0.0
+    for e in range(after.length.size):
+        after.length[e] = scratch.segments[e].length
+    for k in range(len(after.middles)):
+        after.middles[k] = scratch.middles[k]
+    for c in range(len(step.plan.cables)):
+        place_contacts(step.plan, step.numbers, c, state, after, scratch)
+    friction_losses(step.plan, step.numbers, state.lagged_speed, scratch)
+    started = state.started[0] != 0.0
     after.started[0] = 1.0
     for d in range(len(after.drums)):
-        after.drums[d] = step.before.drums[d]
+        after.drums[d] = state.drums[d]
     estimate.motor_effort[:] = 0.0
     estimate.joint_effort[:] = 0.0
     solved_all = True
@@ -324,7 +356,7 @@ def advance(
             solved = _move_cable(step, c, motor_angle, dt)
         else:
             solved = _start_cable(step, c, motor_angle)
-        report_cable(step.plan, step.numbers, c, solved, after.slip_speed, scratch, estimate)
+        _report(step, c, solved)
         solved_all &= solved
     _add_axes(step, motor_angle, joint_angle)
     return solved_all

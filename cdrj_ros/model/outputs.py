@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.compiled import lean, stage
-from cdrj_ros.model.packing import SPATIAL, AxisNumbers, CablePlan, Numbers, Plan
+from cdrj_ros.model.packing import SPATIAL, AxisNumbers, Numbers, Plan
+from cdrj_ros.model.spatial_records import PULLEY
 from cdrj_ros.model.state import EstimateViews, ScratchViews
 from cdrj_ros.model.status import INVALID, OK, OVERLOAD, SLACK
 
@@ -46,18 +47,13 @@ def _force_on_pulley(
 
 
 @stage
-def _wandering(
-    numbers: Numbers, cable: CablePlan, end: int, scratch: ScratchViews, tension: Vector
-) -> float:
-    """Virtual work of a cable per radian as its point of departure wanders on the drum [N m]."""
-    work = 0.0
+def _drum_lever(plan: Plan, numbers: Numbers, c: int, end: int, scratch: ScratchViews) -> float:
+    """Moment of a cable about the axis of the drum at one end per newton [m], (E27)."""
+    cable = plan.cables[c]
     node = cable.first_node + end * cable.elements
-    if cable.routed == SPATIAL and numbers.spatial_nodes[node].lead != 0.0:
-        for e in range(cable.elements):
-            touch = scratch.touches[cable.first_node + e]
-            by = touch.length_by_first if end == 0 else touch.length_by_last
-            work += tension[cable.first_element + e] * by
-    return work
+    if cable.routed == SPATIAL and plan.spatial_nodes[node].kind == PULLEY:
+        return scratch.touches[node].lever
+    return numbers.ends[2 * c + end].radius
 
 
 @stage
@@ -66,7 +62,6 @@ def report_cable(
     numbers: Numbers,
     c: int,
     solved: bool,
-    slip_speed: Vector,
     scratch: ScratchViews,
     estimate: EstimateViews,
 ) -> None:
@@ -75,10 +70,10 @@ def report_cable(
     Args:
         plan, numbers: the prepared robot.
         c: the cable.
-        solved: whether its slips were solved; otherwise its elements are ``INVALID``.
-        slip_speed: of every pulley [m/s], shape (pulleys,).
-        scratch: wraps, directions and derivatives of the lengths at the present joint angles.
-        estimate: the cable's tensions are given; its efforts are added, the rest is written.
+        solved: whether its fluxes were solved; otherwise its elements are ``INVALID``.
+        scratch: wraps, directions and lever arms at the present joint angles.
+        estimate: tensions and slip speeds of the cable are given; its efforts are added, the rest
+            is written.
     """
     cable, constants = plan.cables[c], numbers.cables[c]
     first, last = cable.first_element, cable.first_element + cable.elements
@@ -92,14 +87,15 @@ def report_cable(
             flag |= OVERLOAD
         estimate.status[e] = flag
         for j in range(estimate.joint_effort.size):
-            estimate.joint_effort[j] -= t * scratch.length_by_joint[e, j]  # virtual work
+            estimate.joint_effort[j] -= t * scratch.lever_arm[e, j]
     for end in range(2):
         motor = plan.ends[2 * c + end].motor
         if motor >= 0:
-            drum = numbers.ends[2 * c + end]
+            winding = numbers.ends[2 * c + end].winding
             pull = tension[first] if end == 0 else tension[last - 1]
-            wandering = _wandering(numbers, cable, end, scratch, tension)
-            estimate.motor_effort[motor] -= drum.winding * (drum.radius * pull + wandering)
+            estimate.motor_effort[motor] -= (
+                winding * _drum_lever(plan, numbers, c, end, scratch) * pull
+            )
     for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
         e = plan.pulleys[p].element
         t_in, t_out = tension[e], tension[e + 1]
@@ -109,7 +105,6 @@ def report_cable(
         estimate.force_z[p] = z
         estimate.magnitude[p] = sqrt(x * x + y * y + z * z)
         estimate.friction[p] = t_out - t_in
-        estimate.slip_speed[p] = slip_speed[p]
     if not solved:  # the distribution of the elongation is unknown: report no numbers
         estimate.tension[first:last] = 0.0
         for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):

@@ -53,6 +53,8 @@ class Sizes(NamedTuple):
     cables: int
     elements: int
     pulleys: int
+    contacts: int
+    """Contact cells of all pulleys."""
     frames: int
     nodes: int
     terms: int
@@ -66,12 +68,15 @@ class Sizes(NamedTuple):
 
 
 class CablePlan:
-    """Parts of a cable; its elements, pulleys and nodes are consecutive."""
+    """Parts of a cable; its elements, pulleys, contacts, segments and nodes are consecutive."""
 
     first_element: int
     elements: int
     first_pulley: int
     pulleys: int
+    first_contact: int
+    contacts: int
+    """Of all its pulleys.  Contact k of the robot's cable c lies before segment k + c + 1."""
     first_node: int
     law: int
     """Code of the friction law of all its pulleys."""
@@ -89,10 +94,13 @@ class EndPlan:
 
 
 class PulleyPlan:
-    """Place of a pulley in its cable, and the form of its friction."""
+    """Place of a pulley in its cable, its contact cells, and the form of its friction."""
 
     element: int
     """The element before it."""
+    first_contact: int
+    cells: int
+    """Number of its contact cells."""
     wrap_changes: int
     """0 where the wrap is the same in every pose."""
     stribeck: int
@@ -147,6 +155,11 @@ class ElementNumbers:
 
     span: float
     """Constant part of the length between tangent points [m]; 0 where it follows from positions."""
+
+
+class SegmentNumbers:
+    """Constants of a segment."""
+
     material: float
     """Unstretched length in the reference pose [m]."""
 
@@ -189,6 +202,7 @@ TERM_PLAN: Final = record_type(TermPlan)
 CABLE: Final = record_type(CableNumbers)
 END: Final = record_type(EndNumbers)
 ELEMENT: Final = record_type(ElementNumbers)
+SEGMENT_NUMBERS: Final = record_type(SegmentNumbers)
 MOTOR: Final = record_type(MotorNumbers)
 JOINT: Final = record_type(JointNumbers)
 AXIS: Final = record_type(AxisNumbers)
@@ -200,6 +214,7 @@ _SIZES: Final = len(Sizes._fields)
 _CABLE_PLAN, _END_PLAN, _PULLEY_PLAN = words(CABLE_PLAN), words(END_PLAN), words(PULLEY_PLAN)
 _FRAME_PLAN, _NODE_PLAN, _TERM_PLAN = words(FRAME_PLAN), words(NODE_PLAN), words(TERM_PLAN)
 _CABLE, _END, _PULLEY, _ELEMENT = words(CABLE), words(END), words(PULLEY), words(ELEMENT)
+_SEGMENT = words(SEGMENT_NUMBERS)
 _FRAME, _NODE, _MOTOR, _JOINT = words(FRAME), words(NODE), words(MOTOR), words(JOINT)
 _AXIS, _TABLE = words(AXIS), words(CUBIC) * TABLE_INTERVALS
 _SPATIAL_FRAME_PLAN, _SPATIAL_NODE_PLAN = words(SPATIAL_FRAME_PLAN), words(SPATIAL_NODE_PLAN)
@@ -230,6 +245,7 @@ class Numbers(NamedTuple):
     """As in ``Plan``."""
     pulleys: Rows[PulleyNumbers]
     elements: Rows[ElementNumbers]
+    segments: Rows[SegmentNumbers]
     frames: Rows[FrameNumbers]
     nodes: Rows[NodeNumbers]
     motors: Rows[MotorNumbers]
@@ -261,7 +277,7 @@ def plan_views(plan: Indices) -> Plan:
     """Named views of the parts of a plan."""
     sizes = Sizes(
         plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6], plan[7], plan[8], plan[9],
-        plan[10],
+        plan[10], plan[11],
     )  # fmt: skip
     cables, ends, pulleys, frames, nodes, terms, spatial_frames, spatial_nodes = _plan_ends(sizes)
     return Plan(
@@ -280,13 +296,14 @@ def plan_views(plan: Indices) -> Plan:
 @usable_in_kernels
 def _number_ends(
     sizes: Sizes,
-) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int]:
+) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int]:
     """Where each part of the numbers ends, in the order of ``Numbers``."""
     cables = sizes.cables * _CABLE
     ends = cables + 2 * sizes.cables * _END
     pulleys = ends + sizes.pulleys * _PULLEY
     elements = pulleys + sizes.elements * _ELEMENT
-    frames = elements + sizes.frames * _FRAME
+    segments = elements + (sizes.contacts + sizes.cables) * _SEGMENT
+    frames = segments + sizes.frames * _FRAME
     nodes = frames + sizes.nodes * _NODE
     motors = nodes + sizes.motors * _MOTOR
     joints = motors + sizes.joints * _JOINT
@@ -295,7 +312,7 @@ def _number_ends(
     spatial_frames = tables + sizes.spatial_frames * _SPATIAL_FRAME
     spatial_nodes = spatial_frames + sizes.spatial_nodes * _SPATIAL_NODE
     return (
-        cables, ends, pulleys, elements, frames, nodes, motors, joints, axes, tables,
+        cables, ends, pulleys, elements, segments, frames, nodes, motors, joints, axes, tables,
         spatial_frames, spatial_nodes,
     )  # fmt: skip
 
@@ -310,7 +327,7 @@ def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
             same first axis.
     """
     (
-        cables, ends, pulleys, elements, frames, nodes, motors, joints, axes, tables,
+        cables, ends, pulleys, elements, segments, frames, nodes, motors, joints, axes, tables,
         spatial_frames, spatial_nodes,
     ) = _number_ends(sizes)  # fmt: skip
     return Numbers(
@@ -318,7 +335,8 @@ def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
         rows(numbers, cables, ends, END),
         rows(numbers, ends, pulleys, PULLEY),
         rows(numbers, pulleys, elements, ELEMENT),
-        rows(numbers, elements, frames, FRAME),
+        rows(numbers, elements, segments, SEGMENT_NUMBERS),
+        rows(numbers, segments, frames, FRAME),
         rows(numbers, frames, nodes, NODE),
         rows(numbers, nodes, motors, MOTOR),
         rows(numbers, motors, joints, JOINT),

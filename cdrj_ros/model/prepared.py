@@ -130,8 +130,12 @@ class Shape:
 
     length: Vector
     """Length of every element, with its share of the arcs [m]."""
-    length_by_joint: NDArray[np.float64]
-    """Derivatives by the joint angles, shape (elements, joints)."""
+    segment: Vector
+    """Length of every segment between contacts [m]; those of a pulley with one contact are the
+    elements."""
+    lever_arm: NDArray[np.float64]
+    """Of every element about every joint [m], (E27), shape (elements, joints).  The effort of a
+    joint is minus the sum of the tensions times these."""
     wrap: Vector
     """Of every pulley [rad]."""
     direction: NDArray[np.float64]
@@ -158,19 +162,17 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
     if any(cable.routed or cable.spatial for cable in robot.cables):
         _set_routed_references(model, views, reference)
         rest = shape_at(model, reference)
-    elements = number_views(model.sizes, model.numbers).elements
-    element = 0
-    for cable in robot.cables:
+    for name, length in zip(model.layout.elements, rest.length, strict=True):
+        if not length > 0.0:
+            raise RobotFileError(
+                f"element {name} has the length {length:.4g} m in the reference pose "
+                f"({robot.source})"
+            )
+    material: Any = number_views(model.sizes, model.numbers).segments
+    for c, cable in enumerate(robot.cables):
+        own = segments_of(model, c)
         stretch = 1.0 + strain_at(elasticity_of(cable), cable.preload)
-        for name in cable.element_names:
-            length = rest.length[element]
-            if not length > 0.0:
-                raise RobotFileError(
-                    f"element {name} has the length {length:.4g} m in the reference pose "
-                    f"({robot.source})"
-                )
-            elements[element].material = length / stretch
-            element += 1
+        material["material"][own] = rest.segment[own] / stretch
     if check_range:
         _check_range(model)
     model.numbers.flags.writeable = False
@@ -193,18 +195,32 @@ def placed(
     model: Model, joint_angle: Vector, motor_angle: Vector | None = None
 ) -> tuple[Shape, ScratchViews]:
     """As ``shape_at``; the second result is the scratch, with the poses of the frames."""
-    length, scratch = np.empty(model.sizes.elements), np.zeros(scratch_size(model.sizes))
+    scratch = np.zeros(scratch_size(model.sizes))
     possible = shape(
         model.plan,
         read_only(model.numbers),
         ordinary(np.asarray(() if motor_angle is None else motor_angle, dtype=np.float64)),
         ordinary(np.asarray(joint_angle, dtype=np.float64)),
-        length,
         scratch,
     )
     views = scratch_views(model.sizes, scratch)
-    found = Shape(length, views.length_by_joint, views.wrap, views.direction, bool(possible))
+    segments: Any = views.segments
+    found = Shape(
+        views.element_length,
+        segments["length"],
+        views.lever_arm,
+        views.wrap,
+        views.direction,
+        bool(possible),
+    )
     return found, views
+
+
+def segments_of(model: Model, c: int) -> slice:
+    """Segments of a cable, in the order of the robot's."""
+    cable = plan_views(model.plan).cables[c]
+    first = int(cable.first_contact) + c
+    return slice(first, first + int(cable.contacts) + 1)
 
 
 def read_only(array: Vector) -> Vector:
@@ -287,7 +303,7 @@ def _set_spatial_references(model: Model, c: int, rest: ScratchViews, reference:
     nodes["arc_reference"][inner] = touches["angle"][inner]
     for place, k in ((first, 0), (last, -1)):
         end = model.robot.cables[c].nodes[k]
-        angular = twists["angular"][plan.spatial_nodes[place].frame, : reference.size]
+        angular = twists["angular"][plan.spatial_nodes[place].frame]
         turn = float(reference @ (angular @ touches["basis"][place, 6:9]))
         nodes["turn_reference"][place] = turn
         nodes["arc_reference"][place] = touches["angle"][place] + turn
@@ -329,12 +345,12 @@ def _are_possible(model: Model, joint_angles: NDArray[np.float64]) -> NDArray[np
     length, wrap = np.empty((poses, sizes.elements)), np.empty((poses, sizes.pulleys))
     possible = np.empty(poses, dtype=np.bool_)
     scratch = np.zeros(scratch_size(sizes))
-    found = scratch_views(sizes, scratch).wrap
+    found = scratch_views(sizes, scratch)
     numbers, motor_angle = read_only(model.numbers), np.empty(0)
     for k in range(poses):
         scratch.fill(0.0)
-        possible[k] = shape(model.plan, numbers, motor_angle, joint_angles[k], length[k], scratch)
-        wrap[k] = found
+        possible[k] = shape(model.plan, numbers, motor_angle, joint_angles[k], scratch)
+        length[k], wrap[k] = found.element_length, found.wrap
     return possible & np.all(length > 0.0, axis=1) & np.all(wrap >= 0.0, axis=1)
 
 

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.model.cells import divide_arcs
 from cdrj_ros.model.compiled import lean, stage
 from cdrj_ros.model.geometry import place_frames, route, table_value
 from cdrj_ros.model.linked import linked
@@ -30,13 +31,13 @@ Vector = NDArray[np.float64]
 def _tabulated_shape(
     plan: Plan, numbers: Numbers, joint_angle: Vector, length: Vector, scratch: ScratchViews
 ) -> None:
-    """Spans and wraps from constants and tables over joint angle; arcs are added later."""
-    wrap, length_by_joint = scratch.wrap, scratch.length_by_joint
+    """Spans, wraps and lever arms from constants and tables over joint angle; no arcs yet."""
+    wrap, lever_arm = scratch.wrap, scratch.lever_arm
     for e in range(len(numbers.elements)):
         length[e] = numbers.elements[e].span
     for p in range(len(numbers.pulleys)):
         wrap[p] = numbers.pulleys[p].wrap
-    length_by_joint[:] = 0.0
+    lever_arm[:] = 0.0
     for k in range(len(plan.terms)):
         term = plan.terms[k]
         joint, target = term.joint, term.target
@@ -47,14 +48,14 @@ def _tabulated_shape(
         value, slope = table_value(cubic, position - interval)
         if term.adds_to_wrap == 0:
             length[target] += value
-            length_by_joint[target, joint] += slope / grid.interval
+            lever_arm[target, joint] += slope / grid.interval
         else:
             wrap[target] += value
-            # each neighbouring element has half of the arc
-            half = 0.5 * numbers.pulleys[target].radius * slope / grid.interval
-            element = plan.pulleys[target].element
-            length_by_joint[element, joint] += half
-            length_by_joint[element + 1, joint] += half
+            # cable is laid on from the element at the end of the arc that moves
+            pulley, element = numbers.pulleys[target], plan.pulleys[target].element
+            laid = pulley.radius * slope / grid.interval
+            lever_arm[element, joint] += (0.5 - pulley.moved_after) * laid
+            lever_arm[element + 1, joint] += (0.5 + pulley.moved_after) * laid
 
 
 @stage
@@ -63,10 +64,11 @@ def _add_arcs(
 ) -> None:
     """Add the arcs on the pulleys of one cable given by spans to the lengths."""
     for p in range(pulley, beyond):
-        half = 0.5 * numbers.pulleys[p].radius * scratch.wrap[p]
+        arc = numbers.pulleys[p].radius * scratch.wrap[p]
         element = plan.pulleys[p].element
-        length[element] += half
-        length[element + 1] += half
+        length[element] += 0.5 * arc
+        length[element + 1] += 0.5 * arc
+        scratch.arc[p], scratch.middle[p] = arc, numbers.pulleys[p].moved_after * arc
 
 
 @stage
@@ -93,8 +95,10 @@ def _place_cables(
                 scratch.pose,
                 scratch.twist,
                 length[first:last],
-                scratch.length_by_joint[first:last],
+                scratch.lever_arm[first:last],
                 scratch.wrap[pulley:beyond],
+                scratch.arc[pulley:beyond],
+                scratch.middle[pulley:beyond],
                 scratch.direction[first:last],
             )
         elif cable.routed != SPATIAL:
@@ -108,7 +112,6 @@ def shape(
     numbers: Vector,
     motor_angle: Vector,
     joint_angle: Vector,
-    length: Vector,
     scratch: Vector,
 ) -> bool:
     """Geometry of all cables at the joint angles; False if the path of a cable is impossible.
@@ -118,16 +121,16 @@ def shape(
         motor_angle: [rad], shape (motors,), or (0,) for drums at rest.  Only drums with a pitch
             depend on it.
         joint_angle: [rad] or [m], shape (joints,).
-        length: of every element, arcs included [m], shape (elements,), written.
-        scratch: shape (scratch_size,); derivatives of the lengths, wraps, poses of frames and, for
-            routed elements only, directions are written.
+        scratch: shape (scratch_size,); lengths of elements and segments, lever arms, wraps, arcs,
+            poses of frames and, for routed elements only, directions are written.
     """
     parts = plan_views(plan)
     constants = number_views(parts.sizes, numbers)
     views = scratch_views(parts.sizes, scratch)
-    possible = _place_cables(parts, constants, joint_angle, length, views)
+    possible = _place_cables(parts, constants, joint_angle, views.element_length, views)
     if len(parts.spatial_frames) > 0:
-        possible &= shape_in_space_linked(plan, numbers, motor_angle, joint_angle, length, scratch)
+        possible &= shape_in_space_linked(plan, numbers, motor_angle, joint_angle, scratch)
+    divide_arcs(parts, views)
     return possible
 
 

@@ -1,8 +1,7 @@
 """Points of contact and arc of a cable at one node, between given neighbouring points.
 
 All vectors are in the node's own axes: z is the axis of a round body and the origin its centre.
-``before`` is the point a from which the cable comes, ``after`` the point b to which it goes.  The
-functions with names in ``_by`` compute the derivatives along given velocities of a and b.
+``before`` is the point a from which the cable comes, ``after`` the point b to which it goes.
 See docs/geometry.md, section 2.
 """
 
@@ -11,7 +10,7 @@ from __future__ import annotations
 from math import atan2, cos, hypot, pi, sin, sqrt
 
 from cdrj_ros.model.compiled import lean, stage
-from cdrj_ros.model.spatial_inside import inside_angle_by, point_inside
+from cdrj_ros.model.spatial_inside import point_inside
 from cdrj_ros.model.spatial_records import (
     CYLINDER,
     PULLEY,
@@ -23,7 +22,6 @@ from cdrj_ros.model.spatial_records import (
 from cdrj_ros.model.spatial_tangents import (
     flat,
     tangent_normal,
-    tangent_normal_by,
     way_round,
 )
 from cdrj_ros.model.spatial_vectors import (
@@ -34,7 +32,6 @@ from cdrj_ros.model.spatial_vectors import (
     load,
     minus,
     norm,
-    plus,
     scaled,
     store,
 )
@@ -187,126 +184,3 @@ def measure(node: SpatialNodeNumbers, kind: int, touch: Touch) -> None:
             stretch = sqrt(1.0 + (rise / flat_length) ** 2)  # 1 / cos of the helix angle
             touch.wrap /= stretch
             touch.arc *= stretch
-
-
-@stage
-def _circle_by(
-    node: SpatialNodeNumbers, touch: Touch, a_by: Vector3, b_by: Vector3
-) -> tuple[Vector3, Vector3]:
-    first, last = load(touch.entry_normal), load(touch.exit_normal)
-    entry_turn = node.turn * dot(first, a_by) / touch.before_length
-    exit_turn = -node.turn * dot(last, b_by) / touch.after_length
-    touch.arc_by = node.radius * node.turn * (exit_turn - entry_turn)
-    entry_by = scaled(node.radius * entry_turn, cross(Z, first))
-    return entry_by, scaled(node.radius * exit_turn, cross(Z, last))
-
-
-@stage
-def _swivel_by(node: SpatialNodeNumbers, touch: Touch, b_by: Vector3) -> tuple[Vector3, Vector3]:
-    radius, angle, b = node.radius, touch.angle, load(touch.after)
-    plane = load(touch.exit_normal)
-    out = dot(plane, b_by)
-    plane_by = scaled(1.0 / hypot(b[0], b[1]), combined(1.0, flat(b_by), -out, plane))
-    angle_by = (cos(angle) * out - sin(angle) * b_by[2]) / touch.after_length
-    touch.arc_by = radius * angle_by
-    along = combined(radius * (1.0 - cos(angle)), plane_by, radius * sin(angle) * angle_by, plane)
-    return (0.0, 0.0, 0.0), (along[0], along[1], radius * cos(angle) * angle_by)
-
-
-@stage
-def _sphere_by(
-    node: SpatialNodeNumbers, touch: Touch, a_by: Vector3, b_by: Vector3
-) -> tuple[Vector3, Vector3]:
-    a, b, axis = load(touch.before), load(touch.after), load(touch.normal)
-    product = cross(a, b)
-    product_by = plus(cross(a_by, b), cross(a, b_by))
-    size = max(norm(product), 1e-300)
-    axis_by = scaled(1.0 / size, combined(1.0, product_by, -dot(axis, product_by), axis))
-    first, last = load(touch.entry_normal), load(touch.exit_normal)
-    sense, radius = touch.sense, node.radius
-    first_by, _ = tangent_normal_by(
-        a, axis, radius, sense, touch.before_length, first, a_by, axis_by
-    )
-    last_by, _ = tangent_normal_by(b, axis, radius, -sense, touch.after_length, last, b_by, axis_by)
-    along_first, along_last = cross(axis, first), cross(axis, last)
-    turned = dot(along_last, last_by) - dot(along_first, first_by)
-    touch.arc_by = radius * sense * turned
-    return scaled(radius, first_by), scaled(radius, last_by)
-
-
-@stage
-def _inside_by(
-    node: SpatialNodeNumbers, kind: int, touch: Touch, a_by: Vector3, b_by: Vector3
-) -> tuple[Vector3, Vector3]:
-    """Velocity of the point at which the cable touches the inside of a body."""
-    a, b, normal = load(touch.before), load(touch.after), load(touch.entry_normal)
-    axis, before, after = load(touch.normal), touch.before_length, touch.after_length
-    flat_a, flat_b, flat_a_by, flat_b_by = a, b, a_by, b_by
-    if kind == CYLINDER:
-        flat_a, flat_b, flat_a_by, flat_b_by = flat(a), flat(b), flat(a_by), flat(b_by)
-    point = scaled(node.radius, normal)
-    to_a = scaled(1.0 / before, minus(flat_a, point))
-    to_b = scaled(1.0 / after, minus(flat_b, point))
-    touch.arc_by = 0.0
-    along, across = inside_angle_by(
-        node.radius, normal, axis, to_a, to_b, before, after, flat_a_by, flat_b_by
-    )
-    point_by = combined(node.radius * along, cross(axis, normal), node.radius * across, axis)
-    if kind == CYLINDER:
-        point_by = combined(node.radius * along, cross(axis, normal), 0.0, axis)
-        before_by = dot(to_a, minus(flat_a_by, point_by))
-        after_by = dot(to_b, minus(flat_b_by, point_by))
-        whole, rise = before + after, b[2] - a[2]
-        share = before / whole
-        share_by = (before_by - share * (before_by + after_by)) / whole
-        height_by = a_by[2] + share * (b_by[2] - a_by[2]) + share_by * rise
-        point_by = (point_by[0], point_by[1], height_by)
-    return point_by, point_by
-
-
-@stage
-def _cylinder_by(
-    node: SpatialNodeNumbers, touch: Touch, a_by: Vector3, b_by: Vector3
-) -> tuple[Vector3, Vector3]:
-    radius, sense = node.radius, touch.sense
-    first, last = load(touch.entry_normal), load(touch.exit_normal)
-    entry_turn = sense * dot(first, a_by) / touch.before_length
-    exit_turn = -sense * dot(last, b_by) / touch.after_length
-    before, after = touch.before_length, touch.after_length
-    before_by = dot(flat(load(touch.before)), a_by) / before
-    after_by = dot(flat(load(touch.after)), b_by) / after
-    arc, arc_by = radius * touch.angle, radius * sense * (exit_turn - entry_turn)
-    whole, whole_by = before + arc + after, before_by + arc_by + after_by
-    rise, rise_by = touch.after[2] - touch.before[2], b_by[2] - a_by[2]
-    entry_z = a_by[2] + (rise_by * before + rise * before_by) / whole
-    entry_z -= rise * before * whole_by / (whole * whole)
-    exit_z = b_by[2] - (rise_by * after + rise * after_by) / whole
-    exit_z += rise * after * whole_by / (whole * whole)
-    slope = rise / whole
-    slope_by = (rise_by - slope * whole_by) / whole
-    stretch = sqrt(1.0 + slope * slope)
-    touch.arc_by = arc_by * stretch + arc * slope * slope_by / stretch
-    entry_by = scaled(radius * entry_turn, cross(Z, first))
-    exit_by = scaled(radius * exit_turn, cross(Z, last))
-    return (entry_by[0], entry_by[1], entry_z), (exit_by[0], exit_by[1], exit_z)
-
-
-@lean
-def meet_by(
-    node: SpatialNodeNumbers, kind: int, touch: Touch, a_by: Vector3, b_by: Vector3
-) -> tuple[Vector3, Vector3]:
-    """Derivatives of the first and last point of contact; that of the arc is written.
-
-    Args:
-        node, kind, touch: as ``meet`` and ``measure`` left them.
-        a_by, b_by: velocities of ``before`` and ``after`` in the node's own axes.
-    """
-    if kind == PULLEY:
-        return _circle_by(node, touch, a_by, b_by)
-    if kind == SWIVEL:
-        return _swivel_by(node, touch, b_by)
-    if node.inside == 1.0:
-        return _inside_by(node, kind, touch, a_by, b_by)
-    if kind == SPHERE:
-        return _sphere_by(node, touch, a_by, b_by)
-    return _cylinder_by(node, touch, a_by, b_by)

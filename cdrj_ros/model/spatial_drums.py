@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cdrj_ros.model.compiled import stage
 from cdrj_ros.model.records import Grid
 from cdrj_ros.model.spatial_records import SpatialNodeNumbers, SpatialTwist, Touch
-from cdrj_ros.model.spatial_vectors import Vector3, dot, load
+from cdrj_ros.model.spatial_vectors import Vector3, cross, dot, load, minus
 
 Vector = NDArray[np.float64]
 
@@ -44,19 +44,21 @@ def wound_angle(node: SpatialNodeNumbers, touch: Touch, first: bool) -> float:
 
 
 @stage
-def wound_angle_by(touch: Touch, seen: Vector3, first: bool) -> float:
-    """Derivative of ``wound_angle`` from the velocity of the far point, in the end's own axes."""
-    normal = load(touch.exit_normal) if first else load(touch.entry_normal)
-    return -dot(normal, seen) / (touch.after_length if first else touch.before_length)
-
-
-@stage
 def departure(node: SpatialNodeNumbers, touch: Touch, first: bool) -> float:
     """Height at which the cable leaves a helical groove, from the centre of the drum [m]: (G10)."""
     return node.lead * (touch.wound + wound_angle(node, touch, first))
 
 
 @stage
-def departure_by(node: SpatialNodeNumbers, touch: Touch, seen: Vector3, first: bool) -> float:
-    """Derivative of ``departure``; ``touch.winding`` is that of the angle wound by the motor."""
-    return node.lead * (touch.winding + wound_angle_by(touch, seen, first))
+def moment_about_drum(node: SpatialNodeNumbers, touch: Touch, unit: Vector3, first: bool) -> float:
+    """Moment of a cable about the axis of its drum per newton [m], (E27).
+
+    Args:
+        node: the end.
+        touch: its contact.
+        unit: direction of the cable, towards the last node, in the base.
+        first: whether it is the first end.
+    """
+    arm = minus(load(touch.exit) if first else load(touch.entry), load(touch.centre))
+    axis = (touch.basis[6], touch.basis[7], touch.basis[8])
+    return node.turn * dot(axis, cross(arm, unit))

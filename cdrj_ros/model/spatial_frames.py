@@ -101,8 +101,7 @@ def place_spatial_frames(
         plans, frames: every frame, parents first, shape (f,).
         joint_angle: [rad] or [m], shape (j,).
         poses: shape (f,), written.
-        twists: shape (f, j + 1), written; the last column is 0, for drums that turn while all
-            joints rest.
+        twists: shape (f, j), written.
 
     A rolling frame follows two equal circles of radius R as in the plane (eq. 5).  It rolls about
     its z axis and starts on its x axis.
@@ -117,9 +116,6 @@ def place_spatial_frames(
                 if plan.parent >= 0:
                     moved.angular[i] = twists[plan.parent, j].angular[i]
                     moved.linear[i] = twists[plan.parent, j].linear[i]
-        still = twists[f, joint_angle.size]
-        for i in range(3):
-            still.angular[i], still.linear[i] = 0.0, 0.0
         if plan.joint >= 0:
             q = frame.multiplier * joint_angle[plan.joint] + frame.offset
             axis = rotated(pose.rotation, load(frame.axis))

@@ -19,7 +19,6 @@ from cdrj_ros.model.spatial_vectors import (
     dot,
     minus,
     norm,
-    plus,
 )
 
 MOST_STEPS = 100
@@ -78,38 +77,3 @@ def point_inside(a: Vector3, b: Vector3, axis: Vector3, radius: float) -> tuple[
         angle = step
     c, s = cos(sense * angle) / from_a, sin(sense * angle) / from_a
     return not free, combined(c, a, s, cross(axis, a))
-
-
-@stage
-def inside_angle_by(
-    radius: float,
-    normal: Vector3,
-    axis: Vector3,
-    to_a: Vector3,
-    to_b: Vector3,
-    before: float,
-    after: float,
-    a_by: Vector3,
-    b_by: Vector3,
-) -> tuple[float, float]:
-    """Angular velocities of the point within the circle's plane and across it.
-
-    Args:
-        radius: of the circle [m].
-        normal: unit vector to the point.
-        axis: unit normal of the plane.
-        to_a, to_b: unit vectors from the point to a and b.
-        before, after: distances of a and b from the point [m].
-        a_by, b_by: velocities of a and b.
-
-    The tangential components of ``to_a + to_b`` are zero and remain so.
-    """
-    along = cross(axis, normal)
-    outwards = dot(normal, plus(to_a, to_b))
-    over_a, over_b = dot(along, to_a), dot(along, to_b)
-    driven = (dot(along, a_by) - over_a * dot(to_a, a_by)) / before
-    driven += (dot(along, b_by) - over_b * dot(to_b, b_by)) / after
-    held = (1.0 - over_a * over_a) / before + (1.0 - over_b * over_b) / after
-    aside = dot(axis, a_by) / before + dot(axis, b_by) / after
-    across = aside / (outwards + radius * (1.0 / before + 1.0 / after))
-    return driven / (outwards + radius * held), across

@@ -110,7 +110,7 @@ class SpatialTwist:
 
 
 class Touch:
-    """Contact of a cable with a node in one pose, and its derivatives by one joint."""
+    """Contact of a cable with a node in one pose."""
 
     centre: Vector
     """In the base [m], shape (3,)."""
@@ -153,22 +153,19 @@ class Touch:
     """Turn of the frame of an end about its axis by all joints [rad]."""
     wound: float
     """Angle of cable that the motor of an end has wound in since the reference pose [rad]."""
-    winding: float
-    """Derivative of ``wound``: 1 or 0."""
-    entry_by: Vector
-    """Derivative of ``entry`` by one joint, shape (3,)."""
-    exit_by: Vector
-    """Derivative of ``exit`` by one joint, shape (3,)."""
-    arc_by: float
-    """Derivative of ``arc`` by one joint."""
-    share_by: float
-    """Derivative of ``share`` by one joint."""
-    length_by: float
-    """Derivative of the length of the element after the node by one joint."""
-    length_by_first: float
-    """Derivative of that length by ``wound`` of the first end [m/rad]; only where it has a lead."""
-    length_by_last: float
-    """Derivative of that length by ``wound`` of the last end [m/rad]; only where it has a lead."""
+    lever: float
+    """Of an end that winds cable: moment of the cable about its axis per newton [m], (E27)."""
+
+
+class ArcMiddle:
+    """Middle of an arc in the axes of its body, from which its motion along the cable follows."""
+
+    normal: Vector
+    """Unit vector from the axis, of a sphere from the centre, to the middle, shape (3,)."""
+    tangent: Vector
+    """Unit vector of the cable there, shape (3,); 0 where the cable does not touch the body."""
+    height: float
+    """Along the axis of a cylinder [m]; 0 for other bodies."""
 
 
 SPATIAL_FRAME_PLAN: Final = record_type(SpatialFramePlan)
@@ -189,6 +186,5 @@ TOUCH: Final = record_type(
     normal=3,
     entry_normal=3,
     exit_normal=3,
-    entry_by=3,
-    exit_by=3,
 )
+ARC_MIDDLE: Final = record_type(ArcMiddle, normal=3, tangent=3)

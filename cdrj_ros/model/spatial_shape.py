@@ -22,7 +22,7 @@ Vector = NDArray[np.float64]
 
 SHAPE_SIGNATURE: Final = (
     "boolean(Array(int64, 1, 'C', True), Array(float64, 1, 'C', True), float64[::1], float64[::1],"
-    " float64[::1], float64[::1])"
+    " float64[::1])"
 )
 """Types of ``shape`` and of ``shape_in_space``."""
 
@@ -48,14 +48,12 @@ def shape_in_space(
     numbers: Vector,
     motor_angle: Vector,
     joint_angle: Vector,
-    length: Vector,
     scratch: Vector,
 ) -> bool:
     """The part of ``shape`` for frames and cables in space; what it writes for others stays.
 
     Args:
         plan, numbers, motor_angle, joint_angle: as ``shape``.
-        length: [m], shape (elements,), written for cables in space.
         scratch: shape (scratch_size,); the wraps of sheaths are given, poses of frames in space
             and what ``shape`` writes for their cables are written.
 
@@ -88,9 +86,11 @@ def shape_in_space(
             views.spatial_twist,
             joint_angle,
             views.touches[nodes],
-            length[first:last],
-            views.length_by_joint[first:last],
+            views.middles[nodes],
+            views.element_length[first:last],
+            views.lever_arm[first:last],
             views.wrap[pulleys],
+            views.arc[pulleys],
             views.direction[first:last],
         )
     return possible

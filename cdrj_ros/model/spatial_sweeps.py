@@ -27,7 +27,7 @@ from cdrj_ros.model.spatial_records import (
 from cdrj_ros.model.spatial_vectors import load, minus, norm, plus, rotated, rotated_back, store
 
 MOST_SWEEPS = 200
-"""Largest number of sweeps for a path, and for its derivatives by one joint."""
+"""Largest number of sweeps for a path."""
 
 SETTLED = 4e-15
 """Motion of the points of contact, relative to the size of the cable, at which sweeps stop."""
@@ -57,7 +57,7 @@ def place_nodes(
         store(touch.entry, centre)
         store(touch.exit, centre)
         touch.touching, touch.angle, touch.wrap, touch.arc = 1.0, 0.0, 0.0, 0.0
-        touch.arc_by, touch.share, touch.share_by, touch.winding = 0.0, 0.0, 0.0, 0.0
+        touch.share = 0.0
         store(touch.normal, Z)
         if plans[k].kind == SHEATH:
             far = poses[plans[k].exit_frame]

@@ -37,28 +37,6 @@ def tangent_normal(a: Vector3, axis: Vector3, radius: float, sense: float) -> tu
 
 
 @stage
-def tangent_normal_by(
-    a: Vector3,
-    axis: Vector3,
-    radius: float,
-    sense: float,
-    length: float,
-    normal: Vector3,
-    a_by: Vector3,
-    axis_by: Vector3,
-) -> tuple[Vector3, float]:
-    """Derivatives of both results of ``tangent_normal``, the normal and the length."""
-    square = dot(a, a)
-    outwards = dot(a, a_by)
-    length_by = outwards / length
-    across = cross(axis, a)
-    across_by = plus(cross(axis_by, a), cross(axis, a_by))
-    turned = combined(sense * length_by, across, sense * length, across_by)
-    normal_by = scaled(1.0 / square, plus(scaled(radius, a_by), turned))
-    return combined(1.0, normal_by, -2.0 * outwards / square, normal), length_by
-
-
-@stage
 def _lines_cross(a: Vector3, b: Vector3, c: Vector3, d: Vector3, axis: Vector3) -> bool:
     """Whether the segments a-b and c-d of a plane intersect."""
     ab, cd, ca = minus(b, a), minus(d, c), minus(a, c)

@@ -11,16 +11,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable_records import CONTACT, SOLVER_ELEMENT, Contact, SolverElement
+from cdrj_ros.model.cable_records import CONTACT, SEGMENT, Contact, Segment
 from cdrj_ros.model.compiled import usable_in_kernels
 from cdrj_ros.model.drum import DRUM, Drum
 from cdrj_ros.model.geometry import POSE, TWIST, Pose, Twist
 from cdrj_ros.model.packing import Sizes
 from cdrj_ros.model.records import Grid, Rows, words
 from cdrj_ros.model.spatial_records import (
+    ARC_MIDDLE,
     SPATIAL_POSE,
     SPATIAL_TWIST,
     TOUCH,
+    ArcMiddle,
     SpatialPose,
     SpatialTwist,
     Touch,
@@ -30,9 +32,10 @@ from cdrj_ros.model.views import grid, part, rows, table
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
-_DRUM, _ELEMENT, _CONTACT = words(DRUM), words(SOLVER_ELEMENT), words(CONTACT)
+_DRUM, _SEGMENT, _CONTACT = words(DRUM), words(SEGMENT), words(CONTACT)
 _POSE, _TWIST = words(POSE), words(TWIST)
 _SPATIAL_POSE, _SPATIAL_TWIST, _TOUCH = words(SPATIAL_POSE), words(SPATIAL_TWIST), words(TOUCH)
+_ARC_MIDDLE = words(ARC_MIDDLE)
 
 
 class StateViews(NamedTuple):
@@ -41,23 +44,31 @@ class StateViews(NamedTuple):
     started: Vector
     """0 before the first sample, then 1, shape (1,)."""
     length: Vector
-    """Geometric length of every element with its share of the arcs [m], shape (elements,)."""
+    """Geometric length of every segment with its share of the arcs [m], shape (segments,)."""
     material: Vector
-    """Unstretched length of every element [m], shape (elements,)."""
+    """Unstretched length of every segment [m], shape (segments,)."""
     delayed: Vector
-    """Delayed strain of every element [-], (E24), shape (elements,)."""
+    """Delayed strain of every segment [-], (E24), shape (segments,)."""
     bristle: Vector
-    """Bristle force of every pulley [N], shape (pulleys,)."""
+    """Bristle force of every contact [N], shape (contacts,)."""
     slip_speed: Vector
-    """Material passing every pulley towards the last node [m/s], shape (pulleys,)."""
+    """Slip of the cable against the body at every contact, towards the last node [m/s], (E25),
+    shape (contacts,)."""
     lagged_speed: Vector
-    """Delayed slip speed, on which static friction depends [m/s], (E10), shape (pulleys,)."""
+    """Delayed slip speed, on which static friction depends [m/s], (E10), shape (contacts,)."""
+    place: Vector
+    """Place of the middle of every contact along the cable's path on the body [m], (E26), shape
+    (contacts,)."""
+    track: Vector
+    """Place of the middle of every pulley's arc on that path [m], shape (pulleys,)."""
     angle: Vector
     """Angles of motors, then joints [rad] or [m], shape (axes,)."""
     bearing_friction: Vector
     """Friction torques of motors, then joints [N m], of prismatic joints [N], shape (axes,)."""
     drums: Rows[Drum]
     """Of every end that a motor winds, shape (drums,); see ``EndPlan.drum``."""
+    middles: Rows[ArcMiddle]
+    """Of every node of a robot described in space, shape (spatial_nodes,)."""
 
 
 class EstimateViews(NamedTuple):
@@ -92,13 +103,20 @@ class EstimateViews(NamedTuple):
 class ScratchViews(NamedTuple):
     """Intermediate values of a sample: views of the scratch, in its order."""
 
-    length_by_joint: Table
-    """Derivatives of the lengths by the joint angles, shape (elements, joints)."""
+    element_length: Vector
+    """Geometric length of every element with its share of the arcs [m], shape (elements,)."""
+    lever_arm: Table
+    """Of every element about every joint [m], (E27), shape (elements, joints)."""
     direction: Table
     """Unit vectors of routed elements in the base frame, shape (elements, 3)."""
     wrap: Vector
     """Of every pulley [rad], shape (pulleys,)."""
-    elements: Rows[SolverElement]
+    arc: Vector
+    """Length of cable on every pulley [m], shape (pulleys,)."""
+    middle: Vector
+    """Place of the middle of every arc along its body [m], up to a constant and whole turns, shape
+    (pulleys,); unused where the cable runs in space."""
+    segments: Rows[Segment]
     contacts: Rows[Contact]
     """Of every pulley, shape (pulleys,)."""
     pose: Rows[Pose]
@@ -108,34 +126,41 @@ class ScratchViews(NamedTuple):
     spatial_pose: Rows[SpatialPose]
     """Of every frame in space, shape (spatial_frames,)."""
     spatial_twist: Grid[SpatialTwist]
-    """Of every frame in space by every joint, shape (spatial_frames, joints + 1); the last column
-    is 0."""
+    """Of every frame in space by every joint, shape (spatial_frames, joints)."""
     touches: Rows[Touch]
     """Of every node of a robot described in space, shape (spatial_nodes,)."""
+    middles: Rows[ArcMiddle]
+    """Of the same nodes."""
 
 
 @usable_in_kernels
-def _state_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int, int]:
+def _state_ends(
+    sizes: Sizes,
+) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int]:
     """Where each part of a state ends, in the order of ``StateViews`` after ``started``."""
-    length = 1 + sizes.elements
-    material = length + sizes.elements
-    delayed = material + sizes.elements
-    bristle = delayed + sizes.pulleys
-    slip_speed = bristle + sizes.pulleys
-    lagged_speed = slip_speed + sizes.pulleys
-    angle = lagged_speed + sizes.motors + sizes.joints
+    segments = sizes.contacts + sizes.cables
+    length = 1 + segments
+    material = length + segments
+    delayed = material + segments
+    bristle = delayed + sizes.contacts
+    slip_speed = bristle + sizes.contacts
+    lagged_speed = slip_speed + sizes.contacts
+    place = lagged_speed + sizes.contacts
+    track = place + sizes.pulleys
+    angle = track + sizes.motors + sizes.joints
     bearing_friction = angle + sizes.motors + sizes.joints
     drums = bearing_friction + sizes.drums * _DRUM
+    middles = drums + sizes.spatial_nodes * _ARC_MIDDLE
     return (
-        length, material, delayed, bristle, slip_speed, lagged_speed, angle, bearing_friction,
-        drums,
+        length, material, delayed, bristle, slip_speed, lagged_speed, place, track, angle,
+        bearing_friction, drums, middles,
     )  # fmt: skip
 
 
 @usable_in_kernels
 def state_size(sizes: Sizes) -> int:
     """Floats of the state."""
-    return _state_ends(sizes)[8]
+    return _state_ends(sizes)[11]
 
 
 @usable_in_kernels
@@ -148,8 +173,8 @@ def state_views(sizes: Sizes, state: Vector) -> StateViews:
             then have the same first axis.
     """
     (
-        length, material, delayed, bristle, slip_speed, lagged_speed, angle, bearing_friction,
-        drums,
+        length, material, delayed, bristle, slip_speed, lagged_speed, place, track, angle,
+        bearing_friction, drums, middles,
     ) = _state_ends(sizes)  # fmt: skip
     return StateViews(
         part(state, 0, 1),
@@ -159,9 +184,12 @@ def state_views(sizes: Sizes, state: Vector) -> StateViews:
         part(state, delayed, bristle),
         part(state, bristle, slip_speed),
         part(state, slip_speed, lagged_speed),
-        part(state, lagged_speed, angle),
+        part(state, lagged_speed, place),
+        part(state, place, track),
+        part(state, track, angle),
         part(state, angle, bearing_friction),
         rows(state, bearing_friction, drums, DRUM),
+        rows(state, drums, middles, ARC_MIDDLE),
     )
 
 
@@ -202,46 +230,56 @@ def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
 
 
 @usable_in_kernels
-def _scratch_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int, int, int]:
+def _scratch_ends(
+    sizes: Sizes,
+) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
     """Where each part of the scratch ends, in the order of ``ScratchViews``."""
-    by_joint = sizes.elements * sizes.joints
-    direction = by_joint + 3 * sizes.elements
+    element_length = sizes.elements
+    lever_arm = element_length + sizes.elements * sizes.joints
+    direction = lever_arm + 3 * sizes.elements
     wrap = direction + sizes.pulleys
-    elements = wrap + sizes.elements * _ELEMENT
-    contacts = elements + sizes.pulleys * _CONTACT
+    arc = wrap + sizes.pulleys
+    middle = arc + sizes.pulleys
+    segments = middle + (sizes.contacts + sizes.cables) * _SEGMENT
+    contacts = segments + sizes.contacts * _CONTACT
     pose = contacts + sizes.frames * _POSE
     twist = pose + sizes.frames * sizes.joints * _TWIST
     spatial_pose = twist + sizes.spatial_frames * _SPATIAL_POSE
-    spatial_twist = spatial_pose + sizes.spatial_frames * (sizes.joints + 1) * _SPATIAL_TWIST
+    spatial_twist = spatial_pose + sizes.spatial_frames * sizes.joints * _SPATIAL_TWIST
     touches = spatial_twist + sizes.spatial_nodes * _TOUCH
+    middles = touches + sizes.spatial_nodes * _ARC_MIDDLE
     return (
-        by_joint, direction, wrap, elements, contacts, pose, twist,
-        spatial_pose, spatial_twist, touches,
+        element_length, lever_arm, direction, wrap, arc, middle, segments, contacts, pose, twist,
+        spatial_pose, spatial_twist, touches, middles,
     )  # fmt: skip
 
 
 @usable_in_kernels
 def scratch_size(sizes: Sizes) -> int:
     """Floats of the scratch."""
-    return _scratch_ends(sizes)[9]
+    return _scratch_ends(sizes)[13]
 
 
 @usable_in_kernels
 def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
     """Named views of the parts of the scratch, shape (scratch_size,)."""
     (
-        by_joint, direction, wrap, elements, contacts, pose, twist,
-        spatial_pose, spatial_twist, end,
+        element_length, lever_arm, direction, wrap, arc, middle, segments, contacts, pose, twist,
+        spatial_pose, spatial_twist, touches, end,
     ) = _scratch_ends(sizes)  # fmt: skip
     return ScratchViews(
-        table(scratch, 0, sizes.elements, sizes.joints),
-        table(scratch, by_joint, sizes.elements, 3),
+        part(scratch, 0, element_length),
+        table(scratch, element_length, sizes.elements, sizes.joints),
+        table(scratch, lever_arm, sizes.elements, 3),
         part(scratch, direction, wrap),
-        rows(scratch, wrap, elements, SOLVER_ELEMENT),
-        rows(scratch, elements, contacts, CONTACT),
+        part(scratch, wrap, arc),
+        part(scratch, arc, middle),
+        rows(scratch, middle, segments, SEGMENT),
+        rows(scratch, segments, contacts, CONTACT),
         rows(scratch, contacts, pose, POSE),
         grid(scratch, pose, sizes.frames, sizes.joints, TWIST),
         rows(scratch, twist, spatial_pose, SPATIAL_POSE),
-        grid(scratch, spatial_pose, sizes.spatial_frames, sizes.joints + 1, SPATIAL_TWIST),
-        rows(scratch, spatial_twist, end, TOUCH),
+        grid(scratch, spatial_pose, sizes.spatial_frames, sizes.joints, SPATIAL_TWIST),
+        rows(scratch, spatial_twist, touches, TOUCH),
+        rows(scratch, touches, end, ARC_MIDDLE),
     )

@@ -154,9 +154,7 @@ def transmissions(pulley: Pulley) -> tuple[float, float, float, float]:
     def sliding(speed: float) -> float:
         return sliding_transmission(speed, friction.mu_c, friction.mu_s, stribeck, wrap, PRINTED)
 
-    kinetic, static = blended_loss(
-        friction.rho, friction.mu_c, friction.mu_s, wrap, ratio, PRINTED, 1.0
-    )
+    kinetic, static = blended_loss(friction.rho, friction.mu_c, friction.mu_s, wrap, ratio, PRINTED)
     return (
         bearing_transmission(wrap, ratio),
         sliding(0.0),

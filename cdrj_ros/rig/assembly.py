@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.along import course
 from cdrj_ros.model.outputs import nodal_force_magnitude
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.model.status import INVALID
-from cdrj_ros.rig.cells import Divided, divide
+from cdrj_ros.rig.cells import divide_contacts
 from cdrj_ros.rig.faults import Fault, Wiring, wire
-from cdrj_ros.rig.follow import shapes_along
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
@@ -64,7 +64,7 @@ class Kept:
     """
 
     def __init__(self, rig: Rig, samples: int) -> None:
-        self._layout, self._spans = rig.fine.layout, rig.divided.spans
+        self._layout = rig.fine.layout
         self.tension = np.empty((samples, len(rig.lumped.layout.elements)))
         """Of the free spans [N], shape (n, elements of the lumped robot)."""
         self.motor_effort = np.empty((samples, rig.wiring.owner.size))
@@ -75,7 +75,7 @@ class Kept:
     def keep(self, begin: int, estimates: Table) -> None:
         """Take over the estimates of the samples from ``begin`` on, shape (k, fine layout.size)."""
         rows = slice(begin, begin + len(estimates))
-        self.tension[rows] = estimates[:, self._layout.tension][:, self._spans]
+        self.tension[rows] = estimates[:, self._layout.tension]
         self.motor_effort[rows] = estimates[:, self._layout.motor_effort]
         self.joint_effort[rows] = estimates[:, self._layout.joint_effort]
 
@@ -101,7 +101,6 @@ class Rig:
 
     lumped: Model
     fine: Model
-    divided: Divided
     wiring: Wiring
 
     def drums(self, motor_angle: Table, offset: Table) -> Table:
@@ -118,8 +117,7 @@ def make_rig(robot: Robot, cells: int, faults: Sequence[Fault] = ()) -> Rig:
         UsageError: an impossible fault.
     """
     wiring = wire(robot, tuple(faults))
-    divided = divide(wiring.robot, cells)
-    return Rig(prepare(robot), prepare(divided.robot), divided, wiring)
+    return Rig(prepare(robot), prepare(divide_contacts(wiring.robot, cells)), wiring)
 
 
 def joint_text(robot: Robot, joint: int, value: float) -> str:
@@ -163,7 +161,7 @@ def require_taut(
         )
     if allow_slack or rig.wiring.faults:
         return
-    tension = estimates[:, rig.fine.layout.tension][:, rig.divided.spans]
+    tension = estimates[:, rig.fine.layout.tension]
     slack = np.argwhere(tension <= 0.0)
     if slack.size:
         k, element = slack[0]
@@ -195,8 +193,7 @@ def _turn_in_space(model: Model, joint_angle: Table, motor_angle: Table, cosines
 
 def _nodal_forces(model: Model, joint_angle: Table, motor_angle: Table, tension: Table) -> Table:
     """Magnitude of the force on every pulley of the lumped robot [N], (38), shape (n, pulleys)."""
-    _, wraps = shapes_along(model, joint_angle)
-    cosines = np.cos(wraps)
+    cosines = np.cos(course(model, joint_angle).wrap)
     _turn_in_space(model, joint_angle, motor_angle, cosines)
     before = model.layout.element_before
     forces: Table = nodal_force_magnitude(tension[:, before], tension[:, before + 1], cosines)
@@ -226,7 +223,6 @@ def read_out(
     for end in ends:
         if rig.wiring.owner[end] >= 0:
             motors[:, rig.wiring.owner[end]] += kept.motor_effort[:, end]
-    whole = tuple(f"not divided into contact cells: {what}" for what in rig.divided.whole)
     return Truth(
         time,
         motor_angle,
@@ -237,5 +233,5 @@ def read_out(
         kept.joint_effort,
         imbalance,
         offset[:, list(ends)],
-        (*whole, *notes),
+        notes,
     )

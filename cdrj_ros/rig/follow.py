@@ -12,12 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.compiled import compiled, ordinary
-from cdrj_ros.model.packing import plan_views
+from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.shape import shape_linked
-from cdrj_ros.model.state import scratch_size, scratch_views
-from cdrj_ros.model.views import copy_part
 from cdrj_ros.rig.faults import drums_of
 
 Vector = NDArray[np.float64]
@@ -34,42 +30,6 @@ class Following:
     """Uncompensated change of length [m], 0 for cables without a winch, shape (n, cables)."""
 
 
-@compiled
-def _shapes(
-    plan: NDArray[np.int64], numbers: Vector, joint_angle: Table, lengths: Table, wraps: Table
-) -> int:
-    """Lengths and wraps in many poses; returns the first impossible pose, or their number."""
-    sizes = plan_views(plan).sizes
-    scratch, at_rest = np.empty(scratch_size(sizes)), np.empty(0)
-    for k in range(joint_angle.shape[0]):
-        if not shape_linked(plan, numbers, at_rest, joint_angle[k], lengths[k], scratch):
-            return k
-        copy_part(scratch_views(sizes, scratch).wrap, 0, wraps[k])
-    return joint_angle.shape[0]
-
-
-def shapes_along(model: Model, joint_angle: Table) -> tuple[Table, Table]:
-    """Length of every element [m] and wrap of every pulley [rad] over many poses.
-
-    Args:
-        model: the prepared robot.
-        joint_angle: shape (n, joints).
-
-    Raises:
-        UsageError: the geometry is impossible in one of the poses.
-    """
-    n = joint_angle.shape[0]
-    lengths, wraps = np.empty((n, model.sizes.elements)), np.empty((n, model.sizes.pulleys))
-    done = _shapes(model.plan, model.numbers, ordinary(joint_angle), lengths, wraps)
-    if done < n:
-        pose = ", ".join(
-            f"{name} = {angle:.4g}"
-            for name, angle in zip(model.layout.joints, joint_angle[done], strict=True)
-        )
-        raise UsageError(f"the path of a cable is impossible at {pose}")
-    return lengths, wraps
-
-
 def follow_joints(model: Model, joint_angle: Table) -> Following:
     """Motor angles that compensate the cables' changes of length, from the reference pose on.
 
@@ -82,7 +42,7 @@ def follow_joints(model: Model, joint_angle: Table) -> Following:
     """
     robot = model.robot
     reference = np.array([[joint.reference_angle for joint in robot.joints]])
-    lengths, _ = shapes_along(model, np.concatenate([reference, joint_angle]))
+    lengths = course(model, np.concatenate([reference, joint_angle])).length
     first = np.cumsum([0] + [len(cable.nodes) - 1 for cable in robot.cables])[:-1]
     total = np.add.reduceat(lengths, first, axis=1)
     longer = total[1:] - total[0]

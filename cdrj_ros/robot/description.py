@@ -19,6 +19,9 @@ LAWS: Final[tuple[Law, ...]] = get_args(Law)
 StribeckForm = Literal["printed", "capstan"]
 """Forms of static friction."""
 
+MovingEnd = Literal["before", "after", "both"]
+"""End of an arc that moves on its pulley as the wrap changes."""
+
 FrameMotion = Literal["fixed", "revolute", "prismatic", "rolling"]
 """Type of a frame's motion relative to its parent."""
 
@@ -225,8 +228,11 @@ class Pulley:
     """Wrap angle [rad] as a sum of functions; empty for pulleys described by positions."""
     place: Place | None = None
     cells: int = 1
-    """Number of equal contact cells into which the pulley is divided; 1 for a whole pulley."""
+    """Number of equal contact cells, each with friction of its own."""
     space: SpatialPlace | None = None
+    moving_end: MovingEnd = "both"
+    """End of the arc that moves on the pulley as the wrap changes, of a wrap given by tables:
+    nearer the first node (``before``), nearer the last one (``after``), or both."""
 
     @property
     def kind(self) -> str:

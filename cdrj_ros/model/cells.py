@@ -1,0 +1,143 @@
+"""Contact cells of pulleys, their places on the bodies, and slip against the bodies.
+
+See docs/model.md, section 4.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from cdrj_ros.model.compiled import stage
+from cdrj_ros.model.geometry import wrap_to_pi
+from cdrj_ros.model.packing import SPATIAL, Numbers, Plan
+from cdrj_ros.model.spatial_middle import motion_along
+from cdrj_ros.model.state import ScratchViews, StateViews
+
+SHORTEST_SEGMENT: Final = 1e-6
+"""Length of the segments between cells of a body that the cable does not touch [m]."""
+
+
+@stage
+def span_segment(plan: Plan, c: int, k: int) -> int:
+    """The segment of cable c that holds the free span of its element k."""
+    cable = plan.cables[c]
+    if k == 0:
+        return cable.first_contact + c
+    pulley = plan.pulleys[cable.first_pulley + k - 1]
+    return pulley.first_contact + pulley.cells + c
+
+
+@stage
+def divide_arcs(plan: Plan, scratch: ScratchViews) -> None:
+    """Lengths of the segments from those of the elements: the arc of every pulley in equal cells.
+
+    An element ends in the middle of an arc, its outer segment in the middle of the first cell.
+    """
+    for c in range(len(plan.cables)):
+        cable = plan.cables[c]
+        for k in range(cable.elements):
+            length = scratch.element_length[cable.first_element + k]
+            scratch.segments[span_segment(plan, c, k)].length = length
+        for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
+            pulley = plan.pulleys[p]
+            first, cells = pulley.first_contact, pulley.cells
+            if cells == 1:
+                continue
+            between = max(scratch.arc[p] / cells, SHORTEST_SEGMENT)
+            outer = 0.5 * between * (cells - 1)
+            scratch.segments[first + c].length -= outer
+            scratch.segments[first + cells + c].length -= outer
+            for q in range(first + 1, first + cells):
+                scratch.segments[q + c].length = between
+
+
+@stage
+def follow_arc(
+    plan: Plan,
+    numbers: Numbers,
+    c: int,
+    k: int,
+    before: StateViews,
+    after: StateViews,
+    scratch: ScratchViews,
+) -> None:
+    """Move the place of the middle of an arc along its path on the body: (E26).
+
+    Args:
+        plan, numbers: the prepared robot.
+        c, k: cable, and number of the pulley in it.
+        before: state before the sample.
+        after: state after it; ``track`` is written.
+        scratch: geometry of the sample.
+    """
+    cable = plan.cables[c]
+    p = cable.first_pulley + k
+    moved = 0.0
+    if cable.routed == SPATIAL:
+        node = cable.first_node + 1 + k
+        radius = numbers.spatial_nodes[node].radius
+        moved = motion_along(radius, before.middles[node], scratch.middles[node])
+    elif numbers.pulleys[p].radius > 0.0:
+        radius = numbers.pulleys[p].radius
+        moved = radius * wrap_to_pi((scratch.middle[p] - before.track[p]) / radius)
+    after.track[p] = before.track[p] + moved
+
+
+@stage
+def _touches_anew(plan: Plan, c: int, k: int, before: StateViews, scratch: ScratchViews) -> bool:
+    """Whether a cable touches the body of its pulley k, which it did not touch before."""
+    cable = plan.cables[c]
+    if cable.routed != SPATIAL:
+        return False
+    tangent = before.middles[cable.first_node + 1 + k].tangent
+    missed = tangent[0] == 0.0 and tangent[1] == 0.0 and tangent[2] == 0.0
+    return missed and scratch.wrap[cable.first_pulley + k] > 0.0
+
+
+@stage
+def place_contacts(
+    plan: Plan,
+    numbers: Numbers,
+    c: int,
+    before: StateViews,
+    after: StateViews,
+    scratch: ScratchViews,
+) -> None:
+    """Constants and places of the contacts of one cable, and the shift of (E25).
+
+    Args:
+        plan, numbers: the prepared robot.
+        c: the cable.
+        before: state before the sample.
+        after: state after it; ``place`` and ``track`` are written.
+        scratch: geometry of the sample; the contacts are written.  Where the cable comes to touch a
+            body in this sample, the wrap is set to 0: the contact holds no friction yet.
+    """
+    started = before.started[0] != 0.0
+    for k in range(plan.cables[c].pulleys):
+        p = plan.cables[c].first_pulley + k
+        pulley = numbers.pulleys[p]
+        first, cells = plan.pulleys[p].first_contact, plan.pulleys[p].cells
+        follow_arc(plan, numbers, c, k, before, after, scratch)
+        if started and _touches_anew(plan, c, k, before, scratch):
+            scratch.wrap[p] = 0.0
+        share, between = 1.0 / cells, scratch.arc[p] / cells
+        for q in range(first, first + cells):
+            contact = scratch.contacts[q]
+            contact.share = share
+            contact.stiffness = share * pulley.bristle_stiffness
+            contact.damping = share * pulley.bristle_damping
+            contact.viscous = share * pulley.viscous
+            contact.drag = share * pulley.drag
+            contact.breakaway = pulley.breakaway
+            after.place[q] = after.track[p] + (q - first - 0.5 * (cells - 1)) * between
+            contact.shift = 0.0
+            if started:
+                stretch = 0.5 * (_stretch(before, q + c) + _stretch(before, q + c + 1))
+                contact.shift = (after.place[q] - before.place[q]) / stretch
+
+
+@stage
+def _stretch(state: StateViews, segment: int) -> float:
+    """1 + strain of a segment; 1 where it is slack."""
+    return max(state.length[segment] / state.material[segment], 1.0)
