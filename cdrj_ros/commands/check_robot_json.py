@@ -8,9 +8,8 @@ from math import isfinite
 from typing import Any
 
 from cdrj_ros.commands.check_robot_shares import shares_document
-from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection
+from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion
 from cdrj_ros.inspection.shares import Shares
-from cdrj_ros.inspection.suspicions import Suspicion
 from cdrj_ros.robot.description import Cable
 
 

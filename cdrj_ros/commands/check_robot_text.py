@@ -7,9 +7,8 @@ from math import pi
 from typing import TYPE_CHECKING, Final
 
 from cdrj_ros.commands.check_robot_shares import print_shares
-from cdrj_ros.inspection.checks import Inspection
+from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.inspection.shares import Shares
-from cdrj_ros.inspection.suspicions import Suspicion
 from cdrj_ros.report.cable_tables import CableTable, cable_tables, headline
 from cdrj_ros.report.columns import UNLIMITED
 

@@ -114,6 +114,18 @@ class Inspection:
     """Poses in which the joints can move without changing the length of any cable."""
 
 
+@dataclass(frozen=True)
+class Suspicion:
+    """One suspicious property of a robot."""
+
+    where: str
+    """Name of the cable, pulley, element, motor or joint."""
+    text: str
+    """The finding with its numbers and what it implies."""
+    grave: bool = True
+    """False for a property that is normal in some mechanisms."""
+
+
 def pose_text(robot: Robot, pose: Iterable[float]) -> str:
     """Format a pose: ``elbow = 40.0°, slide = 0.120 m``."""
     positions = robot.prismatic_joints

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import degrees, isinf, pi
 from typing import Final
 
-from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, PulleyCheck, pose_text
+from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
+from cdrj_ros.inspection.contact_suspicions import contact_suspicions
 from cdrj_ros.inspection.motor_alone import determined_joints
-from cdrj_ros.model.elasticity import elasticity_of, modulus_at, strain_at
-from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Robot, Winch
+from cdrj_ros.model.elasticity import elasticity_of, strain_at
+from cdrj_ros.robot.description import Anchor, Cable, Robot, Winch
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
 """Wrap below which a cable is about to leave its pulley [rad]."""
@@ -49,29 +49,16 @@ SMALL_ARM: Final = 1e-3
 """Fraction of a joint's largest moment arm below which a moment arm is treated as zero [-]."""
 
 
-@dataclass(frozen=True)
-class Suspicion:
-    """One suspicious property of a robot."""
-
-    where: str
-    """Name of the cable, pulley, element, motor or joint."""
-    text: str
-    """The finding with its numbers and what it implies."""
-    grave: bool = True
-    """False for a property that is normal in some mechanisms."""
-
-
 def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
     """Find all suspicious properties of a robot, grave ones first."""
     robot = inspection.model.robot
     entries = {entry["name"]: entry for entry in robot.document.get("cables", ())}
     found: list[Suspicion] = []
     for cable, check in zip(robot.cables, inspection.cables, strict=True):
-        found += _geometry(robot, cable, check)
-        found += _slip(cable, check)
-        found += _friction(cable)
-        found += _tension(robot, cable, check, bool(inspection.loads))
         entry = entries.get(cable.name, {})
+        found += _geometry(robot, cable, check)
+        found += contact_suspicions(cable, check, entry.get("nodes", ()))
+        found += _tension(robot, cable, check, bool(inspection.loads))
         found += _material(cable, entry.get("youngs_modulus"))
         found += _thickness(cable, entry.get("diameter"))
     found += _motors(inspection)
@@ -142,90 +129,6 @@ def _arm(robot: Robot, joint: str, arm: Extent) -> str:
     if joint in robot.prismatic_joints:
         return f"{arm.low:.3g} to {arm.high:.3g}"
     return f"{1e3 * arm.low:.3g} to {1e3 * arm.high:.3g} mm"
-
-
-def _slip(cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
-    for k, pulley in enumerate(check.pulleys):
-        if pulley.transmission_at_rest.low >= 1.0 or pulley.passing > max(pulley.needed, 1e-6):
-            continue
-        bound = (1.0 - pulley.transmission_at_rest.low) * check.followed.high
-        yield Suspicion(
-            pulley.name,
-            f"the joints move {1e6 * pulley.passing:.1f} µm of cable over it"
-            + (
-                f", {1e6 * pulley.needed:.1f} µm are needed to know its friction"
-                if pulley.needed > 0.0
-                else ""
-            )
-            + f": it slips only if the tension changes by about {_swing(cable, check, k, pulley)}; "
-            f"until then the tensions behind it are only known to ±{bound:.2g} N",
-            grave=False,
-        )
-
-
-def _swing(cable: Cable, check: CableCheck, k: int, pulley: PulleyCheck) -> str:
-    """Change of tension ahead of a pulley that takes its friction from one bound to the other."""
-    bound = (1.0 - pulley.transmission_at_rest.low) * check.followed.high
-    modulus = modulus_at(elasticity_of(cable), check.followed.high)
-    behind = modulus / sum(element.length.high for element in check.elements[k + 1 :])
-    contact = cable.pulleys[k].friction.bristle_stiffness
-    return f"{2.0 * bound * (1.0 + behind / contact):.2g} N"
-
-
-def _friction(cable: Cable) -> Iterator[Suspicion]:
-    """Report friction keys without effect; pulleys with the same finding are grouped."""
-    groups: dict[str, list[str]] = {}
-    for name, pulley in zip(cable.pulley_names, cable.pulleys, strict=True):
-        for text in _without_effect(cable, pulley):
-            groups.setdefault(text, []).append(name)
-    for text, names in groups.items():
-        alike = len(names) == len(cable.pulleys) and len(names) > 1
-        where = cable.name if alike else ", ".join(names)
-        yield Suspicion(where, text, grave=not text.startswith("no friction"))
-
-
-def _without_effect(cable: Cable, pulley: Pulley) -> Iterator[str]:
-    friction = pulley.friction
-    if cable.law == "none":
-        if friction.mu_c > 0.0 or friction.bearing_friction > 0.0:
-            yield "law is none: mu_c and bearing_friction are without effect"
-        return
-    euler = cable.law == "euler"
-    yield from _static_without_effect(friction, euler)
-    bearing = friction.bearing_friction > 0.0 and pulley.bearing_diameter > 0.0
-    if bearing and (friction.rho == 1.0 or euler):
-        yield (
-            "bearing_friction is without effect: "
-            + (
-                "law euler has sliding friction only"
-                if euler
-                else "rho is 1: sliding friction only"
-            )
-        )
-    if friction.bearing_friction > 0.0 and pulley.bearing_diameter == 0.0 and friction.rho < 1.0:
-        yield "bearing_friction is without effect: bearing_diameter is 0"
-    sliding = friction.rho > 0.0 or euler
-    if friction.mu_c > 0.0 and not sliding:
-        yield f"mu_c = {friction.mu_c:g} is without effect: rho is 0, only the bearing counts"
-    if not (bearing or pulley.bearing_torque > 0.0) and (friction.mu_c == 0.0 or not sliding):
-        yield f"no friction at all, although law is {cable.law}"
-
-
-def _static_without_effect(friction: Friction, euler: bool) -> Iterator[str]:
-    """Report mu_s or stribeck_speed if it has no effect."""
-    if friction.mu_s == friction.mu_c:
-        if friction.stribeck_speed is not None:
-            yield "stribeck_speed is without effect: mu_s equals mu_c"
-        return
-    reason = ""
-    if euler:
-        reason = "law euler has no static friction"
-    elif friction.rho == 0.0:
-        reason = "rho is 0: only the bearing counts"
-    elif friction.mu_c == 0.0 and friction.stribeck == "printed":
-        reason = "the printed form scales mu_c, which is 0"
-    if reason:
-        yield f"mu_s = {friction.mu_s:g} is without effect: {reason}"
 
 
 def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Iterator[Suspicion]:

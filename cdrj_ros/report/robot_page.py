@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.text import counted
-from cdrj_ros.inspection.checks import Inspection
-from cdrj_ros.inspection.suspicions import Suspicion
+from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.report.cable_tables import cable_tables, headline
 from cdrj_ros.report.parameters import parameter_tables
 from cdrj_ros.report.pictures import drawing_svg

@@ -14,6 +14,7 @@ from cdrj_ros.robot.description import (
     Frame,
     Friction,
     Motor,
+    MovingEnd,
     Node,
     Place,
     Profile,
@@ -146,7 +147,8 @@ class CableReader:
             wrap = self.profiles.read(f"{path}.wrap_angle", entry["wrap_angle"], "rad")
         elif "bend" in entry:
             wrap = self.profiles.read(f"{path}.bend", entry["bend"], "rad")
-        return replace(pulley, wrap=wrap, place=place, space=space)
+        moving_end = self._moving_end(path, entry, wrap)
+        return replace(pulley, wrap=wrap, place=place, space=space, moving_end=moving_end)
 
     def _check_place(self, path: str, entry: Document, routed: bool) -> None:
         """Check that the nodes of a routed cable have positions and those of others do not."""
@@ -175,6 +177,24 @@ class CableReader:
                 if routed
                 else "is missing: a cable described by spans needs the wrap angle of every pulley",
             )
+
+    def _moving_end(self, path: str, entry: Document, wrap: tuple[Profile, ...]) -> MovingEnd:
+        """The end of the arc that moves; to be given only where a joint changes a given wrap."""
+        if "moving_end" not in entry:
+            return Pulley.moving_end
+        moving_end: MovingEnd = entry["moving_end"]
+        if "wrap_angle" not in entry:
+            raise self.refuse(
+                f"{path}.moving_end",
+                f"follows from the positions and must not be given, got {moving_end!r}",
+            )
+        if all(profile.joint is None for profile in wrap):
+            raise self.refuse(
+                f"{path}.moving_end",
+                "is allowed only where wrap_angle is a function of a joint: neither end of a "
+                f"constant wrap moves, got {moving_end!r}",
+            )
+        return moving_end
 
     def _pulley(self, path: str, entry: Document, friction_layers: list[Document]) -> Pulley:
         """Radius and friction of a pulley, or of whatever else guides the cable."""

@@ -20,7 +20,8 @@ StribeckForm = Literal["printed", "capstan"]
 """Forms of static friction."""
 
 MovingEnd = Literal["before", "after", "both"]
-"""End of an arc that moves on its pulley as the wrap changes."""
+"""End of an arc that moves on its pulley as the wrap changes: that nearer the first node, or the
+last node, or both by half of the change."""
 
 FrameMotion = Literal["fixed", "revolute", "prismatic", "rolling"]
 """Type of a frame's motion relative to its parent."""
@@ -231,8 +232,9 @@ class Pulley:
     """Number of equal contact cells, each with friction of its own."""
     space: SpatialPlace | None = None
     moving_end: MovingEnd = "both"
-    """End of the arc that moves on the pulley as the wrap changes, of a wrap given by tables:
-    nearer the first node (``before``), nearer the last one (``after``), or both."""
+    """End of the arc that moves as ``wrap`` changes; without meaning where positions give the wrap.
+    The middle of the arc moves towards the last node by 1/2 (after), 0 (both) or -1/2 (before) of
+    radius times the change."""
 
     @property
     def kind(self) -> str:

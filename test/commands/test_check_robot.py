@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros.commands import check_robot
-from cdrj_ros.inspection.checks import pose_text
+from cdrj_ros.inspection.checks import Suspicion, pose_text
 from cdrj_ros.inspection.ranges import inspect_robot, transmissions
-from cdrj_ros.inspection.suspicions import Suspicion, find_suspicions
+from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.friction import bearing_transmission, sliding_transmission
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -204,6 +204,8 @@ ODD = [
     ("wrap_angle: 1.5}", "wrap_angle: {joint: q, offset: 0.51, slope: 1}}",
      "a/2", "about to leave"),
     ("wrap_angle: 1.5}", "wrap_angle: 6.5}", "a/2", "a whole turn"),
+    ("wrap_angle: 1.5}", "wrap_angle: {joint: q, offset: 1.5, slope: 0.5}}",
+     "a/2", "no moving_end says at which end"),
     ("offset: 0.4, slope: -0.02", "offset: 0.021, slope: -0.04", "a/2", "free span shrinks"),
     (FIRST_SPANS, "spans: [{joint: q, offset: 0.5, slope: -0.02}, 0.4]",
      "a/2", "slips only if the tension changes"),
@@ -237,6 +239,39 @@ def test_every_suspicious_value_is_reported(old: str, new: str, where: str, word
     matching = [one for one in suspicions if words in one.text]
     assert where in [one.where for one in matching], suspicions
     assert all("\n" not in one.text for one in suspicions)
+
+
+def turned(slope: float, words: str = "") -> list[Suspicion]:
+    """Suspicions of a moving end of ``PLAIN``, where the wrap of a/2 changes by ``slope`` rad."""
+    wrap = f"wrap_angle: {{joint: q, offset: 1.5, slope: {slope}}}{words}}}"
+    return [one for one in found(PLAIN.replace("wrap_angle: 1.5}", wrap, 1))
+            if "moving_end" in one.text]  # fmt: skip
+
+
+@pytest.mark.parametrize("word", ["before", "after", "both"])
+def test_a_moving_end_that_is_stated_is_not_suspicious(word: str) -> None:
+    (one,) = turned(0.5)
+    assert (one.where, one.grave) == ("a/2", True)
+    assert "changes by 28.6°" in one.text
+    assert "±5 mm" in one.text
+    assert turned(0.5, f", moving_end: {word}") == []
+
+
+def test_a_moving_end_matters_where_bristles_turn_its_slip_into_one_per_cent_of_the_tension() -> (
+    None
+):
+    # radius * change / 2 of slip times 1 MN/m, the default bristle_stiffness, is 1 % of 20 N
+    change = 0.01 * 20.0 / 1e6 / (0.02 / 2.0)
+    assert turned(0.9 * change) == []
+    assert len(turned(1.1 * change)) == 1
+
+
+def test_a_moving_end_does_not_matter_without_friction() -> None:
+    wrap = "wrap_angle: {joint: q, offset: 1.5, slope: 0.5}}"
+    for law in ("law: none", "rho: 0, bearing_friction: 0"):
+        text = PLAIN.replace("mu_c: 0.1, rho: 0.2, bearing_friction: 0.005", f"mu_c: 0.1, {law}")
+        assert not any("moving_end" in one.text
+                       for one in found(text.replace("wrap_angle: 1.5}", wrap)))  # fmt: skip
 
 
 def test_an_implausible_modulus_is_reported(

@@ -21,7 +21,7 @@ from cdrj_ros.robot.reader import parse_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "robot_file.md").read_text("utf-8")
-FIRST, SPANS, SPACE = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+FIRST, SPANS, ENDS, SPACE = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
 
 
 @pytest.fixture(scope="module")
@@ -114,6 +114,26 @@ cables:
     np.testing.assert_allclose(
         length, [0.2 + arc, 0.08 - 0.06 * np.sin(0.5) + 2 * arc, 0.055 + arc], atol=1e-6
     )
+
+
+def test_the_example_of_a_moving_end_is_a_pulley_whose_arc_grows_there() -> None:
+    text = f"""
+name: shown
+motors: [{{name: m}}]
+joints: [{{name: elbow, range_deg: [-39, 39]}}]
+cables:
+  - name: c
+    axial_stiffness: 5000
+    preload: 20
+    nodes:
+      - {{type: winch, motor: m, winding: 1, radius_mm: 10}}
+      {ENDS.strip()}
+      - {{type: anchor}}
+    spans: [0.1, 0.1]
+"""
+    (pulley,) = parse_robot(text).cables[0].pulleys
+    assert pulley.moving_end == "after"
+    np.testing.assert_allclose(np.degrees(pulley.wrap[0].value[[0, -1]]), [1.0, 79.0], atol=0.01)
 
 
 MISTAKES = re.findall(

@@ -123,6 +123,22 @@ def test_every_number_that_is_set_is_read_again() -> None:
     assert number_at(DOCUMENT, "friction.mu_c") == 0.15, "the document itself must not change"
 
 
+def test_a_pulley_whose_numbers_are_written_keeps_its_moving_end() -> None:
+    values = {
+        "cables.upper.nodes.6.wrap_angle.value.2": 1.3,
+        "cables.upper.nodes.6.bearing_torque": 1e-4,
+        "cables.lower.nodes.6.radius": 0.005,
+    }
+    written = parse_robot(with_numbers_in_text(TEXT, values, "prototype.yaml"))
+    changed = build_robot(with_numbers(DOCUMENT, values), "")
+    for robot in (written, changed):
+        for cable in robot.cables:
+            ends = [pulley.moving_end for pulley in cable.pulleys]
+            assert ends == ["both"] * 4 + ["after"] + ["both"] * 2
+    six = written.cables[0].pulleys[4]
+    assert (six.bearing_torque, six.wrap[0].value[-1]) == pytest.approx((1e-4, 1.3))
+
+
 def test_a_star_forms_one_group_and_braces_form_one_group_each() -> None:
     tied = matching_paths(DOCUMENT, "cables.*.preload")
     assert tied == (("cables.upper.preload", "cables.lower.preload"),)

@@ -153,7 +153,27 @@ def test_friction_is_overridden_key_by_key() -> None:
     assert (second.mu_c, second.mu_s, second.rho) == (0.1, 0.1, 1.0)
 
 
+@pytest.mark.parametrize("moving_end", ["before", "after", "both"])
+def test_the_end_that_moves_is_the_one_in_the_file(moving_end: str) -> None:
+    for wrap in (TURNED, f"wrap_angle: [1, {TURNED.removeprefix('wrap_angle: ')}]"):
+        robot = parse_robot(changed(WRAP, f"{wrap}, moving_end: {moving_end}"))
+        assert [cable.pulleys[0].moving_end for cable in robot.cables] == [moving_end, "both"]
+
+
+def test_both_ends_move_where_the_file_says_nothing() -> None:
+    robot = parse_robot(changed(WRAP, TURNED))
+    assert [cable.pulleys[0].moving_end for cable in robot.cables] == ["both", "both"]
+
+
+def test_only_pulleys_may_state_which_end_moves() -> None:
+    parts = schema()["$defs"].items()
+    assert [name for name, part in parts if "moving_end" in part.get("properties", ())] == [
+        "pulley"
+    ]
+
+
 WRAP = "wrap_angle: 1.5"
+TURNED = "wrap_angle: {joint: q, offset: 1.5, slope: 0.2}"
 TABLE = "angle: [-1, 0, 1], value: [0, 0.1, 0.3]"
 REFUSED = {
     "unknown key": ("mu_c: 0.1", "mu_cc: 0.1", "friction.mu_cc is not a known key", "'mu_c'"),
@@ -220,6 +240,13 @@ REFUSED = {
     "pulley at an end": ("- {type: anchor}", f"- {{type: pulley, radius: 1, {WRAP}}}", "cables[0].nodes[2].type must be winch or anchor", "got pulley"),
     "one node": ("      - {type: pulley, radius: 0.02, wrap_angle: 1.5, bearing_diameter: 0.01}\n      - {type: anchor}\n", "", "cables[0].nodes needs at least 2 entries", "got 1"),
     "wrap where it follows": ("position: [1, 0]", f"position: [1, 0], {WRAP}", "cables[1].nodes[1].wrap_angle", "must not be given"),
+    "moving end of another word": (WRAP, f"{TURNED}, moving_end: left", "cables[0].nodes[1].moving_end must be one of before, after, both", "got 'left'"),
+    "moving end that is no word": (WRAP, f"{TURNED}, moving_end: 1", "cables[0].nodes[1].moving_end must be one of before, after, both", "got 1"),
+    "moving end of a constant wrap": (WRAP, f"{WRAP}, moving_end: after", "cables[0].nodes[1].moving_end is allowed only where wrap_angle is a function of a joint", "got 'after'"),
+    "moving end of a sum of constants": (WRAP, "wrap_angle: [1, 0.5], moving_end: both", "cables[0].nodes[1].moving_end is allowed only where wrap_angle is a function of a joint", "got 'both'"),
+    "moving end beside a position": ("position: [1, 0]", "position: [1, 0], moving_end: before", "cables[1].nodes[1].moving_end follows from the positions", "got 'before'"),
+    "moving end of a winch": ("radius: 0.01}", "radius: 0.01, moving_end: before}", "cables[0].nodes[0].moving_end is not a known key", "known keys: axis,"),
+    "moving end of an anchor": ("{type: anchor}", "{type: anchor, moving_end: before}", "cables[0].nodes[2].moving_end is not a known key", "known keys: axis,"),
     "position beside spans": ("{type: anchor}", "{type: anchor, position: [1, 1]}", "cables[0].nodes[2].position", "described by spans"),
     "turn of a point": ("position: [0.5, -1]", "position: [0.5, -1], turn: cw", "cables[1].nodes[2].turn", "no meaning for a point"),
     "radius of a revolute frame": ("    joint: q", "    joint: q\n    radius: 1", "frames[0].radius", "is allowed only for a rolling frame"),

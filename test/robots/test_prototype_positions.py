@@ -43,6 +43,19 @@ def test_all_wrap_angles_agree_with_table_one_over_the_whole_range(model: Model)
             np.testing.assert_allclose(wraps[cable], expected, atol=0.05)
 
 
+def test_the_end_of_the_arc_that_moves_is_the_one_towards_the_link(model: Model) -> None:
+    tables = load_robot(ROBOTS / "prototype.yaml")
+    for placed, given in zip(model.robot.cables, tables.cables, strict=True):
+        five, six, seven = (node.place.frame for node in placed.nodes[4:7] if node.place)
+        assert (five, six, seven) == ("base", "base", "link")
+        turning = {
+            p: pulley.moving_end
+            for p, pulley in enumerate(given.pulleys, start=2)
+            if any(profile.joint for profile in pulley.wrap)
+        }
+        assert turning == {6: "after"}
+
+
 def test_the_strands_across_the_joint_are_those_of_equation_two(model: Model) -> None:
     arcs = 0.5 * PULLEY_SIX * np.pi
     for angle in np.linspace(-LIMIT, LIMIT, 41):
