@@ -8,8 +8,7 @@ from itertools import pairwise
 from math import hypot, sqrt
 from typing import Final, Literal
 
-import numpy as np
-
+from cdrj_ros.conditioning.angles import angle_of
 from cdrj_ros.conditioning.motion import EVER_NS, LEAP_FLOOR, Leap, Motion
 from cdrj_ros.conditioning.tracking import Vector, half_width, new_track, track
 from cdrj_ros.robot.description import Robot, Sensor
@@ -270,11 +269,7 @@ class Channel:
         sensor = self.limits.sensor
         if sensor.period != float("inf"):
             reading = reading + sensor.period * self.turns_at(reading)
-        if sensor.scale != 1.0 or sensor.offset != 0.0:
-            reading = sensor.scale * reading + sensor.offset
-        if sensor.corrected_at:
-            reading += float(np.interp(reading, sensor.corrected_at, sensor.correction))
-        return reading
+        return float(angle_of(sensor, reading))
 
     def complaint(self, stamp: int, reading: float) -> Complaint:
         """Cause for refusing a reading, a key of ``REFUSALS``; empty if it is acceptable."""

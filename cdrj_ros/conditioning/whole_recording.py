@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.conditioning.angles import angle_of
 from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.gate import LARGEST, MAX_GAP_NS, RANGE_MARGIN, Limits, limits_of
 from cdrj_ros.conditioning.motion import curvatures
@@ -100,11 +101,7 @@ def _angles(readings: Series, limits: Limits) -> Series:
             np.rint(-np.diff(value, prepend=value[:1]) / sensor.period)
         )
         value = value + sensor.period * turns
-    if sensor.scale != 1.0 or sensor.offset != 0.0:
-        value = sensor.scale * value + sensor.offset
-    if sensor.corrected_at:
-        value = value + np.interp(value, sensor.corrected_at, sensor.correction)
-    return Series(stamps, readings.log_ns, value)
+    return Series(stamps, readings.log_ns, angle_of(sensor, value))
 
 
 def _between_counts(readings: Series, limits: Limits) -> Series:

@@ -33,9 +33,14 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
-from cdrj_ros.robot.description import Joint
 from cdrj_ros.view.looks import FORCE, Picture, dashes_of, middle_of, picture_of
-from cdrj_ros.view.snapshot import nothing_known, pulley_columns, tension_columns
+from cdrj_ros.view.snapshot import (
+    joint_angles,
+    joint_limits,
+    nothing_known,
+    pulley_columns,
+    tension_columns,
+)
 
 Namespace = Literal["cables", "wheels", "forces", "labels"]
 
@@ -62,7 +67,8 @@ class MarkersNode(Node):
         )
         rate = declare_number(self, "rate", 30.0, 0.1, 30.0, "Rate of the pictures [Hz]")
         self._unknown = nothing_known(self.model)
-        self.angles = self._unknown.angle.copy()
+        self._joints = joint_limits(self.model.robot)
+        self.angles = self._unknown.angle
         self.tensions: CableTensions | None = None
         self.nodal_forces: NodalForces | None = None
         self._heard_s = -np.inf
@@ -76,11 +82,7 @@ class MarkersNode(Node):
         self.create_timer(1.0 / rate, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_joints(self, message: JointState) -> None:
-        for j, joint in enumerate(self.model.robot.joints):
-            if joint.name in message.name:
-                k = message.name.index(joint.name)
-                if k < len(message.position) and np.isfinite(message.position[k]):
-                    self.angles[j] = shown_angle(joint, message.position[k], self.angles[j])
+        self.angles = joint_angles(message, self._joints, self.angles)
 
     def _on_tensions(self, message: CableTensions) -> None:
         self.tensions, self._heard_s = message, monotonic()
@@ -161,16 +163,6 @@ class MarkersNode(Node):
             marker.color = _rgba(FORCE, 0.9)
             marker.points = _points(np.array([look.start, np.nan_to_num(look.end)]))
             yield marker
-
-
-def shown_angle(joint: Joint, reading: float, before: float) -> float:
-    """Angle of a reading [rad]; of a reading that wraps around, the turn nearest to ``before``."""
-    sensor = joint.sensor
-    angle = sensor.scale * reading + sensor.offset
-    turn = abs(sensor.scale) * sensor.period
-    if np.isfinite(turn):
-        angle += turn * round((before - angle) / turn)
-    return float(min(max(angle, joint.lower), joint.upper))
 
 
 def _points(path: NDArray[np.float64]) -> list[Point]:

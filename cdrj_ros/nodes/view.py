@@ -23,7 +23,6 @@ from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages import topics
 from cdrj_ros.model.status import STALE
-from cdrj_ros.nodes.markers import shown_angle
 from cdrj_ros.nodes.rig_declaring import (
     declare_count,
     declare_flag,
@@ -49,6 +48,8 @@ from cdrj_ros.view.plots import TimeAxis
 from cdrj_ros.view.server import load_viser
 from cdrj_ros.view.snapshot import (
     Snapshot,
+    joint_angles,
+    joint_limits,
     nothing_known,
     pulley_columns,
     tension_columns,
@@ -89,7 +90,7 @@ class ViewNode(Node):
         self._add_controls()
         self.history = History(self.model.layout)
         self._shown = nothing_known(self.model)
-        self._angles = self._shown.angle.copy()
+        self._joints = joint_limits(self.model.robot)
         self._opened: list[Any] = []
         self.heard = Heard(self.resolve_topic_name(topics.TENSIONS), self.link.name)
         self._payloads: dict[str, bytes] = {}
@@ -191,21 +192,13 @@ class ViewNode(Node):
         for topic in self._references:
             measured, _, _ = tension_columns(self._last(CableTensions, topic), layout)
             reference = np.where(np.isnan(reference), measured, reference)
-        self._take_angles(self._last(JointState, topics.JOINT_STATES))
+        joint_states = self._last(JointState, topics.JOINT_STATES)
+        angle = joint_angles(joint_states, self._joints, self._shown.angle)
         return replace(
-            self._shown, stamp_ns=self.heard.stamp_ns, angle=self._angles.copy(), tension=tension,
+            self._shown, stamp_ns=self.heard.stamp_ns, angle=angle, tension=tension,
             stddev=stddev, status=status, force=force, friction=friction, slip_speed=slip_speed,
             pulley_status=pulley_status, reference=reference,
         )  # fmt: skip
-
-    def _take_angles(self, message: JointState | None) -> None:
-        if message is None:
-            return
-        given = dict(zip(message.name, message.position, strict=False))
-        for j, joint in enumerate(self.model.robot.joints):
-            reading = given.get(joint.name, np.nan)
-            if np.isfinite(reading):
-                self._angles[j] = shown_angle(joint, reading, self._angles[j])
 
 
 def _body(argv: Sequence[str]) -> int:

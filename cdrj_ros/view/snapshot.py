@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.conditioning.angles import angle_of
+from cdrj_ros.conditioning.gate import Limits, limits_of
 from cdrj_ros.model.prepared import Layout, Model
 from cdrj_ros.model.status import INVALID, STALE
+from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -109,3 +113,27 @@ def pulley_columns(
     found = columns_of(message, (*axes, "friction", "slip_speed", "status"), layout.pulleys)
     force = np.column_stack([found[axis] for axis in axes])
     return force, found["friction"], found["slip_speed"], flags_of(found["status"])
+
+
+def joint_angles(message: Any, joints: Sequence[Limits], before: Vector) -> Vector:
+    """Angles of all joints after a message of the type JointState, as the estimator converts them.
+
+    Args:
+        message: a joint of which it has no finite reading keeps its angle; or None.
+        joints: their names, sensors and ranges, see ``joint_limits``.
+        before: the angles before, shape (joints,) [rad] or [m].  A reading that wraps around stands
+            for the angle in range that is nearest to this one.
+    """
+    readings = columns_of(message, ("position",), [joint.name for joint in joints])["position"]
+    angles = before.copy()
+    for j, (joint, reading) in enumerate(zip(joints, readings.tolist(), strict=True)):
+        if isfinite(reading):
+            turn = joint.first_turn(reading, float(before[j]))
+            whole = reading + joint.sensor.period * turn if turn else reading
+            angles[j] = min(max(angle_of(joint.sensor, whole), joint.lower), joint.upper)
+    return angles
+
+
+def joint_limits(robot: Robot) -> tuple[Limits, ...]:
+    """Names, sensors and ranges of a robot's joints."""
+    return limits_of(robot)[len(robot.motors) :]

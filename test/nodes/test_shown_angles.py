@@ -1,0 +1,102 @@
+"""``markers`` and ``view`` show the joint angles that the estimator computes with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.conditioner import Conditioner
+from cdrj_ros.messages import topics
+from cdrj_ros.robot.reader import parse_robot
+
+TEXT = """\
+name: turning
+motors: [{name: m}]
+joints:
+  - name: q
+    range: [-0.2, 6.0]
+    scale: -1
+    offset: 0.3
+    period: 6.283185307179586
+    correction: {angle: [0, 2, 4], value: [0.05, -0.02, 0.1]}
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 5
+    nodes:
+      - {type: winch, motor: m, winding: 1, radius: 0.01}
+      - {type: anchor}
+    spans: [{joint: q, offset: 0.4, slope: -0.02}]
+"""
+
+STEPS = 200
+TURNED = 2.75 + 2.7 * np.cos(np.linspace(0.0, 2.0 * pi, STEPS))
+"""Angle before the correction: from 5.45, nearer to -0.83 than to the reference pose, to 0.05."""
+
+READING = np.remainder(0.3 - TURNED, 2.0 * pi)
+ANGLE = TURNED + np.select(
+    [TURNED < 2.0, TURNED < 4.0],
+    [0.05 - 0.035 * TURNED, -0.02 + 0.06 * (TURNED - 2.0)],
+    0.1,
+)
+"""The correction's line through (0, 0.05), (2, -0.02) and (4, 0.1), constant above."""
+
+
+@pytest.fixture(params=["markers", "view"])
+def shown(
+    request: pytest.FixtureRequest, ros: None, tmp_path: Path
+) -> Iterator[NDArray[np.float64]]:
+    """Angles that a node draws after each reading, given one at a time."""
+    from rclpy.parameter import Parameter
+    from rclpy.serialization import serialize_message
+    from sensor_msgs.msg import JointState
+
+    path = tmp_path / "turning.yaml"
+    path.write_text(TEXT, encoding="utf-8")
+    given: dict[str, Any] = {"robot": str(path)}
+    messages = [JointState(name=["q"], position=[reading]) for reading in READING.tolist()]
+    angles = []
+    if request.param == "markers":
+        from cdrj_ros.nodes.markers import MarkersNode
+
+        node = MarkersNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
+        for message in messages:
+            node._on_joints(message)
+            angles.append(node.angles[0])
+    else:
+        pytest.importorskip("viser")
+        from cdrj_ros.nodes.view import ViewNode
+
+        given["port"] = 0
+        node = ViewNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
+        for message in messages:
+            node._payloads[topics.JOINT_STATES] = serialize_message(message)
+            node._shown = node._snapshot()
+            angles.append(node._shown.angle[0])
+        node.page.close()
+    try:
+        yield np.array(angles)
+    finally:
+        node.destroy_node()
+
+
+def test_a_corrected_sensor_that_wraps_around_is_shown_at_its_angle(
+    shown: NDArray[np.float64],
+) -> None:
+    np.testing.assert_allclose(shown, ANGLE, rtol=0.0, atol=1e-12)
+
+
+def test_a_shown_angle_is_the_estimators_to_the_bit(shown: NDArray[np.float64]) -> None:
+    conditioner = Conditioner(parse_robot(TEXT))
+    samples = []
+    for k, reading in enumerate(READING.tolist(), start=1):
+        stamp = k * 10_000_000
+        samples += conditioner.feed_motors(stamp, ["m"], [0.0])
+        samples += conditioner.feed_joints(stamp, ["q"], [reading])
+    np.testing.assert_array_equal(shown, [sample.joint_angle[0] for sample in samples])
