@@ -115,6 +115,7 @@ def identify(
     settings = settings or Settings()
     check(unknowns, recordings, settings)
     model = prepare(build_robot(document, source))
+    document = dict(model.robot.document)  # all trials have the contact cells of the first
     channels = chosen_channels(model.layout, recordings, settings.channels)
     sigmas = spreads(recordings, channels, settings.weights)
     sigmas |= given_sigmas(channels, settings.sigmas or {})

@@ -379,5 +379,5 @@ def bearing_drag(pulley: Pulley) -> float:
 
 
 def contact_cells(pulley: Pulley) -> int:
-    """Number of contact cells of a pulley."""
-    return pulley.cells
+    """Number of contact cells of a pulley; 1 until it has been chosen."""
+    return max(pulley.cells, 1)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.compiled import ordinary
+from cdrj_ros.model.division import divided
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.filling import pack
 from cdrj_ros.model.packing import (
@@ -154,14 +155,10 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
     Raises:
         RobotFileError: the geometry is impossible somewhere in the joint ranges.
     """
-    model = _model(robot)
-    reference = np.array([joint.reference_angle for joint in robot.joints])
-    rest, views = placed(model, reference)
-    if not rest.possible:
-        raise RobotFileError(_impossible(model, reference, rest))
-    if any(cable.routed or cable.spatial for cable in robot.cables):
-        _set_routed_references(model, views, reference)
-        rest = shape_at(model, reference)
+    model, rest = _at_rest(robot)
+    robot = divided(robot, rest.wrap)
+    if robot is not model.robot:
+        model, rest = _at_rest(robot)
     for name, length in zip(model.layout.elements, rest.length, strict=True):
         if not length > 0.0:
             raise RobotFileError(
@@ -177,6 +174,23 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
         _check_range(model)
     model.numbers.flags.writeable = False
     return model
+
+
+def _at_rest(robot: Robot) -> tuple[Model, Shape]:
+    """A model without unstretched lengths, and its geometry in the reference pose.
+
+    Raises:
+        RobotFileError: the geometry is impossible there.
+    """
+    model = _model(robot)
+    reference = np.array([joint.reference_angle for joint in robot.joints])
+    rest, views = placed(model, reference)
+    if not rest.possible:
+        raise RobotFileError(_impossible(model, reference, rest))
+    if any(cable.routed or cable.spatial for cable in robot.cables):
+        _set_routed_references(model, views, reference)
+        rest = shape_at(model, reference)
+    return model, rest
 
 
 def shape_at(model: Model, joint_angle: Vector, motor_angle: Vector | None = None) -> Shape:

@@ -148,7 +148,14 @@ class CableReader:
         elif "bend" in entry:
             wrap = self.profiles.read(f"{path}.bend", entry["bend"], "rad")
         moving_end = self._moving_end(path, entry, wrap)
-        return replace(pulley, wrap=wrap, place=place, space=space, moving_end=moving_end)
+        return replace(
+            pulley,
+            wrap=wrap,
+            place=place,
+            cells=int(entry.get("cells", Pulley.cells)),
+            space=space,
+            moving_end=moving_end,
+        )
 
     def _check_place(self, path: str, entry: Document, routed: bool) -> None:
         """Check that the nodes of a routed cable have positions and those of others do not."""

@@ -228,8 +228,9 @@ class Pulley:
     wrap: tuple[Profile, ...] = ()
     """Wrap angle [rad] as a sum of functions; empty for pulleys described by positions."""
     place: Place | None = None
-    cells: int = 1
-    """Number of equal contact cells, each with friction of its own."""
+    cells: int = 0
+    """Number of equal contact cells, each with friction of its own; 0 lets
+    ``cdrj_ros.model.division`` choose it."""
     space: SpatialPlace | None = None
     moving_end: MovingEnd = "both"
     """End of the arc that moves as ``wrap`` changes; without meaning where positions give the wrap.
