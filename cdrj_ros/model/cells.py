@@ -5,10 +5,10 @@ See docs/model.md, section 4.
 
 from __future__ import annotations
 
+from math import pi
 from typing import Final
 
 from cdrj_ros.model.compiled import stage
-from cdrj_ros.model.geometry import wrap_to_pi
 from cdrj_ros.model.packing import SPATIAL, Numbers, Plan
 from cdrj_ros.model.spatial_middle import motion_along
 from cdrj_ros.model.state import ScratchViews, StateViews
@@ -77,9 +77,11 @@ def follow_arc(
         node = cable.first_node + 1 + k
         radius = numbers.spatial_nodes[node].radius
         moved = motion_along(radius, before.middles[node], scratch.middles[node])
-    elif numbers.pulleys[p].radius > 0.0:
-        radius = numbers.pulleys[p].radius
-        moved = radius * wrap_to_pi((scratch.middle[p] - before.track[p]) / radius)
+    else:
+        moved = scratch.middle[p] - before.track[p]
+        half_turn = pi * numbers.pulleys[p].radius
+        if abs(moved) > half_turn > 0.0:  # whole turns are no motion
+            moved = (moved + half_turn) % (2.0 * half_turn) - half_turn
     after.track[p] = before.track[p] + moved
 
 
@@ -121,7 +123,9 @@ def place_contacts(
         follow_arc(plan, numbers, c, k, before, after, scratch)
         if started and _touches_anew(plan, c, k, before, scratch):
             scratch.wrap[p] = 0.0
-        share, between = 1.0 / cells, scratch.arc[p] / cells
+        share, between = 1.0, scratch.arc[p]
+        if cells > 1:
+            share, between = 1.0 / cells, scratch.arc[p] / cells
         for q in range(first, first + cells):
             contact = scratch.contacts[q]
             contact.share = share
@@ -132,9 +136,10 @@ def place_contacts(
             contact.breakaway = pulley.breakaway
             after.place[q] = after.track[p] + (q - first - 0.5 * (cells - 1)) * between
             contact.shift = 0.0
-            if started:
+            moved = after.place[q] - before.place[q]
+            if started and moved != 0.0:
                 stretch = 0.5 * (_stretch(before, q + c) + _stretch(before, q + c + 1))
-                contact.shift = (after.place[q] - before.place[q]) / stretch
+                contact.shift = moved / stretch
 
 
 @stage

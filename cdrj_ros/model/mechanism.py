@@ -257,10 +257,12 @@ def _report(step: Step, c: int, solved: bool) -> None:
         segment = step.scratch.segments[span_segment(step.plan, c, k)]
         estimate.tension[cable.first_element + k] = segment.tension
     for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
-        own, total = step.plan.pulleys[p], 0.0
-        for q in range(own.first_contact, own.first_contact + own.cells):
-            total += step.after.slip_speed[q]
-        estimate.slip_speed[p] = total / own.cells
+        own = step.plan.pulleys[p]
+        estimate.slip_speed[p] = step.after.slip_speed[own.first_contact]
+        for q in range(own.first_contact + 1, own.first_contact + own.cells):
+            estimate.slip_speed[p] += step.after.slip_speed[q]
+        if own.cells > 1:
+            estimate.slip_speed[p] /= own.cells
     report_cable(step.plan, step.numbers, c, solved, step.scratch, estimate)
 
 
