@@ -7,7 +7,7 @@ row are then read by slicing columns.  The layout of the first remaining row is 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,7 +18,7 @@ import zstandard
 from cdrj_ros.bag.batch import Batch, Int64s, Octets, column, pick
 from cdrj_ros.bag.bounds import MESSAGE_BYTES, Unpacked
 from cdrj_ros.bag.mcap_file import ZSTD_MAGIC
-from cdrj_ros.bag.series import Decoded
+from cdrj_ros.bag.series import Decoded, Float64s
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.cdr import TEXT, Field, Layout, MessageError, MessageType, read_layout
 
@@ -34,6 +34,7 @@ _LAYOUT_BYTES_KEPT: Final = 1 << 24
 _UNPACKED_AT_ONCE: Final = 1 << 24
 """Bytes of individually compressed messages that are unpacked before decoding starts."""
 _SEC, _NANOSEC, _NAME = "header.stamp.sec", "header.stamp.nanosec", "name"
+_FRAME = "header.frame_id"
 
 
 @dataclass(frozen=True)
@@ -45,29 +46,32 @@ class _Pattern:
     """All ones over the bytes that determine the layout, shape (words,)."""
     expected: npt.NDArray[np.uint64]
     """Those bytes, zero elsewhere, shape (words,)."""
-    usable: bool
-    """The numbers of values and names are equal."""
+    wrong: str
+    """Why the numbers of values and names do not match; empty if they do."""
 
 
 class BulkDecoder:
-    """Decodes one array, by name, from the messages of one topic.
+    """Decodes one array, or several side by side, by name, from the messages of one topic.
 
-    With `may_be_empty`, a message whose array is empty is skipped instead of being malformed.
+    With `may_be_empty`, a message whose first array is empty is skipped instead of being malformed.
+    Further arrays may always be empty; their values are then NaN.
     """
 
-    def __init__(self, message: MessageType, array: str, *, may_be_empty: bool = False) -> None:
-        """Decode `array` of `message`; the type must have this array and an array of names."""
+    def __init__(self, message: MessageType, *arrays: str, may_be_empty: bool = False) -> None:
+        """Decode `arrays` of `message`; the type must have these arrays and an array of names."""
         self.decoded = Decoded()
         self.refused: list[Int64s] = []
         """Indices (as `Table.arrival`) of the refused messages."""
         self.first_refusal = ""
         """Reason for the first refusal."""
+        self.frame = ""
+        """Frame of the first message that names one, where the type has a header."""
         self._message = message
-        self._array = array
+        self._arrays = arrays
         self._may_be_empty = may_be_empty
         self._patterns: dict[int, list[_Pattern]] = {}
         self._pattern_bytes = 0
-        _require(message, array)
+        _require(message, arrays)
 
     def add(self, batch: Batch, chosen: Int64s, first: int) -> None:
         """Decode messages `chosen` of `batch`; `first` messages precede the batch."""
@@ -138,28 +142,42 @@ class BulkDecoder:
         for a, b in layout.fixed:
             mask[pad + a : pad + b] = 255
         words = mask.view(np.uint64)
-        span, names = layout.numbers[self._array], layout.texts[_NAME]
-        return _Pattern(layout, words, row.view(np.uint64) & words, span.count == len(names))
+        return _Pattern(layout, words, row.view(np.uint64) & words, self._wrong(layout))
+
+    def _wrong(self, layout: Layout) -> str:
+        names = len(layout.texts[_NAME])
+        for k, array in enumerate(self._arrays):
+            count = layout.numbers[array].count
+            if count != names and (count or not k):
+                return f"{names} names but {count} values of {array}"
+        return ""
 
     def _keep(
         self, pattern: _Pattern, rows: Octets, pad: int, log_ns: Int64s, arrival: Int64s
     ) -> None:
         layout = pattern.layout
-        span = layout.numbers[self._array]
-        if self._may_be_empty and not span.count:
+        if self._may_be_empty and not layout.numbers[self._arrays[0]].count:
             return
-        if not pattern.usable:
-            names = len(layout.texts[_NAME])
-            self._refuse(arrival, f"{names} names but {span.count} values of {self._array}")
+        if pattern.wrong:
+            self._refuse(arrival, pattern.wrong)
             return
-        value = column(rows, pad + span.offset, span.dtype, span.count).astype(np.float64)
         sec, nanosec = layout.numbers.get(_SEC), layout.numbers.get(_NANOSEC)
         stamp_ns = log_ns
         if sec and nanosec:
             stamp_ns = column(rows, pad + sec.offset, sec.dtype)[:, 0].astype(np.int64)
             stamp_ns *= 1_000_000_000
             stamp_ns += column(rows, pad + nanosec.offset, nanosec.dtype)[:, 0]
+        self.frame = self.frame or layout.texts.get(_FRAME, ("",))[0]
+        columns = [self._column(layout, array, rows, pad) for array in self._arrays]
+        value = columns[0] if len(columns) == 1 else np.stack(columns, axis=2)
         self.decoded.add(layout.texts[_NAME], arrival, log_ns, stamp_ns, value)
+
+    def _column(self, layout: Layout, array: str, rows: Octets, pad: int) -> Float64s:
+        """Values of one array, shape (m, names); NaN if it is empty."""
+        span, names = layout.numbers[array], len(layout.texts[_NAME])
+        if span.count != names:
+            return np.full((len(rows), names), np.nan)
+        return column(rows, pad + span.offset, span.dtype, span.count).astype(np.float64)
 
 
 def _fits(words: npt.NDArray[np.uint64], pattern: _Pattern) -> npt.NDArray[np.bool_]:
@@ -168,10 +186,10 @@ def _fits(words: npt.NDArray[np.uint64], pattern: _Pattern) -> npt.NDArray[np.bo
     return same
 
 
-def _require(message: MessageType, array: str) -> None:
-    """Raise BagError unless the definition has the array and the names."""
+def _require(message: MessageType, arrays: Sequence[str]) -> None:
+    """Raise BagError unless the definition has the arrays and the names."""
     fields = {field.name: field for field in message.fields}
-    for name, text in ((_NAME, True), (array, False)):
+    for name, text in ((_NAME, True), *((array, False) for array in arrays)):
         field: Field | None = fields.get(name)
         if field is None or field.count is None or (field.code == TEXT) != text:
             raise BagError(

@@ -13,11 +13,19 @@ from cdrj_ros.bag.batch import Batch, Channel
 from cdrj_ros.bag.bounds import LARGEST_REFERENCE
 from cdrj_ros.bag.bulk import BulkDecoder
 from cdrj_ros.bag.definitions import message_type
+from cdrj_ros.bag.force_vectors import known_vectors
 from cdrj_ros.bag.series import Decoded, series_by_name
 from cdrj_ros.bag.source import BagFile, Source, open_source
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.messages.cdr import JOINT_STATE, REFERENCE_ARRAYS
+from cdrj_ros.messages.cdr import (
+    FORCE_COMPONENTS,
+    FORCE_VECTOR,
+    JOINT_STATE,
+    REFERENCE_ARRAYS,
+    TEXT,
+    MessageType,
+)
 from cdrj_ros.messages.topics import (
     EFFORTS,
     JOINT_STATES,
@@ -29,6 +37,9 @@ from cdrj_ros.messages.topics import (
 
 _MEASURED: Final = "measured/"
 """Prefix of the series of motor efforts among those of a topic."""
+
+_VECTORS: Final = f"{FORCE_VECTOR}/"
+"""Prefix of the channels of force vectors."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +70,18 @@ class Recording:
     joints: Mapping[str, Series]
     """Joint angles by name [rad]."""
     references: Mapping[str, Series]
-    """`tension/upper/8` [N], `nodal_force/upper/3` (magnitude) [N], `effort/spindle` [N·m]."""
+    """`tension/upper/8` [N], `nodal_force/upper/3` (magnitude) [N], `effort/spindle` [N·m]; if they
+    were asked for, also `force_vector/upper/3` [N], values of shape (n, 3), of the nodal forces
+    that are given as vectors, see `force_vectors`."""
     malformed: Mapping[str, int]
     """Number of refused messages by topic: undecodable, or unequal numbers of values and names."""
     notes: tuple[str, ...]
     """Irregularities of the bag, as sentences."""
     motor_efforts: Mapping[str, Series] = field(default_factory=dict)
     """Efforts on the topic of motor angles by name [N·m]; empty unless they were asked for."""
+    force_frame: str = ""
+    """Frame that the messages with force vectors name; empty if they name none, which means that
+    of each pulley by the definition of NodalForces."""
 
 
 def read_recording(
@@ -75,15 +91,16 @@ def read_recording(
     motor_names: Collection[str] | None = None,
     joint_names: Collection[str] | None = None,
     motor_efforts: bool = False,
+    force_vectors: bool = False,
 ) -> Recording:
     """Read a rosbag2 folder, a folder of files, or one file; it may be truncated or unindexed.
 
     If names are given, all must appear and only these are kept; None keeps all names.  If a message
-    repeats a name, both values are kept.  With ``motor_efforts``, those are read too.  Raises
-    BagError.
+    repeats a name, both values are kept.  With ``motor_efforts`` and ``force_vectors``, those are
+    read too.  Raises BagError.
     """
     source = path if isinstance(path, Source) else open_source(path)
-    reading = _Reading(source, topics, motor_efforts)
+    reading = _Reading(source, topics, motor_efforts, force_vectors)
     if source.channels_known():
         reading.require_inputs()
     first = 0
@@ -109,9 +126,11 @@ class _Role:
 class _Reading:
     """Decoders of the selected channels, each created at its channel's first message."""
 
-    def __init__(self, source: Source, topics: Topics, motor_efforts: bool) -> None:
+    def __init__(
+        self, source: Source, topics: Topics, motor_efforts: bool, force_vectors: bool
+    ) -> None:
         self._source = source
-        self._motor_efforts = motor_efforts
+        self._motor_efforts, self._force_vectors = motor_efforts, force_vectors
         self._path = source.path
         self._topics = topics
         self._inputs = {topics.motors: "motor", topics.joints: "joint"}
@@ -165,6 +184,7 @@ class _Reading:
             malformed=malformed,
             notes=(*self._source.all_notes(), *self._refusals(malformed), *self._notes),
             motor_efforts=efforts,
+            force_frame=next((one.decoder.frame for one in roles if one.prefix == _VECTORS), ""),
         )
 
     def _efforts(self) -> dict[str, Series]:
@@ -184,7 +204,13 @@ class _Reading:
                     continue
                 if name in references:
                     raise BagError(f"{self._path}: {name} is on several reference topics")
-                references[name] = self._plausible(name, series)
+                if name.startswith(_VECTORS):
+                    known, note = known_vectors(name, self._plausible(name, series))
+                    self._notes += [note] if note else []
+                    if known is not None:
+                        references[name] = known
+                else:
+                    references[name] = self._plausible(name, series)
         return references
 
     def _plausible(self, name: str, series: Series) -> Series:
@@ -265,23 +291,25 @@ class _Reading:
     def _make(self, channel: Channel) -> tuple[_Role, ...]:
         topic = channel.topic
         require_cdr(self._path, channel)
-        wanted: list[tuple[bool, str, str]] = []
+        wanted: list[tuple[bool, str, tuple[str, ...]]] = []
         if topic in self._inputs:
             if channel.msgtype != JOINT_STATE.name:
                 raise self._wrong_type(channel, f"{self._inputs[topic]} angles", JOINT_STATE.name)
-            wanted.append((True, "", "position"))
+            wanted.append((True, "", ("position",)))
         if topic == self._topics.motors and self._motor_efforts:
-            wanted.append((False, _MEASURED, "effort"))
+            wanted.append((False, _MEASURED, ("effort",)))
         if topic in self._topics.references:
             if channel.msgtype not in REFERENCE_ARRAYS:
                 raise self._wrong_type(channel, "references", " or ".join(REFERENCE_ARRAYS))
             prefix, array = REFERENCE_ARRAYS[channel.msgtype]
-            wanted.append((False, prefix + "/", array))
+            wanted.append((False, prefix + "/", (array,)))
         try:
             message = message_type(channel.msgtype, channel.definition_encoding, channel.definition)
+            if self._force_vectors and _has_components(message):
+                wanted.append((False, _VECTORS, (*FORCE_COMPONENTS, "magnitude")))
             return tuple(
-                _Role(topic, given, prefix, BulkDecoder(message, array, may_be_empty=not given))
-                for given, prefix, array in wanted
+                _Role(topic, given, prefix, BulkDecoder(message, *arrays, may_be_empty=not given))
+                for given, prefix, arrays in wanted
             )
         except BagError as error:
             raise BagError(f"{self._path}: topic {topic}: {error}") from None
@@ -291,6 +319,12 @@ class _Reading:
             f"{self._path}: topic {channel.topic} for {use} is "
             f"{channel.msgtype or 'of no type'}, expected {expected}"
         )
+
+
+def _has_components(message: MessageType) -> bool:
+    """Whether the bag's own definition of the message has the components of forces as arrays."""
+    arrays = {one.name for one in message.fields if one.count is not None and one.code != TEXT}
+    return arrays.issuperset(FORCE_COMPONENTS)
 
 
 def require_cdr(path: Path, channel: Channel) -> None:

@@ -33,7 +33,7 @@ class Decoded:
         """Add messages with these names; the arrays have the shapes of `Table`."""
         table = self.tables.get(names)
         if table is None:
-            table = self.tables[names] = Table(len(names))
+            table = self.tables[names] = Table(value.shape[1:])
         table.append(arrival, log_ns, stamp_ns, value)
 
     def extent(self) -> tuple[int, int]:
@@ -48,17 +48,17 @@ class Table:
     Concatenating a list of small arrays at the end would need twice the memory.
     """
 
-    def __init__(self, width: int) -> None:
-        """`width` is the number of names."""
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        """`shape` of the values of one message: (names,) or (names, arrays)."""
         self.rows = 0
         self.arrival = np.empty(0, np.int64)
         """Index of each message in the order of the files, shape (capacity,)."""
         self.log_ns = np.empty(0, np.int64)
         self.stamp_ns = np.empty(0, np.int64)
-        self.value = np.empty((0, width))
+        self.value = np.empty((0, *shape))
 
     def append(self, arrival: Int64s, log_ns: Int64s, stamp_ns: Int64s, value: Float64s) -> None:
-        """Add rows; the arrays have shapes (m,), (m,), (m,) and (m, width)."""
+        """Add rows; the arrays have shapes (m,), (m,), (m,) and (m, *shape)."""
         rows = self.rows + len(arrival)
         if rows > len(self.arrival):
             self._resize(rows + rows // 4)
@@ -74,7 +74,7 @@ class Table:
     def _resize(self, capacity: int) -> None:
         for values in (self.arrival, self.log_ns, self.stamp_ns):
             values.resize(capacity, refcheck=False)
-        self.value.resize((capacity, self.value.shape[1]), refcheck=False)
+        self.value.resize((capacity, *self.value.shape[1:]), refcheck=False)
 
 
 def series_by_name(parts: Iterable[Decoded]) -> dict[str, Series]:

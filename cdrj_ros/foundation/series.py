@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Series:
-    """Readings of one scalar channel in order of arrival; values are as received, including NaN."""
+    """Readings of one channel in order of arrival; values are as received, including NaN."""
 
     stamp_ns: NDArray[np.int64]
     """Time of measurement [ns], shape (n,): in a recording the header stamps, or the log times if
@@ -18,4 +18,4 @@ class Series:
     log_ns: NDArray[np.int64]
     """Time of arrival [ns], shape (n,), never decreasing: in a recording the log times."""
     value: NDArray[np.float64]
-    """Shape (n,)."""
+    """Shape (n,); of a channel of vectors (n, components)."""
