@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.judgement.channels import Angle
+from cdrj_ros.judgement.channels import FORCE_VECTOR, Angle
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.model.prepared import Model, shape_at
 
@@ -43,7 +43,11 @@ def telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
         elif layout.joints:
             by_cable[cable.name] = angles[layout.joints[0]]
     told = {f"{EFFORT}/{name}": angle for name, angle in angles.items()}
-    for prefix, names in ((TENSION, layout.elements), (NODAL_FORCE, layout.pulleys)):
+    for prefix, names in (
+        (TENSION, layout.elements),
+        (NODAL_FORCE, layout.pulleys),
+        (FORCE_VECTOR, layout.pulleys),
+    ):
         for name in names:
             cable_name = name.rpartition("/")[0]
             if cable_name in by_cable:

@@ -103,7 +103,8 @@ def compare_bag_with(
         require_axes(path, recording, model.robot.as_read)
         conditioned = condition_alone(model, recording)
     else:
-        recording = read_inputs(path, task.topics, model, motor_efforts=task.health != "off")
+        efforts = task.health != "off"
+        recording = read_inputs(path, task.topics, model, motor_efforts=efforts, force_vectors=True)
         conditioned = condition_recording(model, recording)
         if task.health != "off":
             sensors = _sensors(path, task, model, recording)

@@ -12,11 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from cdrj_ros.health.recorded import Verdict
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
+from cdrj_ros.messages import cdr
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION, channel_columns
 from cdrj_ros.model.prepared import Layout
 
 FRICTION: Final = "friction"
 """``friction/cable/node`` [N]; computed beside the estimates, not compared with a recording."""
+
+FORCE_VECTOR: Final = cdr.FORCE_VECTOR
+"""``force_vector/cable/node``, the force that ``nodal_force`` gives the magnitude of [N]."""
 
 ANGLE: Final = "angle"
 """``angle/joint`` of a joint without encoder [rad], [m] for a prismatic joint."""
@@ -38,6 +42,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
     {
         TENSION: Quantity("Tension", "N"),
         NODAL_FORCE: Quantity("Nodal force", "N"),
+        FORCE_VECTOR: Quantity("Force vector", "N"),
         FRICTION: Quantity("Friction", "N"),
         EFFORT: Quantity("Effort", "N·m"),
         ANGLE: Quantity("Angle", "rad"),
@@ -78,8 +83,15 @@ def estimate_channels(layout: Layout, values: Floats) -> dict[str, Floats]:
     Args:
         layout: of the columns of the estimates.
         values: shape (n, layout.size).
+
+    Returns:
+        Shape (n,) each, of force vectors (n, 3): x, y and z.
     """
-    return {name: values[:, column] for name, column in channel_columns(layout).items()}
+    named = {name: values[:, column] for name, column in channel_columns(layout).items()}
+    x, z = layout.force_x, layout.force_z  # y lies between them
+    for k, name in enumerate(layout.pulleys):
+        named[f"{FORCE_VECTOR}/{name}"] = values[:, x.start + k : z.stop : len(layout.pulleys)]
+    return named
 
 
 def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
@@ -94,21 +106,27 @@ def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
     return {name: stddev[:, k] for k, name in enumerate(channel_columns(layout))}
 
 
+def size_of(values: Floats) -> Floats:
+    """Absolute values of scalars (n,), norms of vectors (n, 3), shape (n,)."""
+    return np.abs(values) if values.ndim == 1 else np.asarray(np.linalg.norm(values, axis=1))
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """One quantity, estimated and recorded, at the reference's stamps."""
 
     name: str
-    """Name of the channel: "tension/upper/8", "nodal_force/upper/3" or "effort/spindle"."""
+    """Name of the channel: "tension/upper/8", "nodal_force/upper/3", "force_vector/upper/3" or
+    "effort/spindle"."""
     unit: str
     """Unit of ``estimate`` and ``reference``: "N", "N·m", "rad" or "m"."""
     stamp_ns: Stamps
     """Stamps of the reference [ns], strictly increasing, shape (n,).  If the recording's clock
     was set back, the later passes are shifted behind the earlier ones."""
     estimate: Floats
-    """Estimated values [unit], finite, shape (n,)."""
+    """Estimated values [unit], finite, shape (n,); of vectors (n, 3)."""
     reference: Floats
-    """Recorded values [unit], finite, shape (n,)."""
+    """Recorded values [unit], finite, of the shape of ``estimate``."""
     angle: Floats
     """Angle over which the channel is plotted [angle_unit], NaN where unknown, shape (n,)."""
     angle_name: str
@@ -123,11 +141,21 @@ class Channel:
     """Unit of ``angle``: "rad", or "m" for a prismatic joint."""
 
     def __post_init__(self) -> None:
-        series = (self.stamp_ns, self.estimate, self.reference, self.angle)
-        more = (self.stddev, self.reversal)
-        shapes = {len(one) if one.ndim == 1 else -1 for one in (*series, *more) if one is not None}
-        if len(shapes) != 1 or -1 in shapes:
+        series = (self.stamp_ns, self.angle, self.stddev, self.reversal)
+        shapes = {one.shape for one in series if one is not None}
+        values = self.estimate.shape
+        if shapes != {values[:1]} or values != self.reference.shape or values[1:] not in ((), (3,)):
             raise ValueError(f"{self.name}: stamps and series must all have one shape (n,)")
+
+    @property
+    def is_vector(self) -> bool:
+        """Whether every value is a vector."""
+        return self.estimate.ndim == 2
+
+    @property
+    def error_size(self) -> Floats:
+        """Absolute value or norm of estimate minus reference [unit], shape (n,)."""
+        return size_of(self.estimate - self.reference)
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.judgement.reversals import within
 
 Reference = tuple[ArrayLike, ArrayLike]
-"""(stamps [ns] as integers, values), both of shape (k,)."""
+"""(stamps [ns] as integers, values), both of shape (k,); values of vectors (k, 3)."""
 
 
 def compare(
@@ -47,7 +47,8 @@ def compare(
 
     Args:
         estimate_stamp_ns: stamps of the estimates [ns], integers, strictly increasing, shape (m,).
-        estimates: estimated values by channel name [unit of the channel], shape (m,) each.
+        estimates: estimated values by channel name [unit of the channel], shape (m,) each, or
+            (m, 3) of vectors.
         references: stamps [ns] and values [unit] by channel name, in any order.
         max_gap_ns: an estimate is interpolated only between neighbours at most this far apart.
         angle: the angle to plot over, one for all channels or by channel name.
@@ -78,9 +79,9 @@ class _Target(NamedTuple):
 
     placement: Placement
     reference: Floats
-    """Reference values at the stamps of ``placement``, shape (k,)."""
+    """Reference values at the stamps of ``placement``, shape (k,) or (k, 3)."""
     estimate: Floats
-    """Estimates at the same stamps, shape (k,); NaN until they are filled in."""
+    """Estimates at the same stamps, of the same shape; NaN until they are filled in."""
     not_finite: int
     """Number of reference values left out because they are NaN or infinite."""
 
@@ -113,7 +114,7 @@ class Comparing:
             raise ValueError(f"max_gap_ns must be positive, got {max_gap_ns}")
         self._max_gap_ns = max_gap_ns
         self._taken = 0
-        self._last: dict[str, tuple[float, float]] = {}
+        self._last: dict[str, tuple[Floats, float]] = {}
         self._stddev: dict[str, Floats] = {}
         placements: dict[int, Placement] = {}
         self._targets: dict[str, _Target] = {}
@@ -133,12 +134,12 @@ class Comparing:
         given_stamps, given_values = reference
         stamps = integer_stamps(given_stamps, name)
         recorded = np.asarray(given_values, dtype=np.float64)
-        if recorded.shape != stamps.shape:
+        if recorded.shape[:1] != stamps.shape or recorded.ndim > 2:
             raise ValueError(
                 f"{name}: reference must have one value per stamp, shape {stamps.shape}; "
                 f"got {recorded.shape}"
             )
-        finite = np.isfinite(recorded)
+        finite = _finite(recorded)
         if finite.all():
             key = id(given_stamps)
             if key not in placements:
@@ -148,7 +149,7 @@ class Comparing:
             placement = place(stamps[finite], own_stamps, self._max_gap_ns)
             recorded = recorded[finite]
         recorded = recorded[_places(placement.source)]
-        empty = np.full(len(placement.source), np.nan)
+        empty = np.full(recorded.shape, np.nan)
         left_out = int(np.count_nonzero(~finite))
         return _Target(placement, recorded, empty, left_out)
 
@@ -156,7 +157,8 @@ class Comparing:
         """Add the next ``n`` estimates.
 
         Args:
-            estimates: values by channel name [unit of the channel], shape (n,) each.
+            estimates: values by channel name [unit of the channel], shape (n,) each, or
+                (n, 3) of vectors.
             stddev: by channel name [unit], shape (n,) each; values that are negative or not finite
                 are treated as unknown.
             n: number of estimates.
@@ -165,21 +167,22 @@ class Comparing:
             ValueError: shapes that do not match.
         """
         for name, values in estimates.items():
-            if values.shape != (n,):
+            target = self._targets.get(name)
+            shape = (n, *values.shape[1:2]) if target is None else (n, *target.estimate.shape[1:])
+            if values.shape != shape:
                 raise ValueError(
-                    f"{name}: estimate must have one value per stamp, shape {(n,)}; "
+                    f"{name}: estimate must have one value per stamp, shape {shape}; "
                     f"got {values.shape}"
                 )
-            if name not in self._targets or not n:
+            if target is None or not n:
                 continue
-            target = self._targets[name]
             deviation = stddev.get(name)
             if deviation is not None and deviation.shape != (n,):
                 raise ValueError(
                     f"{name}: stddev must have one value per estimate, shape {(n,)}; "
                     f"got {deviation.shape}"
                 )
-            before = self._last.get(name, (np.nan, np.nan))
+            before = self._last.get(name, (np.full_like(values[0], np.nan), np.nan))
             _fill(target, target.estimate, values, self._taken, before[0])
             if deviation is not None:
                 if name not in self._stddev:
@@ -187,7 +190,7 @@ class Comparing:
                 into = self._stddev[name]
                 _fill(target, into, deviation, self._taken, before[1], accept=_known)
             last = np.nan if deviation is None else float(_known(deviation[-1:])[0])
-            self._last[name] = float(values[-1]), last
+            self._last[name] = values[-1].copy(), last
         self._taken += n
 
     def channels(
@@ -199,7 +202,7 @@ class Comparing:
         made = []
         for name, target in self._targets.items():
             own = angle.get(name) if isinstance(angle, Mapping) else angle
-            placement, usable = target.placement, np.isfinite(target.estimate)
+            placement, usable = target.placement, _finite(target.estimate)
             key = id(placement), id(own)
             if key not in angles:
                 angles[key] = angle_at(placement.stamp_ns, own, self._max_gap_ns)
@@ -238,6 +241,12 @@ def _taken(values: NDArray[Any], kept: NDArray[np.intp] | None) -> NDArray[Any]:
     return values if kept is None else values[kept]
 
 
+def _finite(values: Floats) -> NDArray[np.bool_]:
+    """Whether every value, or every component of a vector, is finite, shape (n,)."""
+    finite: NDArray[np.bool_] = np.isfinite(values)
+    return finite if finite.ndim == 1 else np.asarray(finite.all(axis=1))
+
+
 def _unit_of_axis(name: str, angle: Angle | None) -> str:
     """Unit of the angle of the motor or joint that a channel is named after."""
     return angle.unit if angle is not None and name.endswith(f"/{angle.name}") else "rad"
@@ -255,14 +264,14 @@ def _fill(
     into: Floats,
     values: Floats,
     begin: int,
-    previous: float,
+    previous: Floats | float,
     accept: Callable[[Floats], Floats] | None = None,
 ) -> None:
     """Interpolate at the stamps that fall on or between ``previous`` and ``values``.
 
     Args:
         target: the reference and its placement.
-        into: array to write to, shape (k,).
+        into: array to write to, shape (k,) or (k, 3).
         values: estimates ``begin`` to ``begin + len(values) - 1``.
         begin: index of the first of them.
         previous: the estimate before them, NaN if there is none.

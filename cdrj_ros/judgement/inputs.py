@@ -10,14 +10,21 @@ from cdrj_ros.robot.description import Robot
 
 
 def read_inputs(
-    path: str, topics: Topics, model: Model, *, motor_efforts: bool = False
+    path: str,
+    topics: Topics,
+    model: Model,
+    *,
+    motor_efforts: bool = False,
+    force_vectors: bool = False,
 ) -> Recording:
     """Read a bag and check that it has all motors and joints of a robot.
 
     Raises:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
     """
-    recording = read_recording(path, topics, motor_efforts=motor_efforts)
+    recording = read_recording(
+        path, topics, motor_efforts=motor_efforts, force_vectors=force_vectors
+    )
     require_axes(path, recording, model.robot)
     return recording
 

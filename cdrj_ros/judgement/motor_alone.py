@@ -30,7 +30,7 @@ def read_alone(path: str, topics: Topics, robot: Robot) -> Recording:
     """
     if not robot.as_read.joints and topics.joints not in open_source(path).channels():
         topics = replace(topics, joints=topics.motors)
-    recording = read_recording(path, topics, motor_efforts=True)
+    recording = read_recording(path, topics, motor_efforts=True, force_vectors=True)
     references, efforts = dict(recording.references), {}
     notes = list(recording.notes)
     for motor in robot.motors:

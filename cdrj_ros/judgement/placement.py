@@ -82,15 +82,19 @@ def interpolated(before: Floats, after: Floats, placement: Placement, part: slic
     """Linear interpolation between neighbours; exactly ``before`` where the stamps coincide.
 
     Args:
-        before, after: values at ``placement.left[part]`` and ``placement.right[part]``.
+        before, after: values at ``placement.left[part]`` and ``placement.right[part]``, shape (k,)
+            or, of vectors, (k, 3).
         placement: of all stamps.
         part: the stamps to interpolate at.
     """
     same = placement.left[part] == placement.right[part]
     if same.all():
         return before
+    share = placement.share[part]
+    if before.ndim > 1:
+        same, share = same[:, None], share[:, None]
     with np.errstate(invalid="ignore", over="ignore"):
-        between = before + placement.share[part] * (after - before)
+        between = before + share * (after - before)
     return np.where(same, before, between)
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final
 
 from cdrj_ros.bag import Recording, Series, Topics
 from cdrj_ros.bag.source import open_source
 from cdrj_ros.conditioning.whole_recording import Conditioned
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.text import printable
+from cdrj_ros.judgement.channels import FORCE_VECTOR
+from cdrj_ros.robot.description import Robot
 
 WHOLE: Final = (0.0, float("inf"))
 """The window that covers a whole recording [s]."""
@@ -44,6 +48,29 @@ def references_in(
     if not any(segment.stamp_ns.size for segment in conditioned.segments):
         raise BagError(f"{path}: not one sample of all motors and joints was acceptable")
     return references
+
+
+def in_frames_of(robot: Robot, recording: Recording) -> Recording:
+    """The recording, with a note in place of the force vectors in another frame than the estimates.
+
+    The estimated forces of a cable without positions are in each pulley's own frame, and cannot be
+    compared with those in a frame that the messages name.  For a cable with positions both are
+    taken to be in the base frame, also where the messages name no frame or another.
+    """
+    unplaced = [cable.name for cable in robot.cables if not (cable.routed or cable.spatial)]
+    starts = tuple(f"{FORCE_VECTOR}/{cable}/" for cable in unplaced)
+    foreign = {name for name in recording.references if name.startswith(starts)}
+    if not foreign or not recording.force_frame:
+        return recording
+    note = (
+        f"The recorded forces are in the frame {printable(recording.force_frame)}, but the robot "
+        f"file gives no positions of {', '.join(unplaced)}: only magnitudes were compared."
+    )
+    return replace(
+        recording,
+        references={n: one for n, one in recording.references.items() if n not in foreign},
+        notes=(*recording.notes, note),
+    )
 
 
 def _windowed(recording: Recording, window: Window) -> Mapping[str, Series]:

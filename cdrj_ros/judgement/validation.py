@@ -30,7 +30,13 @@ from cdrj_ros.judgement.inputs import counters_of
 from cdrj_ros.judgement.motor_alone import with_estimated_joints
 from cdrj_ros.judgement.passes import one_after_another, references_of_passes
 from cdrj_ros.judgement.pulley_friction import FrictionSums
-from cdrj_ros.judgement.references import WHOLE, Window, duration_s, references_in
+from cdrj_ros.judgement.references import (
+    WHOLE,
+    Window,
+    duration_s,
+    in_frames_of,
+    references_in,
+)
 from cdrj_ros.judgement.reversals import reversal_zones
 from cdrj_ros.model.channels import TENSION
 from cdrj_ros.model.prepared import Model
@@ -48,7 +54,7 @@ class ByChannel(NamedTuple):
     n: int
     """Number of estimates."""
     estimates: Mapping[str, Floats]
-    """Estimated values [unit of the channel], shape (n,) each."""
+    """Estimated values [unit of the channel], shape (n,) each, of vectors (n, 3)."""
     stddev: Mapping[str, Floats]
     """Standard deviations where they are known [unit of the channel], shape (n,) each."""
 
@@ -95,6 +101,7 @@ class Validation:
         self._sensors = sensors or Sensors({}, {})
         named = [name for readings in self._sensors for name in readings]
         self._health = RecordedHealth(model, named) if named else None
+        recording = in_frames_of(model.robot, recording)
         self._references = references_in(path, recording, conditioned, window)
         self._model, self._path, self._recording = model, path, recording
         self._conditioned, self._window, self._progress = conditioned, window, progress
@@ -233,6 +240,7 @@ def compare_with_references(
     Raises:
         BagError: there is nothing to compare.
     """
+    recording = in_frames_of(model.robot, recording)
     references = references_in(path, recording, conditioned, WHOLE)
     (segment,) = conditioned.segments
     names = list(estimates.estimates)

@@ -1,7 +1,8 @@
 """Figures of one channel: estimate and truth, error, hysteresis loop.
 
 The truth is drawn as a thick grey line and the estimate as a thin coloured line on top of it, with
-a band of two standard deviations where these are known.
+a band of two standard deviations where these are known.  Vectors are drawn by component, with the
+angle between truth and estimate as their error.
 
 Importing this module imports matplotlib, which is slow; import it where pictures are made.
 """
@@ -18,11 +19,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cdrj_ros.judgement.channels import QUANTITIES, Channel, quantity_of
-from cdrj_ros.judgement.metrics import COVERAGE_SIGMAS
+from cdrj_ros.judgement.metrics import COVERAGE_SIGMAS, direction_error_deg
 from cdrj_ros.judgement.reversals import envelope
 from cdrj_ros.report.canvas import (
     BOTTOM,
     BUCKETS,
+    FONT_SIZE,
     HEIGHT,
     LEFT,
     PALETTE,
@@ -36,7 +38,7 @@ from cdrj_ros.report.canvas import (
     set_limits,
     set_x_label,
 )
-from cdrj_ros.report.numbers import decimals_for, format_number, scale_for
+from cdrj_ros.report.numbers import decimals_for, format_angle, format_number, scale_for
 from cdrj_ros.report.series import Window, gaps, seconds_since
 from cdrj_ros.report.sheets import Place, Sheets
 
@@ -64,7 +66,7 @@ def over_time(
     shade: Window | None = None,
     sheets: Sheets | None = None,
 ) -> Figure:
-    """Draw estimate and truth over time, with the error below.
+    """Draw estimate and truth over time, with the error below, of vectors that of the direction.
 
     Args:
         channel: at least one sample.
@@ -78,10 +80,15 @@ def over_time(
     for axes in (series, errors):
         _mark(axes, channel, origin_ns, window, shade)
     _draw_series(series, drawn)
-    worst = _draw_error(errors, drawn)
+    if channel.is_vector:
+        _draw_direction(figure, errors, drawn)
+    else:
+        worst = _draw_error(errors, drawn)
+        size, at_s = float(drawn.error[worst]), float(drawn.time[worst])
+        largest = f"{format_number(size, decimals_for(abs(size)))} {drawn.unit}"
+        _name_error(figure, f"error [{drawn.unit}]", f"largest {largest} at {at_s:.2f} s")
     series.tick_params(labelbottom=False)
     _key(figure, channel, drawn.unit, banded=drawn.half is not None)
-    _name_error(figure, drawn.unit, float(drawn.error[worst]), float(drawn.time[worst]))
     set_x_label(errors, "time [s]")
     return figure
 
@@ -92,19 +99,23 @@ class _Drawn:
 
     time: Floats
     """[s], shape (n,)."""
+    stamp_ns: NDArray[np.int64]
+    """[ns], shape (n,)."""
     reference: Floats
-    """Shape (n,)."""
+    """Shape (n,), of vectors (n, 3)."""
     estimate: Floats
-    """Shape (n,)."""
+    """Of the shape of ``reference``."""
     half: Floats | None
     """Half width of the band, shape (n,); None if no sample has a standard deviation."""
     breaks: NDArray[np.intp]
     """Samples after which the lines are broken."""
     unit: str
+    direction: Floats
+    """Angle between estimate and truth [°], NaN where there is none, shape (n,)."""
 
     @property
     def error(self) -> Floats:
-        """Estimate less reference, shape (n,)."""
+        """Estimate less reference, of their shape."""
         return self.estimate - self.reference
 
 
@@ -117,21 +128,33 @@ def _drawn(channel: Channel, origin_ns: int, window: Window | None) -> _Drawn:
         half = None
     return _Drawn(
         seconds_since(stamps, origin_ns),
+        stamps,
         factor * channel.reference[part],
         factor * channel.estimate[part],
         half,
         gaps(stamps),
         unit,
+        _direction(channel)[part],
     )
+
+
+def _direction(channel: Channel) -> Floats:
+    """Direction error of the whole channel [°], NaN where it has no direction, shape (n,)."""
+    if channel.is_vector:
+        return direction_error_deg(channel.estimate, channel.reference)
+    return np.full(len(channel.stamp_ns), np.nan)
 
 
 def _draw_series(axes: Axes, drawn: _Drawn) -> None:
     """Draw truth, estimate and band."""
     if drawn.half is not None:
         _draw_band(axes, drawn.time, drawn.estimate, drawn.half, drawn.breaks)
-    draw_line(axes, drawn.time, drawn.reference, drawn.breaks, "truth")
-    draw_line(axes, drawn.time, drawn.estimate, drawn.breaks, "estimate")
+    for values, role in ((drawn.reference, "truth"), (drawn.estimate, "estimate")):
+        for component in values.reshape(len(values), -1).T:
+            draw_line(axes, drawn.time, component, drawn.breaks, role)
     set_limits(axes, drawn.time, 5)
+    if drawn.reference.ndim == 2:
+        _name_components(axes, drawn)
     if drawn.half is not None:
         _keep_in_view(axes, (drawn.reference, drawn.estimate), drawn.half)
 
@@ -148,6 +171,36 @@ def _draw_error(axes: Axes, drawn: _Drawn) -> int:
     set_limits(axes, drawn.time, 3)
     _symmetric(axes, error, drawn.half)
     return worst
+
+
+def _name_components(axes: Axes, drawn: _Drawn) -> None:
+    """Write x, y and z above their lines, side by side, as lines may coincide."""
+    for k, name in enumerate("xyz"):
+        share = 0.90 + 0.04 * k
+        at = int(share * (len(drawn.time) - 1))
+        above = max(float(drawn.reference[at, k]), float(drawn.estimate[at, k]))
+        axes.annotate(
+            name, (float(drawn.time[at]), above), xytext=(0, 6), textcoords="offset pixels",
+            ha="center", fontsize=FONT_SIZE, color=PALETTE["ink"],
+        )  # fmt: skip
+
+
+def _draw_direction(figure: Figure, axes: Axes, drawn: _Drawn) -> None:
+    """Draw the angle between estimate and truth, with a dot at the largest."""
+    angle = drawn.direction
+    known = np.isfinite(angle)
+    if not known.any():
+        _name_error(figure, "direction error [°]", "no direction")
+        set_limits(axes, drawn.time, 3)
+        return
+    time, angle = drawn.time[known], angle[known]
+    draw_line(axes, time, angle, gaps(drawn.stamp_ns[known]), "error")
+    worst = int(np.argmax(angle))
+    _dot(axes, time[worst], angle[worst])
+    set_limits(axes, drawn.time, 3)
+    axes.set_ylim(0.0, max(1.15 * float(angle[worst]), 1e-3))
+    largest = f"largest {format_angle(float(angle[worst]))} at {time[worst]:.2f} s"
+    _name_error(figure, "direction error [°]", largest)
 
 
 def _mark(
@@ -174,13 +227,11 @@ def _dot(axes: Axes, x: float, y: float) -> None:
     )
 
 
-def _name_error(figure: Figure, unit: str, largest: float, at_s: float) -> None:
+def _name_error(figure: Figure, name: str, largest: str) -> None:
     """Add the texts above the error axes."""
-    size = format_number(largest, decimals_for(abs(largest)))
     above = BOTTOM + _ERROR_HEIGHT + 7
-    add_text(figure, LEFT, above, f"error [{unit}]", "muted")
-    text = f"largest {size} {unit} at {at_s:.2f} s"
-    add_text(figure, WIDTH - RIGHT, above, text, "error", align="right")
+    add_text(figure, LEFT, above, name, "muted")
+    add_text(figure, WIDTH - RIGHT, above, largest, "error", align="right")
 
 
 def hysteresis(channel: Channel, window: Window, *, sheets: Sheets | None = None) -> Figure:

@@ -20,6 +20,7 @@ from cdrj_ros.judgement.channels import QUANTITIES, BagComparison, Channel, quan
 from cdrj_ros.judgement.limits import Judgement
 from cdrj_ros.judgement.metrics import (
     COVERAGE_SIGMAS,
+    DIRECTION_SHARE,
     MINIMUM_SHARE,
     NO_SAMPLES,
     ChannelError,
@@ -33,7 +34,7 @@ from cdrj_ros.report.parameters import parameter_tables
 from cdrj_ros.report.pictures import Picture, channel_pictures, drawing_svg, friction_pictures
 from cdrj_ros.report.table import HEADINGS, Beside, cause_in_words, headings_of, table_groups
 from cdrj_ros.report.templates import style, template
-from cdrj_ros.report.verdict import origin_of, telling_channels, verdict
+from cdrj_ros.report.verdict import direction_words, origin_of, telling_channels, verdict
 from cdrj_ros.robot.description import Robot
 
 if TYPE_CHECKING:
@@ -109,6 +110,7 @@ def write_report(
         around=f"{AROUND_NS * 1e-9:g} s",
         back=f"{100.0 * REVERSAL_SHARE:g} %",
         share=f"{100.0 * MINIMUM_SHARE:g} %",
+        direction_share=f"{100.0 * DIRECTION_SHARE:g} %",
     )
     write_text(path, page + "\n")
 
@@ -237,6 +239,7 @@ def _section(
         f"largest {format_amount(error.max_abs_error, channel.unit)}; "
         f"R² {format_r2(error.r2)}"
         + (f"; {format_percent(error.coverage, 1)} within ±2σ" if error.coverage else "")
+        + (f"; {direction_words(error)}" if channel.is_vector else "")
     )
     if sheets is None:
         return _Section(channel.name, anchor, line, (), left_out=True)

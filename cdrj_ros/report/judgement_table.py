@@ -11,6 +11,7 @@ from cdrj_ros.judgement.channels import QUANTITIES
 from cdrj_ros.judgement.limits import Judgement, Outside
 from cdrj_ros.report.columns import new_table, print_table
 from cdrj_ros.report.numbers import (
+    format_angle,
     format_percent,
     format_r2,
 )
@@ -28,6 +29,8 @@ FIGURE_NAMES: Final[Mapping[str, str]] = {
     "reversal_error": "mean |error| at reversals",
     "smooth_error": "mean |error| elsewhere",
     "coverage": "share within ±2σ",
+    "mean_direction_error_deg": "mean direction error",
+    "max_direction_error_deg": "largest direction error",
 }
 """Name of every figure in words."""
 
@@ -73,6 +76,8 @@ def _figure_text(one: Outside, value: float | None) -> str:
         return "not known"
     if figure in ("mean_relative_error", "coverage"):
         return format_percent(value)
+    if figure.endswith("_deg"):
+        return format_angle(value)
     if figure == "r2":
         return format_r2(value)
     if figure == "n":

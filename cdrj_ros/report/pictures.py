@@ -40,6 +40,8 @@ def channel_pictures(
 ) -> tuple[Picture, ...]:
     """Pictures of one channel: over time, around its largest error, and over its angle.
 
+    Vectors are drawn over time only.
+
     Args:
         channel: at least one sample.
         key: identifier that is unique on the page.
@@ -50,25 +52,26 @@ def channel_pictures(
     from cdrj_ros.report.figures import hysteresis, over_time
 
     label = f"{label_start}{channel.name}: recorded and estimated"
+    below = "direction error below" if channel.is_vector else "error below"
     turns = turning_points(channel.angle)
     look = closer_look(channel, turns)
     loop = loop_window(channel, turns)
     seconds = _span(channel, look, origin_ns)
     whole = _picture(
         over_time(channel, origin_ns, shade=look, sheets=sheets),
-        f"{label} over time, error below",
+        f"{label} over time, {below}",
         f"{key}-0",
         "Whole recording; the tinted part is enlarged.",
     )
     closer = _picture(
         over_time(channel, origin_ns, window=look, sheets=sheets),
-        f"{label} over time, {seconds}, error below",
+        f"{label} over time, {seconds}, {below}",
         f"{key}-1",
         "Around the largest error."
         if look.reversal is None
         else "The reversal (dashed) nearest to the largest error.",
     )
-    if not np.isfinite(channel.angle[loop.begin : loop.end]).any():
+    if channel.is_vector or not np.isfinite(channel.angle[loop.begin : loop.end]).any():
         return whole, closer
     turned = "position" if channel.angle_unit == "m" else "angle"
     over = f"the {turned} of {channel.angle_name}"

@@ -51,7 +51,7 @@ def seconds_since(stamp_ns: NDArray[np.int64], origin_ns: int) -> Floats:
 
 def worst_sample(channel: Channel) -> int:
     """The sample with the largest |estimate - reference|; the channel must not be empty."""
-    return int(np.argmax(np.abs(channel.estimate - channel.reference)))
+    return int(np.argmax(channel.error_size))
 
 
 def closer_look(channel: Channel, turns: Indices) -> Window:

@@ -42,7 +42,7 @@ def _clear(figure: Figure) -> None:
     for artist in (*figure.texts, *figure.artists):
         artist.remove()
     for axes in figure.axes:
-        for artist in (*axes.lines, *axes.collections, *axes.patches):
+        for artist in (*axes.lines, *axes.collections, *axes.patches, *axes.texts):
             artist.remove()
         axes.relim()
         axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, TextIO
 
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.judgement.channels import ANGLE, FRICTION, QUANTITIES, quantity_of
+from cdrj_ros.judgement.channels import ANGLE, FORCE_VECTOR, FRICTION, QUANTITIES, quantity_of
 from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
 from cdrj_ros.judgement.placement import DROP_CAUSES
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.columns import new_table, print_table
 from cdrj_ros.report.numbers import (
     decimals_for,
+    format_angle,
     format_number,
     format_percent,
     format_r2,
@@ -31,6 +32,8 @@ MORE_HEADINGS: Final[Mapping[str, str]] = {
     "reversal_error": "at reversals",
     "smooth_error": "elsewhere",
     "coverage": "in ±2σ",
+    "mean_direction_error_deg": "mean direction",
+    "max_direction_error_deg": "max direction",
 }
 """Headings of the figures that are shown only if a channel has them."""
 
@@ -38,6 +41,7 @@ MORE_HEADINGS: Final[Mapping[str, str]] = {
 SUMMARY_LABELS: Final[Mapping[str, str]] = {
     TENSION: "all elements",
     NODAL_FORCE: "all nodes",
+    FORCE_VECTOR: "all nodes",
     FRICTION: "all nodes",
     EFFORT: "all efforts",
     ANGLE: "all angles",
@@ -187,18 +191,18 @@ def _cells(
     def scaled(value: float | None) -> str:
         return format_number(None if value is None else factor * value, decimals)
 
+    formats: dict[str, Callable[[float | None], str]] = {
+        "coverage": lambda value: format_percent(value, 1),
+        "mean_direction_error_deg": format_angle,
+        "max_direction_error_deg": format_angle,
+    }
     return (
         scaled(error.mean_abs_error),
         format_percent(error.mean_relative_error),
         scaled(error.rmse),
         scaled(error.max_abs_error),
         format_r2(error.r2),
-        *(
-            format_percent(error.coverage, 1)
-            if figure == "coverage"
-            else scaled(getattr(error, figure))
-            for figure in more
-        ),
+        *(formats.get(figure, scaled)(getattr(error, figure)) for figure in more),
     )
 
 

@@ -6,12 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
-from cdrj_ros.judgement.channels import ANGLE, FRICTION, QUANTITIES, BagComparison, quantity_of
+from cdrj_ros.judgement.channels import (
+    ANGLE,
+    FORCE_VECTOR,
+    FRICTION,
+    QUANTITIES,
+    BagComparison,
+    quantity_of,
+)
 from cdrj_ros.judgement.metrics import ChannelError, Errors, mean_over_channels
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
-from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
+from cdrj_ros.report.numbers import format_amount, format_angle, format_percent, format_r2
 from cdrj_ros.report.table import table_groups
 
 RELATIVE_GRADES: Final = ((0.02, "closely"), (0.05, "well"), (0.15, "roughly"))
@@ -80,19 +85,36 @@ def telling_channels(names: Sequence[str]) -> tuple[str, ...]:
     """The most informative channels, in display order.
 
     The tension of a cable's last element contains the friction of all its pulleys.  The force at
-    node 3 is the one measured in the paper; for a cable without it, the last node is chosen.  The
-    efforts follow.  At most MOST_OF_A_KIND channels of each kind are chosen.
+    node 3 is the one measured in the paper; for a cable without it, the last node is chosen.  Its
+    vector, where it is compared, and the efforts follow.  At most MOST_OF_A_KIND channels of each
+    kind are chosen.
     """
+    forces, vectors = (_telling_nodes(names, quantity) for quantity in (NODAL_FORCE, FORCE_VECTOR))
+    efforts = [name for name in names if quantity_of(name) in (EFFORT, ANGLE)]
+    kinds = (last_elements(names), forces, vectors, efforts)
+    chosen = tuple(name for kind in kinds for name in kind[:MOST_OF_A_KIND])
+    return chosen or tuple(names[:MOST_OF_A_KIND])
+
+
+def _telling_nodes(names: Sequence[str], quantity: str) -> list[str]:
+    """The channel of node 3 of each cable, or of its last node."""
     nodes: dict[str, tuple[tuple[bool, int], str]] = {}
     for name in names:
         cable, _, node = name.rpartition("/")
-        if quantity_of(name) == NODAL_FORCE and node.isdecimal():
+        if quantity_of(name) == quantity and node.isdecimal():
             rank = (int(node) == 3, int(node))
             nodes[cable] = max(nodes.get(cable, ((False, -1), "")), (rank, name))
-    efforts = [name for name in names if quantity_of(name) in (EFFORT, ANGLE)]
-    kinds = (last_elements(names), [name for _, name in nodes.values()], efforts)
-    chosen = tuple(name for kind in kinds for name in kind[:MOST_OF_A_KIND])
-    return chosen or tuple(names[:MOST_OF_A_KIND])
+    return [name for _, name in nodes.values()]
+
+
+def direction_words(error: ChannelError) -> str:
+    """Mean and largest direction error of a channel of vectors."""
+    if error.mean_direction_error_deg is None:
+        return "no direction"
+    return (
+        f"direction {format_angle(error.mean_direction_error_deg)} mean, "
+        f"{format_angle(error.max_direction_error_deg)} largest"
+    )
 
 
 def _by_r2(quantity: str, error: ChannelError) -> bool:
@@ -115,6 +137,7 @@ def _sentence(quantity: str, errors: Mapping[str, ChannelError]) -> str:
     noun = {
         TENSION: "tension",
         NODAL_FORCE: "nodal force",
+        FORCE_VECTOR: "force vector",
         FRICTION: "friction",
         EFFORT: "effort",
         ANGLE: "angle",
@@ -171,7 +194,7 @@ def _moment(name: str, comparisons: Sequence[BagComparison]) -> str:
         for channel in comparison.channels:
             if channel.name != name or len(channel.stamp_ns) == 0:
                 continue
-            size = np.abs(channel.estimate - channel.reference)
+            size = channel.error_size
             at = int(size.argmax())
             if size[at] > worst:
                 worst = float(size[at])
@@ -202,6 +225,7 @@ def _keys(errors: Mapping[str, ChannelError]) -> tuple[KeyNumber, ...]:
     nouns: dict[str, Callable[[int], str]] = {
         TENSION: lambda n: f"All {n} element tensions" if n > 1 else "Tension",
         NODAL_FORCE: lambda n: f"All {n} nodal forces" if n > 1 else "Nodal force",
+        FORCE_VECTOR: lambda n: f"All {n} nodal forces as vectors" if n > 1 else "Force vector",
         FRICTION: lambda n: f"Friction at {n} pulleys" if n > 1 else "Friction",
         EFFORT: lambda n: {1: "Effort", 2: "Both efforts"}.get(n, f"All {n} efforts"),
         ANGLE: lambda n: {1: "Angle", 2: "Both angles"}.get(n, f"All {n} angles"),
@@ -218,6 +242,8 @@ def _key(quantity: str, label: str, members: Mapping[str, ChannelError]) -> KeyN
         f"{_amount(overall, overall.mean_abs_error, quantity)} mean, "
         f"{_amount(overall, overall.max_abs_error, quantity)} largest"
     )
+    if quantity == FORCE_VECTOR:
+        detail += f"; {direction_words(overall)}"
     if _by_r2(quantity, overall):
         known = {name: e.r2 for name, e in members.items() if e.r2 is not None}
         if not known:

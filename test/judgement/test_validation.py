@@ -86,7 +86,7 @@ def test_a_bag_of_estimates_is_written_piece_by_piece(
     write_estimates(str(out), BAG, log_times(recording, conditioned), watched())
     assert len(alive) > 10
     assert most <= 2
-    written = read_recording(out, Topics(references=OUTPUTS)).references
+    written = read_recording(out, Topics(references=OUTPUTS), force_vectors=True).references
     named = estimate_channels(model.layout, estimate(model, conditioned).values)
     assert set(written) == set(named)
     for name, series in written.items():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -47,6 +49,38 @@ def test_estimate_recording_and_error_are_drawn_over_time() -> None:
         assert_line(series, "truth", time, reference)
         assert_line(series, "estimate", time, estimate)
         assert_line(errors, "error", time, estimate - reference)
+
+
+def test_vectors_are_drawn_by_component_with_the_angle_between_them_below() -> None:
+    angle = 0.1 + 0.05 * np.sin(5.0 * TIME)
+    force = np.stack([20.0 + TIME, -5.0 - TIME, np.full(60, 2.0)], axis=1)
+    estimate = np.stack(
+        [
+            np.cos(angle) * force[:, 0] - np.sin(angle) * force[:, 1],
+            np.sin(angle) * force[:, 0] + np.cos(angle) * force[:, 1],
+            force[:, 2],
+        ],
+        axis=1,
+    )
+    vectors = replace(CHANNEL, name="force_vector/a/2", reference=force, estimate=estimate)
+    series, errors = over_time(vectors, 0).axes
+    for role, values in (("truth", force), ("estimate", estimate)):
+        drawn = [one for one in series.get_lines() if one.get_color() == PALETTE[role]]
+        assert len(drawn) == 3
+        for one, component in zip(drawn, values.T, strict=True):
+            np.testing.assert_allclose(one.get_ydata(), component)
+    assert [text.get_text() for text in series.texts] == ["x", "y", "z"]
+    flat = np.hypot(force[:, 0], force[:, 1]) / np.linalg.norm(force, axis=1)
+    between = 2.0 * np.arcsin(flat * np.sin(angle / 2.0))  # the chord is that in the plane
+    assert_line(errors, "error", TIME, np.degrees(between))
+    assert len(channel_pictures(vectors, "key", 0, "", Sheets())) == 2
+
+
+def test_vectors_without_direction_are_drawn() -> None:
+    nothing = np.zeros((60, 3))
+    vectors = replace(CHANNEL, name="force_vector/a/2", reference=nothing, estimate=nothing)
+    figure = over_time(vectors, 0)
+    assert "no direction" in [text.get_text() for text in figure.texts]
 
 
 def test_estimate_and_recording_are_drawn_over_the_angle() -> None:

@@ -1,0 +1,162 @@
+"""validate compares nodal forces as vectors where the reference has components."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.turned_forces import ROBOT, Arrays, turned_bag
+
+from cdrj_ros.commands import validate
+
+DEGREES = 7.5
+CHORD = 2.0 * np.sin(np.radians(DEGREES) / 2.0)
+"""Relative vector error of a force turned by DEGREES."""
+
+
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return turned_bag(tmp_path_factory.mktemp("turned"), DEGREES)
+
+
+def run(
+    folder: Path, bag: Path, *arguments: object, robot: Path = ROBOT
+) -> tuple[int, dict[str, Any]]:
+    out = folder / "figures.json"
+    code = validate.main(
+        [str(bag), "--robot", str(robot), "--json", str(out), *map(str, arguments)]
+    )
+    return code, json.loads(out.read_text())
+
+
+def split(figures: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Channels of magnitudes and channels of vectors."""
+    channels = figures["all"]["channels"]
+    return (
+        {name: one for name, one in channels.items() if name.startswith("nodal_force/")},
+        {name: one for name, one in channels.items() if name.startswith("force_vector/")},
+    )
+
+
+def test_a_turned_reference_is_seen_in_the_vectors_and_not_in_the_magnitudes(
+    turned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, figures = run(tmp_path, turned)
+    assert code == 0
+    magnitudes, vectors = split(figures)
+    assert len(magnitudes) == len(vectors) == 14
+    for one in magnitudes.values():
+        assert one["mean_relative_error"] < 1e-12
+        assert one["mean_direction_error_deg"] is None
+    for one in vectors.values():
+        assert one["unit"] == "N"
+        assert one["mean_direction_error_deg"] == pytest.approx(DEGREES, rel=1e-9)
+        assert one["max_direction_error_deg"] == pytest.approx(DEGREES, rel=1e-9)
+        assert one["mean_relative_error"] == pytest.approx(CHORD, rel=1e-9)
+        assert one["reversal_error"] is not None or one["smooth_error"] is not None
+    table = capsys.readouterr().out
+    assert "Force vector [N]" in table
+    assert "mean direction" in table
+    assert "7.5°" in table
+
+
+def test_the_report_shows_the_vectors(turned: Path, tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    assert run(tmp_path, turned, "--html", page)[0] == 0
+    text = page.read_text()
+    assert "All 14 nodal forces as vectors" in text
+    assert "direction 7.5° mean, 7.5° largest" in text
+    assert "force_vector/upper/3: recorded and estimated over time, direction error below" in text
+
+
+@pytest.mark.parametrize(
+    ("limit", "code"),
+    [
+        ("force_vector/*: {max_direction_error_deg: {max: 7.6}}", 0),
+        ("force_vector/*: {max_direction_error_deg: {max: 7.4}}", 1),
+        ("force_vector: {mean_direction_error_deg: {max: 7.4}}", 1),
+        ("force_vector: {mean_relative_error: {max: 0.14}}", 0),
+        ("force_vector: {mean_relative_error: {max: 0.12}}", 1),
+        ("nodal_force: {mean_direction_error_deg: {max: 90}}", 1),  # magnitudes have no direction
+    ],
+)
+def test_limits_hold_for_vectors_and_directions(
+    limit: str, code: int, turned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = tmp_path / "limits.yaml"
+    limits.write_text(f"channels: {{{limit}}}")
+    found, figures = run(tmp_path, turned, "--limits", limits, "--quiet")
+    assert found == code
+    assert bool(figures["limits"]["outside"]) == bool(code)
+    if "7.4" in limit:
+        assert "7.5°" in capsys.readouterr().out
+
+
+def _without_components(arrays: Arrays) -> Arrays:
+    return {"magnitude": arrays["magnitude"]}
+
+
+def _with_zeros(arrays: Arrays) -> Arrays:
+    return {
+        **{name: np.zeros_like(values) for name, values in arrays.items()},
+        "magnitude": arrays["magnitude"],
+    }
+
+
+@pytest.mark.parametrize("spoil", [_without_components, _with_zeros])
+def test_a_reference_with_only_magnitudes_has_no_vector_figures(
+    spoil: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "report.html"
+    code, figures = run(tmp_path, turned_bag(tmp_path, DEGREES, spoil), "--html", page)
+    assert code == 0
+    magnitudes, vectors = split(figures)
+    assert len(magnitudes) == 14
+    assert not vectors
+    assert figures["bags"][0]["notes"] == []
+    assert "direction" not in capsys.readouterr().out
+    assert "direction error" not in page.read_text()
+
+
+def test_forces_in_a_named_frame_are_compared_only_with_a_robot_that_has_positions(
+    tmp_path: Path,
+) -> None:
+    code, figures = run(tmp_path, turned_bag(tmp_path, DEGREES, frame_id="base"))
+    assert code == 0
+    magnitudes, vectors = split(figures)
+    assert len(magnitudes) == 14
+    assert not vectors
+    (note,) = figures["bags"][0]["notes"]
+    assert note.startswith("The recorded forces are in the frame base, but the robot file gives no")
+    positions = ROBOT.with_name("prototype_positions.yaml")
+    (tmp_path / "placed").mkdir()
+    bag = turned_bag(tmp_path / "placed", DEGREES, robot=positions, frame_id="base")
+    code, figures = run(tmp_path, bag, robot=positions)
+    assert code == 0
+    _, vectors = split(figures)
+    assert figures["bags"][0]["notes"] == []
+    assert vectors
+    for one in vectors.values():
+        assert one["max_direction_error_deg"] == pytest.approx(DEGREES, rel=1e-9)
+
+
+def test_a_component_that_is_not_a_number_is_counted_and_only_its_force_is_left_out(
+    tmp_path: Path,
+) -> None:
+    def spoil(arrays: Arrays) -> Arrays:
+        arrays["force_y"][100, 3] = np.nan
+        return arrays
+
+    code, figures = run(tmp_path, turned_bag(tmp_path, DEGREES, spoil))
+    assert code == 0
+    magnitudes, vectors = split(figures)
+    assert figures["bags"][0]["counters"]["reference_not_finite"] == 1
+    counts = [one["n"] for one in vectors.values()]
+    whole = next(iter(magnitudes.values()))["n"]
+    assert sorted(counts) == [whole - 1, *[whole] * 13]
+    assert {one["n"] for one in magnitudes.values()} == {whole}
+    for one in vectors.values():
+        assert one["max_direction_error_deg"] == pytest.approx(DEGREES, rel=1e-9)
