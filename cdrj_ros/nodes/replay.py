@@ -130,7 +130,7 @@ def _open(arguments: argparse.Namespace, model: Model, wiring: Wiring, paths: li
     """Read one recording, or several merged into one, and prepare its playback."""
     name = " + ".join(paths)
     topics = wiring.topics
-    recording = read_recording(merged_source(paths), topics)
+    recording = read_recording(merged_source(paths), topics, force_vectors=True)
     require_axes(name, recording, model.robot)
     source = merged_source(paths)
     played = [topics.motors, topics.joints, *(extra.topic for extra in wiring.extras)]

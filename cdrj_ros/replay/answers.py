@@ -24,7 +24,7 @@ from cdrj_ros.messages.cdr import (
 from cdrj_ros.messages.decoders import JointStateDecoder
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.replay.heard import Floats, Heard, Tally
-from cdrj_ros.replay.line import FOLD, KINDS, Line, names_of
+from cdrj_ros.replay.line import FOLD, FORCES, KINDS, Line, names_of
 
 STALLED_S: Final = 10.0
 """Time without an answer after which estimates in flight count as lost [s]; if such an estimate is
@@ -206,20 +206,23 @@ class Run:
     def finish(self) -> Heard:
         """Return the whole run as arrays; incomplete estimates count as lost."""
         n = len(self._expected)
-        columns: list[Floats] = []
+        blocks: list[Floats] = []
         last_s = np.zeros(n)
         for line in self._lines:
             line.fold()
-            block = np.full((2, n, len(line.names)), np.nan)
+            block = np.full((line.rows, n, len(line.names)), np.nan)
             heard = np.full(n, np.nan)
             index = np.frombuffer(line.index, np.int64)
             if index.size:
                 block[:, index] = np.concatenate(line.blocks, axis=1)
                 heard[index] = np.frombuffer(line.heard_s, np.float64)
-            columns.append(block)
+            blocks.append(block)
             last_s = np.maximum(last_s, heard)  # NaN where one of the three is missing
         complete = np.isfinite(last_s)
-        value, stddev = np.concatenate(columns, axis=2)[:, complete]
+        value, stddev = (
+            np.concatenate([block[row][complete] for block in blocks], axis=1) for row in (0, -1)
+        )
+        components = np.moveaxis(blocks[FORCES][1:-1], 0, 1)[complete]
         received = int(np.count_nonzero(complete))
         late = int(np.count_nonzero(complete[list(self._late)]))
         layout, gate = self._layout, self.conditioner
@@ -228,6 +231,7 @@ class Run:
             tally=Tally(self.sent, n, received, n - received, late, self.strange),
             stamp_ns=np.array(self._expected, np.int64)[complete],
             value=value,
+            force=components,
             latency_s=(last_s - np.array(self._asked_s))[complete],
             stddev=stddev,
             angle=np.array(self._angle).reshape(n, axes)[complete],

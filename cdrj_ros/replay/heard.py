@@ -61,6 +61,8 @@ class Heard:
     """Stamps of the complete answers in the order expected [ns], shape (n,)."""
     value: Floats
     """Estimates of ``channels_of`` the robot, shape (n, channels)."""
+    force: Floats
+    """Components x, y and z of the nodal forces [N], shape (n, 3, pulleys)."""
     latency_s: Floats
     """Time from sending the last input needed to receiving the last of three messages [s],
     shape (n,)."""

@@ -12,6 +12,7 @@ import numpy as np
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
+    FORCE_COMPONENTS,
     JOINT_STATE,
     NODAL_FORCES,
     MessageType,
@@ -29,15 +30,17 @@ class Kind(NamedTuple):
 
     topic: str
     message: MessageType
-    array: str
-    """Name of the array that is compared."""
+    arrays: tuple[str, ...]
+    """Names of the arrays that are compared; the standard deviations are those of the first."""
 
 
 KINDS: Final = (
-    Kind(topics.TENSIONS, CABLE_TENSIONS, "tension"),
-    Kind(topics.NODAL_FORCES, NODAL_FORCES, "magnitude"),
-    Kind(topics.EFFORTS, JOINT_STATE, "effort"),
+    Kind(topics.TENSIONS, CABLE_TENSIONS, ("tension",)),
+    Kind(topics.NODAL_FORCES, NODAL_FORCES, ("magnitude", *FORCE_COMPONENTS)),
+    Kind(topics.EFFORTS, JOINT_STATE, ("effort",)),
 )
+FORCES: Final = 1
+"""Index of the nodal forces in ``KINDS``."""
 
 
 def names_of(layout: Layout) -> tuple[tuple[str, ...], ...]:
@@ -63,13 +66,18 @@ class Line:
     payloads: list[bytes] = field(default_factory=list)
     """Messages not yet decoded."""
     blocks: list[Floats] = field(default_factory=list)
-    """Values and their standard deviations, shape (2, m, names) each."""
+    """Values of all arrays and the standard deviations, shape (arrays + 1, m, names) each."""
+
+    @property
+    def rows(self) -> int:
+        """Number of arrays that are kept, with the standard deviations."""
+        return len(self.kind.arrays) + 1
 
     def fold(self) -> None:
         """Decode the stored payloads; a payload with unexpected names becomes NaN."""
         if not self.payloads:
             return
-        block = np.full((2, len(self.payloads), len(self.names)), np.nan)
+        block = np.full((self.rows, len(self.payloads), len(self.names)), np.nan)
         lengths = np.fromiter(map(len, self.payloads), np.int64, len(self.payloads))
         for length in np.unique(lengths).tolist():
             rows = np.flatnonzero(lengths == length)
@@ -83,8 +91,8 @@ class Line:
         if layout.texts["name"] != self.names:
             return np.nan
         octets = np.frombuffer(b"".join(payloads), np.uint8).reshape(len(payloads), -1)
-        block = np.full((2, len(payloads), len(self.names)), np.nan)
-        for row, name in enumerate((self.kind.array, "stddev")):
+        block = np.full((self.rows, len(payloads), len(self.names)), np.nan)
+        for row, name in enumerate((*self.kind.arrays, "stddev")):
             span = layout.numbers.get(name)
             if span is not None and span.count == len(self.names):
                 wanted = np.ascontiguousarray(octets[:, span.offset : span.offset + 8 * span.count])

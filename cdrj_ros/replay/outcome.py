@@ -11,7 +11,7 @@ import numpy as np
 from cdrj_ros.bag import Recording
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned
-from cdrj_ros.judgement.channels import BagComparison
+from cdrj_ros.judgement.channels import FORCE_VECTOR, BagComparison
 from cdrj_ros.judgement.inputs import counters_of
 from cdrj_ros.judgement.validation import ByChannel, compare_with_references
 from cdrj_ros.model.prepared import Model
@@ -58,6 +58,7 @@ class Outcome:
         layout = self.model.layout
         channels = len(channels_of(layout))
         self.value: Floats = np.empty((0, channels))
+        self.force: Floats = np.empty((0, 3, len(layout.pulleys)))
         self.stddev: Floats = np.empty((0, channels))
         self.angle: Floats = np.empty((0, len(layout.motors) + len(layout.joints)))
 
@@ -73,16 +74,18 @@ class Outcome:
         self.latency_s = np.concatenate((self.latency_s, heard.latency_s))[-KEPT:]
         if whole and self.passes:
             _, mine, new = np.intersect1d(self.stamp_ns, heard.stamp_ns, return_indices=True)
-            gap = np.abs(self.value[mine] - heard.value[new])
-            self.difference = max(self.difference, float(np.max(gap, initial=0.0)))
+            for ours, theirs in ((self.value, heard.value), (self.force, heard.force)):
+                gap = np.abs(ours[mine] - theirs[new])
+                self.difference = max(self.difference, float(np.max(gap, initial=0.0)))
         self.passes += whole
         # use the later answer, also after a clock jump within a run
         stamps = np.concatenate((heard.stamp_ns[::-1], self.stamp_ns))
         self.stamp_ns, first = np.unique(stamps, return_index=True)
-        self.value, self.stddev, self.angle = (
+        self.value, self.force, self.stddev, self.angle = (
             np.concatenate((new[::-1], old))[first]
             for new, old in (
                 (heard.value, self.value),
+                (heard.force, self.force),
                 (heard.stddev, self.stddev),
                 (heard.angle, self.angle),
             )
@@ -161,9 +164,13 @@ class Outcome:
             )  # fmt: skip
         names = channels_of(layout)
         known = np.atleast_1d(np.isfinite(self.stddev).any(axis=0))
+        values = dict(zip(names, self.value.T, strict=True))
+        values |= {
+            f"{FORCE_VECTOR}/{name}": self.force[:, :, k] for k, name in enumerate(layout.pulleys)
+        }
         estimates = ByChannel(
             self.stamp_ns.size,
-            dict(zip(names, self.value.T, strict=True)),
+            values,
             {n: self.stddev[:, k] for k, n in enumerate(names) if known[k]},
         )
         return compare_with_references(

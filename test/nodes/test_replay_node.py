@@ -22,8 +22,10 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from support.forked import Forked, end
+from support.turned_forces import turned_bag
 
 from cdrj_ros.bag import BagWriter, Topics, read_recording
+from cdrj_ros.commands import validate
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
@@ -199,6 +201,32 @@ def test_replay_evaluates_the_node_and_writes_json_and_report(
     assert facts["latency"].startswith("p50 ")
     assert "tension/upper/8" in report.read_text()
     assert "rate achieved" in report.read_text()
+
+
+def test_replay_compares_force_vectors_as_validate_does(
+    estimator: Any, replay: Any, tmp_path: Path
+) -> None:
+    degrees = 6.0
+    bag = str(turned_bag(tmp_path, degrees))
+    played, offline = tmp_path / "played.json", tmp_path / "offline.json"
+    code, out = replay(bag, "--json", str(played)).finish()
+    assert code == 0, out
+    assert "mean direction" in out
+    assert validate.main([bag, "--robot", ROBOT, "--json", str(offline), "--quiet"]) == 0
+    ours, theirs = (
+        {
+            name: figures
+            for name, figures in json.loads(path.read_text())["all"]["channels"].items()
+            if name.startswith("force_vector/")
+        }
+        for path in (played, offline)
+    )
+    assert len(ours) == 14
+    assert ours.keys() == theirs.keys()
+    for name, figures in ours.items():
+        assert figures["mean_direction_error_deg"] == pytest.approx(degrees, rel=1e-9)
+        assert figures.pop("coverage") is None
+        assert figures == pytest.approx({k: v for k, v in theirs[name].items() if k != "coverage"})
 
 
 def test_different_preloads_of_the_node_cause_a_warning_or_are_adopted(

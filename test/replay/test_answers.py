@@ -175,6 +175,9 @@ def test_values_come_back_as_they_were_sent(bench: Bench) -> None:
     )
     assert heard.value.shape == (count, len(channels_of(layout)))
     np.testing.assert_array_equal(heard.value, np.broadcast_to(expected, heard.value.shape))
+    forces = np.stack([values[getattr(layout, f"force_{axis}")] for axis in "xyz"])
+    assert np.all(np.linalg.norm(forces, axis=0) > 1.0)
+    np.testing.assert_array_equal(heard.force, np.broadcast_to(forces, (count, *forces.shape)))
     assert np.all(heard.latency_s >= 0)
 
 
@@ -245,6 +248,7 @@ def test_what_is_known_of_standard_deviations_counts_for_the_coverage(
         [values[:, k] for k in (layout.tension, layout.magnitude)]
         + [values[:, k] for k in (layout.motor_effort, layout.joint_effort)]
     )
+    outcome.force = np.zeros((count, 3, len(layout.pulleys)))
     outcome.stddev = np.full(outcome.value.shape, 0.05)
     outcome.stddev[: count // 2, :16] = np.inf
     outcome.stddev[:, -1] = np.nan
