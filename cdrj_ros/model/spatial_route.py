@@ -12,6 +12,7 @@ from cdrj_ros.model.spatial_frames import point_velocity
 from cdrj_ros.model.spatial_lengths import measure_cable
 from cdrj_ros.model.spatial_middle import find_middle
 from cdrj_ros.model.spatial_records import (
+    POINT,
     PULLEY,
     SHEATH,
     ArcMiddle,
@@ -110,6 +111,8 @@ def route_in_space(
     for k in range(1, last):
         arc[k - 1] = touches[k].arc
         find_middle(nodes[k], plans[k].kind, touches[k], middles[k])
+    for k in (0, last):  # cable sticks to an end
+        find_middle(nodes[k], POINT, touches[k], middles[k])
     for e in range(last):
         unit = (direction[e, 0], direction[e, 1], direction[e, 2])
         for j in range(joint_angle.size):
