@@ -2,8 +2,9 @@
 
 A length is that of the whole cable with the drums at rest: in the reference pose, the length
 between its drums or anchors; in other poses, this length minus the cable that they have wound up
-as frames turned.  Its derivative is the moment arm: without friction, the effort on a joint is the
-tension times the arm, with the opposite sign.
+as frames turned.  A moment arm is the sum of the lever arms of the cable's elements: without
+friction, the effort on a joint is the tension times the arm, with the opposite sign.  It is the
+derivative of the length wherever the path is the shortest one.
 """
 
 from __future__ import annotations

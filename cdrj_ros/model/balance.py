@@ -1,6 +1,6 @@
 """The force balance of every contact of a cable: tension of the segments, friction, imbalance.
 
-See docs/model.md, sections 2 and 3.
+See docs/model.md, sections 2 and 5.
 """
 
 from __future__ import annotations

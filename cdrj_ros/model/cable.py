@@ -2,7 +2,7 @@
 
 Newton's method starts from the fluxes of the sample before or from a prediction; samples that are
 too large for it are solved in pieces, or with bristles that start soft.  See docs/model.md,
-section 4.
+section 5.
 """
 
 from __future__ import annotations

@@ -229,7 +229,7 @@ def route(
     middle: Vector,
     direction: Table,
 ) -> bool:
-    """Geometry of one cable of n nodes: (E5), (E6), (E26), (E27).
+    """Geometry of one cable of n nodes: (E5)-(E7), (E26), (E27).
 
     Args:
         plans, nodes: every node, shape (n,).

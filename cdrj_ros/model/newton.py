@@ -1,6 +1,6 @@
 """Newton's method for the fluxes of a cable's contacts: a tridiagonal system and a line search.
 
-See docs/model.md, section 4.
+See docs/model.md, section 5.
 """
 
 from __future__ import annotations

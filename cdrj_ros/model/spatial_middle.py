@@ -86,10 +86,11 @@ def find_middle(node: SpatialNodeNumbers, kind: int, touch: Touch, middle: ArcMi
 
 @stage
 def motion_along(radius: float, before: ArcMiddle, now: ArcMiddle) -> float:
-    """Motion of the middle of an arc on its body along the cable [m], towards the last node.
+    """Motion of the middle of an arc on its body along the cable [m], towards the last node: (E26).
 
-    It is exact on a circle, on a helix of constant slope and on a great circle, and of second order
-    where slope or plane change.  It is 0 where the cable did not touch the body in both samples.
+    It is exact on a circle and on a great circle, exact to fourth order of the step on a helix of
+    constant slope, and to second order where slope or plane change.  It is 0 where the cable did
+    not touch the body in both samples.
     """
     first, last = load(before.tangent), load(now.tangent)
     along = plus(first, last)
