@@ -63,7 +63,7 @@ def _compile_step() -> None:
 def _compile_geometry() -> None:
     """Compile geometry and solution of cables in a plane, and what encodes estimates."""
     numbers = read_only(np.empty(0))
-    direct(shape, _plan(), numbers, *4 * (np.empty(0),))
+    direct(shape, _plan(), numbers, *3 * (np.empty(0),))
     compile_solve_cable()
     blended_loss(0.5, 0.1, 0.1, 1.0, 0.0, 0)
     estimate_encoder.find_entry()
@@ -84,7 +84,7 @@ def _compile_members() -> None:
 
 def _compile_space() -> None:
     """Compile the geometry of cables in space."""
-    direct(shape_in_space, _plan(), read_only(np.empty(0)), *4 * (np.empty(0),))
+    direct(shape_in_space, _plan(), read_only(np.empty(0)), *3 * (np.empty(0),))
 
 
 def _plan() -> NDArray[np.int64]:

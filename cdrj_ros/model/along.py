@@ -41,7 +41,7 @@ def _along(
     numbers: Vector,
     joint_angle: Table,
     length: Table,
-    lever_arm: Table,
+    lever_arm: NDArray[np.float64],
     wrap: Table,
     track: Table,
 ) -> int:
@@ -65,7 +65,9 @@ def _along(
         copy_part(after.track, 0, track[k])
         copy_part(found.element_length, 0, length[k])
         copy_part(found.wrap, 0, wrap[k])
-        lever_arm[k] = found.lever_arm.ravel()
+        for e in range(parts.sizes.elements):
+            for j in range(parts.sizes.joints):
+                lever_arm[k, e, j] = found.lever_arm[e, j]
     return joint_angle.shape[0]
 
 
@@ -81,7 +83,7 @@ def course(model: Model, joint_angle: Table) -> Course:
     """
     n, sizes = joint_angle.shape[0], model.sizes
     length, wrap = np.empty((n, sizes.elements)), np.empty((n, sizes.pulleys))
-    lever_arm, track = np.empty((n, sizes.elements * sizes.joints)), np.empty((n, sizes.pulleys))
+    lever_arm, track = np.empty((n, sizes.elements, sizes.joints)), np.empty((n, sizes.pulleys))
     done = _along(model.plan, model.numbers, ordinary(joint_angle), length, lever_arm, wrap, track)
     if done < n:
         pose = ", ".join(
@@ -89,4 +91,4 @@ def course(model: Model, joint_angle: Table) -> Course:
             for name, angle in zip(model.layout.joints, joint_angle[done], strict=True)
         )
         raise UsageError(f"the path of a cable is impossible at {pose}")
-    return Course(length, lever_arm.reshape(n, sizes.elements, sizes.joints), wrap, track)
+    return Course(length, lever_arm, wrap, track)

@@ -126,7 +126,7 @@ def printed_procedure(rig: Recording, cable: int) -> float:
         for k in range(6, 0, -1):  # from element 8 to element 2
             f, ratio = pulleys[k].friction, 0.01 * pulleys[k].bearing_diameter / pulleys[k].radius
             pairs = np.array(
-                [blended_loss(rho, f.mu_c, f.mu_s, b, ratio, 0, 1.0) for b in wrap[:, k]]
+                [blended_loss(rho, f.mu_c, f.mu_s, b, ratio, 0) for b in wrap[:, k]]
             )
             eta = 1.0 - pairs[:, 0] - pairs[:, 1] * static_share
             tension.append(tension[-1] * np.where(speed[moving] > 0.0, eta, 1.0 / eta))
