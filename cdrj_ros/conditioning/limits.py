@@ -1,0 +1,64 @@
+"""What the readings of every motor and joint must satisfy, for the core."""
+
+from __future__ import annotations
+
+from math import hypot, sqrt
+from typing import Final
+
+from cdrj_ros._core import Axis
+from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
+
+NOISE_BAND: Final = 3.0
+"""Greatest noise of a reading, in standard deviations."""
+
+UNSEEN_FLOOR: Final = 2e-5
+"""Smallest standard deviation between readings that is reported for any sensor [rad]."""
+
+
+def half_width(sensor: Sensor) -> float:
+    """Greatest error of a reading of the sensor [rad]."""
+    return abs(sensor.scale) * (0.5 * sensor.resolution + NOISE_BAND * sensor.noise)
+
+
+def negligible(sensor: Sensor) -> float:
+    """Standard deviation of the sensor's own error [rad], ``UNSEEN_FLOOR`` or more."""
+    count = sensor.resolution / sqrt(12.0)
+    return max(abs(sensor.scale) * hypot(count, sensor.noise), UNSEEN_FLOOR)
+
+
+def axes_of(robot: Robot, tracking: float | None = None) -> list[Axis]:
+    """All motors, then all joints, in the robot's order.
+
+    Args:
+        robot: names, sensors and limits.
+        tracking: fixed bandwidth [Hz] to use instead of the robot file's; 0 for no tracking.  A
+            sensor without resolution and noise is not tracked.
+    """
+    return [axis_of(one, tracking) for one in (*robot.motors, *robot.joints)]
+
+
+def axis_of(axis: Motor | Joint, tracking: float | None = None) -> Axis:
+    """One motor or joint; ``tracking`` as of ``axes_of``."""
+    sensor, bandwidth = axis.sensor, axis.sensor.tracking_bandwidth
+    if tracking is not None and half_width(sensor) > 0.0:
+        bandwidth = tracking
+    lower, upper = float("-inf"), float("inf")
+    if isinstance(axis, Joint):
+        lower, upper = axis.lower, axis.upper
+    return Axis(
+        axis.name,
+        lower=lower,
+        upper=upper,
+        max_speed=axis.max_speed,
+        clock_offset_ns=sensor.clock_offset_ns,
+        period=sensor.period,
+        scale=sensor.scale,
+        offset=sensor.offset,
+        corrected_at=sensor.corrected_at,
+        correction=sensor.correction,
+        bandwidth=bandwidth,
+        adaptive=tracking is None and sensor.tracking == "adaptive",
+        band=half_width(sensor),
+        negligible=negligible(sensor),
+        start=axis.reference_angle,
+    )

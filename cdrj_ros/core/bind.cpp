@@ -1,0 +1,6 @@
+#include "bind.hpp"
+
+PYBIND11_MODULE(_core, core) {
+    core.doc() = "The compiled core; its types are in _core.pyi.";
+    cdrj::bind_conditioning(core);
+}

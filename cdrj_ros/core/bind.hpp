@@ -1,0 +1,10 @@
+// The parts of the Python module `cdrj_ros._core`; each is bound in a file of its own.
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+namespace cdrj {
+
+void bind_conditioning(pybind11::module_& core);
+
+}  // namespace cdrj

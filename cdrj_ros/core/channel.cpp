@@ -1,0 +1,208 @@
+#include "channel.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace cdrj {
+namespace {
+
+constexpr Nanoseconds LATE_INTERVALS = 3;  // a gap is longer than so many usual intervals
+constexpr Nanoseconds REGULAR = 2;         // regular intervals differ by less than this factor
+constexpr int STRAGGLERS = 100;            // that a channel may deliver after a jump back
+
+/// The nearest whole number, the even one of two; the current rounding mode is the default.
+std::int64_t nearest(double number) {
+    return static_cast<std::int64_t>(std::nearbyint(number));
+}
+
+bool is_in_range(const Axis& axis, double angle) {
+    return axis.lower - RANGE_MARGIN <= angle && angle <= axis.upper + RANGE_MARGIN;
+}
+
+}  // namespace
+
+double correction_at(const Axis& axis, double angle) {
+    const std::vector<double>& at = axis.corrected_at;
+    const std::vector<double>& value = axis.correction;
+    if (angle <= at.front()) return value.front();
+    if (angle >= at.back()) return value.back();
+    const auto after = std::upper_bound(at.begin(), at.end(), angle) - at.begin();
+    const auto before = after - 1;
+    const double slope = (value[after] - value[before]) / (at[after] - at[before]);
+    return slope * (angle - at[before]) + value[before];
+}
+
+Channel::Channel(const Axis& axis) {
+    motion.band = axis.band;
+    motion.negligible = axis.negligible;
+}
+
+void Channel::take_over(const Channel& earlier) {
+    motion = earlier.motion.elsewhen();
+    displaced = earlier.displaced;
+    stepped = earlier.stepped;
+    left_behind_ns = earlier.last_ns;
+}
+
+void Channel::keep_turns(const Channel& earlier) {
+    turns = earlier.turns;
+    motion = earlier.motion.elsewhen();
+}
+
+void Channel::keep_turns_for_a_while(const Channel& earlier) {
+    before_ = earlier.turns;
+    before_.stamp_ns = earlier.last_ns;
+}
+
+void Channel::go_on_turning(Nanoseconds stamp_ns) {
+    const Turns before = before_;
+    before_ = {};
+    if (before.stamp_ns < 0) return;
+    const Nanoseconds since_ns = stamp_ns - before.stamp_ns;
+    if (0 < since_ns && since_ns <= MAX_GAP_NS) turns = before;
+}
+
+/// Number of periods to add to a first reading: angle in range, and nearest to the expected one.
+std::int64_t Channel::first_turn(const Axis& axis, double reading) const {
+    const double wanted = near.value_or(axis.start);
+    const double exact = ((wanted - axis.offset) / axis.scale - reading) / axis.period;
+    if (!(std::abs(exact) < LARGEST)) return 0;
+    const std::int64_t turn = nearest(exact);
+    for (const std::int64_t candidate : {turn, turn - 1, turn + 1}) {
+        const double unwrapped = reading + axis.period * candidate;
+        if (is_in_range(axis, axis.scale * unwrapped + axis.offset)) return candidate;
+    }
+    return turn;
+}
+
+Unwrapped Channel::unwrap(const Axis& axis, double reading) const {
+    Unwrapped found{0, reading};
+    if (axis.period != INFINITE) {
+        found.turns = turns.last ? turns.count + nearest((*turns.last - reading) / axis.period)
+                                 : first_turn(axis, reading);
+        found.angle = reading + axis.period * found.turns;
+    }
+    if (axis.scale != 1.0 || axis.offset != 0.0) {
+        found.angle = axis.scale * found.angle + axis.offset;
+    }
+    if (!axis.corrected_at.empty()) found.angle += correction_at(axis, found.angle);
+    return found;
+}
+
+Cause Channel::complaint(const Axis& axis, Raw raw) const {
+    if (!(std::abs(raw.reading) <= LARGEST)) {
+        return axis.upper == INFINITE ? Cause::implausible : Cause::out_of_range;
+    }
+    const double angle = unwrap(axis, raw.reading).angle;
+    if (!is_in_range(axis, angle)) return Cause::out_of_range;
+    if (last_ns >= 0) {
+        const Nanoseconds ahead_ns = raw.stamp_ns - last_ns;
+        const double most = axis.max_speed * (ahead_ns * 1e-9);
+        if (ahead_ns > 0 && std::abs(angle - last) > most) return Cause::implausible;
+    }
+    return Cause::none;
+}
+
+Nanoseconds Channel::patience_ns() const {
+    return std::max(MAX_GAP_NS, LATE_INTERVALS * usual_ns);
+}
+
+bool Channel::follows(Nanoseconds stamp_ns) const {
+    const Raw& newest = held.back();
+    const Nanoseconds before_ns = held.size() > 1 ? held[held.size() - 2].stamp_ns : last_ns;
+    const Nanoseconds interval_ns = newest.stamp_ns - before_ns;
+    const Nanoseconds longest_ns =
+        interval_ns > 0 ? std::max(MAX_GAP_NS, REGULAR * interval_ns) : MAX_GAP_NS;
+    const Nanoseconds since_ns = stamp_ns - newest.stamp_ns;
+    return 0 < since_ns && since_ns <= longest_ns;
+}
+
+bool Channel::is_regular() const {
+    if (usual_ns != 0 || held.size() < 2) return false;
+    Nanoseconds before_ns = last_ns, longest_ns = -EVER_NS, shortest_ns = EVER_NS;
+    for (const Raw& raw : held) {
+        longest_ns = std::max(longest_ns, raw.stamp_ns - before_ns);
+        shortest_ns = std::min(shortest_ns, raw.stamp_ns - before_ns);
+        before_ns = raw.stamp_ns;
+    }
+    return 0 < longest_ns && longest_ns < REGULAR * shortest_ns;
+}
+
+Timing Channel::timing(Nanoseconds stamp_ns, std::span<const Channel> channels) {
+    if (last_ns < 0) return straggles(stamp_ns, channels) ? Timing::late : Timing::usable;
+    const Nanoseconds ahead_ns = stamp_ns - last_ns;
+    if (ahead_ns == 0) return Timing::repeated;
+    if (0 < ahead_ns && ahead_ns <= patience_ns()) return Timing::usable;
+    const bool distant = ahead_ns > 0 || ahead_ns < -MAX_GAP_NS;
+    return distant || !held.empty() ? Timing::another_time : Timing::late;
+}
+
+/// Whether the first reading after the clock went back has a stamp from before the jump.
+///
+/// The last messages of one topic may arrive after the first messages of another topic that carry
+/// the new time.
+bool Channel::straggles(Nanoseconds stamp_ns, std::span<const Channel> channels) {
+    if (left_behind_ns < 0 || std::abs(stamp_ns - left_behind_ns) > MAX_GAP_NS) return false;
+    Nanoseconds newest_ns = -1;
+    for (const Channel& channel : channels) newest_ns = std::max(newest_ns, channel.last_ns);
+    if (stragglers_ >= STRAGGLERS || stamp_ns - newest_ns <= MAX_GAP_NS) return false;
+    ++stragglers_;
+    return true;
+}
+
+void Channel::note_implausible(const Axis& axis, Raw raw) {
+    if (!(std::abs(raw.reading) <= LARGEST)) {
+        agreeing_ = 0;
+        return;
+    }
+    const double angle = unwrap(axis, raw.reading).angle;
+    const double since = (raw.stamp_ns - refused_.stamp_ns) * 1e-9;
+    const bool near_it = std::abs(angle - refused_.reading) <= axis.max_speed * since;
+    if (agreeing_ == 0 || !near_it) {
+        agreeing_ = 0;
+        step_ = angle - last;
+    }
+    ++agreeing_;
+    refused_ = {raw.stamp_ns, angle};
+}
+
+bool Channel::note_plausible(Nanoseconds stamp_ns, double angle) {
+    if (last_ns < 0) return false;
+    bool confirmed = false;
+    if (leap_) {
+        const Leap judged = *leap_;
+        const Verdict verdict = judged.judge(stamp_ns, angle);
+        if (verdict != Verdict::undecided) leap_.reset();
+        confirmed = verdict == Verdict::step;
+        if (confirmed) step_by(judged.after - judged.before);
+    } else if (agreeing_ > 0) {
+        const bool beyond = std::abs(angle - refused_.reading) < std::abs(angle - last);
+        const double least = motion.reach((stamp_ns - last_ns) * 1e-9);
+        const bool lasted = agreeing_ >= CONFIRMATIONS || std::abs(step_) > least;
+        confirmed = beyond && lasted;
+        if (confirmed) step_by(step_);
+    } else {
+        leap_ = motion.leap(last_ns, last, stamp_ns, angle);
+    }
+    agreeing_ = 0;
+    return confirmed;
+}
+
+void Channel::step_by(double by) {
+    displaced += by;
+    stepped = true;
+}
+
+double Channel::between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle) {
+    const double tracked =
+        filter.track(stamp_ns - last_ns, angle, axis.bandwidth, axis.band, axis.adaptive);
+    return std::min(std::max(tracked, axis.lower), axis.upper);
+}
+
+double Channel::velocity() const {
+    const Nanoseconds span_ns = recent_ns();
+    if (span_ns <= 0) return 0.0;
+    return (recent.back().reading - recent.front().reading) / span_ns * 1e9;
+}
+
+}  // namespace cdrj

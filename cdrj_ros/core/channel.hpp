@@ -1,0 +1,138 @@
+// Gate of one channel, a motor or a joint: converts readings to angles, refuses impossible ones.
+#pragma once
+
+#include <deque>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "motion.hpp"
+#include "records.hpp"
+#include "tracking.hpp"
+
+namespace cdrj {
+
+/// A stamp further than this from the last one needs confirmation by later readings.
+inline constexpr Nanoseconds MAX_GAP_NS = 1'000'000'000;
+
+/// A jump of the clock is accepted only after this many consistent readings.
+inline constexpr std::size_t CONFIRMATIONS = 5;
+
+/// Tolerance for rounding at the ends of a joint's range.
+inline constexpr double RANGE_MARGIN = 1e-9;
+
+/// An accepted reading that waits for those of other channels.
+struct Reading {
+    Nanoseconds stamp_ns;
+    double angle;
+    double curvature;  // since the reading before, see `Motion::curvature` [rad/ns^2]
+};
+
+/// A reading as received, with the clock's offset added to its stamp.
+struct Raw {
+    Nanoseconds stamp_ns;
+    double reading;
+};
+
+/// The count of turns of a sensor that wraps around.
+struct Turns {
+    Nanoseconds stamp_ns = -1;     // of the last accepted reading; -1 before the first
+    std::optional<double> last{};  // that reading, before unwrapping
+    std::int64_t count = 0;        // periods that unwrapping adds to it
+};
+
+/// What a reading means if it is the next one of its channel.
+struct Unwrapped {
+    std::int64_t turns;
+    double angle;
+};
+
+/// Result of comparing a stamp with the last one accepted.
+enum class Timing { usable, repeated, late, another_time };
+
+/// Gate of one channel, with the readings that wait for other channels.
+class Channel {
+public:
+    explicit Channel(const Axis& axis);
+
+    /// Begins after `earlier`, whose clock went back: its motion and its sensor's steps stay known.
+    void take_over(const Channel& earlier);
+
+    /// Keeps the motion so far and the count of turns, whenever the next reading comes.
+    void keep_turns(const Channel& earlier);
+
+    /// Keeps the count of turns if the first reading follows within `MAX_GAP_NS`.
+    void keep_turns_for_a_while(const Channel& earlier);
+    void go_on_turning(Nanoseconds stamp_ns);
+
+    /// The turns and the angle of a reading within `LARGEST` if it is the next one.
+    Unwrapped unwrap(const Axis& axis, double reading) const;
+
+    /// Cause for refusing a reading as the next one: none, out_of_range or implausible.
+    Cause complaint(const Axis& axis, Raw raw) const;
+
+    /// Longest interval between readings that is not a gap.
+    Nanoseconds patience_ns() const;
+
+    /// Whether a stamp continues the held readings.
+    bool follows(Nanoseconds stamp_ns) const;
+
+    /// Whether the first accepted reading and the held ones have a regular rate.
+    bool is_regular() const;
+
+    /// Compares a stamp with the last one accepted; this is one of `channels`.
+    Timing timing(Nanoseconds stamp_ns, std::span<const Channel> channels);
+
+    /// Records a reading that the axis cannot have reached: a glitch or a step.
+    void note_implausible(const Axis& axis, Raw raw);
+
+    /// Looks for a step of the sensor before an accepted angle; true if one is confirmed.
+    ///
+    /// A step is confirmed if the angle continues the refused readings before it, or if an accepted
+    /// reading was too far away for the interval (`Motion::leap`) and later readings stay there.
+    bool note_plausible(Nanoseconds stamp_ns, double angle);
+
+    /// Whether the next reading may be wrong because its sensor has stepped, or may have.
+    bool is_doubtful() const { return leap_.has_value() || stepped; }
+
+    /// Tracked angle at an accepted reading; call before it becomes the last one.
+    double between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle);
+
+    /// The time over which the velocity is averaged, and the velocity [rad/s].
+    Nanoseconds recent_ns() const { return last_ns - recent.front().stamp_ns; }
+    double velocity() const;
+
+    Nanoseconds last_ns = -1;     // stamp of the last accepted reading; -1 before the first
+    double last = 0.0;            // its angle
+    std::deque<Reading> readings;  // the first is the newest at or before the last sample
+    std::deque<Raw> recent;       // stamps and angles from which the velocity is computed
+    Motion motion;
+    TrackingFilter filter;
+    Turns turns;
+    std::optional<double> near;   // angle expected of the first reading
+    Nanoseconds usual_ns = 0;     // longest of the latest intervals; 0 before the second reading
+    std::vector<Raw> held;        // readings after a possible jump of the clock
+    double resumed = 0.0;         // curvature since the last sample of an earlier run [rad/ns^2]
+    double displaced = 0.0;       // sum of the sensor's steps since the last reset
+    bool stepped = false;         // whether there was one, even if they add up to 0
+    bool in_doubt = false;        // whether the time line has been told so
+    Nanoseconds left_behind_ns = -1;  // last stamp before the clock went back; -1 if it did not
+
+private:
+    std::int64_t first_turn(const Axis& axis, double reading) const;
+    bool straggles(Nanoseconds stamp_ns, std::span<const Channel> channels);
+    void step_by(double by);
+
+    std::optional<Leap> leap_;      // a change of reading that may turn out to be a step
+    Turns before_;                  // those before a reset, until the first reading after it
+    int stragglers_ = 0;            // readings from before a jump back that arrived after it
+    // Readings refused as implausible one after the other, each plausible after the one before:
+    std::size_t agreeing_ = 0;      // their number
+    Raw refused_{-1, 0.0};          // stamp and angle of the last one
+    double step_ = 0.0;             // from the last accepted reading to the first of them
+};
+
+/// Linear interpolation between the points of a correction, constant beyond its ends.
+double correction_at(const Axis& axis, double angle);
+
+}  // namespace cdrj

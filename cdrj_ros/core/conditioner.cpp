@@ -1,0 +1,246 @@
+#include "conditioner.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace cdrj {
+
+Conditioner::Conditioner(
+    std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns)
+    : axes_(std::move(axes)), motors_(motors), time_line_(predict, horizon_ns) {
+    for (std::size_t k = 0; k < axes_.size(); ++k) index_.emplace(axes_[k].name, k);
+    begin();
+}
+
+void Conditioner::begin() {
+    channels_ = std::vector<Channel>(axes_.begin(), axes_.end());
+    time_line_.begin();
+}
+
+Conditioner::Target Conditioner::find(Topic topic, std::string_view name) const {
+    const auto found = index_.find(name);
+    if (found == index_.end()) return UNKNOWN;
+    const bool is_motor = found->second < motors_;
+    const bool belongs = topic == Topic::both || is_motor == (topic == Topic::motors);
+    return belongs ? static_cast<Target>(found->second) : ELSEWHERE;
+}
+
+std::vector<Sample> Conditioner::take(
+    Nanoseconds stamp_ns, std::span<const Target> targets, std::span<const double> positions) {
+    if (targets.size() != positions.size()) {
+        refuse(Cause::malformed);
+        return {};
+    }
+    if (targets.empty()) {
+        refuse(Cause::empty);
+        return {};
+    }
+    if (stamp_ns <= 0) {
+        refuse(Cause::unstamped);
+        return {};
+    }
+    stamp_ns = std::min(stamp_ns, 2 * END_OF_TIME_NS);  // an offset can be added to that
+    bool news = false;
+    for (std::size_t i = 0; i < targets.size(); ++i) {
+        if (targets[i] == ELSEWHERE) {
+            ++elsewhere;
+        } else if (targets[i] == UNKNOWN) {
+            refuse(Cause::unknown_name);
+        } else if (admit(static_cast<std::size_t>(targets[i]), stamp_ns, positions[i])) {
+            news = true;
+        }
+    }
+    if (!news) return {};
+    return time_line_.samples(axes_, channels_);
+}
+
+/// Applies the gate; true if the reading, or a held one before it, joined the channel.
+bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading) {
+    const Axis& axis = axes_[k];
+    Channel& channel = channels_[k];
+    const Raw raw{stamp_ns + axis.clock_offset_ns, reading};
+    Cause cause = Cause::none;
+    if (!std::isfinite(reading)) {
+        cause = Cause::not_finite;
+    } else if (raw.stamp_ns <= 0) {
+        cause = Cause::late;
+    } else if (raw.stamp_ns >= END_OF_TIME_NS) {
+        cause = Cause::future;
+    } else {
+        channel.go_on_turning(raw.stamp_ns);
+        cause = channel.complaint(axis, raw);
+        if (cause != Cause::out_of_range) {
+            switch (channel.timing(raw.stamp_ns, channels_)) {
+                case Timing::another_time: return hold(k, raw);
+                case Timing::repeated: cause = Cause::repeated; break;
+                case Timing::late: cause = Cause::late; break;
+                case Timing::usable: break;
+            }
+        }
+    }
+    if (cause != Cause::none) {
+        refuse(cause);
+        if (cause == Cause::implausible) channel.note_implausible(axis, raw);
+        return false;
+    }
+    drop_held(channel);
+    append(k, raw);
+    return true;
+}
+
+/// Adds an accepted reading to its channel.
+void Conditioner::append(std::size_t k, Raw raw) {
+    Channel& channel = channels_[k];
+    const Unwrapped unwrapped = channel.unwrap(axes_[k], raw.reading);
+    if (channel.note_plausible(raw.stamp_ns, unwrapped.angle)) ++steps;
+    if (channel.is_doubtful() != channel.in_doubt) {
+        channel.in_doubt = channel.is_doubtful();
+        if (channel.in_doubt) {
+            time_line_.begin_doubt(k, channel.last_ns);
+        } else {
+            time_line_.end_doubt(k, raw.stamp_ns);
+        }
+    }
+    time_line_.take(axes_[k], channel, raw, unwrapped);
+    ++accepted;
+}
+
+/// Refuses the held readings: the clock did not jump.
+void Conditioner::drop_held(Channel& channel) {
+    for (const Raw& raw : channel.held) {
+        refuse(raw.stamp_ns > channel.last_ns ? Cause::future : Cause::late);
+    }
+    channel.held.clear();
+}
+
+/// Holds a reading with a distant stamp; uses all held ones once enough have followed.
+bool Conditioner::hold(std::size_t k, Raw raw) {
+    Channel& channel = channels_[k];
+    if (!channel.held.empty() && !channel.follows(raw.stamp_ns)) drop_held(channel);
+    channel.held.push_back(raw);
+    const bool regular = channel.is_regular();
+    if (channel.held.size() < CONFIRMATIONS && !regular) return false;
+    if (!regular && channel.held.front().stamp_ns < channel.last_ns) return jump_back(k);
+    const std::vector<Raw> confirmed = std::exchange(channel.held, {});
+    if (regular) return append_held(k, confirmed);
+    ++gaps;
+    time_line_.skip_to(confirmed.front().stamp_ns);  // the motion during the gap is unknown
+    const Nanoseconds usual_ns = channel.usual_ns;
+    const bool used = append_held(k, std::span(confirmed).first(1));
+    channel.usual_ns = usual_ns;  // a gap is not the channel's rate
+    if (used && time_line_.has_begun()) {
+        // an axis that stands where it stood is taken to have rested
+        channel.readings.back().curvature = 0.0;
+    }
+    return append_held(k, std::span(confirmed).subspan(1)) || used;
+}
+
+/// Uses confirmed readings one by one; true if at least one is accepted.
+bool Conditioner::append_held(std::size_t k, std::span<const Raw> confirmed) {
+    const std::int64_t before = accepted;
+    for (const Raw& raw : confirmed) {
+        const Cause complaint = channels_[k].complaint(axes_[k], raw);
+        if (complaint == Cause::none) {
+            append(k, raw);
+            continue;
+        }
+        refuse(complaint);
+        if (complaint == Cause::implausible) channels_[k].note_implausible(axes_[k], raw);
+    }
+    return accepted > before;
+}
+
+/// Restarts with the held readings of every channel that have the new time, those of `k` last.
+///
+/// Returns whether a reading of `k` is accepted.
+bool Conditioner::jump_back(std::size_t k) {
+    ++clock_jumps;
+    for (Channel& channel : channels_) {
+        const bool of_the_new_time =
+            !channel.held.empty() && channel.held.front().stamp_ns < channel.last_ns;
+        if (!of_the_new_time) drop_held(channel);
+    }
+    const std::vector<Raw> confirmed = std::exchange(channels_[k].held, {});
+    const std::vector<Channel> before = std::exchange(channels_, {});
+    begin();
+    for (std::size_t i = 0; i < channels_.size(); ++i) {
+        channels_[i].take_over(before[i]);
+        append_held(i, before[i].held);
+    }
+    return append_held(k, confirmed);
+}
+
+void Conditioner::reset(bool keep_turns) {
+    for (Channel& channel : channels_) drop_held(channel);
+    const std::vector<Channel> before = std::exchange(channels_, {});
+    begin();
+    for (std::size_t k = 0; k < channels_.size(); ++k) {
+        if (keep_turns) {
+            channels_[k].keep_turns(before[k]);
+        } else {
+            channels_[k].keep_turns_for_a_while(before[k]);
+        }
+    }
+}
+
+std::vector<Conditioner::Memory> Conditioner::memory() const {
+    std::vector<Memory> found;
+    for (const Channel& channel : channels_) {
+        const Motion& m = channel.motion;
+        found.push_back({
+            m.speed, m.acceleration, m.fastest, m.hardest, m.travelled, m.windows,
+            channel.displaced, channel.stepped,
+        });
+    }
+    return found;
+}
+
+void Conditioner::recall(std::span<const Memory> memory) {
+    for (std::size_t k = 0; k < channels_.size(); ++k) {
+        const Memory& known = memory[k];
+        Channel& channel = channels_[k];
+        Motion motion = channel.motion;
+        motion.speed = known.speed;
+        motion.acceleration = known.acceleration;
+        motion.fastest = known.fastest;
+        motion.hardest = known.hardest;
+        motion.travelled = known.travelled;
+        motion.windows = known.windows;
+        channel.motion = motion.elsewhen();
+        channel.displaced = known.displaced;
+        channel.stepped = known.stepped;
+    }
+}
+
+void Conditioner::expect(std::span<const double> angles, Nanoseconds stamp_ns) {
+    time_line_.resume(stamp_ns);
+    for (std::size_t k = 0; k < channels_.size(); ++k) {
+        channels_[k].near = angles[k];
+        channels_[k].motion.take(stamp_ns, angles[k]);
+    }
+}
+
+void Conditioner::set_tracking(std::vector<Axis> axes) {
+    axes_ = std::move(axes);
+    for (Channel& channel : channels_) channel.filter = {};
+}
+
+std::vector<double> angles_of(const Axis& axis, std::span<const double> readings) {
+    Channel channel(axis);
+    std::vector<double> angles(readings.size());
+    for (std::size_t i = 0; i < readings.size(); ++i) {
+        const bool countable = std::abs(readings[i]) <= LARGEST;
+        if (!countable) {
+            angles[i] = std::numeric_limits<double>::quiet_NaN();
+            continue;
+        }
+        const Unwrapped unwrapped = channel.unwrap(axis, readings[i]);
+        channel.turns.last = readings[i];
+        channel.turns.count = unwrapped.turns;
+        angles[i] = unwrapped.angle;
+    }
+    return angles;
+}
+
+}  // namespace cdrj

@@ -1,0 +1,103 @@
+// Conditioning of one robot's messages: gates that check the readings, then the common time line.
+//
+// Every motor and joint is a channel with a gate of its own. Messages of the robot are taken here;
+// readings that pass their gates go on to the time line, which makes samples of them. A recording
+// takes the same way, reading by reading. See docs/conditioning.md.
+#pragma once
+
+#include <array>
+#include <map>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "channel.hpp"
+#include "records.hpp"
+#include "time_line.hpp"
+
+namespace cdrj {
+
+/// What a topic carries.
+enum class Topic { motors, joints, both };
+
+/// Gates and time line of one robot: takes messages, returns samples.
+class Conditioner {
+public:
+    /// Where a name of a message belongs: a channel, or one of the two below.
+    using Target = std::ptrdiff_t;
+    static constexpr Target ELSEWHERE = -1;  // a joint in a message of motors, or the reverse
+    static constexpr Target UNKNOWN = -2;    // no name of the robot
+
+    /// What outlasts a restart of one axis.
+    struct Memory {
+        double speed, acceleration, fastest, hardest, travelled, windows;  // see `Motion`
+        double displaced;                                                  // see `Channel`
+        bool stepped;
+    };
+
+    /// axes: of all motors, then all joints, in the robot's order.
+    /// motors: how many of them are motors.
+    /// predict: whether lagging channels are extrapolated, by up to `horizon_ns`.
+    Conditioner(std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns);
+
+    /// Where a name on a topic belongs.
+    Target find(Topic topic, std::string_view name) const;
+
+    /// Takes a message, one target per position; returns the samples that are now complete.
+    std::vector<Sample> take(
+        Nanoseconds stamp_ns, std::span<const Target> targets, std::span<const double> positions);
+
+    /// Counts a message that is refused whole, or a reading.
+    void refuse(Cause cause) { ++refused_[static_cast<std::size_t>(cause)]; }
+
+    /// Forgets all readings; the counters stay.
+    ///
+    /// keep_turns: keeps the motion estimates of the axes and the count of turns of every sensor
+    /// that wraps around. Otherwise only the count is kept, and only if the next reading follows
+    /// within `MAX_GAP_NS`.
+    void reset(bool keep_turns);
+
+    /// Values that outlast a restart, of every axis, and their restoration before the first reading.
+    std::vector<Memory> memory() const;
+    void recall(std::span<const Memory> memory);
+
+    /// Continues from the last sample of an earlier run, which had one angle per axis.
+    void expect(std::span<const double> angles, Nanoseconds stamp_ns);
+
+    /// Changes the tracking bandwidths to those of `axes`; no reading is lost.
+    void set_tracking(std::vector<Axis> axes);
+
+    std::size_t motors() const { return motors_; }
+    const std::vector<Axis>& axes() const { return axes_; }
+    const std::vector<Channel>& channels() const { return channels_; }
+    const TimeLine& time_line() const { return time_line_; }
+    const std::array<std::int64_t, CAUSES>& refused() const { return refused_; }
+
+    std::int64_t accepted = 0;     // readings
+    std::int64_t elsewhere = 0;    // readings ignored
+    std::int64_t clock_jumps = 0;  // times that the clock went back and conditioning restarted
+    std::int64_t gaps = 0;         // times that a channel was silent beyond its patience
+    std::int64_t steps = 0;        // steps of sensors
+
+private:
+    void begin();
+    bool admit(std::size_t k, Nanoseconds stamp_ns, double reading);
+    void append(std::size_t k, Raw raw);
+    void drop_held(Channel& channel);
+    bool hold(std::size_t k, Raw raw);
+    bool append_held(std::size_t k, std::span<const Raw> confirmed);
+    bool jump_back(std::size_t k);
+
+    std::vector<Axis> axes_;
+    std::size_t motors_;
+    std::map<std::string, std::size_t, std::less<>> index_;
+    std::vector<Channel> channels_;
+    TimeLine time_line_;
+    std::array<std::int64_t, CAUSES> refused_{};
+};
+
+/// The angles that readings of an axis mean, whether or not they are acceptable.
+std::vector<double> angles_of(const Axis& axis, std::span<const double> readings);
+
+}  // namespace cdrj

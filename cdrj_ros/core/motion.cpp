@@ -1,0 +1,140 @@
+#include "motion.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace cdrj {
+namespace {
+
+constexpr Nanoseconds WINDOW_NS = 100'000'000;  // speeds are averaged over at least this time
+constexpr double SLOW = 2e-9 * WINDOW_NS;       // windows longer than this are chords [s]
+constexpr double CHORDS = 1.5;       // factor for accelerations from chords of a third of a period
+constexpr double MEMORY = 10.0;      // time constant with which V and A decay [s]
+constexpr double WINDOWS = 3.0;      // windows of a slow channel after which its motion is known
+constexpr Nanoseconds FAR_NS = 1'000'000'000;  // beyond it, a moving axis may have been anywhere
+constexpr double STILL = 0.01;       // an axis that moves by no more between two readings is at rest
+
+constexpr Nanoseconds LEAP_WITHIN_NS = 100'000'000;  // over longer times a leap may be a motion
+constexpr Nanoseconds SETTLED_NS = 50'000'000;  // a leap that lasts so long is a step of the sensor
+constexpr double JITTER = 5e-3;      // error of the stamps that the thresholds allow for [s]
+constexpr double TRAVEL = 1.0;       // leaps are looked for after an axis has travelled this far
+constexpr double LEAP_FLOOR = 0.02;  // the smallest leap
+constexpr double LEAP_BANDS = 40.0;  // a leap exceeds the sensor's greatest error by this factor,
+constexpr double LEAP_SPEED = 2.5;   // the greatest speed so far by this one,
+constexpr double LEAP_ACCELERATION = 10.0;  // and the greatest acceleration by this one
+
+/// Weighted root mean square of the old and the new value.
+double faded(double before, double now, double keep) {
+    return std::sqrt(before * before * keep + now * now * (1.0 - keep));
+}
+
+}  // namespace
+
+Verdict Leap::judge(Nanoseconds at_ns, double angle) const {
+    angle -= velocity * ((at_ns - stamp_ns) * 1e-9);
+    if (std::abs(angle - before) < std::abs(angle - after)) return Verdict::glitch;
+    if (std::abs(angle - after) > 0.5 * std::abs(after - before)) return Verdict::motion;
+    return at_ns - stamp_ns >= SETTLED_NS ? Verdict::step : Verdict::undecided;
+}
+
+void Motion::take(Nanoseconds stamp_ns, double angle) {
+    if (begin_ns >= 0 && stamp_ns >= begin_ns) {  // else the clock went back during a restart
+        if (stamp_ns - begin_ns < WINDOW_NS) return;
+        close((stamp_ns - begin_ns) * 1e-9, angle - begin);
+    }
+    begin_ns = stamp_ns;
+    begin = angle;
+}
+
+/// Ends a window of `length` [s] in which the axis has moved by `moved`.
+void Motion::close(double length, double moved) {
+    const double mean = moved / length;
+    const double certain = std::max(std::abs(moved) - 2.0 * band, 0.0);
+    const double now = certain / length;
+    double change = 0.0;
+    if (span > 0.0) {
+        change = std::max(std::abs(mean - velocity) - 2.0 * band / length, 0.0);
+        change /= 0.5 * (length + span);
+    } else if (length > SLOW) {  // the first window of a slow channel gives no better estimate
+        change = now / length;
+    }
+    if (length > SLOW) change *= CHORDS;
+    const double keep = std::exp(-length / MEMORY);
+    speed = std::max(now, faded(speed, now, keep));
+    acceleration = std::max(change, faded(acceleration, change, keep));
+    fastest = std::max(fastest, now);
+    hardest = std::max(hardest, change);
+    travelled += certain;
+    windows += 1.0;
+    span = length;
+    velocity = mean;
+    seen_ns = seen();
+}
+
+/// `seen_ns` by the speed and the acceleration so far.
+Nanoseconds Motion::seen() const {
+    if (!(speed > 0.0 && acceleration > 0.0)) return EVER_NS;
+    const double slow = 3.0 * negligible / speed;
+    const double smooth = std::sqrt(8.0 * negligible / acceleration);
+    const bool resolved = acceleration * smooth <= speed;
+    const double seconds = std::min(resolved ? std::max(slow, smooth) : slow, 1e9);
+    return static_cast<Nanoseconds>(seconds * 1e9);
+}
+
+Motion Motion::elsewhen() const {
+    Motion later = *this;
+    later.begin_ns = -1;
+    later.begin = later.span = later.velocity = 0.0;
+    later.seen_ns = seen();
+    return later;
+}
+
+bool Motion::knows(Nanoseconds span_ns) const {
+    if (span_ns <= WINDOW_NS) return true;
+    const bool still = speed * span_ns * 1e-9 <= STILL;
+    return windows > WINDOWS && (span_ns <= FAR_NS || still);
+}
+
+double Motion::curvature(Nanoseconds span_ns) const {
+    if (!knows(span_ns)) return INFINITE;
+    if (span_ns <= seen_ns) return 0.0;
+    const double length = span_ns * 1e-9, bend = acceleration * length;
+    const double unresolved = speed > 0.0 ? std::max(bend / speed, 1.0) : 1.0;
+    const double sagitta =
+        std::min(bend * length / 8.0 * unresolved * unresolved, speed * length / 3.0);
+    return 4.0 * sagitta / (static_cast<double>(span_ns) * static_cast<double>(span_ns));
+}
+
+double Motion::ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const {
+    if (horizon_ns + window_ns <= seen_ns) return 0.0;
+    const double horizon = horizon_ns * 1e-9, window = window_ns * 1e-9;
+    const double drift = 0.5 * acceleration * horizon * (horizon + window);
+    return std::min(drift, 2.0 * speed * horizon);
+}
+
+std::optional<Leap> Motion::leap(
+    Nanoseconds last_ns, double last, Nanoseconds stamp_ns, double angle) const {
+    const Nanoseconds span_ns = stamp_ns - last_ns;
+    if (!(0 < span_ns && span_ns <= LEAP_WITHIN_NS)) return std::nullopt;
+    const double length = span_ns * 1e-9;
+    if (!(std::abs((angle - last) - velocity * length) > most(length))) return std::nullopt;
+    return Leap{stamp_ns, last, angle, velocity};
+}
+
+double Motion::reach(double length) const {
+    return std::max({LEAP_FLOOR, 2.0 * band, 2.0 * fastest * length});
+}
+
+/// Greatest deviation over a time [s] that is not a leap, (C5).
+double Motion::most(double length) const {
+    if (travelled < TRAVEL) return INFINITE;
+    const double tau = std::max(length, JITTER);
+    return std::max({
+        LEAP_FLOOR,
+        LEAP_BANDS * band,
+        LEAP_SPEED * fastest * tau,
+        LEAP_ACCELERATION * hardest * tau * tau,
+    });
+}
+
+}  // namespace cdrj

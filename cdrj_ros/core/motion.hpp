@@ -1,0 +1,73 @@
+// Speed and acceleration of an axis, and the motion that they allow between two readings.
+//
+// Equations (C2) to (C5) of docs/conditioning.md.
+#pragma once
+
+#include <optional>
+
+#include "records.hpp"
+
+namespace cdrj {
+
+/// What a leap was.
+enum class Verdict { undecided, glitch, motion, step };
+
+/// A change of reading that is too fast for the motion of the axis so far.
+struct Leap {
+    Nanoseconds stamp_ns;  // of the first reading after it
+    double before;         // last angle before it
+    double after;          // first angle after it
+    double velocity;       // of the axis before it [rad/s]
+
+    /// Classifies the leap by a later reading.
+    Verdict judge(Nanoseconds stamp_ns, double angle) const;
+};
+
+/// Running estimates of an axis's speed and acceleration.
+struct Motion {
+    double band = 0.0;            // greatest error of a reading
+    double negligible = 0.0;      // standard deviations up to this are not reported, positive
+    Nanoseconds begin_ns = -1;    // first reading of the current window; -1 before the first one
+    double begin = 0.0;           // angle there
+    double span = 0.0;            // length of the last window [s]
+    double velocity = 0.0;        // mean over the last window [rad/s]
+    double speed = 0.0;           // V of (C2): rises at once and decays [rad/s]
+    double acceleration = 0.0;    // A of (C2) [rad/s^2]
+    double fastest = 0.0;         // greatest speed over any window so far [rad/s]
+    double hardest = 0.0;         // greatest acceleration between two windows so far [rad/s^2]
+    double travelled = 0.0;       // sum of the displacements of all windows
+    double windows = 0.0;         // their number
+    Nanoseconds seen_ns = EVER_NS;  // between readings no further apart, deviations are negligible
+
+    /// Takes the next reading of the axis, (C2).
+    void take(Nanoseconds stamp_ns, double angle);
+
+    /// What stays valid when the clock of the readings changes: all but the current window.
+    Motion elsewhen() const;
+
+    /// Whether the motion so far tells what may happen between readings so far apart.
+    bool knows(Nanoseconds span_ns) const;
+
+    /// Curvature of (C3) between two readings, 4 s / T^2 [rad/ns^2].
+    ///
+    /// The standard deviation of the angle is this times the times to both readings. 0 where it is
+    /// negligible everywhere between them, infinite where it is unknown.
+    double curvature(Nanoseconds span_ns) const;
+
+    /// Standard deviation of an angle extrapolated with the velocity over a window, (C4).
+    double ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const;
+
+    /// The leap from the last reading to the next one, (C5), unless it may be a motion.
+    std::optional<Leap> leap(
+        Nanoseconds last_ns, double last, Nanoseconds stamp_ns, double angle) const;
+
+    /// Greatest displacement within a time [s] at up to twice the greatest speed so far.
+    double reach(double span) const;
+
+private:
+    void close(double span, double moved);
+    Nanoseconds seen() const;
+    double most(double span) const;
+};
+
+}  // namespace cdrj

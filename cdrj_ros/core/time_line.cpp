@@ -1,0 +1,267 @@
+#include "time_line.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace cdrj {
+namespace {
+
+constexpr Nanoseconds SPEED_WINDOW_NS = 20'000'000;  // the velocity is averaged over this time
+constexpr std::size_t RECENT = 1000;                 // readings kept for it at most
+
+/// Standard deviation midway between two samples, (C3); 0 where it is negligible.
+double way_between(double curvature, Nanoseconds interval_ns, double negligible) {
+    const double way = curvature * interval_ns * interval_ns * 0.25;
+    return way > negligible ? way : 0.0;
+}
+
+/// The angle at a stamp, linear between the readings around it. Drops those no later one needs.
+double interpolated(Channel& channel, Nanoseconds stamp_ns) {
+    std::deque<Reading>& readings = channel.readings;
+    while (readings.size() > 1 && readings[1].stamp_ns <= stamp_ns) readings.pop_front();
+    const Reading& before = readings[0];
+    if (before.stamp_ns == stamp_ns) return before.angle;
+    const Reading& after = readings[1];
+    const double passed = static_cast<double>(stamp_ns - before.stamp_ns);
+    const double whole = static_cast<double>(after.stamp_ns - before.stamp_ns);
+    return before.angle + (after.angle - before.angle) * (passed / whole);
+}
+
+/// The angle at or after the last reading, by the velocity, within the limits.
+double extrapolated(const Axis& axis, const Channel& channel, Nanoseconds stamp_ns) {
+    const Nanoseconds ahead_ns = stamp_ns - channel.last_ns;
+    const double angle = channel.recent.back().reading + channel.velocity() * (ahead_ns * 1e-9);
+    return std::min(std::max(angle, axis.lower), axis.upper);
+}
+
+/// `Sample::unseen`, while it is found axis by axis.
+struct Unseen {
+    std::size_t axes;
+    std::vector<double> values{};
+
+    void set(std::size_t axis, double here, double way) {
+        if (values.empty()) values.resize(2 * axes);
+        values[axis] = here;
+        values[axes + axis] = way;
+    }
+};
+
+/// `Sample::unseen` of an interpolated sample, (C3); infinite where nothing is known of an axis.
+std::vector<double> unseen_at(
+    std::span<const Axis> axes,
+    std::span<const Channel> channels,
+    Nanoseconds stamp_ns,
+    Nanoseconds previous_ns) {
+    Unseen unseen{channels.size()};
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+        const std::deque<Reading>& readings = channels[k].readings;
+        const bool between = readings[0].stamp_ns != stamp_ns;
+        const Reading& after = readings[between ? 1 : 0];
+        if (after.curvature == 0.0) continue;
+        const double way =
+            way_between(after.curvature, stamp_ns - previous_ns, axes[k].negligible);
+        const double here = between ? after.curvature * (stamp_ns - readings[0].stamp_ns) *
+                                          (after.stamp_ns - stamp_ns)
+                                    : 0.0;
+        if (between || way > 0.0) unseen.set(k, here, way);
+    }
+    return unseen.values;
+}
+
+/// `Sample::unseen` of the first sample, which may continue an earlier run.
+std::vector<double> unseen_before(
+    std::span<const Axis> axes,
+    std::span<const Channel> channels,
+    Nanoseconds stamp_ns,
+    Nanoseconds resumed_ns) {
+    std::vector<double> unseen = unseen_at(axes, channels, stamp_ns, stamp_ns);
+    if (!(0 <= resumed_ns && resumed_ns < stamp_ns)) return unseen;
+    const std::size_t n = channels.size();
+    std::vector<double> ways(n);
+    for (std::size_t k = 0; k < n; ++k) {
+        ways[k] = way_between(channels[k].resumed, stamp_ns - resumed_ns, axes[k].negligible);
+    }
+    if (std::all_of(ways.begin(), ways.end(), [](double way) { return way == 0.0; })) return unseen;
+    unseen.resize(2 * n);
+    std::copy(ways.begin(), ways.end(), unseen.begin() + static_cast<std::ptrdiff_t>(n));
+    return unseen;
+}
+
+/// `Sample::unseen` of a predicted sample, (C4).
+std::vector<double> unseen_ahead(
+    std::span<const Axis> axes,
+    std::span<const Channel> channels,
+    Nanoseconds stamp_ns,
+    Nanoseconds previous_ns) {
+    Unseen unseen{channels.size()};
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+        const Channel& channel = channels[k];
+        const Nanoseconds horizon_ns = stamp_ns - channel.last_ns;
+        double deviation = 0.0, way = 0.0;
+        if (horizon_ns > 0) {
+            deviation = channel.motion.ahead(horizon_ns, channel.recent_ns());
+        } else if (horizon_ns == 0) {
+            const double curvature = channel.readings.back().curvature;
+            way = way_between(curvature, stamp_ns - previous_ns, axes[k].negligible);
+        }
+        if (deviation > axes[k].negligible || way > 0.0) unseen.set(k, deviation, way);
+    }
+    return unseen.values;
+}
+
+/// Whether a curvature of (C3) at the sample that `interpolated` gave last is not 0.
+bool is_curved(const Channel& channel, Nanoseconds stamp_ns) {
+    const std::deque<Reading>& readings = channel.readings;
+    return readings[readings[0].stamp_ns == stamp_ns ? 0 : 1].curvature != 0.0;
+}
+
+}  // namespace
+
+void TimeLine::begin() {
+    doubts_.clear();
+    resumed_ns_ = passed_over_ns_ = given_out_ns_ = ahead_ns_ = ahead_from_ns_ = -1;
+}
+
+void TimeLine::skip_to(Nanoseconds stamp_ns) {
+    if (has_begun()) given_out_ns_ = std::max(given_out_ns_, stamp_ns - 1);
+}
+
+void TimeLine::begin_doubt(std::size_t channel, Nanoseconds after_ns) {
+    doubts_.push_back({channel, after_ns});
+}
+
+void TimeLine::end_doubt(std::size_t channel, Nanoseconds until_ns) {
+    for (Doubt& doubt : doubts_) {
+        if (doubt.channel == channel && doubt.until_ns == EVER_NS) doubt.until_ns = until_ns;
+    }
+}
+
+void TimeLine::take(const Axis& axis, Channel& channel, Raw raw, Unwrapped unwrapped) {
+    const auto [stamp_ns, reading] = raw;
+    const double value = unwrapped.angle;
+    const double angle =
+        axis.bandwidth > 0.0 ? channel.between_counts(axis, stamp_ns, value) : value;
+    channel.motion.take(stamp_ns, value);
+    double curvature = 0.0;
+    if (channel.last_ns >= 0) {
+        const Nanoseconds interval_ns = stamp_ns - channel.last_ns;
+        curvature = channel.motion.curvature(interval_ns);
+        channel.usual_ns = std::max(interval_ns, channel.usual_ns / 2);
+    } else if (0 <= resumed_ns_ && resumed_ns_ < stamp_ns) {
+        channel.resumed = channel.motion.curvature(stamp_ns - resumed_ns_);
+    }
+    channel.last_ns = stamp_ns;
+    channel.last = value;
+    channel.turns.last = reading;
+    channel.turns.count = unwrapped.turns;
+    channel.readings.push_back({stamp_ns, angle, curvature});
+    if (channel.readings.size() > WAITING) {
+        channel.readings.pop_front();
+        ++crowded;
+        if (has_begun()) {
+            given_out_ns_ = std::max(given_out_ns_, channel.readings.front().stamp_ns);
+        }
+    }
+    if (!predict_) return;
+    std::deque<Raw>& recent = channel.recent;
+    recent.push_back({stamp_ns, angle});
+    if (recent.size() > RECENT) recent.pop_front();
+    while (stamp_ns - recent.front().stamp_ns > SPEED_WINDOW_NS && recent.size() > 2) {
+        recent.pop_front();
+    }
+}
+
+std::vector<Sample> TimeLine::samples(Axes axes, Channels channels) {
+    std::vector<Sample> found;
+    Nanoseconds until_ns = EVER_NS, newest_ns = -1;
+    for (const Channel& channel : channels) {
+        until_ns = std::min(until_ns, channel.last_ns);
+        newest_ns = std::max(newest_ns, channel.last_ns);
+    }
+    if (until_ns < 0 || (until_ns <= given_out_ns_ && !predict_)) return found;
+    interpolate(axes, channels, until_ns, found);
+    if (predict_ && is_predictable(channels, newest_ns, until_ns)) {
+        found.push_back(predict(axes, channels, newest_ns));
+    }
+    lag_ns = newest_ns - std::max(given_out_ns_, ahead_ns_);
+    return found;
+}
+
+/// The next samples, up to the stamp that every channel has reached.
+void TimeLine::interpolate(
+    Axes axes, Channels channels, Nanoseconds until_ns, std::vector<Sample>& to) {
+    bool began = has_begun();
+    Nanoseconds last_ns = std::max(given_out_ns_, passed_over_ns_);
+    if (!began) {  // the first sample is at the first stamp that every channel reaches
+        for (const Channel& channel : channels) {
+            last_ns = std::max(last_ns, channel.readings.front().stamp_ns - 1);
+        }
+    }
+    while (last_ns < until_ns) {
+        Sample sample{.stamp_ns = until_ns, .angle = std::vector<double>(channels.size())};
+        for (const Channel& channel : channels) {
+            for (const Reading& reading : channel.readings) {
+                if (reading.stamp_ns <= last_ns) continue;
+                sample.stamp_ns = std::min(sample.stamp_ns, reading.stamp_ns);
+                break;
+            }
+        }
+        bool curved = false;
+        for (std::size_t k = 0; k < channels.size(); ++k) {
+            sample.angle[k] = interpolated(channels[k], sample.stamp_ns);
+            curved = curved || is_curved(channels[k], sample.stamp_ns);
+        }
+        if (!began) {
+            sample.unseen = unseen_before(axes, channels, sample.stamp_ns, resumed_ns_);
+        } else if (curved) {
+            sample.unseen = unseen_at(axes, channels, sample.stamp_ns, last_ns);
+        }
+        last_ns = sample.stamp_ns;
+        const auto here = std::span(sample.unseen).first(sample.unseen.size() / 2);
+        if (std::find(here.begin(), here.end(), INFINITE) != here.end()) {
+            passed_over_ns_ = last_ns;  // nothing is known of an axis here
+            continue;
+        }
+        sample.doubtful = is_doubtful(last_ns);
+        sample.silent = last_ns <= ahead_ns_;
+        began = true;
+        to.push_back(std::move(sample));
+    }
+    if (!to.empty()) given_out_ns_ = ahead_from_ns_ = last_ns;
+}
+
+/// Whether to give a sample at the newest stamp; all channels have reached `until_ns`.
+bool TimeLine::is_predictable(
+    Channels channels, Nanoseconds newest_ns, Nanoseconds until_ns) const {
+    const Nanoseconds last_ns = std::max(given_out_ns_, ahead_ns_);
+    if (!has_begun() || newest_ns <= last_ns || newest_ns > until_ns + horizon_ns_) return false;
+    return std::all_of(channels.begin(), channels.end(), [&](const Channel& channel) {
+        const bool lags = channel.last_ns < newest_ns;
+        return !lags || (channel.recent_ns() != 0 && channel.motion.knows(channel.usual_ns));
+    });
+}
+
+/// The sample at the newest stamp, with lagging channels extrapolated.
+Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
+    Sample sample{.stamp_ns = stamp_ns, .angle = std::vector<double>(channels.size())};
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+        sample.angle[k] = extrapolated(axes[k], channels[k], stamp_ns);
+    }
+    sample.unseen = unseen_ahead(axes, channels, stamp_ns, ahead_from_ns_);
+    ahead_ns_ = ahead_from_ns_ = stamp_ns;
+    sample.doubtful = std::any_of(doubts_.begin(), doubts_.end(), [&](const Doubt& doubt) {
+        return doubt.after_ns < stamp_ns && stamp_ns < doubt.until_ns;
+    });
+    sample.predicted = true;
+    return sample;
+}
+
+/// Whether some sensor may have stepped before a sample; drops doubts that have ended.
+bool TimeLine::is_doubtful(Nanoseconds stamp_ns) {
+    std::erase_if(doubts_, [&](const Doubt& doubt) { return doubt.until_ns <= stamp_ns; });
+    return std::any_of(doubts_.begin(), doubts_.end(), [&](const Doubt& doubt) {
+        return doubt.after_ns < stamp_ns;
+    });
+}
+
+}  // namespace cdrj

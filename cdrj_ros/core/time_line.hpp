@@ -1,0 +1,81 @@
+// The common time line of the samples.
+//
+// Accepted readings are brought to one time line: the union of all stamps, with every channel
+// interpolated linearly between its own readings. An estimate therefore waits for the slowest
+// channel: holding the last joint angle while the motor moves on would add a sawtooth to the
+// tensions. The result does not depend on the order in which different topics arrive. Where waiting
+// costs too much, further samples are given in advance, for which the slower channels are
+// extrapolated. See docs/conditioning.md.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "channel.hpp"
+#include "records.hpp"
+
+namespace cdrj {
+
+/// Greatest number of readings that a channel keeps for another channel: 20 s at 1 kHz.
+inline constexpr std::size_t WAITING = 20'000;
+
+/// Samples of all channels at common times.
+class TimeLine {
+public:
+    /// predict: whether lagging channels are extrapolated.
+    /// horizon_ns: longest time to extrapolate.
+    TimeLine(bool predict, Nanoseconds horizon_ns) : predict_(predict), horizon_ns_(horizon_ns) {}
+
+    /// Begins without readings.
+    void begin();
+
+    /// Continues an earlier run, whose last sample had this stamp.
+    void resume(Nanoseconds stamp_ns) { resumed_ns_ = stamp_ns; }
+
+    /// Gives no sample before this stamp, because the motion until then is unknown.
+    void skip_to(Nanoseconds stamp_ns);
+
+    /// Whether there has been a sample that is not predicted.
+    bool has_begun() const { return given_out_ns_ >= 0; }
+
+    /// Marks samples after a stamp as doubtful until the channel's doubt ends with another one.
+    void begin_doubt(std::size_t channel, Nanoseconds after_ns);
+    void end_doubt(std::size_t channel, Nanoseconds until_ns);
+
+    /// Stores an accepted reading of a channel and its angle.
+    void take(const Axis& axis, Channel& channel, Raw raw, Unwrapped unwrapped);
+
+    /// Samples at all stamps that every channel has reached, then a predicted one if enabled.
+    std::vector<Sample> samples(std::span<const Axis> axes, std::span<Channel> channels);
+
+    /// Accepted readings dropped because they had waited too long for another channel.
+    std::int64_t crowded = 0;
+    /// Lag of the last sample behind the newest reading.
+    Nanoseconds lag_ns = 0;
+
+private:
+    /// A period in which the readings of a channel may come from a sensor that has stepped.
+    struct Doubt {
+        std::size_t channel;
+        Nanoseconds after_ns;            // last good reading before it; -1 if there is none
+        Nanoseconds until_ns = EVER_NS;  // first good reading after it
+    };
+    using Axes = std::span<const Axis>;
+    using Channels = std::span<Channel>;
+
+    void interpolate(Axes axes, Channels channels, Nanoseconds until_ns, std::vector<Sample>& to);
+    bool is_predictable(Channels channels, Nanoseconds newest_ns, Nanoseconds until_ns) const;
+    Sample predict(Axes axes, Channels channels, Nanoseconds stamp_ns);
+    bool is_doubtful(Nanoseconds stamp_ns);
+
+    bool predict_;
+    Nanoseconds horizon_ns_;
+    std::vector<Doubt> doubts_;
+    Nanoseconds resumed_ns_ = -1;      // last sample of an earlier run
+    Nanoseconds passed_over_ns_ = -1;  // last sample not given because an axis was unknown
+    Nanoseconds given_out_ns_ = -1;    // last sample that is not predicted; -1 before the first
+    Nanoseconds ahead_ns_ = -1;        // last predicted sample
+    Nanoseconds ahead_from_ns_ = -1;   // the sample that a predicted one continues
+};
+
+}  // namespace cdrj
