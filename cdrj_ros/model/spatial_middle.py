@@ -41,12 +41,15 @@ SMALL_CHORD = 1e-4
 
 @stage
 def _through_ring(node: SpatialNodeNumbers, touch: Touch, height: float) -> Vector3:
-    """Direction of a cable at the point at which it bends over the inside of a ring."""
+    """Mean of a cable's directions before and after the point at which it bends over a ring.
+
+    It is shorter than 1: where the point moves on the ring by x, the cable before it grows by the
+    component of x along its direction, which is the same as that along the direction after it.
+    """
     point = scaled(node.radius, load(touch.entry_normal))
     point = (point[0], point[1], point[2] + height)
     came, goes = minus(point, load(touch.before)), minus(load(touch.after), point)
-    both = plus(scaled(1.0 / norm(came), came), scaled(1.0 / norm(goes), goes))
-    return scaled(1.0 / norm(both), both)
+    return combined(0.5 / norm(came), came, 0.5 / norm(goes), goes)
 
 
 @stage
@@ -103,4 +106,4 @@ def motion_along(radius: float, before: ArcMiddle, now: ArcMiddle) -> float:
     if chord > SMALL_CHORD:
         stretch = 2.0 * asin(min(0.5 * chord, 1.0)) / chord
     moved = radius * stretch * dot(way, along) + (now.height - before.height) * along[2]
-    return moved / size
+    return moved * (0.5 * (norm(first) + norm(last)) / size)

@@ -163,7 +163,8 @@ class ArcMiddle:
     normal: Vector
     """Unit vector from the axis, of a sphere from the centre, to the middle, shape (3,)."""
     tangent: Vector
-    """Unit vector of the cable there, shape (3,); 0 where the cable does not touch the body."""
+    """Direction of the cable there, shape (3,): a unit vector, on a ring the mean of both units; 0
+    where the cable does not touch the body."""
     height: float
     """Along the axis of a cylinder [m]; 0 for other bodies."""
 
