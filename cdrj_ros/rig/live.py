@@ -288,7 +288,7 @@ class LiveRig:
     def _read(self) -> None:
         """Store the results in the robot's own order, as ``read_out`` does."""
         row, layout = self._estimates[0], self._rig.fine.layout
-        self.tension = row[layout.tension]
+        self.tension = row[layout.tension].copy()
         """Tensions of all elements [N], shape (elements,)."""
         every = row[layout.motor_effort]
         owner = self._rig.wiring.owner
