@@ -106,7 +106,7 @@ def compare(path: Path, poses: int = 1000) -> Comparison:
             weights = _weights(imported, model)
             columns = mj.jnt_dofadr[imported.joints]
             length = max(length, abs(float(weights @ shape.length - data.ten_length[k])))
-            own = weights @ shape.length_by_joint
+            own = weights @ shape.lever_arm
             difference = np.abs(own - arms[k, columns])
             arm = max(arm, float(difference.max(initial=0.0)))
             for j in np.flatnonzero(difference > ARM):

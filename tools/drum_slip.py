@@ -23,7 +23,7 @@ from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.settings import Settings
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.rig.cells import divide
+from cdrj_ros.rig.cells import divide_contacts
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 
@@ -42,12 +42,10 @@ def rig(document: Any, values: dict[str, float], seed: int, *, slips: bool) -> R
     motion = moved(robot, seed, SECONDS, np.random.default_rng([seed, 1]))
     angles = (motion.truth.motor_angle, motion.truth.joint_angle)
     samples = Samples(motion.stamp_ns, *map(np.ascontiguousarray, angles))
-    divided = divide(robot, CELLS)
-    fine = prepare(divided.robot)
+    fine = prepare(divide_contacts(robot, CELLS))
     found = (run_slipping if slips else run)(fine, initial_state(fine), samples)[1].values
-    tension = found[::2, fine.layout.tension][:, divided.spans]
-    layout = prepare(robot).layout
-    columns = {f"tension/{n}": t for n, t in zip(layout.elements, tension.T, strict=True)}
+    tension = found[::2, fine.layout.tension]
+    columns = {f"tension/{n}": t for n, t in zip(fine.layout.elements, tension.T, strict=True)}
     columns["effort/winch"] = found[::2, fine.layout.motor_effort][:, 0]
     columns["effort/elbow"] = found[::2, fine.layout.joint_effort][:, 0]
     stamps = np.ascontiguousarray(samples.stamp_ns[::2])

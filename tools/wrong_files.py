@@ -40,7 +40,7 @@ from cdrj_ros.judgement.inputs import condition_recording, read_inputs  # noqa: 
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.model.status import OK  # noqa: E402
-from cdrj_ros.rig.cells import divide  # noqa: E402
+from cdrj_ros.rig.cells import divide_contacts  # noqa: E402
 from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot  # noqa: E402
 from cdrj_ros.robot.tolerances import narrowed  # noqa: E402
@@ -157,13 +157,12 @@ def reality(model: Model, wrong: Wrong) -> Any:
 
 def true_readings(model: Model, wrong: Wrong, motion: Samples) -> Truth:
     """Tensions and effort of the real machine with contact cells."""
-    divided = divide(reality(model, wrong), CELLS)
-    fine = prepare(divided.robot)
+    fine = prepare(divide_contacts(reality(model, wrong), CELLS))
     state = initial_state(fine)
     if not wrong.forgets:
         _, estimates = run(fine, state, motion)
         return Truth(
-            estimates.values[:, fine.layout.tension][:, divided.spans],
+            estimates.values[:, fine.layout.tension],
             estimates.values[:, fine.layout.motor_effort],
         )
     rows = np.empty((motion.stamp_ns.size, len(model.layout.elements)))
@@ -173,7 +172,7 @@ def true_readings(model: Model, wrong: Wrong, motion: Samples) -> Truth:
     ):
         state, estimate = step(fine, state, Sample(stamp, motor, joint))
         forget_drums(fine.plan, fine.numbers, state.values)
-        rows[k], efforts[k] = estimate.tension[divided.spans], estimate.motor_effort
+        rows[k], efforts[k] = estimate.tension, estimate.motor_effort
     return Truth(rows, efforts)
 
 

@@ -52,7 +52,7 @@ def ratio(k: int) -> float:
 
 def losses(k: int, rho: float = 0.2, form: int = PRINTED) -> tuple[float, float]:
     friction = UPPER.pulleys[k].friction
-    return blended_loss(rho, friction.mu_c, friction.mu_s, WRAPS[k], ratio(k), form, 1.0)
+    return blended_loss(rho, friction.mu_c, friction.mu_s, WRAPS[k], ratio(k), form)
 
 
 def transmission(share: float, rho: float = 0.2, form: int = PRINTED) -> float:

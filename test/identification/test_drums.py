@@ -23,7 +23,7 @@ from cdrj_ros.identification.settings import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.rig.cells import divide
+from cdrj_ros.rig.cells import divide_contacts
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
@@ -47,12 +47,11 @@ def samples_of(recorded: Recorded) -> Samples:
 
 def with_cells(document: Document, recorded: Recorded, *, slips: bool) -> Recorded:
     """The recording with references of the rig, which has four contact cells per pulley."""
-    divided = divide(build_robot(document, "rig"), 4)
-    fine = prepare(divided.robot)
+    fine = prepare(divide_contacts(build_robot(document, "rig"), 4))
     advance = run_slipping if slips else run
     values = advance(fine, initial_state(fine), samples_of(recorded))[1].values
-    tension = values[:, fine.layout.tension][:, divided.spans]
-    names = prepare(build_robot(document, "rig")).layout.elements
+    tension = values[:, fine.layout.tension]
+    names = fine.layout.elements
     columns = {f"tension/{name}": column for name, column in zip(names, tension.T, strict=True)}
     efforts = (name for name in channel_columns(fine.layout) if name.startswith("effort/"))
     columns |= {name: values[:, channel_columns(fine.layout)[name]] for name in efforts}

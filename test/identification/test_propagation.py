@@ -224,7 +224,7 @@ def test_cables_given_by_positions_are_propagated_alike() -> None:
     model = prepare(parse_robot(ROUTED))
     time = np.arange(4000) * STEP_NS * 1e-9
     joint = -0.5 + 0.5 * np.sin(2.0 * pi * 0.25 * time)
-    lengths = path_of(model, np.arange(4000), joint[:, None]).length.sum(axis=1)
+    lengths = path_of(model, np.arange(4000), joint[:, None]).course.length.sum(axis=1)
     motor = (lengths[0] - lengths) / 0.015  # the winch pays out the length that the link takes
     routed = model, *estimated(model, motor, joint)
     assert tensions(routed).min() > 1.0, "taut throughout"

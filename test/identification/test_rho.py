@@ -113,11 +113,11 @@ def printed_procedure(rig: Recording, cable: int) -> float:
     pulleys = rig.model.robot.cables[cable].pulleys
     elements, nodes = slice(8 * cable, 8 * cable + 8), slice(7 * cable, 7 * cable + 7)
     seconds = rig.path.stamp_ns * 1e-9
-    length = rig.path.length[:, elements].sum(axis=1)
+    length = rig.path.course.length[:, elements].sum(axis=1)
     smooth = np.convolve(np.pad(length, 5, mode="edge"), np.ones(11) / 11, "valid")
     speed = np.gradient(smooth, seconds)
     moving = seconds > 1.0
-    wrap = rig.path.wrap[moving, nodes]
+    wrap = rig.path.course.wrap[moving, nodes]
     static_share = np.exp(-((speed[moving] / 0.05) ** 2))
     known, force = rig.tension[moving, 8 * cable + 7], rig.nodal_force[moving, 7 * cable + 1]
 
@@ -125,9 +125,7 @@ def printed_procedure(rig: Recording, cable: int) -> float:
         tension = [known]
         for k in range(6, 0, -1):  # from element 8 to element 2
             f, ratio = pulleys[k].friction, 0.01 * pulleys[k].bearing_diameter / pulleys[k].radius
-            pairs = np.array(
-                [blended_loss(rho, f.mu_c, f.mu_s, b, ratio, 0) for b in wrap[:, k]]
-            )
+            pairs = np.array([blended_loss(rho, f.mu_c, f.mu_s, b, ratio, 0) for b in wrap[:, k]])
             eta = 1.0 - pairs[:, 0] - pairs[:, 1] * static_share
             tension.append(tension[-1] * np.where(speed[moving] > 0.0, eta, 1.0 / eta))
         before, after = tension[-1], tension[-2]

@@ -2,8 +2,8 @@
 
 The module follows that page and is compared with the compiled kernels.  It shares no code with
 them: derivatives are complex steps, and a dense Newton method solves the balance from another first
-guess.  Lengths and wraps are given; ``reference_geometry`` computes them in the
-plane.  Speed does not matter.
+guess.  The geometry is given; ``reference_geometry`` computes it in the plane.  Speed does not
+matter.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from model.reference_geometry import STEP, Geometry
+from model.reference_geometry import STEP, Geometry, moved_middle
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -39,7 +39,7 @@ DRUM_SPACING, DRUM_POINTS = 0.1, 64
 
 @dataclass(frozen=True)
 class Contacts:
-    """Friction of one cable's pulleys in one sample, arrays of shape (pulleys,)."""
+    """Friction of one cable's contacts in one sample, arrays of shape (contacts,)."""
 
     law: str
     loss: Vector
@@ -56,18 +56,25 @@ class Contacts:
     """sigma2 [N s/m]."""
     breakaway: Vector
     """b of (E9) [-]."""
+    shift: Vector
+    """Material by which the body's side of the contact moves in the sample [m], (E25)."""
 
 
-def contacts(cable: Cable, wrap: Vector, lagged_speed: Vector) -> Contacts:
-    """(37), (41), the blend and (E10) for all pulleys of a cable."""
-    law, pulleys = cable.law, cable.pulleys
+def in_cells(cable: Cable, values: Vector) -> Vector:
+    """Values of a cable's pulleys, shape (pulleys,), for each of their contact cells."""
+    return np.repeat(values, [pulley.cells for pulley in cable.pulleys])
+
+
+def contacts(cable: Cable, wrap: Vector, lagged_speed: Vector, shift: Vector) -> Contacts:
+    """(37), (41), the blend, (E10) and (E28) for all contacts of a cable."""
+    law, pulleys = cable.law, [pulley for pulley in cable.pulleys for _ in range(pulley.cells)]
     rigid = law in ("euler", "steady")
     friction = [pulley.friction for pulley in pulleys]
     cells = np.array([pulley.cells for pulley in pulleys], float)
     speed = np.array([f.stribeck_speed or np.inf for f in friction])
     share = np.exp(-((lagged_speed / speed) ** 2))
     fast, rest = np.array(
-        [_losses(law, pulley, beta) for pulley, beta in zip(pulleys, wrap, strict=True)]
+        [_losses(law, p, beta) for p, beta in zip(pulleys, in_cells(cable, wrap), strict=True)]
     ).reshape(-1, 2).T  # fmt: skip
     drag = [p.bearing_torque / p.radius if p.radius and law != "euler" else 0.0 for p in pulleys]
 
@@ -77,13 +84,13 @@ def contacts(cable: Cable, wrap: Vector, lagged_speed: Vector) -> Contacts:
     return Contacts(
         law, fast + (rest - fast) * share, share, np.array(drag) / cells,
         constant("bristle_stiffness", RIGID) / cells, constant("bristle_damping", 0.0) / cells,
-        constant("viscous", 0.0) / cells, constant("breakaway", 1.0),
+        constant("viscous", 0.0) / cells, constant("breakaway", 1.0), shift,
     )  # fmt: skip
 
 
 def _losses(law: str, pulley: Pulley, wrap: float) -> tuple[float, float]:
-    """1 - eta of one cell of a pulley at high slip speed and at rest."""
-    f, beta = pulley.friction, wrap * pulley.cells
+    """1 - eta of one cell of a pulley at high slip speed and at rest: equal parts of its wrap."""
+    f, beta = pulley.friction, wrap
     rho, mu_s = (1.0, f.mu_c) if law == "euler" else (f.rho, f.mu_s)
     sliding = 1 - np.exp(-f.mu_c * beta)  # (37)
     if f.stribeck == "capstan":
@@ -164,15 +171,15 @@ def _relaxed(share: float, times: float) -> Vector:
 
 @dataclass
 class Chain:
-    """One cable in one sample: what is given, and (E11) as a function of the slips."""
+    """One cable in one sample: what is given, and (E11) as a function of the fluxes."""
 
     cable: Cable
     length: Vector
-    """L_i now [m]."""
+    """L_i of every segment now [m]."""
     before: Vector
     """l_i at the sample before, with what has crept since [m]."""
     delayed: Vector
-    """Delayed strain of every element [-]."""
+    """Delayed strain of every segment [-]."""
     bristle: Vector
     """f_i at the sample before [N]."""
     contacts: Contacts
@@ -182,25 +189,26 @@ class Chain:
     """s_n of the sample: material onto the last node's drum [m]."""
     dt: float
 
-    def material(self, slips: Complex) -> Complex:
-        """(E2), with s from one sample to the next; slips have the shape (..., pulleys)."""
-        edge = slips[..., :1] * 0
-        s = np.concatenate([edge + self.entered, slips, edge + self.left], axis=-1)
+    def material(self, fluxes: Complex) -> Complex:
+        """(E2), with s from one sample to the next; fluxes have the shape (..., contacts)."""
+        edge = fluxes[..., :1] * 0
+        s = np.concatenate([edge + self.entered, fluxes, edge + self.left], axis=-1)
         return np.asarray(self.before + s[..., :-1] - s[..., 1:])
 
-    def tension(self, slips: Complex) -> Complex:
+    def tension(self, fluxes: Complex) -> Complex:
         """(E1), or (E21)."""
-        strain = self.length / self.material(slips) - 1.0
+        strain = self.length / self.material(fluxes) - 1.0
         taut = np.where(strain.real > 0, strain, 0)
         return np.asarray(self.cable.axial_stiffness * taut if not self.cable.bedding_strain else
                           stiffened(self.cable, taut))  # fmt: skip
 
-    def friction(self, slips: Complex, t: Complex) -> tuple[Complex, Complex]:
+    def friction(self, fluxes: Complex, t: Complex) -> tuple[Complex, Complex]:
         """Friction with its viscous parts, and the bristle force alone [N]; bound by (E8).
 
-        ``t`` are the tensions with these slips.
+        ``t`` are the tensions with these fluxes; slip is against the body, (E25).
         """
         c = self.contacts
+        slips = fluxes + c.shift
         if c.law == "none":
             return slips * 0, slips * 0
         pull = np.where(t[..., :-1].real > t[..., 1:].real, t[..., :-1], t[..., 1:])
@@ -210,17 +218,17 @@ class Chain:
         rate = c.damping * c.share * (force - self.bristle) / (c.stiffness * self.dt)
         return force + rate + c.viscous * slips / self.dt, force
 
-    def imbalance(self, slips: Complex) -> Complex:
+    def imbalance(self, fluxes: Complex) -> Complex:
         """(E11) [N]."""
-        t = self.tension(slips)
-        return np.asarray(t[..., 1:] - t[..., :-1] - self.friction(slips, t)[0])
+        t = self.tension(fluxes)
+        return np.asarray(t[..., 1:] - t[..., :-1] - self.friction(fluxes, t)[0])
 
 
 def solve(chain: Chain) -> tuple[Vector, float]:
-    """Slips that balance a cable, to rounding, and the largest imbalance left [N].
+    """Fluxes that balance a cable, to rounding, and the largest imbalance left [N].
 
-    Dense Newton with a complex-step Jacobian.  If it does not descend, every pulley in turn is
-    balanced alone by repeated subdivision, since its imbalance falls with its own slip.
+    Dense Newton with a complex-step Jacobian.  If it does not descend, every contact in turn is
+    balanced alone by repeated subdivision, since its imbalance falls with its own flux.
     """
     n = chain.bristle.size
     x = chain.entered + np.cumsum(chain.before)[:-1] - np.cumsum(
@@ -274,7 +282,7 @@ def _descended(chain: Chain, x: Vector, step: Vector, worst: float) -> Vector:
 
 
 def _balanced_alone(chain: Chain, x: Vector, i: int) -> float:
-    """Slip of pulley i that balances it while all others keep theirs, by subdivision."""
+    """Flux of contact i that balances it while all others keep theirs, by subdivision."""
     material = chain.material(x)
     low, high = x[i] - 0.999 * material[i + 1], x[i] + 0.999 * material[i]
     for _ in range(13):
@@ -331,7 +339,7 @@ def turn(drum: Drum, angle: float, rate: float) -> Drum:
 
 @dataclass(frozen=True)
 class History:
-    """State between two samples, all cables one after another."""
+    """State between two samples, all cables one after another: of segments and contacts."""
 
     length: Vector
     material: Vector
@@ -365,10 +373,11 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Begun:
-    """One sample before its slips are known."""
+    """One sample before its fluxes are known."""
 
     robot: Robot
     pose: Geometry
+    earlier: Geometry | None
     history: History | None
     motor: Vector
     joint: Vector
@@ -381,16 +390,18 @@ def begin(
     robot: Robot,
     rest: Geometry,
     pose: Geometry,
+    earlier: Geometry | None,
     history: History | None,
     motor: Vector,
     joint: Vector,
     dt: float,
 ) -> Begun:
-    """The first half of a sample, which does not depend on the slips.
+    """The first half of a sample, which does not depend on the fluxes.
 
     Args:
         robot: the description.
         rest, pose: geometry in the reference pose and now.
+        earlier: geometry at the sample before; None for the first sample, as the history.
         history: None for the first sample.
         motor, joint: angles [rad] or [m].
         dt: time since the sample before [s].
@@ -398,10 +409,10 @@ def begin(
     chains: list[Chain] = []
     drums: list[Drum | None] = []
     for c in range(len(robot.cables)):
-        chain, ends = _prepared(robot, c, rest, pose, history, motor, dt)
+        chain, ends = _prepared(robot, c, rest, pose, earlier, history, motor, dt)
         chains.append(chain)
         drums.extend(ends)
-    return Begun(robot, pose, history, motor, joint, dt, tuple(chains), tuple(drums))
+    return Begun(robot, pose, earlier, history, motor, joint, dt, tuple(chains), tuple(drums))
 
 
 def finish(begun: Begun, slips: Vector | None = None) -> tuple[History, Outputs]:
@@ -409,22 +420,22 @@ def finish(begun: Begun, slips: Vector | None = None) -> tuple[History, Outputs]
 
     Args:
         begun: its first half.
-        slips: of all pulleys [m], where (E11) is to be evaluated instead of solved.
+        slips: of all contacts [m], where (E11) is to be evaluated instead of solved.
     """
     robot, pose, history, chains, dt = (
         begun.robot, begun.pose, begun.history, begun.chains, begun.dt
     )  # fmt: skip
     solved = []
     for c, chain in enumerate(chains):
-        _, pulleys = parts(robot, c)
+        _, own = rows(robot, c)
         if history is None:
             solved.append((np.zeros(chain.bristle.size), 0.0))
         elif slips is None:
             solved.append(solve(chain))
         else:
-            given = slips[pulleys]
+            given = slips[own] - chain.contacts.shift
             solved.append((given, float(np.abs(chain.imbalance(given + 0j)).max(initial=0.0))))
-    x = np.concatenate([s for s, _ in solved])
+    x = np.concatenate([s + k.contacts.shift for k, (s, _) in zip(chains, solved, strict=True)])
     tensions = [k.tension(s + 0j) for k, (s, _) in zip(chains, solved, strict=True)]
     material = np.concatenate([k.material(s) for k, (s, _) in zip(chains, solved, strict=True)])
     tension = np.concatenate(tensions).real
@@ -437,11 +448,17 @@ def finish(begun: Begun, slips: Vector | None = None) -> tuple[History, Outputs]
     if history is None:
         bristle = 0 * bristle
     speed = x / dt if dt > 0 else 0 * x
-    lag = np.array([p.friction.stribeck_lag for cable in robot.cables for p in cable.pulleys])
+    lag = np.concatenate(
+        [
+            in_cells(cable, np.array([p.friction.stribeck_lag for p in cable.pulleys]))
+            for cable in robot.cables
+        ]
+    )
     lagged = history.lagged_speed if history else 0 * x
     angle, bearing, passive = _axes(robot, history, begun.motor, begun.joint)
     after = History(
-        pose.length, material, np.concatenate([k.delayed for k in chains]), bristle, speed,
+        np.concatenate([k.length for k in chains]), material,
+        np.concatenate([k.delayed for k in chains]), bristle, speed,
         (lag * lagged + dt * speed) / (lag + dt), angle, bearing, begun.drums,
     )  # fmt: skip
     residual = np.array([worst for _, worst in solved])
@@ -455,11 +472,63 @@ def parts(robot: Robot, c: int) -> tuple[slice, slice]:
     return slice(first - c, first - c + n - 1), slice(first - 2 * c, first - 2 * c + n - 2)
 
 
+def rows(robot: Robot, c: int) -> tuple[slice, slice]:
+    """Segments and contacts of cable c among all of the robot."""
+    counts = [sum(pulley.cells for pulley in cable.pulleys) for cable in robot.cables]
+    first = sum(counts[:c])
+    return slice(first + c, first + c + counts[c] + 1), slice(first, first + counts[c])
+
+
+def free_segments(cable: Cable) -> NDArray[np.intp]:
+    """The segment of a cable that holds the free length of every element."""
+    return np.cumsum([0] + [pulley.cells for pulley in cable.pulleys])
+
+
+def segments(cable: Cable, length: Vector, arc: Vector) -> Vector:
+    """Lengths between the middles of contacts [m], from those of elements and arcs.
+
+    An arc consists of equal cells; between those of a body that the cable does not touch remains
+    a micrometre.
+    """
+    found, beside = [], 0.0
+    for k, (one, pulley) in enumerate(zip(length, (*cable.pulleys, None), strict=True)):
+        if pulley is None:
+            found.append(one - beside)
+            break
+        between = arc[k] / pulley.cells
+        if pulley.cells > 1:
+            between = max(between, 1e-6)
+        taken = 0.5 * between * (pulley.cells - 1)
+        found.extend([one - beside - taken, *(pulley.cells - 1) * [between]])
+        beside = taken
+    return np.array(found)
+
+
+def _shift(robot: Robot, c: int, earlier: Geometry, pose: Geometry, stretch: Vector) -> Vector:
+    """(E25), (E26): material by which the middle of every contact moves along its body [m].
+
+    Args:
+        robot: the description.
+        c: the cable.
+        earlier, pose: geometry at the sample before and now.
+        stretch: 1 + strain of every segment at the sample before.
+    """
+    cable, (_, pulleys) = robot.cables[c], parts(robot, c)
+    moved = moved_middle(robot, earlier, pose)[pulleys]
+    grown = (pose.arc - earlier.arc)[pulleys]
+    ways = [
+        one + more * ((np.arange(pulley.cells) + 0.5) / pulley.cells - 0.5)
+        for pulley, one, more in zip(cable.pulleys, moved, grown, strict=True)
+    ]
+    return np.concatenate([*ways, np.zeros(0)]) / (0.5 * (stretch[:-1] + stretch[1:]))
+
+
 def _prepared(
     robot: Robot,
     c: int,
     rest: Geometry,
     pose: Geometry,
+    earlier: Geometry | None,
     history: History | None,
     motor: Vector,
     dt: float,
@@ -467,9 +536,19 @@ def _prepared(
     """A cable's chain and its turned drums; without a history, one tension throughout."""
     cable = robot.cables[c]
     elements, pulleys = parts(robot, c)
-    length, stretch = pose.length[elements], 1 + strain_of(cable, cable.preload)
-    lagged = history.lagged_speed[pulleys] if history else 0 * pose.wrap[pulleys]
-    friction = contacts(cable, pose.wrap[pulleys], lagged)
+    own, touching = rows(robot, c)
+    length = segments(cable, pose.length[elements], pose.arc[pulleys])
+    stretch = 1 + strain_of(cable, cable.preload)
+    wrap, shift = pose.wrap[pulleys], np.zeros(length.size - 1)
+    if history is not None:
+        assert earlier is not None
+        strained = np.maximum(history.length[own] / history.material[own], 1.0)
+        shift = _shift(robot, c, earlier, pose, strained)
+        bodies = [pulley.kind in ("cylinder", "sphere") for pulley in cable.pulleys]
+        anew = (earlier.wrap[pulleys] == 0.0) & np.array(bodies, bool)
+        wrap = np.where(anew, 0.0, wrap)  # touched again: friction begins at the next sample
+    lagged = history.lagged_speed[touching] if history else 0 * shift
+    friction = contacts(cable, wrap, lagged, shift)
     drums: list[Drum | None] = []
     given = [0.0, 0.0]
     for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
@@ -483,7 +562,7 @@ def _prepared(
             drums.append(Drum(np.array([angle]), np.array([rate * angle]), rate))
             given[end] = -rate * angle
         else:
-            e, old = (elements.start, elements.stop - 1)[end], history.drums[2 * c + end]
+            e, old = (own.start, own.stop - 1)[end], history.drums[2 * c + end]
             assert old is not None
             strained = max(history.length[e] / history.material[e], 1.0)
             new = turn(old, angle, node.radius / strained)
@@ -494,9 +573,9 @@ def _prepared(
         before, bristle, given = length * total / length.sum(), 0 * lagged, [0.0, 0.0]
         delayed = 0 * length + cable.creep_share * strain_of(cable, cable.preload)
     else:
-        before, bristle = history.material[elements], history.bristle[pulleys]
-        strain = history.length[elements] / before - 1
-        delayed, growth = crept(cable, strain, history.delayed[elements], dt)
+        before, bristle = history.material[own], history.bristle[touching]
+        strain = history.length[own] / before - 1
+        delayed, growth = crept(cable, strain, history.delayed[own], dt)
         before = before * growth
     chain = Chain(cable, length, before, delayed, bristle, friction, given[0], -given[1], dt)
     return chain, drums
@@ -524,13 +603,19 @@ def _outputs(
     """Nodal forces and their magnitudes (38), efforts (E12)."""
     names = [motor.name for motor in robot.motors]
     motor_effort, forces, magnitudes, frictions = np.zeros(len(names)), [], [], []
+    free: list[Vector] = []
+    speeds: list[np.floating] = []
     for c, cable in enumerate(robot.cables):
         elements, pulleys = parts(robot, c)
-        t, beta = tension[elements], pose.wrap[pulleys]
+        t, beta = tension[rows(robot, c)[0]][free_segments(cable)], pose.wrap[pulleys]
+        free.append(t)
         before, behind = t[:-1], t[1:]
-        for node, pull in ((cable.nodes[0], t[0]), (cable.nodes[-1], t[-1])):
+        for end, (node, pull) in enumerate(((cable.nodes[0], t[0]), (cable.nodes[-1], t[-1]))):
             if isinstance(node, Winch):
-                motor_effort[names.index(node.motor)] -= node.winding * node.radius * pull
+                lever = pose.drum[2 * c + end]
+                motor_effort[names.index(node.motor)] -= node.winding * lever * pull
+        cells, own = [pulley.cells for pulley in cable.pulleys], speed[rows(robot, c)[1]]
+        speeds.extend(np.mean(part) for part in np.split(own, np.cumsum(cells)[:-1]) if part.size)
         if cable.routed or cable.spatial:
             along = t[:, None] * pose.direction[elements]
             force = np.diff(along, axis=0)
@@ -543,9 +628,10 @@ def _outputs(
         forces.append(force)
         frictions.append(behind - before)
     sign = np.array([axis.effort_sign for axis in robot.axes], float)
-    cables = np.concatenate([motor_effort, -tension @ pose.by_joint])  # (E12)
+    published = np.concatenate(free)
+    cables = np.concatenate([motor_effort, -published @ pose.arm])  # (E12), (E27)
     effort = sign * (cables + passive)
     return Outputs(
-        tension, np.concatenate(forces), np.concatenate(magnitudes), np.concatenate(frictions),
-        speed, effort[: len(names)], effort[len(names) :], residual,
+        published, np.concatenate(forces), np.concatenate(magnitudes), np.concatenate(frictions),
+        np.array(speeds), effort[: len(names)], effort[len(names) :], residual,
     )  # fmt: skip

@@ -1,6 +1,7 @@
 """Lengths, wraps and directions of cables in the plane, by section 3 of docs/model.md.
 
-In plain NumPy, without the compiled kernels.  The derivatives are complex steps instead of (E7).
+In plain NumPy, without the compiled kernels.  A lever arm is the derivative of the distance of the
+two points between which a cable runs free, each of which rests in its body: a complex step.
 """
 
 from __future__ import annotations
@@ -25,45 +26,118 @@ class Geometry:
 
     length: Vector
     """L_i [m], shape (elements,)."""
-    by_joint: NDArray[np.float64]
-    """dL_i / dq_j, shape (elements, joints)."""
+    arm: NDArray[np.float64]
+    """a_ij of (E27) [m], shape (elements, joints)."""
     wrap: Vector
     """beta [rad], shape (pulleys,)."""
     direction: NDArray[np.float64]
     """u_i of cables given by positions, shape (elements, 3)."""
+    arc: Vector
+    """Cable on every pulley [m], shape (pulleys,)."""
+    middle: Vector
+    """Place of the middle of the arc on its body [m], shape (pulleys,), up to a constant and to
+    whole turns."""
+    drum: Vector
+    """Moment of a cable about the axis of either end, per newton [m], shape (2 cables,)."""
 
 
 def plane(robot: Robot, q: Vector) -> Geometry:
-    """(E4) to (E6) or the sums of tables; dL/dq by a complex step of q, one joint at a time."""
-    columns, plain = [], _shape(robot, q.astype(complex))
+    """(E4) to (E6) or the sums of tables, (E26) and (E27)."""
+    parts = [
+        _positions(robot, cable, q.astype(complex))
+        if cable.routed
+        else _tables(robot, cable, q.astype(complex))
+        for cable in robot.cables
+    ]
+    length, wrap, direction, middle = (
+        np.concatenate(part).real for part in zip(*parts, strict=True)
+    )
+    radius = np.array([pulley.radius for cable in robot.cables for pulley in cable.pulleys])
+    ends = [node for cable in robot.cables for node in (cable.nodes[0], cable.nodes[-1])]
+    arms = np.zeros((length.size, q.size))
     for j in range(q.size):
         moved = q.astype(complex)
         moved[j] += 1j * STEP
-        columns.append(_shape(robot, moved)[0].imag / STEP)
-    by_joint = np.stack(columns, axis=1) if columns else np.zeros((plain[0].size, 0))
-    return Geometry(plain[0].real, by_joint, plain[1].real, plain[2].real)
+        arms[:, j] = np.concatenate([_frozen(robot, cable, q, moved) for cable in robot.cables])
+    return Geometry(
+        length, arms, wrap, direction, radius * wrap, middle, np.array([end.radius for end in ends])
+    )
 
 
-def _shape(robot: Robot, q: Complex) -> tuple[Complex, Complex, Complex]:
-    """Lengths, wraps and directions of all cables."""
-    parts = [
-        _positions(robot, cable, q) if cable.routed else _tables(robot, cable, q)
-        for cable in robot.cables
-    ]
-    length, wrap, direction = zip(*parts, strict=True)
-    return np.concatenate(length), np.concatenate(wrap), np.concatenate(direction)
+def moved_middle(robot: Robot, before: Geometry, now: Geometry) -> Vector:
+    """Motion of the middle of every arc on its body between two poses [m], the nearest one."""
+    radius = np.array([pulley.radius for cable in robot.cables for pulley in cable.pulleys])
+    spatial = np.array([cable.spatial for cable in robot.cables for _ in cable.pulleys])
+    way = now.middle - before.middle
+    turn = 2 * np.pi * np.where(radius > 0.0, radius, 1.0)
+    whole = np.where(spatial, 0.0, np.floor(way / turn + 0.5))  # in space, turns are counted
+    return np.asarray(way - whole * turn)
 
 
-def _tables(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex, Complex]:
-    """Sums of functions of single joints, and the arcs of (E6)."""
+def _frozen(robot: Robot, cable: Cable, q: Vector, moved: Complex) -> Vector:
+    """Derivative of the free lengths between points of contact that rest in their bodies [m].
+
+    Args:
+        robot, cable: the description.
+        q: joint angles.
+        moved: the same with an imaginary step of one of them.
+    """
+    if not cable.routed:
+        return _tabled_span(robot, cable, moved).imag / STEP
+    _, angle, _ = _tangents(robot, cable, q.astype(complex))
+    here, there = _frames(robot, q.astype(complex)), _frames(robot, moved)
+
+    def seen(k: int, e: int) -> tuple[complex, complex]:
+        """Where the step moves the point of node k at which the cable meets element e."""
+        node = cable.nodes[k]
+        reach = node.place.turn * node.radius  # the centre lies to the left of the cable
+        x, y, turned = here[node.place.frame]
+        right = np.sin(angle[e] - turned), -np.cos(angle[e] - turned)
+        px, py = node.place.x + reach * right[0], node.place.y + reach * right[1]
+        x, y, turned = there[node.place.frame]
+        c, s = np.cos(turned), np.sin(turned)
+        return x + c * px - s * py, y + s * px + c * py
+
+    lengths = []
+    for e in range(len(cable.nodes) - 1):
+        (x1, y1), (x2, y2) = seen(e, e), seen(e + 1, e)
+        lengths.append(np.sqrt((x2 - x1) ** 2 + (y2 - y1) ** 2))
+    return np.array(lengths).imag / STEP
+
+
+def _tabled_span(robot: Robot, cable: Cable, q: Complex) -> Complex:
+    """Free lengths by tables if arcs did not grow: what is laid on comes off the moving end."""
+    span, wrap = _tables_alone(robot, cable, q)
+    for k, pulley in enumerate(cable.pulleys):
+        arc = pulley.radius * wrap[k]
+        share = {"before": 1.0, "both": 0.5, "after": 0.0}[pulley.moving_end]
+        span[k] += share * arc
+        span[k + 1] += (1.0 - share) * arc
+    return span
+
+
+def _tables(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, ...]:
+    """Sums of functions of single joints, the arcs of (E6), and the middles of these arcs."""
+    span, wrap = _tables_alone(robot, cable, q)
+    middle = []
+    for pulley, beta in zip(cable.pulleys, wrap, strict=True):
+        # from the end that rests, half of the arc towards the one that moves
+        way = {"before": -0.5, "both": 0.0, "after": 0.5}[pulley.moving_end]
+        middle.append(way * pulley.radius * beta)
+    direction = np.zeros((span.size, 3), complex)
+    return _with_arcs(cable, span, wrap), wrap, direction, np.array(middle, complex)
+
+
+def _tables_alone(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex]:
+    """Sums of functions of single joints: free lengths and wraps."""
     joints = {joint.name: k for k, joint in enumerate(robot.joints)}
 
     def total(profiles: tuple[Profile, ...]) -> complex:
         return sum((_profile(p, q[joints[p.joint]] if p.joint else 0j) for p in profiles), 0j)
 
     span = np.array([total(span) for span in cable.spans])
-    wrap = np.array([total(pulley.wrap) for pulley in cable.pulleys])
-    return _with_arcs(cable, span, wrap), wrap, np.zeros((span.size, 3), complex)
+    wrap = np.array([total(pulley.wrap) for pulley in cable.pulleys], complex)
+    return span, wrap
 
 
 def _profile(profile: Profile, q: complex) -> complex:
@@ -91,8 +165,8 @@ def _with_arcs(cable: Cable, span: Complex, wrap: Complex) -> Complex:
     return length
 
 
-def _positions(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex, Complex]:
-    """(E4) to (E6) for a path of directed circles."""
+def _positions(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, ...]:
+    """(E4) to (E6) for a path of directed circles, and the middles of its arcs."""
     reference = np.array([joint.reference_angle for joint in robot.joints], complex)
     _, angle_0, turned_0 = _tangents(robot, cable, reference)
     span, angle, turned = _tangents(robot, cable, q)
@@ -105,7 +179,10 @@ def _positions(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex
     length[0] += reach[0] * (_principal(angle[0] - angle_0[0]) - turned[0] + turned_0[0])
     length[-1] -= reach[-1] * (_principal(angle[-1] - angle_0[-1]) - turned[-1] + turned_0[-1])
     direction = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    return length, wrap, direction
+    # polar angle of the middle as the body sees it; the cable passes it in the sense of its turn
+    enters = angle[:-1] - 0.5 * np.pi * turn[1:-1]
+    polar = enters + 0.5 * turn[1:-1] * wrap - turned[1:-1]
+    return length, wrap, direction, reach[1:-1] * polar
 
 
 def _tangents(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex, Complex]:

@@ -15,14 +15,14 @@ from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, run, step
 from cdrj_ros.model import newton
 from cdrj_ros.model.balance import acceptable, balance, element_tension, tolerance
-from cdrj_ros.model.cable_records import CONTACT, PULLEY, SOLVER_ELEMENT
+from cdrj_ros.model.cable_records import CONTACT, SEGMENT
 from cdrj_ros.model.drum import material_held
 from cdrj_ros.model.elasticity import Elasticity, elasticity_of
 from cdrj_ros.model.friction import ELASTOPLASTIC, LUGRE, NONE
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK
-from cdrj_ros.rig.cells import divide
+from cdrj_ros.rig.cells import divide_contacts
 from cdrj_ros.robot.description import LAWS, Robot
 from cdrj_ros.robot.reader import parse_robot
 
@@ -237,7 +237,7 @@ def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(
     cells: int, prototype: Robot, drive: Drive
 ) -> None:
     # a sample may be divided into substeps, all of which must count
-    model = prepare(divide(prototype, cells).robot)
+    model = prepare(divide_contacts(prototype, cells))
     samples = into_slack_and_back(drive)
     state = initial_state(model)
     total = np.empty((samples.stamp_ns.size, 2))
@@ -330,43 +330,39 @@ LINEAR = Elasticity(6283.0)
 def _random_problem(seed: int, count: int, elastic: Elasticity = LINEAR) -> dict[str, Any]:
     """A taut cable with some slip, bristle forces and losses; arguments of the residual."""
     generator = np.random.default_rng(seed)
-    elements = np.zeros(count + 1, SOLVER_ELEMENT)
+    segments = np.zeros(count + 1, SEGMENT)
     length = generator.uniform(0.05, 0.4, count + 1)
-    elements["length_before"] = length
-    elements["length"] = length * (1.0 + generator.normal(size=count + 1) * 1e-4)
-    elements["material_before"] = length / generator.uniform(1.002, 1.01, count + 1)
+    segments["length_before"] = length
+    segments["length"] = length * (1.0 + generator.normal(size=count + 1) * 1e-4)
+    segments["material_before"] = length / generator.uniform(1.002, 1.01, count + 1)
     work = np.zeros(count, CONTACT)
     work["trial"] = generator.normal(size=count) * 3e-6
     work["bristle_before"] = generator.normal(size=count)
     work["loss"] = generator.uniform(0.02, 0.4, count)
     work["static_share"] = generator.random(count)
-    pulleys = np.zeros(count, PULLEY)
-    pulleys["bristle_stiffness"] = 1e6
-    pulleys["bristle_damping"] = 300.0
-    pulleys["viscous"] = 20.0
-    pulleys["breakaway"] = 0.7
-    pulleys["drag"] = 0.05
-    pulleys.flags.writeable = False
-    return {"elastic": elastic, "elements": elements, "work": work, "pulleys": pulleys}
+    work["shift"] = generator.normal(size=count) * 3e-6
+    work["stiffness"] = 1e6
+    work["damping"] = 300.0
+    work["viscous"] = 20.0
+    work["breakaway"] = 0.7
+    work["drag"] = 0.05
+    return {"elastic": elastic, "segments": segments, "work": work}
 
 
-def _residual(problem: dict[str, Any], law: int, slip: np.ndarray) -> np.ndarray:
+def _residual(problem: dict[str, Any], law: int, flux: np.ndarray) -> np.ndarray:
     work = problem["work"].copy()
-    work["trial"] = slip
-    balance(
-        problem["elastic"], problem["elements"].copy(), work, problem["pulleys"],
-        1.0, 1e-6, -2e-6, law, 1e-3,
-    )  # fmt: skip
+    work["trial"] = flux
+    balance(problem["elastic"], problem["segments"].copy(), work, 1.0, 1e-6, -2e-6, law, 1e-3)
     return np.array(work["residual"])
 
 
 def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
-    work, elements = problem["work"].copy(), problem["elements"].copy()
-    balance(problem["elastic"], elements, work, problem["pulleys"], 1.0, 1e-6, -2e-6, law, 1e-3)
-    stiffness = [newton._element_stiffness(problem["elastic"], element) for element in elements]
+    work, segments = problem["work"].copy(), problem["segments"].copy()
+    balance(problem["elastic"], segments, work, 1.0, 1e-6, -2e-6, law, 1e-3)
+    stiffness = [newton._segment_stiffness(problem["elastic"], segment) for segment in segments]
     matrix = np.zeros((len(work), len(work) + 2))
     for i, contact in enumerate(work):
-        pulled_after = elements[i + 1]["tension"] >= elements[i]["tension"]
+        pulled_after = segments[i + 1]["tension"] >= segments[i]["tension"]
         matrix[i, i : i + 3] = newton._matrix_row(
             contact, stiffness[i], stiffness[i + 1], pulled_after, 0.0
         )
@@ -382,14 +378,14 @@ def test_the_newton_matrix_is_the_derivative_of_the_imbalance(
     law: int, seed: int, elastic: Elasticity
 ) -> None:
     problem = _random_problem(seed, 7, elastic)
-    slip = problem["work"]["trial"]
+    flux = problem["work"]["trial"]
     matrix = _jacobian(problem, law)
     small = 1e-11
     difference = np.column_stack(
         [
             (
-                _residual(problem, law, slip + small * unit)
-                - _residual(problem, law, slip - small * unit)
+                _residual(problem, law, flux + small * unit)
+                - _residual(problem, law, flux - small * unit)
             )
             / (2 * small)
             for unit in np.eye(7)
@@ -405,7 +401,7 @@ def test_the_frictionless_matrix_is_symmetric_and_negative_definite() -> None:
     assert np.linalg.eigvalsh(matrix).max() < 0.0
     # (25)-(28) to first order: k of both neighbours on the diagonal, the shared one beside it
     problem = _random_problem(3, 7)
-    lengths = problem["elements"]["length"]
+    lengths = problem["segments"]["length"]
     np.testing.assert_allclose(np.diag(matrix, 1), 6283.0 / lengths[1:-1], rtol=0.03)
     np.testing.assert_allclose(
         np.diag(matrix), -6283.0 * (1 / lengths[:-1] + 1 / lengths[1:]), rtol=0.03

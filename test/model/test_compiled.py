@@ -24,24 +24,27 @@ MODEL = Path(cdrj_ros.model.__file__).resolve().parent
 PROGRAM = """
 import numba
 import numpy as np
-from cdrj_ros.model.cable_records import CONTACT
 from cdrj_ros.model.mechanism import friction_losses
 from cdrj_ros.model.packing import Sizes, empty_robot, number_views, plan_views
+from cdrj_ros.model.state import scratch_size, scratch_views
 
-sizes = Sizes(motors=0, joints=0, cables=0, elements=0, pulleys=1, frames=0, nodes=0, terms=0,
-    spatial_frames=0, spatial_nodes=0, drums=0)
+sizes = Sizes(motors=0, joints=0, cables=0, elements=0, pulleys=1, contacts=1, frames=0, nodes=0,
+    terms=0, spatial_frames=0, spatial_nodes=0, drums=0)
 plan, numbers = empty_robot(sizes)
 plan, numbers = plan_views(plan), number_views(sizes, numbers)
-plan.pulleys[0].wrap_changes = 1
+plan.pulleys[0].wrap_changes, plan.pulleys[0].cells = 1, 1
 pulley = numbers.pulleys[0]
-pulley.rho, pulley.mu_c, pulley.mu_s, pulley.stribeck_speed, pulley.cells = 1, 0.1, 0.1, 1, 1
-contacts = np.zeros(1, CONTACT)
+pulley.rho, pulley.mu_c, pulley.mu_s, pulley.stribeck_speed = 1, 0.1, 0.1, 1
+scratch = scratch_views(sizes, np.zeros(scratch_size(sizes)))
+scratch.wrap[0] = 1
+contacts = scratch.contacts
+contacts[0].share = 1
 
 @numba.njit
-def losses(plan, numbers, wrap, lagged_speed, contacts):
-    friction_losses(plan, numbers, wrap, lagged_speed, contacts)
+def losses(plan, numbers, lagged_speed, scratch):
+    friction_losses(plan, numbers, lagged_speed, scratch)
 
-losses(plan, numbers, np.ones(1), np.zeros(1), contacts)
+losses(plan, numbers, np.zeros(1), scratch)
 stats = friction_losses.stats
 print(contacts[0].loss, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))
 """

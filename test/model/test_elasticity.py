@@ -17,7 +17,7 @@ from cdrj_ros.estimation.estimator import Estimates, initial_state, step
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.balance import element_tension, tolerance
 from cdrj_ros.model.cable import solve_cable
-from cdrj_ros.model.cable_records import CONTACT, PULLEY, SOLVER_ELEMENT
+from cdrj_ros.model.cable_records import CONTACT, SEGMENT
 from cdrj_ros.model.elasticity import (
     Elasticity,
     elasticity_of,
@@ -170,33 +170,32 @@ def test_a_cycle_returns_the_work_that_it_took() -> None:
     assert work == pytest.approx(material * (stored(max(tension)) - stored(5.0)), rel=1e-5)
 
 
-def chain(count: int, seed: int) -> tuple[Any, Any, Any]:
-    """A taut chain of elements and pulleys that rub, in no particular state."""
+def chain(count: int, seed: int) -> tuple[Any, Any]:
+    """A taut chain of segments and contacts that rub and move, in no particular state."""
     generator = np.random.default_rng(seed)
-    elements = np.zeros(count + 1, SOLVER_ELEMENT)
+    segments, contacts = np.zeros(count + 1, SEGMENT), np.zeros(count, CONTACT)
     length = generator.uniform(0.05, 0.3, count + 1)
-    elements["length_before"], elements["length"] = length, length * (1.0 + 1e-4)
-    elements["material_before"] = length / (1.0 + strain_of(generator.uniform(4.0, 9.0, count + 1)))
-    contacts, pulleys = np.zeros(count, CONTACT), np.zeros(count, PULLEY)
+    segments["length_before"], segments["length"] = length, length * (1.0 + 1e-4)
+    segments["material_before"] = length / (1.0 + strain_of(generator.uniform(4.0, 9.0, count + 1)))
     contacts["loss"] = generator.uniform(0.02, 0.3, count)
-    pulleys["bristle_stiffness"], pulleys["breakaway"], pulleys["cells"] = 2e4, 0.4, 1.0
-    pulleys.flags.writeable = False  # as in test_stiffness.py: compiled once
-    return elements, contacts, pulleys
+    contacts["stiffness"], contacts["breakaway"] = 2e4, 0.4
+    contacts["shift"] = generator.normal(size=count) * 1e-5
+    return segments, contacts
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_solver_finds_the_root_that_scipy_finds(seed: int) -> None:
-    elements, contacts, pulleys = chain(4, seed)
+    segments, contacts = chain(4, seed)
     entered = (-1.0) ** seed * 2e-4
-    before = elements["material_before"].copy()
+    before = segments["material_before"].copy()
 
-    def tensions(slip: Vector) -> Vector:
-        material = before - np.diff(np.concatenate([[entered], slip, [0.0]]))
-        strain = elements["length"] / material - 1.0
+    def tensions(flux: Vector) -> Vector:
+        material = before - np.diff(np.concatenate([[entered], flux, [0.0]]))
+        strain = segments["length"] / material - 1.0
         return np.array([brentq(lambda t, e=e: strain_of(t) - e, 0.0, 1e4) for e in strain])
 
-    def imbalance(slip: Vector) -> Vector:
-        t = tensions(slip)
+    def imbalance(flux: Vector) -> Vector:
+        t, slip = tensions(flux), flux + contacts["shift"]
         bound = contacts["loss"] * np.maximum(t[:-1], t[1:]) + 1e-9
         knee, reach = 0.4 * bound, 0.6 * bound / 2e4
         beyond = np.maximum(np.abs(slip) - knee / 2e4, 0.0)
@@ -205,13 +204,13 @@ def test_the_solver_finds_the_root_that_scipy_finds(seed: int) -> None:
         )
         return np.diff(t) - np.sign(slip) * force
 
-    worst = solve_cable(LAW, elements, contacts, pulleys, entered, 0.0, ELASTOPLASTIC, 0.0)[1]
+    worst = solve_cable(LAW, segments, contacts, entered, 0.0, ELASTOPLASTIC, 0.0)[1]
     assert worst <= tolerance(LAW)
-    assert np.abs(contacts["slip"]).max() > 1e-5
-    other = root(imbalance, 0.9 * contacts["slip"], tol=1e-12)
+    assert np.abs(contacts["flux"]).max() > 1e-5
+    other = root(imbalance, 0.9 * contacts["flux"], tol=1e-12)
     assert np.abs(other.fun).max() < 1e-6
-    np.testing.assert_allclose(elements["tension"], tensions(other.x), atol=1e-5)
-    np.testing.assert_allclose(contacts["slip"], other.x, atol=1e-9)
+    np.testing.assert_allclose(segments["tension"], tensions(other.x), atol=1e-5)
+    np.testing.assert_allclose(contacts["flux"], other.x, atol=1e-9)
 
 
 def test_a_well_bedded_chain_converges_as_fast_as_a_linear_one() -> None:
@@ -219,8 +218,8 @@ def test_a_well_bedded_chain_converges_as_fast_as_a_linear_one() -> None:
     for seed in range(6):
         counts = []
         for law in (LAW, LINEAR):
-            elements, contacts, pulleys = chain(8, seed)
-            counts.append(solve_cable(law, elements, contacts, pulleys, 1e-4, 0.0, 0, 0.0)[0])
+            segments, contacts = chain(8, seed)
+            counts.append(solve_cable(law, segments, contacts, 1e-4, 0.0, 0, 0.0)[0])
         assert counts[0] <= counts[1] + 4, counts
 
 

@@ -20,6 +20,7 @@ from cdrj_ros.model.friction import (
     bearing_transmission,
     blended_loss,
     capstan_transmission,
+    cell_loss,
     friction_force,
     sliding_loss,
     sliding_transmission,
@@ -90,7 +91,7 @@ def test_transmission_lies_between_the_sliding_and_the_bearing_one() -> None:
             eta_d = sliding_transmission(speed, MU_C, MU_S, STRIBECK_SPEED, beta, PRINTED)
             assert eta_d < eta_r
             for rho in (0.0, 0.11, 0.39, 1.0):
-                kinetic, static = blended_loss(rho, MU_C, MU_S, beta, ratio, PRINTED, 1.0)
+                kinetic, static = blended_loss(rho, MU_C, MU_S, beta, ratio, PRINTED)
                 eta = 1.0 - kinetic - static * stribeck_share(speed, STRIBECK_SPEED)
                 assert eta == pytest.approx(rho * eta_d + (1.0 - rho) * eta_r, abs=1e-14)
                 assert eta_d - 1e-14 <= eta <= eta_r + 1e-14
@@ -110,11 +111,11 @@ def test_printed_static_friction_never_makes_the_transmission_negative() -> None
     assert 1.0 - kinetic - static < 0.0, "(35) as printed: nothing would be left to transmit"
     assert sliding_transmission(0.0, 0.1, 0.4, 0.05, pi, PRINTED) == MINIMUM_TRANSMISSION
     for rho in (1.0, 0.95):
-        kinetic, static = blended_loss(rho, 0.1, 0.4, pi, 0.01, PRINTED, 1.0)
+        kinetic, static = blended_loss(rho, 0.1, 0.4, pi, 0.01, PRINTED)
         assert static >= 0.0
         assert 1.0 - kinetic - static >= MINIMUM_TRANSMISSION * (1.0 - 1e-9)
     for wrap in (pi, 4 * pi, 20 * pi):
-        kinetic, static = blended_loss(1.0, 2.0, 2.0, wrap, 0.0, PRINTED, 8.0)
+        kinetic, static = cell_loss(*blended_loss(1.0, 2.0, 2.0, wrap, 0.0, PRINTED), 0.125)
         assert 1.0 - kinetic - static > 0.0
         assert static >= 0.0
 
@@ -138,8 +139,8 @@ def test_equal_coefficients_leave_no_static_friction() -> None:
 @pytest.mark.parametrize("cells", [2.0, 8.0, 100.0])
 def test_cells_transmit_together_what_the_whole_pulley_does(form: int, cells: float) -> None:
     for beta, ratio in TABLE:
-        whole_kinetic, whole_static = blended_loss(0.2, MU_C, MU_S, beta, ratio, form, 1.0)
-        kinetic, static = blended_loss(0.2, MU_C, MU_S, beta / cells, ratio, form, cells)
+        whole_kinetic, whole_static = blended_loss(0.2, MU_C, MU_S, beta, ratio, form)
+        kinetic, static = cell_loss(whole_kinetic, whole_static, 1.0 / cells)
         at_speed = (1.0 - kinetic) ** cells
         at_rest = (1.0 - kinetic - static) ** cells
         assert at_speed == pytest.approx(1.0 - whole_kinetic, rel=1e-12)
@@ -404,10 +405,10 @@ def test_bearing_transmission_falls_with_friction_and_wrap_and_rises_with_the_ra
 @pytest.mark.parametrize("form", [PRINTED, CAPSTAN])
 def test_rho_of_zero_is_the_bearing_alone_and_rho_of_one_sliding_alone(form: int) -> None:
     for beta, ratio in TABLE:
-        kinetic, static = blended_loss(0.0, MU_C, MU_S, beta, ratio, form, 1.0)
+        kinetic, static = blended_loss(0.0, MU_C, MU_S, beta, ratio, form)
         assert static == 0.0, "a bearing has no Stribeck effect"
         assert 1.0 - kinetic == pytest.approx(bearing_transmission(beta, ratio), abs=1e-15)
-        assert blended_loss(1.0, MU_C, MU_S, beta, ratio, form, 1.0) == pytest.approx(
+        assert blended_loss(1.0, MU_C, MU_S, beta, ratio, form) == pytest.approx(
             sliding_loss(MU_C, MU_S, beta, form), abs=1e-15
         )
 
@@ -415,7 +416,7 @@ def test_rho_of_zero_is_the_bearing_alone_and_rho_of_one_sliding_alone(form: int
 def test_sliding_loses_more_tension_than_the_bearings() -> None:
     # fig. 9: what is left at the far end of all seven pulleys
     left = [
-        np.prod([1.0 - sum(blended_loss(rho, MU_C, MU_S, *row, PRINTED, 1.0)) for row in TABLE])
+        np.prod([1.0 - sum(blended_loss(rho, MU_C, MU_S, *row, PRINTED)) for row in TABLE])
         for rho in np.linspace(0.0, 1.0, 11)
     ]
     assert left[0] == pytest.approx(0.9169, abs=5e-5)

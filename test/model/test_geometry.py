@@ -1,18 +1,20 @@
-"""Lengths, wraps and their derivatives against cases computed by hand and against differences."""
+"""Lengths, wraps and lever arms against cases computed by hand and against differences."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import asin, atan2, cos, pi, radians, sin, sqrt
 from typing import Any
 
 import numpy as np
 import pytest
+from model.element_law import law_and_measured
 from scipy.interpolate import PchipInterpolator
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.geometry import tangent, wrap_to_pi
 from cdrj_ros.model.prepared import Model, Shape, prepare, shape_at
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import MovingEnd, Node, Pulley, Robot
 from cdrj_ros.robot.reader import parse_robot
 
 HEAD = """
@@ -164,7 +166,7 @@ def test_a_sector_on_the_axis_winds_its_radius_times_the_angle() -> None:
         for q in (-3.0, -0.7, 0.0, 1.0, 3.0):
             shape = shape_at(model, np.array([q]))
             assert shape.length == pytest.approx([sqrt(16 - 0.25) + sign * 0.5 * q])
-            assert shape.length_by_joint == pytest.approx(np.array([[sign * 0.5]]))
+            assert shape.lever_arm == pytest.approx(np.array([[sign * 0.5]]))
 
 
 def test_a_drum_on_a_turning_frame_pays_out_as_it_follows_the_cable() -> None:
@@ -255,33 +257,59 @@ MOVING["chain"] = CHAIN
 
 
 @pytest.mark.parametrize("description", MOVING.values(), ids=MOVING.keys())
-def test_derivatives_of_lengths_and_arcs_equal_differences(
+def test_elements_change_by_their_lever_arms_and_by_the_motion_of_the_middles(
     description: tuple[str, str, str],
 ) -> None:
     model = routed(*description)
     joints = model.robot.joints
     lower, upper = np.array([[j.lower, j.upper] for j in joints]).T
     generator = np.random.default_rng(2)
-    small = 1e-6
+    moved = 0.0
     for _ in range(25):
         angle = lower + generator.random(len(joints)) * (upper - lower)
-        by_joint = shape_at(model, angle).length_by_joint
-        assert np.abs(by_joint).max() > 0.01
+        arms = shape_at(model, angle).lever_arm
+        assert np.abs(arms).max() > 0.01
         for j in range(len(joints)):
-            step = small * np.eye(len(joints))[j]
-            after, before = shape_at(model, angle + step), shape_at(model, angle - step)
-            difference = (after.length - before.length) / (2 * small)
-            np.testing.assert_allclose(by_joint[:, j], difference, atol=2e-8)
+            both = law_and_measured(model, angle, j)
+            assert both is not None
+            law, measured = both
+            np.testing.assert_allclose(law, measured, atol=2e-8)
+            np.testing.assert_allclose(arms[:, j].sum(), measured.sum(), atol=2e-8)
+            moved = max(moved, float(np.abs(measured - arms[:, j]).max()))
+    assert moved > 1e-3, "middles of arcs move"
 
 
-def test_derivatives_of_tables_and_arcs_equal_differences(prototype: Robot) -> None:
-    model = prepare(prototype)
+@pytest.mark.parametrize("end", ["before", "both", "after"])
+def test_tables_lay_cable_on_from_the_element_at_the_end_that_moves(
+    end: MovingEnd, prototype: Robot
+) -> None:
+    def changed(node: Node) -> Node:
+        return replace(node, moving_end=end) if isinstance(node, Pulley) else node
+
+    cables = tuple(
+        replace(cable, nodes=tuple(map(changed, cable.nodes))) for cable in prototype.cables
+    )
+    model = prepare(replace(prototype, cables=cables))
+    share = {"before": 1.0, "both": 0.5, "after": 0.0}[end]
     small = 1e-7
     for angle in np.random.default_rng(3).uniform(-0.69, 0.69, 50):
-        shape = shape_at(model, np.array([angle]))
-        after, before = (shape_at(model, np.array([angle + s])) for s in (small, -small))
-        difference = (after.length - before.length) / (2 * small)
-        np.testing.assert_allclose(shape.length_by_joint[:, 0], difference, atol=2e-8)
+        both = law_and_measured(model, np.array([angle]), 0, small)
+        assert both is not None
+        np.testing.assert_allclose(*both, atol=2e-8)
+        one, other = (shape_at(model, np.array([angle + s])) for s in (small, -small))
+        measured = (one.length - other.length) / (2 * small)
+        grown = 0.0045 * (one.wrap[[4, 11]] - other.wrap[[4, 11]]) / (2 * small)
+        arms = shape_at(model, np.array([angle])).lever_arm[:, 0]
+        # pulley 6 of each cable: half of its arc belongs to either element, wherever it grows
+        np.testing.assert_allclose(
+            arms[[4, 12]], measured[[4, 12]] + (share - 0.5) * grown, atol=2e-8
+        )
+        np.testing.assert_allclose(
+            arms[[5, 13]], measured[[5, 13]] + (0.5 - share) * grown, atol=2e-8
+        )
+        others = np.setdiff1d(np.arange(16), [4, 5, 12, 13])
+        np.testing.assert_allclose(arms[others], measured[others], atol=2e-8)
+        assert np.abs(grown).min() > 1e-3
 
 
 def test_a_wrap_grows_through_half_a_turn_without_a_jump() -> None:
@@ -329,7 +357,7 @@ def test_the_strands_follow_equation_two(prototype: Robot) -> None:
         # element 7 lies between pulley 7 (constant wrap) and pulley 8; no moving arc touches it
         assert shape.length[6] - middle.length[6] == pytest.approx(-0.06 * sin(angle), abs=1e-11)
         assert shape.length[14] - middle.length[14] == pytest.approx(0.06 * sin(angle), abs=1e-11)
-        assert shape.length_by_joint[6, 0] == pytest.approx(-0.06 * cos(angle), abs=1e-8)
+        assert shape.lever_arm[6, 0] == pytest.approx(-0.06 * cos(angle), abs=1e-8)
         # element 6 also carries half of pulley 6's arc
         arc = 0.5 * 0.0045 * (shape.wrap[4] - middle.wrap[4])
         assert shape.length[5] - middle.length[5] == pytest.approx(

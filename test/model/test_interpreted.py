@@ -52,7 +52,7 @@ def results() -> dict[str, np.ndarray]:
             shape = shape_at(model, reference + way)
             found[f"{path.stem} {law}"] = np.array(rows)
             found[f"{path.stem} {law} shape"] = np.concatenate(
-                [shape.length, shape.length_by_joint.ravel(), shape.wrap, shape.direction.ravel()]
+                [shape.length, shape.lever_arm.ravel(), shape.wrap, shape.direction.ravel()]
             )
     return found
 

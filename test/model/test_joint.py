@@ -158,7 +158,7 @@ def test_torque_is_the_virtual_work_of_the_strands() -> None:
     np.testing.assert_allclose(printed.tension_difference(ANGLES, torque), 2 * difference)
 
 
-def test_torque_of_the_prototypes_strands_is_that_of_its_lengths_by_joint(
+def test_torque_of_the_prototypes_strands_is_that_of_its_lever_arms(
     prototype: Robot,
 ) -> None:
     model, strands = prepare(prototype), RollingStrands()
@@ -166,8 +166,8 @@ def test_torque_of_the_prototypes_strands_is_that_of_its_lengths_by_joint(
     sixth = prototype.cables[0].pulleys[4]
     profile = next(p for p in sixth.wrap if p.joint is not None)
     for angle in ANGLES[2:-2]:
-        by_joint = shape_at(model, np.array([angle])).length_by_joint[:, 0]
-        virtual = -tension @ by_joint
+        arms = shape_at(model, np.array([angle])).lever_arm[:, 0]
+        virtual = -tension @ arms
         # pulley 6 adds what (3) leaves out: its arc grows with the joint, in both cables mirrored
         slope = np.interp(angle, profile.angle, profile.slope)
         arc = sixth.radius * slope * (37.0 - 22.0)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +25,15 @@ import numpy as np
 import pytest
 from model import reference
 from model.reference import Begun, Drum, History, Outputs
-from model.reference_geometry import Geometry, plane
+from model.reference_geometry import Geometry, moved_middle, plane
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
+from cdrj_ros.model import along
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.packing import plan_views
-from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.model.prepared import Model, placed, prepare, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import OK, SLACK
 from cdrj_ros.robot.description import LAWS, Law, Node, PassiveTorque, Pulley, Robot, Winch
@@ -119,23 +121,58 @@ def shipped(file: str) -> tuple[Robot, Course]:
 def course(robot: Robot) -> Course:
     model = prepare(robot, check_range=False)
     motor, joint = motion(robot, model)
-    poses = [geometry(robot, model, q) for q in joint]
-    return Course(motor, joint, geometry(robot, model, reference_angles(robot)), poses)
+    tracks = along.course(model, joint).track
+    poses = [geometry(robot, model, *both) for both in zip(joint, motor, tracks, strict=True)]
+    if not robot.spatial_frames:
+        for k, (one, other) in enumerate(pairwise(poses)):
+            moved = moved_middle(robot, one, other)
+            np.testing.assert_allclose(moved, tracks[k + 1] - tracks[k], rtol=1e-12, atol=2e-14)
+    rest = geometry(robot, model, reference_angles(robot), motor[0], 0.0 * tracks[0])
+    return Course(motor, joint, rest, poses)
 
 
-def geometry(robot: Robot, model: Model, joint: Vector) -> Geometry:
-    """The reference's own in the plane, the estimator's in space."""
-    found = shape_at(model, joint)
-    given = Geometry(found.length, found.length_by_joint, found.wrap, found.direction)
+def geometry(robot: Robot, model: Model, joint: Vector, motor: Vector, track: Vector) -> Geometry:
+    """The reference's own in the plane, the estimator's in space.
+
+    ``track`` are the places of the middles of the arcs on their bodies, used in space only.
+    """
+    found, views = placed(model, joint)
+    given = Geometry(
+        found.length, found.lever_arm, found.wrap, found.direction, views.arc, track,
+        drum_levers(robot, model, joint, motor),
+    )  # fmt: skip
     if robot.spatial_frames:
         return given
     own = plane(robot, joint)
     for name, one in vars(own).items():
         other = getattr(given, name)
-        if name == "direction" and not any(cable.routed for cable in robot.cables):
+        if name == "middle" or (
+            name == "direction" and not any(cable.routed for cable in robot.cables)
+        ):
             continue
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=2e-14, err_msg=name)
     return own
+
+
+def drum_levers(robot: Robot, model: Model, joint: Vector, motor: Vector) -> Vector:
+    """Moment of a cable per newton about the axis of either end [m].
+
+    The cable leaves a drum along a tangent of its circle; what runs along the axis has no moment.
+    """
+    found, views = placed(model, joint, motor)
+    touches: Any = views.touches
+    levers, node = [], 0
+    for c, cable in enumerate(robot.cables):
+        elements, _ = reference.parts(robot, c)
+        for k, e in ((0, elements.start), (len(cable.nodes) - 1, elements.stop - 1)):
+            end = cable.nodes[k]
+            lever = end.reel if isinstance(end, Winch) else end.radius
+            if end.space is not None and end.space.kind == "pulley":
+                axis = touches["basis"][node + k, 6:9]
+                lever = end.radius * float(np.linalg.norm(np.cross(axis, found.direction[e])))
+            levers.append(lever)
+        node += len(cable.nodes)
+    return np.array(levers)
 
 
 def history_of(model: Model, state: State) -> History | None:
@@ -162,6 +199,8 @@ class Comparison:
 
     def __init__(self, robot: Robot, model: Model) -> None:
         self.robot, self.layout = robot, model.layout
+        self.fineness = np.ones(len(robot.cables))
+        """How often a slip exceeds the shortest segment between contact cells, at least 1."""
         self.worst: dict[str, float] = {}
         self.exact = 0
         """Samples of cables that the estimator solved to rounding."""
@@ -172,10 +211,23 @@ class Comparison:
         self.worst[name] = max(self.worst.get(name, 0.0), float(np.max(share, initial=0.0)))
 
     def rounding(self, c: int, estimate: Estimate) -> float:
-        """1e-12 of the largest tension of a cable, and the rounding of (E1) [N]."""
+        """1e-12 of the largest tension of a cable, and the rounding of (E1) [N].
+
+        Between cells a segment is shorter than the slip from which its material follows, whose
+        rounding then counts more.
+        """
         elements, _ = reference.parts(self.robot, c)
         largest = float(estimate.tension[elements].max())
-        return 1e-12 * largest + 8 * EPSILON * self.robot.cables[c].axial_stiffness
+        coarse = 8 * EPSILON * self.robot.cables[c].axial_stiffness
+        return 1e-12 * largest + coarse * float(self.fineness[c])
+
+    def see(self, kept: History, dt: float) -> None:
+        """Take note of the slips and segments of a sample, for ``rounding``."""
+        for c, cable in enumerate(self.robot.cables):
+            own, touching = reference.rows(self.robot, c)
+            if any(pulley.cells > 1 for pulley in cable.pulleys):
+                slip = np.abs(kept.slip_speed[touching]).max() * dt
+                self.fineness[c] = max(1.0, slip / kept.length[own].min())
 
     def equations(
         self, history: History, outputs: Outputs, kept: History, estimate: Estimate
@@ -184,10 +236,11 @@ class Comparison:
         residual = estimate.values[self.layout.residual]
         for c in range(len(self.robot.cables)):
             elements, pulleys = reference.parts(self.robot, c)
+            own = reference.rows(self.robot, c)[1]
             most = self.rounding(c, estimate)
             self.note("tension", outputs.tension[elements], estimate.tension[elements], most)
             self.note("friction", outputs.friction[pulleys], estimate.friction[pulleys], most)
-            self.note("bristle", history.bristle[pulleys], kept.bristle[pulleys], most)
+            self.note("bristle", history.bristle[own], kept.bristle[own], most)
             self.note("imbalance", outputs.imbalance[c], residual[c], most)
             self.note("magnitude", outputs.magnitude[pulleys], estimate.nodal_force[pulleys], most)
             for k, force in enumerate((estimate.force_x, estimate.force_y, estimate.force_z)):
@@ -219,7 +272,7 @@ class Comparison:
         for c, cable in enumerate(self.robot.cables):
             elements, _ = reference.parts(self.robot, c)
             rounding = self.rounding(c, estimate)
-            gain = max(1, len(cable.pulleys))
+            gain = max(1, len(begun.chains[c].bristle))
             if cable.law != "none":
                 gain /= float(np.prod(1 - begun.chains[c].contacts.loss))
             idle = not outputs.tension[elements].any()
@@ -242,6 +295,7 @@ def compare(
     state, divided = initial_state(model), 0
     for k, pose in enumerate(course.poses):
         before, dt = history_of(model, state), STEP_NS * 1e-9 if k else 0.0
+        earlier = course.poses[k - 1] if k else None
         reading = Sample((k + 1) * STEP_NS, course.motor[k], course.joint[k])
         state, estimate = step(model, state, reading)
         after = history_of(model, state)
@@ -251,9 +305,11 @@ def compare(
             divided += 1
             continue
         begun = reference.begin(
-            described or robot, course.rest, pose, before, course.motor[k], course.joint[k], dt
-        )
-        comparison.equations(*reference.finish(begun, estimate.slip_speed * dt), after, estimate)
+            described or robot, course.rest, pose, earlier, before,
+            course.motor[k], course.joint[k], dt,
+        )  # fmt: skip
+        comparison.see(after, dt)
+        comparison.equations(*reference.finish(begun, after.slip_speed * dt), after, estimate)
         if before is not None:
             comparison.solution(begun, reference.finish(begun)[1], estimate)
         for c, cable in enumerate(robot.cables):
@@ -262,7 +318,7 @@ def compare(
             assert ((status & SLACK != 0) == (t <= cable.slack_tension)).all()
             seen["slack"] += int((t == 0).any())
             seen["taut"] += int((status == OK).all())
-        moved = np.abs(estimate.slip_speed * dt)
+        moved = np.abs(after.slip_speed * dt)
         seen["stuck"] += int((moved < 1e-9).sum()) if k else 0
         seen["sliding"] += int((moved > 1e-4).sum())
     assert divided <= MOST_DIVIDED

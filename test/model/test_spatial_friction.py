@@ -6,6 +6,7 @@ from math import exp
 
 import numpy as np
 import pytest
+from model.rigid_bodies import pulls, rate_of_free_length
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
@@ -82,7 +83,13 @@ def test_without_friction_efforts_are_tension_times_moment_arm(contact: str) -> 
     tension = found.values[:, model.layout.tension]
     effort = found.values[:, model.layout.joint_effort][:, 0]
     assert np.ptp(tension, axis=1).max() < 1e-6
-    arms = [shape_at(model, np.array([angle])).length_by_joint.sum() for angle in joint]
+    arms = [
+        sum(
+            rate_of_free_length(model.robot, np.array([angle]), 0, pull)
+            for pull in pulls(model, np.array([angle]))
+        )
+        for angle in joint
+    ]
     assert effort == pytest.approx(-tension[:, 0] * arms, abs=1e-7)
     assert np.abs(effort).max() > 0.1
 

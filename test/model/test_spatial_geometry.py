@@ -6,6 +6,8 @@ from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 import pytest
+from model.element_law import law_and_measured
+from model.rigid_bodies import pulls, rate_of_free_length
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
@@ -126,29 +128,59 @@ ENDS = {
 }
 
 
+GEODESIC = frozenset(CONTACTS) - {"pulleys", "bodies in a row"}
+"""Contacts on which the cable takes the shortest path.  A grooved pulley holds it in its plane, and
+where it comes from aside it bends at the rim; "bodies in a row" ends with such a pulley."""
+
+
+def possible_poses(model: Model) -> list[np.ndarray]:
+    """Random poses in which the cable does not leave a pulley."""
+    angles = np.random.default_rng(0).uniform([-0.6, -0.1], [0.6, 0.1], (40, 2))
+    poses = [angle for angle in angles if shape_at(model, angle).possible]
+    assert len(poses) > 15
+    return poses
+
+
 @pytest.mark.parametrize("ends", ENDS)
 @pytest.mark.parametrize("contacts", CONTACTS)
-def test_derivatives_are_those_of_the_lengths(contacts: str, ends: str) -> None:
+def test_lever_arms_are_rates_of_lengths_between_points_that_rest_in_their_bodies(
+    contacts: str, ends: str
+) -> None:
     first, last = ENDS[ends]
     model = model_of(first, *CONTACTS[contacts], last)
-    generator = np.random.default_rng(0)
-    checked = 0
-    for angle in generator.uniform([-0.6, -0.1], [0.6, 0.1], (40, 2)):
-        step = 1e-6
-        shapes = [shape_at(model, angle + s * e) for e in np.eye(2) for s in (step, -step)]
-        found = shape_at(model, angle)
-        if not found.possible:  # the cable would leave a pulley
-            continue
-        # a step across a lift-off has no derivative
-        if len({tuple(shape.wrap > 0.0) for shape in shapes}) > 1:
-            continue
-        differences = [
-            (a.length - b.length) / (2.0 * step)
-            for a, b in zip(shapes[::2], shapes[1::2], strict=True)
-        ]
-        assert found.length_by_joint == pytest.approx(np.transpose(differences), abs=2e-9)
-        checked += 1
-    assert checked > 15
+    largest = 0.0
+    for angle in possible_poses(model):
+        arms = shape_at(model, angle).lever_arm
+        for pull in pulls(model, angle):
+            expected = [rate_of_free_length(model.robot, angle, j, pull) for j in range(2)]
+            assert arms[pull.elements].sum(axis=0) == pytest.approx(np.array(expected), abs=1e-14)
+            largest = max(largest, float(np.abs(expected).max()))
+    assert largest > 0.05
+
+
+@pytest.mark.parametrize("ends", ["anchors", "rolling"])
+@pytest.mark.parametrize("contacts", sorted(GEODESIC))
+def test_elements_change_by_their_lever_arms_and_by_the_motion_of_the_middles(
+    contacts: str, ends: str
+) -> None:
+    first, last = ENDS[ends]
+    model = model_of(first, *CONTACTS[contacts], last)
+    checked, moved = 0, 0.0
+    for angle in possible_poses(model):
+        for joint in range(2):
+            both = law_and_measured(model, angle, joint)
+            if both is None:  # a step across a lift-off
+                continue
+            law, measured = both
+            for pull in pulls(model, angle):
+                total, grown = law[pull.elements].sum(), measured[pull.elements].sum()
+                assert total == pytest.approx(grown, abs=2e-9)
+            arms = shape_at(model, angle).lever_arm[:, joint]
+            assert arms.sum() == pytest.approx(measured.sum(), abs=2e-9)
+            moved = max(moved, float(np.abs(arms - measured).max()))
+            checked += 1
+    assert checked > 30
+    assert (moved > 1e-3) == (contacts not in ("points", "sheath")), "whose middles are at rest"
 
 
 def test_a_helix_of_three_turns_is_a_straight_line_on_the_unrolled_cylinder() -> None:
@@ -245,7 +277,7 @@ def test_a_cable_lifts_off_and_comes_back_without_a_jump() -> None:
         shapes = [shape_at(model, np.array([0.0, height])) for height in heights]
         wrap = np.array([shape.wrap[0] for shape in shapes])
         length = np.array([shape.length[:3].sum() for shape in shapes])
-        arm = np.array([shape.length_by_joint[:3, 1].sum() for shape in shapes])
+        arm = np.array([shape.lever_arm[:3, 1].sum() for shape in shapes])
         off = wrap == 0.0
         assert 100 < off.sum() < 1900
         assert all(shape.possible and np.all(shape.length > 0.0) for shape in shapes)
@@ -281,7 +313,7 @@ cables:
     for angle in np.linspace(-0.8, 0.8, 33):
         flat, deep = (shape_at(model, np.array([angle])) for model in models)
         assert deep.length == pytest.approx(flat.length, abs=1e-15)
-        assert deep.length_by_joint == pytest.approx(flat.length_by_joint, abs=1e-14)
+        assert deep.lever_arm == pytest.approx(flat.lever_arm, abs=1e-14)
         assert deep.wrap == pytest.approx(flat.wrap, abs=1e-13)
         assert deep.direction[:, :2] == pytest.approx(flat.direction[:, :2], abs=1e-14)
 
@@ -379,29 +411,36 @@ def helix_length(joint: float, motor: float) -> float:
     return free + hypot(RADIUS, LEAD) * (leaves - start)
 
 
+def helix_cable(joint: float, motor: float) -> tuple[float, float, float]:
+    """Free cable from the drum to the point [m]."""
+    x, y = 0.6 + joint, 0.1
+    leaves = atan2(y, x) - acos(RADIUS / hypot(x, y))
+    start = atan2(0.1, 0.6) - acos(RADIUS / hypot(0.6, 0.1))
+    wound = -(motor - 0.5) + (leaves - start)
+    return x - RADIUS * cos(leaves), y - RADIUS * sin(leaves), 0.03 - LEAD * wound
+
+
 def test_a_helical_drum_lets_the_point_of_departure_wander() -> None:
     model = prepare(parse_robot(HELIX))
     generator = np.random.default_rng(0)
     for joint, motor in generator.uniform([-0.4, -30.0], [0.4, 30.0], (50, 2)):
         found = shape_at(model, np.array([joint]), np.array([motor]))
         assert found.length[0] == pytest.approx(helix_length(joint, motor), abs=1e-14)
-        small = 1e-6
-        by = helix_length(joint + small, motor) - helix_length(joint - small, motor)
-        assert found.length_by_joint[0, 0] == pytest.approx(by / (2.0 * small), abs=1e-9)
+        x, y, z = helix_cable(joint, motor)
+        assert found.lever_arm[0, 0] == pytest.approx(x / sqrt(x * x + y * y + z * z), abs=1e-13)
     at_rest = shape_at(model, np.zeros(1)).length[0]
     assert at_rest == shape_at(model, np.zeros(1), np.array([0.5])).length[0]
 
 
-def test_the_effort_of_a_helical_drum_is_the_work_of_its_cable_per_radian() -> None:
+def test_the_effort_of_a_helical_drum_is_the_moment_of_its_cable_about_the_axis() -> None:
     model = prepare(parse_robot(HELIX))
     state = initial_state(model)
     for k, motor in enumerate(np.linspace(0.5, 0.49, 20)):
         sample = Sample(10**9 + k * 10**6, np.array([motor]), np.zeros(1))
         state, estimate = step(model, state, sample)
-    below = 0.03 - LEAD * (0.5 - motor)  # height of the anchor over the point of departure
-    free_by = below * LEAD / hypot(sqrt(0.37 - RADIUS**2), below)
-    # with winding -1 the drum takes up its helix as the motor turns back
-    expected = -estimate.tension[0] * (-hypot(RADIUS, LEAD) + free_by)
+    x, y, z = helix_cable(0.0, motor)
+    level = hypot(x, y)  # what pulls along the axis has no moment
+    expected = estimate.tension[0] * RADIUS * level / hypot(level, z)
     assert estimate.tension[0] > 40.0
     assert estimate.motor_effort[0] == pytest.approx(expected, rel=1e-9)
 

@@ -10,7 +10,7 @@ import pytest
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.balance import element_tension, tolerance
 from cdrj_ros.model.cable import solve_cable
-from cdrj_ros.model.cable_records import CONTACT, PULLEY, SOLVER_ELEMENT
+from cdrj_ros.model.cable_records import CONTACT, SEGMENT
 from cdrj_ros.model.elasticity import Elasticity
 from cdrj_ros.model.friction import NONE
 from cdrj_ros.model.stiffness import (
@@ -267,14 +267,12 @@ def solved_chain(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slips and tensions of the frictionless chain, by the estimator's solver."""
     count = length.size - 1
-    elements = np.zeros(count + 1, SOLVER_ELEMENT)
-    elements["length_before"] = elements["length"] = length
-    elements["material_before"] = material
-    contacts, pulleys = np.zeros(count, CONTACT), np.zeros(count, PULLEY)
-    pulleys.flags.writeable = False
-    _, residual = solve_cable(LINEAR, elements, contacts, pulleys, first_slip, 0.0, NONE, 1e-3)
+    segments, contacts = np.zeros(count + 1, SEGMENT), np.zeros(count, CONTACT)
+    segments["length_before"] = segments["length"] = length
+    segments["material_before"] = material
+    _, residual = solve_cable(LINEAR, segments, contacts, first_slip, 0.0, NONE, 1e-3)
     assert residual <= tolerance(LINEAR)
-    return contacts["slip"].copy(), elements["tension"].copy()
+    return contacts["flux"].copy(), segments["tension"].copy()
 
 
 def test_slips_of_the_solver_follow_the_slip_block() -> None:

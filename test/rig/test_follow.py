@@ -10,7 +10,7 @@ import pytest
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.rig.cells import divide
+from cdrj_ros.rig.cells import divide_contacts
 from cdrj_ros.rig.follow import follow_joints, pull_together
 from cdrj_ros.rig.load import make_load
 from cdrj_ros.rig.motion import differences, sine
@@ -42,29 +42,20 @@ def _frictionless(robot: Robot) -> Robot:
 @pytest.mark.parametrize("name", ["prototype", "finger", "hoist"])
 def test_contact_cells_keep_the_geometry(robots: Robots, name: str) -> None:
     robot = getattr(robots, name)()
-    divided = divide(robot, 6)
-    assert not divided.whole
-    whole, fine = prepare(robot), prepare(divided.robot)
-    assert len(fine.layout.pulleys) == 6 * len(whole.layout.pulleys)
+    whole, fine = prepare(robot), prepare(divide_contacts(robot, 6))
+    assert fine.sizes.contacts == 6 * len(whole.layout.pulleys)
     for pose in _poses(robot):
         one, other = shape_at(whole, pose), shape_at(fine, pose)
-        assert other.length.sum() == pytest.approx(one.length.sum(), abs=1e-9)
-        np.testing.assert_allclose(
-            other.length_by_joint.sum(axis=0), one.length_by_joint.sum(axis=0), atol=1e-7
-        )
-        wraps = other.wrap.reshape(-1, 6)
-        np.testing.assert_allclose(wraps.sum(axis=1), one.wrap, atol=1e-6)
-        np.testing.assert_allclose(wraps, wraps[:, :1] * np.ones(6), rtol=1e-12)
+        assert other.segment.sum() == pytest.approx(one.length.sum(), abs=1e-13)
+        np.testing.assert_array_equal(other.lever_arm, one.lever_arm)
+        np.testing.assert_array_equal(other.wrap, one.wrap)
 
 
-def test_cables_whose_spans_depend_on_two_joints_at_once_stay_whole_and_a_note_says_so(
-    robots: Robots,
-) -> None:
-    divided = divide(robots.platform(), 8)
-    assert divided.robot.cables == robots.platform().cables
-    assert len(divided.whole) == 4
-    truth = follow(robots.platform(), TIME[:50], np.zeros((50, 2)))
-    assert any("c0: its spans depend on several joints at once" in note for note in truth.notes)
+def test_cables_whose_spans_depend_on_two_joints_at_once_are_divided_too(robots: Robots) -> None:
+    robot = robots.platform()
+    fine = prepare(divide_contacts(robot, 8))
+    assert fine.sizes.contacts == 8 * sum(len(cable.pulleys) for cable in robot.cables)
+    assert follow(robot, TIME[:50], np.zeros((50, 2))).tension.min() > 0.0
 
 
 @pytest.mark.parametrize("name", ["prototype", "finger", "platform"])

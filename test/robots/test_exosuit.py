@@ -43,8 +43,8 @@ def test_length_and_moment_arm_are_those_of_the_triangle(variant: Callable) -> N
         shape = shape_at(model, np.array([angle]))
         free, lever = free_cable(angle)
         assert shape.length.sum() == pytest.approx(to_sheath + 0.52 + free, abs=1e-14)
-        assert abs(shape.length_by_joint.sum()) == pytest.approx(abs(lever), abs=1e-14)
-        assert shape.length_by_joint.sum() < -0.02  # the cable bends the elbow
+        assert abs(shape.lever_arm.sum()) == pytest.approx(abs(lever), abs=1e-14)
+        assert shape.lever_arm.sum() < -0.02  # the cable bends the elbow
         assert shape.wrap[0] == pytest.approx(BEND)
 
 

@@ -49,7 +49,7 @@ def test_a_cable_changes_its_length_by_radius_times_angle(models: dict[str, Mode
         for k, cable in enumerate(CABLES):
             change = shape.length[ELEMENTS[cable]].sum() - start.length[ELEMENTS[cable]].sum()
             assert change == pytest.approx(float(BY_ANGLE[k] @ angle), abs=1e-12)
-            arms = shape.length_by_joint[ELEMENTS[cable]].sum(axis=0)
+            arms = shape.lever_arm[ELEMENTS[cable]].sum(axis=0)
             np.testing.assert_allclose(arms, BY_ANGLE[k], atol=1e-12)
 
 

@@ -95,7 +95,7 @@ def test_the_extensor_enters_the_groove_of_the_knuckle_out_of_plane(variant: Cal
         assert found.length[ELEMENTS["extensor"]].sum() == pytest.approx(
             0.020 + 0.240 + extensor(pose), abs=1e-14
         )
-        arms = found.length_by_joint[ELEMENTS["extensor"]].sum(axis=0)
+        arms = found.lever_arm[ELEMENTS["extensor"]].sum(axis=0)
         assert arms[1:] == pytest.approx([KNUCKLE, KNEE + RATIO * LAST], abs=1e-14)
 
 

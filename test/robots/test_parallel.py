@@ -85,18 +85,13 @@ def test_efforts_are_the_static_wrench_of_the_cables(
     size = 0.0
     for k in range(0, len(joint), 25):
         expected = wrench(joint[k], tension[k, :, 1])  # of the elements that end at the platform
-        if law == "none":
-            np.testing.assert_allclose(effort[k], expected, atol=1e-9)
-        # The model applies the friction of a pulley at the middle of its arc: of the arc that the
-        # platform's motion adds, one half carries the tension before the pulley.
+        np.testing.assert_allclose(effort[k], expected, atol=1e-9)
+        # virtual work over elements that end amid an arc would differ by half of the friction
         wrap_by = wraps_by_pose(model, joint[k])
         lump = 0.5 * RADIUS * wrap_by.T @ (tension[k, :, 1] - tension[k, :, 0])
-        np.testing.assert_allclose(effort[k], expected + lump, atol=2e-7)
         size = max(size, float(np.abs(lump[:2]).max()))
-    if law == "none":
-        assert size < 1e-9
-    else:
-        assert 0.01 < size < 0.2  # [N]; the efforts are of the order of 10 N
+    if law != "none":
+        assert size > 0.01  # [N]; the efforts are of the order of 10 N
     assert np.abs(effort[:, :2]).max() > 5.0
     assert np.abs(effort[:, 2]).max() > 0.3
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,9 @@ from cdrj_ros.judgement.bag_task import validate_bag
 from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.judgement.metrics import pooled_errors
+from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import Node, Pulley, Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 ROOT = Path(__file__).parents[2]
@@ -38,8 +40,8 @@ def test_all_wrap_angles_agree_with_table_one_over_the_whole_range(model: Model)
     for angle in np.linspace(-LIMIT, LIMIT, 201):
         wraps = np.degrees(shape_at(model, np.array([angle])).wrap).reshape(2, 7)
         share = (angle + LIMIT) / (2.0 * LIMIT)
-        for cable, course in ((0, share), (1, 1.0 - share)):
-            expected = [one if one is not None else 0.6 + 77.9 * course for one in TABLE_ONE]
+        for cable, passed in ((0, share), (1, 1.0 - share)):
+            expected = [one if one is not None else 0.6 + 77.9 * passed for one in TABLE_ONE]
             np.testing.assert_allclose(wraps[cable], expected, atol=0.05)
 
 
@@ -70,7 +72,7 @@ def test_the_strands_across_the_joint_are_those_of_equation_two(model: Model) ->
 
 def test_a_cable_shortens_by_n_w_cos_q_less_the_arc_on_pulley_six(model: Model) -> None:
     for angle in np.linspace(-LIMIT, LIMIT, 41):
-        upper, lower = shape_at(model, np.array([angle])).length_by_joint.reshape(2, 8).sum(axis=1)
+        upper, lower = shape_at(model, np.array([angle])).lever_arm.reshape(2, 8).sum(axis=1)
         strands = N * W * np.cos(angle)
         assert -upper == pytest.approx(strands - PULLEY_SIX, abs=1e-9)
         assert lower == pytest.approx(strands - PULLEY_SIX, abs=1e-9)
@@ -101,20 +103,62 @@ def with_the_layouts_course(text: str) -> str:
     )
 
 
+def frictionless(robot: Robot) -> Robot:
+    return replace(robot, cables=tuple(replace(cable, law="none") for cable in robot.cables))
+
+
+def laid_on_behind(robot: Robot) -> Robot:
+    """A robot whose changing arcs grow where the cable leaves them, as positions show."""
+
+    def changed(node: Node) -> Node:
+        grows = isinstance(node, Pulley) and any(term.joint for term in node.wrap)
+        return replace(node, moving_end="after") if grows else node
+
+    return replace(
+        robot,
+        cables=tuple(
+            replace(cable, nodes=tuple(map(changed, cable.nodes))) for cable in robot.cables
+        ),
+    )
+
+
 def test_tensions_on_a_recording_agree_with_the_file_in_tables() -> None:
     text = (ROBOTS / "prototype.yaml").read_text("utf-8")
-    here = tensions(load_robot(ROBOTS / "prototype_positions.yaml"))
-    same = tensions(parse_robot(with_the_layouts_course(text)))
-    as_it_is = tensions(parse_robot(text))
-    # with the same wrap angles and spans, both forms describe one robot
-    assert np.abs(here - same).max() < 0.002
+    positions = load_robot(ROBOTS / "prototype_positions.yaml")
+    same = laid_on_behind(parse_robot(with_the_layouts_course(text)))
+    # with the same wrap angles and spans, both forms describe one robot, as far as lengths count
+    plain = tensions(frictionless(positions))
+    assert np.abs(plain - tensions(frictionless(same))).max() < 1e-4
+    # Friction differs where an arc of constant wrap travels on its pulley, which tables cannot say:
+    # those of pulleys 7 and 8 do, see below.  It shows behind them, in element 8 of either cable.
+    here = tensions(positions)
+    difference = np.abs(here - tensions(same))
+    assert np.delete(difference, [6, 7, 14, 15], axis=1).max() < 0.3
+    assert difference.max() < 4.0
+    assert difference.mean() < 0.25
     # In prototype.yaml the wrap of pulley 6 changes by 77.9 degrees over 80 degrees of the joint,
     # here by one degree per degree.  The arcs differ by 0.08 mm at the ends of the range, which
-    # gives 0.5 N, and more where friction amplifies it.
-    difference = np.abs(here - as_it_is)
-    assert difference.max() < 1.5
-    assert difference.mean() < 0.4
-    assert (difference / as_it_is).mean() < 0.013
+    # gives 0.6 N without friction.
+    as_it_is = laid_on_behind(parse_robot(text))
+    assert np.abs(plain - tensions(frictionless(as_it_is))).max() < 0.65
+    difference = np.abs(here - tensions(as_it_is))
+    assert difference.mean() < 0.45
+    assert (difference / here).mean() < 0.015
+
+
+def test_arcs_behind_the_joint_travel_on_their_pulleys_and_the_one_before_it_grows(
+    model: Model,
+) -> None:
+    angle = np.linspace(-LIMIT, LIMIT, 81)
+    found = course(model, angle[:, None])
+    travelled = (found.track - found.track[0]) / PULLEY_SIX
+    turned = angle - angle[0]
+    # The strands turn by the joint's angle; pulley 6 rests, the link with pulley 7 turns by twice
+    # that, and pulley 8 rests.
+    expected = np.zeros((angle.size, 14))
+    expected[:, [4, 5, 6]] = turned[:, None] * [0.5, -1.0, 1.0]
+    expected[:, [11, 12, 13]] = turned[:, None] * [-0.5, 1.0, -1.0]
+    np.testing.assert_allclose(travelled, expected, atol=1e-6)
 
 
 def test_a_recording_simulated_with_tables_is_reproduced(model: Model) -> None:

@@ -41,7 +41,7 @@ def test_the_cables_follow_the_coupling_matrix_everywhere(variant: Callable) -> 
     for pose in np.random.default_rng(0).uniform(lower, upper, (200, 3)):
         found = shape_at(model, pose)
         assert per_cable(found.length) - start == pytest.approx(COUPLING @ pose, abs=1e-14)
-        assert per_cable(found.length_by_joint) == pytest.approx(COUPLING, abs=1e-14)
+        assert per_cable(found.lever_arm) == pytest.approx(COUPLING, abs=1e-14)
 
 
 def test_drums_and_joints_are_coupled_as_in_the_source() -> None:
