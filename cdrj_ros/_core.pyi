@@ -206,3 +206,109 @@ class TrackingFilter:
     @property
     def moves(self) -> bool:
         """Whether an adaptive filter sees the axis move."""
+
+class Robot:
+    """A robot as ``cdrj_ros.model.packing`` packs it; it keeps its arrays alive."""
+
+    def __init__(self, plan: NDArray[np.int64], numbers: NDArray[np.float64]) -> None:
+        """Take the connections of a robot's parts and their constants; neither is copied.
+
+        Raises:
+            TypeError: an array is not contiguous or of another type.
+        """
+
+    @property
+    def state_size(self) -> int:
+        """Numbers of a state."""
+
+    @property
+    def estimate_size(self) -> int:
+        """Numbers of an estimate."""
+
+    @property
+    def out_size(self) -> int:
+        """Numbers of what ``step`` writes: state, estimate and workspace."""
+
+    def step(
+        self,
+        before: NDArray[np.float64],
+        motor_angle: NDArray[np.float64],
+        joint_angle: NDArray[np.float64],
+        dt: float,
+        out: NDArray[np.float64],
+    ) -> bool:
+        """One sample: (state, angles) -> (state, estimate).
+
+        Args:
+            before: begins with the state, as the ``out`` of the sample before does; not changed.
+            motor_angle, joint_angle: angles [rad], of prismatic joints [m], in the robot's order.
+            dt: time since the state [s]; 0 for the first sample or where it is unknown.
+            out: new state, estimate and workspace, shape (out_size,), written.
+
+        Returns:
+            False where the geometry is impossible at these joint angles (the state is then kept)
+            or some cable could not be solved; the elements concerned are ``INVALID``.
+
+        Raises:
+            TypeError: an array is not contiguous or of another type.
+            ValueError: the angles are not those of this robot, or an array is too short.
+        """
+
+    def run(
+        self,
+        state: NDArray[np.float64],
+        motor_angle: NDArray[np.float64],
+        joint_angle: NDArray[np.float64],
+        dt: NDArray[np.float64],
+        estimates: NDArray[np.float64],
+        slipping: bool = False,
+    ) -> None:
+        """``step`` for many samples, bit for bit.
+
+        Args:
+            state: shape (state_size,), replaced by the state after the last sample.
+            motor_angle, joint_angle: [rad] or [m], shapes (samples, motors), (samples, joints).
+            dt: time since the sample before [s], shape (samples,).
+            estimates: shape (samples, estimate_size), written.
+            slipping: whether the cables slip on their drums.
+
+        Raises:
+            TypeError, ValueError: as ``step``.
+            KeyboardInterrupt: between some thousand samples.
+        """
+
+    def shape(
+        self,
+        motor_angle: NDArray[np.float64],
+        joint_angle: NDArray[np.float64],
+        scratch: NDArray[np.float64],
+    ) -> bool:
+        """Geometry of all cables in a pose; False if the path of a cable is impossible.
+
+        Args:
+            motor_angle: [rad], shape (motors,), or (0,) for drums at rest.
+            joint_angle: [rad] or [m], shape (joints,).
+            scratch: the workspace, written.
+        """
+
+    def course(
+        self,
+        joint_angle: NDArray[np.float64],
+        length: NDArray[np.float64],
+        lever_arm: NDArray[np.float64],
+        wrap: NDArray[np.float64],
+        track: NDArray[np.float64],
+    ) -> int:
+        """Geometry along a motion, see ``cdrj_ros.model.along``; all shapes begin with the poses.
+
+        Returns:
+            The first impossible pose, or their number.
+        """
+
+    def impose_friction(self, share: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Impose a friction history on a robot that has just been started.
+
+        Args:
+            share: friction as a share of every pulley's bound, in [-1, 1], shape (pulleys,).
+            out: what ``step`` wrote for the first sample; changed.
+        """

@@ -3,4 +3,5 @@
 PYBIND11_MODULE(_core, core) {
     core.doc() = "The compiled core; its types are in _core.pyi.";
     cdrj::bind_conditioning(core);
+    cdrj::bind_robot(core);
 }

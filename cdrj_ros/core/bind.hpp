@@ -6,5 +6,6 @@
 namespace cdrj {
 
 void bind_conditioning(pybind11::module_& core);
+void bind_robot(pybind11::module_& core);
 
 }  // namespace cdrj

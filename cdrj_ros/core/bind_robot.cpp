@@ -1,0 +1,171 @@
+// A robot and its samples, as `cdrj_ros.model` and `cdrj_ros.estimation` use them.
+#include <pybind11/numpy.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "arrays.hpp"
+#include "bind.hpp"
+#include "robot.hpp"
+
+namespace py = pybind11;
+
+namespace cdrj {
+namespace {
+
+/// Samples between two checks for an interruption.
+constexpr py::ssize_t PIECE = 4096;
+
+/// A robot whose arrays stay alive with it.
+struct HeldRobot {
+    HeldRobot(Indices plan, Vector numbers)
+        : plan(std::move(plan)),
+          numbers(std::move(numbers)),
+          robot(this->plan.data(), this->numbers.data()) {
+        require(this->plan.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "plan is too short");
+    }
+
+    /// Angles of all motors and of all joints in one sample.
+    void require_angles(py::ssize_t motors, py::ssize_t joints) const {
+        require(
+            motors == robot.topology.sizes.motors && joints == robot.topology.sizes.joints,
+            "the angles are not those of this robot");
+    }
+
+    Indices plan;
+    Vector numbers;
+    Robot robot;
+};
+
+bool step(
+    const HeldRobot& held, const Vector& before, const Vector& motor_angle,
+    const Vector& joint_angle, double dt, Vector& out) {
+    const Robot& robot = held.robot;
+    held.require_angles(motor_angle.size(), joint_angle.size());
+    require(before.size() >= py::ssize_t(robot.state_size()), "before is too short");
+    require(out.size() >= py::ssize_t(robot.out_size()), "out is too short");
+    return robot.advance(
+        before.data(), span_of(motor_angle), span_of(joint_angle), dt, out.mutable_data());
+}
+
+/// Advance a state by many samples; `slipping`: the cables slip on their drums.
+void run(
+    const HeldRobot& held, Vector& state, const Matrix& motor_angle, const Matrix& joint_angle,
+    const Vector& dt, Matrix& estimates, bool slipping) {
+    const Robot& robot = held.robot;
+    const py::ssize_t samples = dt.size();
+    const std::size_t size = robot.state_size(), wanted = robot.estimate_size();
+    require(state.size() == py::ssize_t(size), "state has not the size of this robot's");
+    held.require_angles(motor_angle.shape(1), joint_angle.shape(1));
+    require(
+        motor_angle.shape(0) == samples && joint_angle.shape(0) == samples &&
+            estimates.shape(0) == samples && estimates.shape(1) == py::ssize_t(wanted),
+        "motor_angle, joint_angle, dt and estimates differ in their numbers of samples");
+    std::vector<double> out(robot.out_size());
+    double* now = state.mutable_data();
+    const std::size_t motors = motor_angle.shape(1), joints = joint_angle.shape(1);
+    for (py::ssize_t begin = 0; begin < samples; begin += PIECE) {
+        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+        py::gil_scoped_release free;
+        for (py::ssize_t k = begin; k < std::min(begin + PIECE, samples); ++k) {
+            const bool solved = robot.advance(
+                now, {motor_angle.data(k, 0), motors}, {joint_angle.data(k, 0), joints},
+                dt.data()[k], out.data());
+            std::copy_n(out.data(), size, now);
+            std::copy_n(out.data() + size, wanted, estimates.mutable_data(k, 0));
+            if (slipping && solved) robot.forget_drums(now);
+        }
+    }
+}
+
+bool shape(
+    const HeldRobot& held, const Vector& motor_angle, const Vector& joint_angle, Vector& scratch) {
+    const Sizes& sizes = held.robot.topology.sizes;
+    held.require_angles(motor_angle.size() ? motor_angle.size() : sizes.motors, joint_angle.size());
+    require(
+        scratch.size() == py::ssize_t(Workspace::size(sizes)),
+        "scratch has not the size of this robot's");
+    Workspace work(sizes, scratch.mutable_data());
+    return held.robot.shape(span_of(motor_angle), span_of(joint_angle), work);
+}
+
+/// Geometry of many poses that follow each other; returns the first impossible one, or their number.
+py::ssize_t course(
+    const HeldRobot& held, const Matrix& joint_angle, Matrix& length, Matrix& lever_arm,
+    Matrix& wrap, Matrix& track) {
+    const Robot& robot = held.robot;
+    const Sizes& sizes = robot.topology.sizes;
+    held.require_angles(sizes.motors, joint_angle.shape(1));
+    const py::ssize_t poses = joint_angle.shape(0);
+    const auto fits = [poses](const Matrix& one, Index width) {
+        return one.shape(0) == poses && one.shape(1) == width;
+    };
+    require(
+        fits(length, sizes.elements) && fits(lever_arm, sizes.elements * sizes.joints) &&
+            fits(wrap, sizes.pulleys) && fits(track, sizes.pulleys),
+        "the results have not the shapes of this robot's");
+    std::vector<double> one(robot.state_size(), 0.0), other(robot.state_size(), 0.0);
+    std::vector<double> scratch(Workspace::size(sizes), 0.0);
+    State before(sizes, one.data()), after(sizes, other.data());
+    Workspace work(sizes, scratch.data());
+    const std::size_t joints = joint_angle.shape(1);
+    py::gil_scoped_release free;
+    for (py::ssize_t k = 0; k < poses; ++k) {
+        if (!robot.shape({}, {joint_angle.data(k, 0), joints}, work)) return k;
+        robot.follow_arcs(before, after, work);
+        std::ranges::copy(work.middles, before.middles.begin());
+        std::ranges::copy(after.track, before.track.begin());
+        std::ranges::copy(after.track, track.mutable_data(k, 0));
+        std::ranges::copy(work.element_length, length.mutable_data(k, 0));
+        std::ranges::copy(work.wrap, wrap.mutable_data(k, 0));
+        std::copy_n(work.lever_arm.data, sizes.elements * sizes.joints, lever_arm.mutable_data(k, 0));
+    }
+    return poses;
+}
+
+void impose_friction(const HeldRobot& held, const Vector& share, Vector& out) {
+    require(share.size() == held.robot.topology.sizes.pulleys, "share has not one entry per pulley");
+    require(out.size() >= py::ssize_t(held.robot.out_size()), "out is too short");
+    held.robot.impose_friction(span_of(share), out.mutable_data());
+}
+
+}  // namespace
+
+void bind_robot(py::module_& core) {
+    py::class_<HeldRobot>(core, "Robot", "A robot as ``cdrj_ros.model.packing`` packs it.")
+        .def(
+            py::init<Indices, Vector>(), py::arg("plan").noconvert(), py::arg("numbers").noconvert(),
+            "``plan``: connections of its parts; ``numbers``: their constants.")
+        .def_property_readonly("state_size", [](const HeldRobot& h) { return h.robot.state_size(); })
+        .def_property_readonly(
+            "estimate_size", [](const HeldRobot& h) { return h.robot.estimate_size(); })
+        .def_property_readonly("out_size", [](const HeldRobot& h) { return h.robot.out_size(); })
+        .def(
+            "step", step, py::arg("before").noconvert(), py::arg("motor_angle").noconvert(),
+            py::arg("joint_angle").noconvert(), py::arg("dt"), py::arg("out").noconvert(),
+            "One sample: (state, angles) -> (state, estimate, workspace) in ``out``.\n\n"
+            "Angles in rad, of prismatic joints in m; ``dt``: time since the state [s], 0 for the\n"
+            "first sample. Returns False where the geometry is impossible (the state is kept) or a\n"
+            "cable could not be solved; the elements concerned are ``INVALID``.")
+        .def(
+            "run", run, py::arg("state").noconvert(), py::arg("motor_angle").noconvert(),
+            py::arg("joint_angle").noconvert(), py::arg("dt").noconvert(),
+            py::arg("estimates").noconvert(), py::arg("slipping") = false,
+            "``step`` for many samples, one a row; ``state`` is replaced by the last one's.\n\n"
+            "``slipping``: the cables slip on their drums.")
+        .def(
+            "shape", shape, py::arg("motor_angle").noconvert(), py::arg("joint_angle").noconvert(),
+            py::arg("scratch").noconvert(),
+            "Geometry in a pose, written to the workspace; False if a cable's path is impossible.")
+        .def(
+            "course", course, py::arg("joint_angle").noconvert(), py::arg("length").noconvert(),
+            py::arg("lever_arm").noconvert(), py::arg("wrap").noconvert(),
+            py::arg("track").noconvert(),
+            "Geometry along a motion; returns the first impossible pose, or their number.")
+        .def(
+            "impose_friction", impose_friction, py::arg("share").noconvert(),
+            py::arg("out").noconvert(),
+            "Impose shares in [-1, 1] of the friction bounds after the first sample.");
+}
+
+}  // namespace cdrj

@@ -1,0 +1,72 @@
+// One cable in one sample: all its contacts solved together (E11). docs/model.md, section 5.
+//
+// The n contacts of a cable divide it into n + 1 segments: contact i lies between segments i and
+// i + 1. The unknowns are the fluxes: the unstretched material that moves past the middle of each
+// contact towards the last node. Friction follows the slip against the body, flux + shift (E25).
+#pragma once
+
+#include <span>
+
+#include "laws.hpp"
+#include "state_records.hpp"
+
+namespace cdrj {
+
+/// Largest force imbalance of a solved contact [N]; the second term allows for rounding.
+inline double tolerance(const Elasticity& law) { return 1e-8 + 1e-14 * law.axial_stiffness; }
+
+/// Largest force imbalance of a usable sample [N]; with a larger one it counts as unsolved.
+inline double acceptable(const Elasticity& law) { return 1e-4 + 1e-14 * law.axial_stiffness; }
+
+/// What the solution of a cable took.
+struct Effort {
+    std::int64_t iterations;  // of Newton's method, in all
+    double imbalance;         // largest remaining force imbalance of a contact [N]
+};
+
+/// One cable and the material that its ends take in this sample.
+struct Cable {
+    Elasticity elastic;
+    Law law;                         // of friction
+    double first_flux;               // material that enters at the first node [m]
+    double last_flux;                // material that leaves at the last node [m]
+    double dt;                       // duration of the sample [s]; 0 where it is unknown
+    std::span<Segment> segments;     // lengths and the material before are given
+    std::span<Contact> contacts;     // constants, shifts and bristle forces before are given
+
+    /// Force imbalance of every contact at its trial flux (E11); returns the largest [N].
+    ///
+    /// Residual i is (t_{i+1} - t_i) - friction_i, whose bound is (E8). `hardness` is a factor of
+    /// the bristles' stiffness. Material and tension of the segments, bristle force, bound, residual
+    /// and derivatives of the contacts are written.
+    double balance(double hardness);
+
+    /// Newton's method with a line search for (E11), from the fluxes of the contacts.
+    Effort newton(double hardness);
+
+    /// Advance the cable by the sample, or by the stages of (E23) where that is hard.
+    ///
+    /// The contacts hold a first guess of the fluxes, and then the solution. Unless the remaining
+    /// imbalance is `acceptable`, the sample is not solved, and the caller must report it.
+    Effort solve();
+};
+
+/// -dt / dl of a segment [N/m]; 0 where it is slack.
+double segment_stiffness(const Elasticity& elastic, const Segment& segment);
+
+/// Derivatives of a residual by the fluxes of the contact before, this one and the next [N/m].
+struct MatrixRow {
+    double lower, diagonal, upper;
+};
+
+/// A row of the Newton matrix.
+///
+/// The bound of friction depends on the tension on the pull side, so its derivative also adds to the
+/// column of a neighbouring contact. `k_left`, `k_right`: stiffness of the segments before and after
+/// the contact [N/m]; `pulled_after`: whether the segment after it is on the pull side; `slack`
+/// replaces the stiffness of a slack segment in the matrix, not in the residual: without it a taut
+/// segment between slack ones makes the system singular.
+MatrixRow matrix_row(
+    const Contact& contact, double k_left, double k_right, bool pulled_after, double slack);
+
+}  // namespace cdrj

@@ -1,0 +1,126 @@
+#include "cells.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "angles.hpp"
+#include "friction.hpp"
+#include "space.hpp"
+
+namespace cdrj {
+namespace {
+
+/// Length of the segments between cells of a body that the cable does not touch [m].
+constexpr double SHORTEST_SEGMENT = 1e-6;
+
+/// Whether a cable touches the body of its pulley `k`, which it did not touch before.
+bool touches_anew(
+    const CableTopology& cable, Index k, const State& before, const Workspace& work) {
+    if (cable.routed != Route::space) return false;
+    const Vector3& tangent = before.middles[cable.first_node + 1 + k].tangent;
+    const bool missed = tangent.x == 0.0 && tangent.y == 0.0 && tangent.z == 0.0;
+    return missed && work.wrap[cable.first_pulley + k] > 0.0;
+}
+
+}  // namespace
+
+void divide_arcs(const Topology& topology, Workspace& work) {
+    for (Index c = 0; c < topology.sizes.cables; ++c) {
+        const CableTopology& cable = topology.cables[c];
+        for (Index k = 0; k < cable.elements; ++k) {
+            work.segments[topology.span_segment(c, k)].length =
+                work.element_length[cable.first_element + k];
+        }
+        for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
+            const Index first = topology.pulleys[p].first_contact;
+            const Index cells = topology.pulleys[p].cells;
+            if (cells == 1) continue;
+            const double between =
+                std::max(work.arc[p] / static_cast<double>(cells), SHORTEST_SEGMENT);
+            const double outer = 0.5 * between * static_cast<double>(cells - 1);
+            work.segments[first + c].length -= outer;
+            work.segments[first + cells + c].length -= outer;
+            for (Index q = first + 1; q < first + cells; ++q) work.segments[q + c].length = between;
+        }
+    }
+}
+
+void follow_arc(
+    const Topology& topology, const Constants& constants, Index cable, Index k, const State& before,
+    State& after, const Workspace& work) {
+    const CableTopology& own = topology.cables[cable];
+    const Index p = own.first_pulley + k;
+    double moved;
+    if (own.routed == Route::space) {
+        const Index node = own.first_node + 1 + k;
+        moved = motion_along(
+            constants.spatial_nodes[node].radius, before.middles[node], work.middles[node]);
+    } else {
+        moved = work.middle[p] - before.track[p];
+        const double half_turn = PI * constants.pulleys[p].radius;
+        if (std::abs(moved) > half_turn && half_turn > 0.0) {  // whole turns are no motion
+            moved = modulo(moved + half_turn, 2.0 * half_turn) - half_turn;
+        }
+    }
+    after.track[p] = before.track[p] + moved;
+}
+
+void place_contacts(
+    const Topology& topology, const Constants& constants, Index cable, const State& before,
+    State& after, Workspace& work) {
+    const CableTopology& own = topology.cables[cable];
+    const bool started = *before.started != 0.0;
+    for (Index k = 0; k < own.pulleys; ++k) {
+        const Index p = own.first_pulley + k;
+        const PulleyConstants& pulley = constants.pulleys[p];
+        const Index first = topology.pulleys[p].first_contact, cells = topology.pulleys[p].cells;
+        follow_arc(topology, constants, cable, k, before, after, work);
+        if (started && touches_anew(own, k, before, work)) work.wrap[p] = 0.0;
+        double share = 1.0, between = work.arc[p];
+        if (cells > 1) {
+            share = 1.0 / static_cast<double>(cells);
+            between = work.arc[p] / static_cast<double>(cells);
+        }
+        for (Index q = first; q < first + cells; ++q) {
+            Contact& contact = work.contacts[q];
+            contact.share = share;
+            contact.stiffness = share * pulley.bristle_stiffness;
+            contact.damping = share * pulley.bristle_damping;
+            contact.viscous = share * pulley.viscous;
+            contact.drag = share * pulley.drag;
+            contact.breakaway = pulley.breakaway;
+            const double cell =
+                static_cast<double>(q - first) - 0.5 * static_cast<double>(cells - 1);
+            after.place[q] = after.track[p] + cell * between;
+            const double moved = after.place[q] - before.place[q];
+            contact.shift = 0.0;
+            if (started && moved != 0.0) {
+                const double stretch =
+                    0.5 * (before.stretch(q + cable) + before.stretch(q + cable + 1));
+                contact.shift = moved / stretch;
+            }
+        }
+    }
+}
+
+void friction_losses(
+    const Topology& topology, const Constants& constants, const State& before, Workspace& work) {
+    for (Index p = 0; p < topology.sizes.pulleys; ++p) {
+        const PulleyConstants& pulley = constants.pulleys[p];
+        const PulleyTopology& plan = topology.pulleys[p];
+        Loss whole{pulley.kinetic_loss, pulley.static_loss};
+        if (plan.wrap_changes == 1) {
+            whole = blended_loss(
+                pulley.rho, pulley.mu_c, pulley.mu_s, work.wrap[p], pulley.bearing_ratio,
+                plan.stribeck);
+        }
+        const Loss loss = cell_loss(whole, work.contacts[plan.first_contact].share);
+        for (Index q = plan.first_contact; q < plan.first_contact + plan.cells; ++q) {
+            const double share = stribeck_share(before.lagged_speed[q], pulley.stribeck_speed);
+            work.contacts[q].static_share = share;
+            work.contacts[q].loss = loss.kinetic + loss.fading * share;
+        }
+    }
+}
+
+}  // namespace cdrj

@@ -1,0 +1,36 @@
+// Contact cells of pulleys, their places on the bodies, and slip against the bodies.
+// docs/model.md, section 4.
+#pragma once
+
+#include "layout.hpp"
+
+namespace cdrj {
+
+/// Lengths of the segments from those of the elements: the arc of every pulley in equal cells.
+///
+/// An element ends in the middle of an arc, its outer segment in the middle of the first cell.
+void divide_arcs(const Topology& topology, Workspace& work);
+
+/// Move the place of the middle of an arc along its path on the body (E26).
+void follow_arc(
+    const Topology& topology, const Constants& constants, Index cable, Index k, const State& before,
+    State& after, const Workspace& work);
+
+/// Constants and places of the contacts of one cable, and the shift of (E25).
+///
+/// Where the cable comes to touch a body in this sample, the wrap is set to 0: the contact holds no
+/// friction yet.
+void place_contacts(
+    const Topology& topology, const Constants& constants, Index cable, const State& before,
+    State& after, Workspace& work);
+
+/// Loss of every contact: (37), (41), their blend for the pulley, (E28) for its cells.
+///
+/// Constant wraps use losses computed beforehand. Static friction fades with the slip speed delayed
+/// by `stribeck_lag` (E10), frictional memory. With the speed of the sample itself, friction would
+/// fall while the cable slips; a massless cable then has several solutions or none, and would jump
+/// from sample to sample.
+void friction_losses(
+    const Topology& topology, const Constants& constants, const State& before, Workspace& work);
+
+}  // namespace cdrj

@@ -1,0 +1,136 @@
+// Friction of a cable on a pulley: (29)-(43) of the source and the dynamic laws.
+//
+// beta: wrap angle [rad], v: slip speed [m/s], eta = T_hold / T_pull: transmission in (0, 1],
+// g: largest difference T_pull - T_hold that friction can carry [N]. docs/model.md, section 4.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "robot_records.hpp"
+
+namespace cdrj {
+
+/// Floor of eta: the printed (35) goes below zero for large mu_s / mu_c and wrap angles.
+inline constexpr double MINIMUM_TRANSMISSION = 1e-3;
+
+/// epsilon of (34) [N]: keeps the bound positive on a slack cable.
+inline constexpr double BOUND_FLOOR = 1e-9;
+
+/// 1 - eta = kinetic + fading * stribeck_share(v).
+struct Loss {
+    double kinetic;  // at high slip speed [-]
+    double fading;   // further loss at rest [-]
+};
+
+/// (29)-(32): T_hold / T_pull of a cable sliding over a fixed cylinder.
+inline double capstan_transmission(double mu, double wrap) { return std::exp(-mu * wrap); }
+
+/// Share in [0, 1] of static friction that is left at a slip speed: the last factor of (33).
+inline double stribeck_share(double slip_speed, double stribeck_speed) {
+    const double ratio = slip_speed / stribeck_speed;
+    return std::exp(-ratio * ratio);
+}
+
+/// (34)-(37): loss of a cable that slides.
+inline Loss sliding_loss(double mu_c, double mu_s, double wrap, Stribeck form) {
+    const double kinetic = 1.0 - capstan_transmission(mu_c, wrap);
+    if (form == Stribeck::capstan) {
+        return {kinetic, capstan_transmission(mu_c, wrap) - capstan_transmission(mu_s, wrap)};
+    }
+    if (mu_c <= 0.0) return {0.0, 0.0};
+    return {kinetic, kinetic * (mu_s / mu_c - 1.0)};
+}
+
+/// (37): eta_d at a slip speed, kept above MINIMUM_TRANSMISSION.
+inline double sliding_transmission(
+    double slip_speed, double mu_c, double mu_s, double stribeck_speed, double wrap,
+    Stribeck form) {
+    const Loss loss = sliding_loss(mu_c, mu_s, wrap, form);
+    const double whole = loss.kinetic + loss.fading * stribeck_share(slip_speed, stribeck_speed);
+    return std::max(1.0 - whole, MINIMUM_TRANSMISSION);
+}
+
+/// (41): eta_r of a pulley on a bearing, from the balance (39) and the quadratic (40).
+///
+/// `ratio` = f_d d / r_p = 1 / alpha, so that a frictionless bearing is 0, not infinity: numerator
+/// and denominator of (41) are divided by alpha^2.
+inline double bearing_transmission(double wrap, double ratio) {
+    const double c = ratio * ratio;
+    const double cosine = std::cos(wrap);
+    const double root =
+        std::sqrt(std::max((1.0 - cosine) * (2.0 - c * cosine - c) * c, 0.0));
+    return (1.0 - c * cosine - root) / (1.0 - c);
+}
+
+/// (42), (43): eta = rho eta_d + (1 - rho) eta_r of a pulley, kept above MINIMUM_TRANSMISSION.
+inline Loss blended_loss(
+    double rho, double mu_c, double mu_s, double wrap, double bearing_ratio, Stribeck form) {
+    const Loss sliding = sliding_loss(mu_c, mu_s, wrap, form);
+    const double bearing = 1.0 - bearing_transmission(wrap, bearing_ratio);
+    const double most = 1.0 - MINIMUM_TRANSMISSION;
+    const double kinetic = std::min(rho * sliding.kinetic + (1.0 - rho) * bearing, most);
+    return {kinetic, std::min(rho * sliding.fading, most - kinetic)};
+}
+
+/// (E28): loss of a contact cell that has a share of its pulley's wrap.
+inline Loss cell_loss(const Loss& whole, double share) {
+    if (share == 1.0) return whole;
+    const double fast = std::pow(1.0 - whole.kinetic, share);
+    return {1.0 - fast, fast - std::pow(1.0 - whole.kinetic - whole.fading, share)};
+}
+
+/// A friction force and its derivatives.
+struct Friction {
+    double force;     // [N]
+    double by_slip;   // derivative by the slip [N/m]
+    double by_bound;  // derivative by the bound [-]
+};
+
+/// (33), (E9): bristle force after a slip, exact over the slip for a constant bound.
+///
+/// LuGre (33) without viscous terms is df/dx = sigma0 (1 - sgn(x) f / g), so over a slip x the
+/// distance to the bound shrinks by exp(-sigma0 |x| / g). The elastoplastic law (Dupont, Hayward,
+/// Armstrong, Altpeter 2002) keeps df/dx = sigma0 up to `breakaway` * g and closes the rest
+/// exponentially, continuous in slope; with breakaway = 1 it is an elastic, perfectly plastic
+/// contact whose minor loops close exactly.
+///
+/// `before`: bristle force sigma0 z before the slip [N]; `slip`: material that has moved past the
+/// body's surface [m]; `stiffness`: sigma0 [N/m]; `bound`: g [N], positive; `breakaway`: in [0, 1].
+inline Friction friction_force(
+    Law law, double before, double slip, double stiffness, double bound, double breakaway) {
+    const double sign = slip >= 0.0 ? 1.0 : -1.0;
+    const double x = sign * slip;
+    double f = sign * before;  // mirrored so that the slip is forward
+    if (law == Law::lugre) {
+        const double decay = std::exp(-stiffness * x / bound);
+        const double force = bound + (f - bound) * decay;
+        const double by_slip = -(f - bound) * decay * stiffness / bound;
+        const double by_bound =
+            1.0 - decay + (f - bound) * decay * stiffness * x / (bound * bound);
+        return {sign * force, by_slip, sign * by_bound};
+    }
+    double elastic_by_bound = 0.0;
+    if (f < -bound) {  // the bound has shrunk below the stored force: bristles let go first
+        f = -bound;
+        elastic_by_bound = -1.0;
+    }
+    const double knee = breakaway * bound;
+    const double trial = f + stiffness * x;
+    if (trial <= knee) return {sign * trial, stiffness, sign * elastic_by_bound};
+    if (f >= bound || breakaway >= 1.0) return {sign * bound, 0.0, sign};
+    const double reach = (1.0 - breakaway) * bound / stiffness;
+    if (f >= knee) {
+        const double decay = std::exp(-x / reach);
+        const double gap = bound - f;
+        const double by_bound = 1.0 - decay - gap * decay * x / (reach * bound);
+        return {sign * (bound - gap * decay), gap * decay / reach, sign * by_bound};
+    }
+    const double plastic = x - (knee - f) / stiffness;
+    const double decay = std::exp(-plastic / reach);
+    const double force = bound - (bound - knee) * decay;
+    const double by_bound = 1.0 - decay * (1.0 - elastic_by_bound + stiffness * plastic / bound);
+    return {sign * force, stiffness * decay, sign * by_bound};
+}
+
+}  // namespace cdrj

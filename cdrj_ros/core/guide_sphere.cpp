@@ -1,0 +1,51 @@
+// A sphere: the cable lies on a great circle in the plane of the centre, a and b.
+#include <cmath>
+
+#include "angles.hpp"
+#include "guide_round.hpp"
+#include "tangents.hpp"
+
+namespace cdrj {
+namespace {
+
+/// Sine below which two directions count as parallel.
+constexpr double PARALLEL = 1e-12;
+
+Meeting meet(const SpatialNodeConstants& node, Touch& touch) {
+    const Vector3 &a = touch.before, &b = touch.after;
+    Vector3 axis = cross(a, b);
+    const double size = norm(axis);
+    if (size > PARALLEL * norm(a) * norm(b)) {
+        axis = (1.0 / size) * axis;
+    } else {  // a, b and the centre lie on one line: choose any plane through it
+        const bool along_x = !(std::abs(a.x) < 0.5 * norm(a));
+        axis = cross(a, along_x ? Vector3{0.0, 1.0, 0.0} : Vector3{1.0, 0.0, 0.0});
+        axis = (1.0 / norm(axis)) * axis;
+    }
+    const Vector3 side = combined(1.0, touch.side, -dot(touch.side, axis), axis);
+    const bool possible = touch_round(node, touch, {axis, a, b, side});
+    return {possible, node.radius * touch.entry_normal, node.radius * touch.exit_normal};
+}
+
+void measure(const SpatialNodeConstants& node, Touch& touch) {
+    touch.angle = arc_angle(touch.normal, touch.sense, touch.entry_normal, touch.exit_normal) +
+                  2.0 * PI * node.turns;
+    touch.wrap = touch.angle;
+    touch.arc = node.radius * touch.angle;
+}
+
+ArcMiddle middle(const SpatialNodeConstants& node, const Touch& touch) {
+    if (node.inside == 1.0) {
+        return {touch.entry_normal, direction_through_ring(node, touch, 0.0), 0.0};
+    }
+    const double turned = touch.sense * (0.5 * touch.angle);
+    const Vector3 normal =
+        about(touch.normal, std::cos(turned), std::sin(turned), touch.entry_normal);
+    return {normal, touch.sense * cross(touch.normal, normal), 0.0};
+}
+
+}  // namespace
+
+const GuideKind SPHERE{meet, measure, middle};
+
+}  // namespace cdrj

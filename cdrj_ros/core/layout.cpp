@@ -1,0 +1,141 @@
+#include "layout.hpp"
+
+#include <algorithm>
+
+namespace cdrj {
+namespace {
+
+/// Takes one part after another from a flat array of 8-byte words.
+template <typename Word>
+class Parts {
+public:
+    explicit Parts(Word* begin) : next_(begin) {}
+
+    /// The next `count` records.
+    template <typename Record>
+    std::span<Record> take(Index count) {
+        static_assert(sizeof(Record) % sizeof(Word) == 0 && alignof(Record) == alignof(Word));
+        auto* first = reinterpret_cast<Record*>(next_);
+        next_ += count * static_cast<Index>(sizeof(Record) / sizeof(Word));
+        return {first, static_cast<std::size_t>(count)};
+    }
+
+    Word* next() const { return next_; }
+
+private:
+    Word* next_;
+};
+
+constexpr Index SIZES = sizeof(Sizes) / sizeof(Index);
+
+}  // namespace
+
+Topology::Topology(const Index* plan) : sizes(*reinterpret_cast<const Sizes*>(plan)) {
+    Parts parts(plan + SIZES);
+    cables = parts.take<const CableTopology>(sizes.cables);
+    ends = parts.take<const EndTopology>(2 * sizes.cables);
+    pulleys = parts.take<const PulleyTopology>(sizes.pulleys);
+    frames = parts.take<const FrameTopology>(sizes.frames);
+    nodes = parts.take<const NodeTopology>(sizes.nodes);
+    terms = parts.take<const TermTopology>(sizes.terms);
+    spatial_frames = parts.take<const SpatialFrameTopology>(sizes.spatial_frames);
+    spatial_nodes = parts.take<const SpatialNodeTopology>(sizes.spatial_nodes);
+}
+
+Constants::Constants(const Sizes& sizes, const double* numbers) {
+    Parts parts(numbers);
+    cables = parts.take<const CableConstants>(sizes.cables);
+    ends = parts.take<const EndConstants>(2 * sizes.cables);
+    pulleys = parts.take<const PulleyConstants>(sizes.pulleys);
+    elements = parts.take<const ElementConstants>(sizes.elements);
+    segments = parts.take<const SegmentConstants>(sizes.segments());
+    frames = parts.take<const FrameConstants>(sizes.frames);
+    nodes = parts.take<const NodeConstants>(sizes.nodes);
+    motors = parts.take<const MotorConstants>(sizes.motors);
+    joints = parts.take<const JointConstants>(sizes.joints);
+    axes = parts.take<const AxisConstants>(sizes.axes());
+    tables = parts.take<const Cubic>(sizes.terms * TABLE_INTERVALS);
+    spatial_frames = parts.take<const SpatialFrameConstants>(sizes.spatial_frames);
+    spatial_nodes = parts.take<const SpatialNodeConstants>(sizes.spatial_nodes);
+}
+
+State::State(const Sizes& sizes, double* state) : started(state) {
+    Parts parts(state + 1);
+    length = parts.take<double>(sizes.segments());
+    material = parts.take<double>(sizes.segments());
+    delayed = parts.take<double>(sizes.segments());
+    bristle = parts.take<double>(sizes.contacts);
+    slip_speed = parts.take<double>(sizes.contacts);
+    lagged_speed = parts.take<double>(sizes.contacts);
+    place = parts.take<double>(sizes.contacts);
+    track = parts.take<double>(sizes.pulleys);
+    angle = parts.take<double>(sizes.axes());
+    bearing_friction = parts.take<double>(sizes.axes());
+    drums = parts.take<Drum>(sizes.drums);
+    middles = parts.take<ArcMiddle>(sizes.spatial_nodes);
+}
+
+std::size_t State::size(const Sizes& sizes) {
+    const Index words = 1 + 3 * sizes.segments() + 4 * sizes.contacts + sizes.pulleys +
+                        2 * sizes.axes() + sizes.drums * Index{sizeof(Drum) / 8} +
+                        sizes.spatial_nodes * Index{sizeof(ArcMiddle) / 8};
+    return static_cast<std::size_t>(words);
+}
+
+double State::stretch(Index segment) const {
+    return std::max(length[segment] / material[segment], 1.0);
+}
+
+Estimate::Estimate(const Sizes& sizes, double* estimate) {
+    Parts parts(estimate);
+    tension = parts.take<double>(sizes.elements);
+    status = parts.take<double>(sizes.elements);
+    force_x = parts.take<double>(sizes.pulleys);
+    force_y = parts.take<double>(sizes.pulleys);
+    force_z = parts.take<double>(sizes.pulleys);
+    magnitude = parts.take<double>(sizes.pulleys);
+    friction = parts.take<double>(sizes.pulleys);
+    slip_speed = parts.take<double>(sizes.pulleys);
+    motor_effort = parts.take<double>(sizes.motors);
+    joint_effort = parts.take<double>(sizes.joints);
+    iterations = parts.take<double>(sizes.cables);
+    residual = parts.take<double>(sizes.cables);
+}
+
+std::size_t Estimate::size(const Sizes& sizes) {
+    const Index words =
+        2 * sizes.elements + 6 * sizes.pulleys + sizes.axes() + 2 * sizes.cables;
+    return static_cast<std::size_t>(words);
+}
+
+Workspace::Workspace(const Sizes& sizes, double* scratch) {
+    Parts parts(scratch);
+    element_length = parts.take<double>(sizes.elements);
+    lever_arm = {parts.take<double>(sizes.elements * sizes.joints).data(), sizes.joints};
+    direction = {parts.take<double>(sizes.elements * 3).data(), 3};
+    wrap = parts.take<double>(sizes.pulleys);
+    arc = parts.take<double>(sizes.pulleys);
+    middle = parts.take<double>(sizes.pulleys);
+    segments = parts.take<Segment>(sizes.segments());
+    contacts = parts.take<Contact>(sizes.contacts);
+    pose = parts.take<Pose>(sizes.frames);
+    twist = {parts.take<Twist>(sizes.frames * sizes.joints).data(), sizes.joints};
+    spatial_pose = parts.take<SpatialPose>(sizes.spatial_frames);
+    spatial_twist = {
+        parts.take<SpatialTwist>(sizes.spatial_frames * sizes.joints).data(), sizes.joints};
+    touches = parts.take<Touch>(sizes.spatial_nodes);
+    middles = parts.take<ArcMiddle>(sizes.spatial_nodes);
+}
+
+std::size_t Workspace::size(const Sizes& sizes) {
+    return static_cast<std::size_t>(
+        (4 + sizes.joints) * sizes.elements + 3 * sizes.pulleys +
+        sizes.segments() * Index{sizeof(Segment) / 8} + sizes.contacts * Index{sizeof(Contact) / 8} +
+        sizes.frames * Index{sizeof(Pose) / 8} +
+        sizes.frames * sizes.joints * Index{sizeof(Twist) / 8} +
+        sizes.spatial_frames * Index{sizeof(SpatialPose) / 8} +
+        sizes.spatial_frames * sizes.joints * Index{sizeof(SpatialTwist) / 8} +
+        sizes.spatial_nodes * Index{(sizeof(Touch) + sizeof(ArcMiddle)) / 8});
+}
+
+}  // namespace cdrj

@@ -1,0 +1,168 @@
+// Where the parts of a robot, its state, its estimate and its workspace lie in flat arrays.
+//
+// `cdrj_ros.model` makes the arrays, and lays them out in the same order: packing.py a robot's
+// topology and constants, state.py all others.
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include "robot_records.hpp"
+#include "state_records.hpp"
+
+namespace cdrj {
+
+/// Numbers of the parts of a robot; its topology begins with them.
+struct Sizes {
+    Index motors;
+    Index joints;
+    Index cables;
+    Index elements;
+    Index pulleys;
+    Index contacts;        // contact cells of all pulleys
+    Index frames;
+    Index nodes;
+    Index terms;           // tabulated functions of a joint angle that are added to a span or a wrap
+    Index spatial_frames;  // 0 for a robot described in the plane
+    Index spatial_nodes;   // as `nodes`, or 0 for a robot described in the plane
+    Index drums;           // ends of cables that motors wind
+
+    Index segments() const { return contacts + cables; }
+    Index axes() const { return motors + joints; }
+};
+
+/// A table of numbers by rows.
+struct Table {
+    double* data;
+    Index width;
+
+    double& operator()(Index row, Index column) const { return data[row * width + column]; }
+};
+
+/// A table of records by rows.
+template <typename Record>
+struct Grid {
+    Record* data;
+    Index width;
+
+    Record& operator()(Index row, Index column) const { return data[row * width + column]; }
+};
+
+/// Connections of a robot.
+struct Topology {
+    explicit Topology(const Index* plan);
+
+    Sizes sizes;
+    std::span<const CableTopology> cables;
+    std::span<const EndTopology> ends;  // cable c has its first end at 2 c and its last at 2 c + 1
+    std::span<const PulleyTopology> pulleys;
+    std::span<const FrameTopology> frames;
+    std::span<const NodeTopology> nodes;  // of all cables
+    std::span<const TermTopology> terms;
+    std::span<const SpatialFrameTopology> spatial_frames;
+    std::span<const SpatialNodeTopology> spatial_nodes;
+
+    /// First segment of a cable, and the one after its last.
+    struct Segments {
+        Index first, beyond;
+    };
+    Segments segments_of(Index cable) const {
+        const Index first = cables[cable].first_contact + cable;
+        return {first, first + cables[cable].contacts + 1};
+    }
+
+    /// The segment that holds the free span of a cable's element `k`.
+    Index span_segment(Index cable, Index k) const {
+        if (k == 0) return cables[cable].first_contact + cable;
+        const PulleyTopology& before = pulleys[cables[cable].first_pulley + k - 1];
+        return before.first_contact + before.cells + cable;
+    }
+};
+
+/// Constants of a robot.
+struct Constants {
+    Constants(const Sizes& sizes, const double* numbers);
+
+    std::span<const CableConstants> cables;
+    std::span<const EndConstants> ends;
+    std::span<const PulleyConstants> pulleys;
+    std::span<const ElementConstants> elements;
+    std::span<const SegmentConstants> segments;
+    std::span<const FrameConstants> frames;
+    std::span<const NodeConstants> nodes;
+    std::span<const MotorConstants> motors;
+    std::span<const JointConstants> joints;
+    std::span<const AxisConstants> axes;  // all motors, then all joints
+    std::span<const Cubic> tables;        // TABLE_INTERVALS cubics for every term
+    std::span<const SpatialFrameConstants> spatial_frames;
+    std::span<const SpatialNodeConstants> spatial_nodes;
+};
+
+/// State of a robot between two samples.
+struct State {
+    State(const Sizes& sizes, double* state);
+
+    static std::size_t size(const Sizes& sizes);
+
+    double* started;                // 0 before the first sample, then 1
+    std::span<double> length;       // geometric, of every segment with its share of the arcs [m]
+    std::span<double> material;     // unstretched length of every segment [m]
+    std::span<double> delayed;      // delayed strain of every segment [-], (E24)
+    std::span<double> bristle;      // bristle force of every contact [N]
+    std::span<double> slip_speed;   // against the body, towards the last node [m/s], (E25)
+    std::span<double> lagged_speed; // delayed slip speed, for static friction [m/s], (E10)
+    std::span<double> place;        // of every contact along the cable's path on the body [m], (E26)
+    std::span<double> track;        // of the middle of every pulley's arc on that path [m]
+    std::span<double> angle;        // of motors, then joints [rad] or [m]
+    std::span<double> bearing_friction;  // torques of motors, then joints [N m] or [N]
+    std::span<Drum> drums;          // of every end that a motor winds
+    std::span<ArcMiddle> middles;   // of every node of a robot described in space
+
+    /// 1 + strain of a segment; 1 where it is slack.
+    double stretch(Index segment) const;
+};
+
+/// Results of a sample.
+struct Estimate {
+    Estimate(const Sizes& sizes, double* estimate);
+
+    static std::size_t size(const Sizes& sizes);
+
+    std::span<double> tension;       // of every element [N]
+    std::span<double> status;        // bit flags of every element
+    std::span<double> force_x;       // of the cable on every pulley [N]
+    std::span<double> force_y;
+    std::span<double> force_z;
+    std::span<double> magnitude;     // of that force [N], (38)
+    std::span<double> friction;      // tension after less tension before every pulley [N]
+    std::span<double> slip_speed;    // of every pulley, towards the last node [m/s]
+    std::span<double> motor_effort;  // [N m]
+    std::span<double> joint_effort;  // [N m], of prismatic joints [N]
+    std::span<double> iterations;    // of Newton's method, of every cable
+    std::span<double> residual;      // largest force imbalance of every cable [N]
+};
+
+/// Intermediate values of a sample.
+struct Workspace {
+    Workspace(const Sizes& sizes, double* scratch);
+
+    static std::size_t size(const Sizes& sizes);
+
+    std::span<double> element_length;  // geometric, with its share of the arcs [m]
+    Table lever_arm;                   // of every element about every joint [m], (E27)
+    Table direction;                   // unit vectors of routed elements in the base
+    std::span<double> wrap;            // of every pulley [rad]
+    std::span<double> arc;             // length of cable on every pulley [m]
+    std::span<double> middle;          // place of the middle of every arc along its body, up to a
+                                       // constant and whole turns [m]; unused in space
+    std::span<Segment> segments;
+    std::span<Contact> contacts;
+    std::span<Pose> pose;              // of every frame
+    Grid<Twist> twist;                 // of every frame by every joint
+    std::span<SpatialPose> spatial_pose;
+    Grid<SpatialTwist> spatial_twist;
+    std::span<Touch> touches;          // of every node of a robot described in space
+    std::span<ArcMiddle> middles;      // of the same nodes
+};
+
+}  // namespace cdrj

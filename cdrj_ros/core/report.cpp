@@ -1,0 +1,114 @@
+#include "report.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace cdrj {
+namespace {
+
+/// Force of a cable on a pulley [N] from the tensions before and after it.
+///
+/// The components of a routed cable are in the base. For other cables x lies along the bisector of
+/// the cable's two directions and y across it.
+Vector3 force_on_pulley(const Step& step, Index p, Route routed, double t_in, double t_out) {
+    const Workspace& work = step.work;
+    if (routed != Route::tables) {
+        const Index e = step.topology.pulleys[p].element;
+        const Table& u = work.direction;
+        const double z =
+            routed == Route::space ? t_out * u(e + 1, 2) - t_in * u(e, 2) : 0.0;
+        return {t_out * u(e + 1, 0) - t_in * u(e, 0), t_out * u(e + 1, 1) - t_in * u(e, 1), z};
+    }
+    double along = step.constants.pulleys[p].half_sine;
+    double across = step.constants.pulleys[p].half_cosine;
+    if (step.topology.pulleys[p].wrap_changes == 1) {
+        along = std::sin(0.5 * work.wrap[p]);
+        across = std::cos(0.5 * work.wrap[p]);
+    }
+    return {(t_out + t_in) * along, (t_out - t_in) * across, 0.0};
+}
+
+/// Moment of a cable about the axis of the drum at one end per newton [m], (E27).
+double drum_lever(const Step& step, Index c, Index end) {
+    const CableTopology& cable = step.topology.cables[c];
+    const Index node = cable.first_node + end * cable.elements;
+    if (cable.routed == Route::space &&
+        step.topology.spatial_nodes[node].kind == Guide::pulley) {
+        return step.work.touches[node].lever;
+    }
+    return step.constants.ends[2 * c + end].radius;
+}
+
+}  // namespace
+
+void report_cable(const Step& step, Index c, bool solved) {
+    const auto& [topology, constants, before, after, estimate, work] = step;
+    const CableTopology& cable = topology.cables[c];
+    const CableConstants& own = constants.cables[c];
+    const Index first = cable.first_element, last = first + cable.elements;
+    const Index pulley = cable.first_pulley, beyond = pulley + cable.pulleys;
+    for (Index k = 0; k < cable.elements; ++k) {
+        const double t = work.segments[topology.span_segment(c, k)].tension;
+        const Index e = first + k;
+        estimate.tension[e] = t;
+        int flag = solved ? OK : INVALID;
+        if (t <= own.slack_tension) flag |= SLACK;
+        if (t > own.maximum_tension) flag |= OVERLOAD;
+        estimate.status[e] = flag;
+        for (Index j = 0; j < topology.sizes.joints; ++j) {
+            estimate.joint_effort[j] -= t * work.lever_arm(e, j);
+        }
+    }
+    for (const Index end : {Index{0}, Index{1}}) {
+        const Index motor = topology.ends[2 * c + end].motor;
+        if (motor < 0) continue;
+        const double pull = estimate.tension[end == 0 ? first : last - 1];
+        const double winding = constants.ends[2 * c + end].winding;
+        estimate.motor_effort[motor] -= winding * drum_lever(step, c, end) * pull;
+    }
+    for (Index p = pulley; p < beyond; ++p) {
+        const PulleyTopology& plan = topology.pulleys[p];
+        const double t_in = estimate.tension[plan.element];
+        const double t_out = estimate.tension[plan.element + 1];
+        const Vector3 force = force_on_pulley(step, p, cable.routed, t_in, t_out);
+        estimate.force_x[p] = force.x;
+        estimate.force_y[p] = force.y;
+        estimate.force_z[p] = force.z;
+        estimate.magnitude[p] = norm(force);
+        estimate.friction[p] = t_out - t_in;
+        double speed = after.slip_speed[plan.first_contact];
+        for (Index q = 1; q < plan.cells; ++q) speed += after.slip_speed[plan.first_contact + q];
+        estimate.slip_speed[p] = plan.cells > 1 ? speed / static_cast<double>(plan.cells) : speed;
+    }
+    if (solved) return;
+    // the distribution of the elongation is unknown: report no numbers
+    for (Index e = first; e < last; ++e) estimate.tension[e] = 0.0;
+    for (Index p = pulley; p < beyond; ++p) {
+        estimate.force_x[p] = estimate.force_y[p] = estimate.force_z[p] = 0.0;
+        estimate.magnitude[p] = estimate.friction[p] = estimate.slip_speed[p] = 0.0;
+    }
+}
+
+void add_axes(
+    const Step& step, std::span<const double> motor_angle,
+    std::span<const double> joint_angle) {
+    const auto& [topology, constants, before, after, estimate, work] = step;
+    const Index motors = topology.sizes.motors;
+    const bool started = *before.started != 0.0;
+    for (Index a = 0; a < topology.sizes.axes(); ++a) {
+        const AxisConstants& axis = constants.axes[a];
+        const double angle = a < motors ? motor_angle[a] : joint_angle[a - motors];
+        const double turned = started ? angle - before.angle[a] : 0.0;
+        const double most = axis.bearing_torque;
+        double friction = before.bearing_friction[a] + axis.bearing_stiffness * turned;
+        friction = std::min(std::max(friction, -most), most);
+        const double torque = -friction - axis.spring_stiffness * (angle - axis.spring_rest);
+        after.angle[a] = angle;
+        after.bearing_friction[a] = friction;
+        double& effort =
+            a < motors ? estimate.motor_effort[a] : estimate.joint_effort[a - motors];
+        effort = axis.effort_sign * (effort + torque);
+    }
+}
+
+}  // namespace cdrj

@@ -1,0 +1,244 @@
+// A robot as the core reads it: the connections of its parts, and their constants.
+//
+// Every field takes 8 bytes: the records are rows of NumPy arrays, whose structured types
+// `cdrj_ros.model` declares with the same fields in the same order. SI units.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "vectors.hpp"
+
+namespace cdrj {
+
+using Index = std::int64_t;
+
+/// How the lengths of a cable are given: by tables, by positions in the plane or in space.
+enum class Route : std::int64_t { tables, plane, space };
+
+/// Friction laws, in the order of the words of a robot file.
+enum class Law : std::int64_t { none, euler, steady, lugre, elastoplastic };
+
+/// How static friction enters: (35) as printed, or the capstan equation with mu_s.
+enum class Stribeck : std::int64_t { printed, capstan };
+
+/// Motion of a frame relative to its parent.
+enum class Motion : std::int64_t { fixed, revolute, prismatic, rolling };
+
+/// What a cable in space touches.
+enum class Guide : std::int64_t { point, pulley, swivel, cylinder, sphere, sheath };
+
+/// Intervals of a tabulated function over its joint's range.
+inline constexpr std::int64_t TABLE_INTERVALS = 256;
+
+/// Parts of a cable; its elements, pulleys, contacts, segments and nodes are consecutive.
+struct CableTopology {
+    Index first_element;
+    Index elements;
+    Index first_pulley;
+    Index pulleys;
+    Index first_contact;
+    // of all its pulleys. Contact k of the robot's cable c lies before segment k + c + 1
+    Index contacts;
+    Index first_node;
+    Law law;  // of all its pulleys
+    Route routed;
+};
+
+/// One end of a cable.
+struct EndTopology {
+    Index motor;  // motor of its winch; -1 for an anchor
+    Index drum;  // its memory among those of the state; -1 for an anchor
+};
+
+/// Place of a pulley in its cable, its contact cells, and the form of its friction.
+struct PulleyTopology {
+    Index element;  // the element before it
+    Index first_contact;
+    Index cells;  // number of its contact cells
+    Index wrap_changes;  // 0 where the wrap is the same in every pose
+    Stribeck stribeck;  // form of static friction
+};
+
+/// A tabulated function of one joint angle, added to a span or a wrap.
+struct TermTopology {
+    // 1: `target` is a pulley, whose wrap it changes; 0: an element, whose span it changes
+    Index adds_to_wrap;
+    Index target;
+    Index joint;
+};
+
+/// Place of a frame in the tree of frames; parents come first.
+struct FrameTopology {
+    Index parent;  // index of the parent frame; -1 for the base
+    Motion motion;
+    Index joint;  // index of the joint that moves the frame; -1 for a fixed frame
+};
+
+/// Frame of a node.
+struct NodeTopology {
+    Index frame;  // -1 where the node has no position
+};
+
+/// Place of a frame in the tree of frames; parents come first.
+struct SpatialFrameTopology {
+    Index parent;  // index of the parent frame; -1 for the base
+    Motion motion;
+    Index joint;  // index of the joint that moves the frame; -1 for a fixed frame
+};
+
+/// Shape of a node and the frames that carry it.
+struct SpatialNodeTopology {
+    Guide kind;
+    Index frame;  // -1 where the node has no position in space
+    // frame of the far end of a sheath, or of the side point of a round body
+    Index exit_frame;
+};
+
+/// Constants of a cable.
+struct CableConstants {
+    double axial_stiffness;  // EA [N]
+    // strain that the strands' bedding adds at high load [-], (E21); 0 for a linear cable
+    double bedding_strain;
+    double bedding_tension;  // tension at which half of it is taken up [N]
+    double creep_share;  // delayed strain as a share of the elastic one [-], (E24); 0 for none
+    double creep_time;  // its time constant [s]
+    double flow_time;  // time in which the flow equals the elastic strain [s]; infinite for none
+    double preload;  // tension in the reference pose [N]
+    double maximum_tension;  // an element with a higher tension is overloaded [N]
+    double wound_tension;  // tension at which the cable was wound onto its drums [N]
+    double slack_tension;  // an element with this tension or a lower one is slack [N]
+};
+
+/// Constants of one end of a cable; 0 for an anchor.
+struct EndConstants {
+    double radius;  // of the drum, from its axis to the cable's centre line [m]
+    double winding;  // +1 where a positive motor angle winds the cable in, -1 where it pays it out
+};
+
+/// One pulley of the robot: friction constants, and the wrap where it never changes.
+struct PulleyConstants {
+    double radius;  // from the axis to the cable's centre line [m]
+    double rho;  // share of sliding friction in the blend (42) [-]
+    double mu_c;  // Coulomb coefficient [-]
+    double mu_s;  // static coefficient [-]
+    double stribeck_speed;  // v_s of (33) [m/s]
+    double stribeck_lag;  // time by which static friction lags behind the slip speed [s], (E10)
+    double bearing_ratio;  // 1 / alpha of (41) [-]
+    double drag;  // friction force of the bearing without load [N]
+    double bristle_stiffness;  // sigma0 [N/m]
+    double bristle_damping;  // sigma1 [N s/m]
+    double viscous;  // sigma2 [N s/m]
+    double breakaway;  // fraction of the bound up to which pre-sliding is elastic [-]
+    double wrap;  // Constant part of the wrap angle [rad]
+    // motion of the middle of the arc towards the last node as a share of the arc's growth [-]:
+    // 1/2 where the end after it moves, -1/2 where that before it does, 0 where both do. Only used
+    // where the wrap is given by tables
+    double moved_after;
+    double kinetic_loss;  // loss 1 - eta at high slip speed where the wrap never changes [-]
+    double static_loss;  // further loss at rest where the wrap never changes [-]
+    double half_sine;  // sin(wrap / 2) where the wrap never changes
+    double half_cosine;  // cos(wrap / 2) where the wrap never changes
+};
+
+/// Constants of an element.
+struct ElementConstants {
+    // Constant part of the length between tangent points [m]; 0 where it follows from positions
+    double span;
+};
+
+/// Constants of a segment.
+struct SegmentConstants {
+    double material;  // unstretched length in the reference pose [m]
+};
+
+/// Pose of a frame in its parent at joint angle 0.
+struct FrameConstants {
+    double x;  // origin [m]
+    double y;  // origin [m]
+    double angle;  // [rad]
+    double direction_x;  // unit vector of a prismatic motion, in the frame [-]
+    double direction_y;  // unit vector of a prismatic motion, in the frame [-]
+    double rolling_radius;  // radius of both circles of a rolling joint [m]
+};
+
+/// Circle of a node in its frame, and the reference of its arc.
+struct NodeConstants {
+    double x;  // Centre [m]
+    double y;  // Centre [m]
+    double radius;  // [m]
+    double turn;  // sigma: +1 counter-clockwise, -1 clockwise, 0 for a point
+    double arc_reference;  // for an end: direction of its element in the reference pose [rad]
+    // for a pulley: wrap in the reference pose [rad]; the wrap is continuous within half a turn of
+    // it. For an end with a radius, which winds cable as its frame turns: angle of the frame in
+    // the reference pose [rad], with the sign that makes the arc 0 there
+    double arc_angle;
+};
+
+/// Constants of a motor.
+struct MotorConstants {
+    double reference_angle;  // reading in the pose in which the preload was measured [rad]
+};
+
+/// The grid of a joint's tables.
+struct JointConstants {
+    double lower;  // lower end of the joint's range [rad] or [m]
+    double interval;  // width of an interval of the tables [rad] or [m]
+};
+
+/// Constants of the passive torque of a motor or joint, (E13); N for N m at prismatic joints.
+struct AxisConstants {
+    double effort_sign;  // +1 or -1, see `cdrj_ros.robot.description.Motor`
+    double bearing_torque;  // Coulomb friction [N m]
+    double bearing_stiffness;  // slope of the friction where the motion reverses [N m/rad]
+    double spring_stiffness;  // [N m/rad]
+    double spring_rest;  // angle at which the spring's torque vanishes [rad]
+};
+
+/// c0 + c1 u + c2 u^2 + c3 u^3, u in [0, 1] over one interval of a table.
+struct Cubic {
+    double c0;
+    double c1;
+    double c2;
+    double c3;
+};
+
+/// Pose of a frame in its parent, and its motion.
+struct SpatialFrameConstants {
+    Vector3 origin;  // [m]
+    Matrix3 rotation;  // orientation in the parent without motion, by rows
+    Vector3 axis;  // unit vector of its motion, in the frame
+    double rolling_radius;  // radius of both circles of a rolling joint [m]
+    double multiplier;  // its motion per motion of its joint [-]
+    double offset;  // its motion at joint angle 0 [rad] or [m]
+};
+
+/// A node in its frame.  The z axis of its own axes is the axis of a round body.
+struct SpatialNodeConstants {
+    Vector3 centre;  // Centre, point or entry [m]
+    Matrix3 basis;  // unit vectors of its own axes, one by row
+    // far end of a sheath, or the point on the side that the cable passes, in `exit_frame` [m]
+    Vector3 exit;
+    double sided;  // 1 where a side is given, otherwise 0
+    // 1 where a body does not touch the cable while a neighbouring point lies inside it; 0 where
+    // such a pose is impossible
+    double ignored_inside;
+    double radius;  // [m]
+    // +1 counter-clockwise about the axis, -1 clockwise, 0 where it follows from the position
+    double turn;
+    double inside;  // 1 where the cable runs through the inside of a round body, as through a ring
+    double turns;  // whole turns in addition to the wrap
+    // rise of a drum's groove along its axis per radian of cable wound in [m/rad]; 0 in the
+    // reference pose, and for all other nodes
+    double lead;
+    double reel;  // Cable on a drum or a sector per radian [m/rad]
+    double length;  // length of a sheath [m]
+    // for a pulley: wrap in the reference pose [rad]; the wrap is continuous within half a turn of
+    // it. For an end that winds cable: angle of its tangent point in the reference pose, plus
+    // `turn_reference` [rad]
+    double arc_reference;
+    // for an end: turn of its frame about its axis in the reference pose [rad]
+    double turn_reference;
+};
+
+}  // namespace cdrj

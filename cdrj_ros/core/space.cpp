@@ -1,0 +1,407 @@
+// The path of one cable in space.
+//
+// The points of contact of neighbouring round bodies depend on each other. Sweeps along the cable
+// recompute each node from the points of its neighbours until no point moves any more. A point that
+// moves along a tangent does not move the tangent, so two circles in a plane converge quadratically.
+// The result depends on the pose alone, not on the samples before it. docs/geometry.md, section 3.
+#include "space.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "angles.hpp"
+#include "guide.hpp"
+
+namespace cdrj {
+namespace {
+
+/// Largest number of sweeps for a path.
+constexpr int MOST_SWEEPS = 200;
+
+/// Motion of the points of contact, relative to the size of the cable, at which sweeps stop.
+constexpr double SETTLED = 4e-15;
+
+/// Largest such motion in the last sweep; with a larger one the path counts as impossible.
+constexpr double ACCEPTED = 1e-12;
+
+/// Smallest distance of neighbouring nodes along a line that misses some, over its length [-].
+constexpr double LEAST_SHARE = 1e-3;
+
+/// Chord of the unit circle below which two terms of a series give the arc to rounding.
+constexpr double SMALL_CHORD = 1e-4;
+
+/// Velocity of a point that moves with a frame; both vectors are in the base (G1).
+Vector3 velocity_of(const SpatialTwist& twist, const Vector3& point) {
+    return twist.linear + cross(twist.angular, point);
+}
+
+/// One cable with its nodes; the first and the last are its ends.
+struct Path {
+    std::span<const SpatialNodeTopology> plans;
+    std::span<const SpatialNodeConstants> nodes;
+    std::span<Touch> touches;
+
+    Index last() const { return static_cast<Index>(nodes.size()) - 1; }
+
+    /// The next node that the cable touches, in the direction of `step`.
+    Index neighbour(Index k, Index step) const {
+        do k += step;
+        while (touches[k].touching == 0.0);
+        return k;
+    }
+
+    /// Whether a node is an end that winds cable.
+    bool winds(Index k) const { return plans[k].kind == Guide::pulley; }
+};
+
+/// Place all nodes in the base, with contact at the centres; returns the cable's size [m].
+double place_nodes(const Path& path, std::span<const SpatialPose> poses) {
+    double size = 0.0;
+    for (Index k = 0; k <= path.last(); ++k) {
+        const SpatialNodeTopology& plan = path.plans[k];
+        const SpatialNodeConstants& node = path.nodes[k];
+        const SpatialPose& pose = poses[plan.frame];
+        Touch& touch = path.touches[k];
+        const Vector3 centre = pose.origin + rotated(pose.rotation, node.centre);
+        touch.centre = touch.entry = touch.exit = centre;
+        touch.touching = 1.0;
+        touch.angle = touch.wrap = touch.arc = 0.0;
+        touch.share = 0.0;
+        touch.normal = Z_AXIS;
+        if (plan.kind == Guide::sheath) {
+            const SpatialPose& far = poses[plan.exit_frame];
+            touch.exit = far.origin + rotated(far.rotation, node.exit);
+            touch.arc = node.length;
+        } else if (plan.kind != Guide::point) {
+            for (int i = 0; i < 3; ++i) {
+                const auto& own = node.basis.row;
+                const Vector3 row{own[3 * i], own[3 * i + 1], own[3 * i + 2]};
+                const Vector3 turned = rotated(pose.rotation, row);
+                touch.basis.row[3 * i] = turned.x;
+                touch.basis.row[3 * i + 1] = turned.y;
+                touch.basis.row[3 * i + 2] = turned.z;
+            }
+            if (node.sided == 1.0) {
+                const SpatialPose& far = poses[plan.exit_frame];
+                const Vector3 point = far.origin + rotated(far.rotation, node.exit);
+                touch.side = rotated(touch.basis, point - centre);
+            }
+        }
+        if (k > 0) size += norm(centre - path.touches[k - 1].centre) + node.radius;
+    }
+    return size;
+}
+
+/// Turn of an end's frame about its axis by all joints [rad]; exact for parallel axes.
+double turn_of_frame(
+    Index frame, const Grid<SpatialTwist>& twists, const Touch& touch,
+    std::span<const double> joint_angle) {
+    const Vector3 axis = axis_of(touch.basis);
+    double turned = 0.0;
+    for (std::size_t j = 0; j < joint_angle.size(); ++j) {
+        const SpatialTwist& twist = twists(frame, static_cast<Index>(j));
+        turned += dot(axis, twist.angular) * joint_angle[j];
+    }
+    return turned;
+}
+
+/// (G8): angle of cable that has come onto an end since the reference pose, its motor at rest [rad].
+///
+/// `touch.twisted`, the turn of its frame, makes the result continuous over whole turns.
+double wound_angle(const SpatialNodeConstants& node, Touch& touch, bool first) {
+    const Vector3& normal = first ? touch.exit_normal : touch.entry_normal;
+    touch.angle = std::atan2(normal.y, normal.x);
+    double turned =
+        modulo(touch.angle + touch.twisted - node.arc_reference + PI, 2.0 * PI) - PI;
+    turned -= touch.twisted - node.turn_reference;
+    return node.turn * (first ? turned : -turned);
+}
+
+/// What one sweep along the cable found.
+struct Sweep {
+    bool possible;
+    double moved;  // largest motion of a point of contact [m]
+};
+
+/// Compute every contact once.
+Sweep sweep(const Path& path) {
+    Sweep found{true, 0.0};
+    const Index last = path.last();
+    for (Index k = 0; k <= last; ++k) {
+        if (is_fixed(path.plans[k].kind)) continue;
+        const SpatialNodeConstants& node = path.nodes[k];
+        Touch& touch = path.touches[k];
+        const Vector3 centre = touch.centre;
+        Vector3 came = k > 0 ? path.touches[path.neighbour(k, -1)].exit : centre;
+        const Vector3 goes = k < last ? path.touches[path.neighbour(k, 1)].entry : came;
+        if (k == 0) came = goes;
+        touch.before = rotated(touch.basis, came - centre);
+        touch.after = rotated(touch.basis, goes - centre);
+        const double was = touch.touching;
+        auto [possible, entry, exit] = kind_of(path.plans[k].kind).meet(node, touch);
+        if (node.lead != 0.0) {  // (G10): height at which the cable leaves a helical groove
+            const double height = node.lead * (touch.wound + wound_angle(node, touch, k == 0));
+            entry = entry + Vector3{0.0, 0.0, height};
+            exit = exit + Vector3{0.0, 0.0, height};
+        }
+        found.possible = found.possible && possible;
+        entry = centre + rotated_back(touch.basis, entry);
+        exit = centre + rotated_back(touch.basis, exit);
+        if (touch.touching != was) found.moved = std::numeric_limits<double>::infinity();
+        if (touch.touching == 0.0) entry = exit = centre;
+        found.moved = std::max(found.moved, norm(entry - touch.entry));
+        found.moved = std::max(found.moved, norm(exit - touch.exit));
+        touch.entry = entry;
+        touch.exit = exit;
+    }
+    return found;
+}
+
+/// Find the points of contact of all nodes; false if a tangent does not exist.
+bool find_path(const Path& path, double size) {
+    bool coupled = false;  // one sweep is exact if both neighbours of every round body are points
+    for (Index k = 1; k <= path.last(); ++k) {
+        coupled |= !(is_fixed(path.plans[k].kind) || is_fixed(path.plans[k - 1].kind));
+    }
+    Sweep found = sweep(path);
+    if (!coupled) return found.possible;
+    for (int k = 0; k < MOST_SWEEPS && !(found.moved <= SETTLED * size); ++k) found = sweep(path);
+    return found.possible && found.moved <= ACCEPTED * size;
+}
+
+/// (G9): positions along the line from p to q of the nodes between, which it misses.
+void share_line(std::span<Touch> touches, Index p, Index q) {
+    const Vector3 begin = touches[p].exit, way = touches[q].entry - begin;
+    double least = 0.0;
+    for (Index k = p + 1; k < q; ++k) {
+        const double share = dot(touches[k].centre - begin, way) / dot(way, way);
+        const double most = 1.0 - static_cast<double>(q - k) * LEAST_SHARE;
+        least += LEAST_SHARE;
+        touches[k].share = std::min(std::max(share, least), most);
+        least = touches[k].share;
+    }
+}
+
+/// Lengths without the arcs of ends, wraps and directions; false if impossible.
+bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) {
+    const auto touches = path.touches;
+    const Index last = path.last(), first = own.first_element;
+    double* length = work.element_length.data() + first;
+    double* wrap = work.wrap.data() + own.first_pulley;
+    bool possible = true;
+    for (Index p = 0; p < last;) {
+        const Index q = path.neighbour(p, 1);
+        const Vector3 way = touches[q].entry - touches[p].exit;
+        const double line = norm(way);
+        const Vector3 unit = (1.0 / line) * way;
+        possible = possible && line > 0.0;
+        share_line(touches, p, q);
+        double begin = 0.0;
+        for (Index e = p; e < q; ++e) {
+            const double end = e + 1 < q ? touches[e + 1].share : 1.0;
+            length[e] = (end - begin) * line;
+            work.direction(first + e, 0) = unit.x;
+            work.direction(first + e, 1) = unit.y;
+            work.direction(first + e, 2) = unit.z;
+            begin = end;
+        }
+        p = q;
+    }
+    for (Index k = 1; k < last; ++k) {
+        const Guide kind = path.plans[k].kind;
+        Touch& touch = touches[k];
+        if (touch.touching == 0.0) {
+            wrap[k - 1] = 0.0;
+            continue;
+        }
+        if (kind == Guide::point || path.nodes[k].inside == 1.0) {
+            const auto along = [&](Index e) {
+                const Table& u = work.direction;
+                return Vector3{u(first + e, 0), u(first + e, 1), u(first + e, 2)};
+            };
+            const Vector3 u = along(k - 1), v = along(k);
+            touch.wrap = std::atan2(norm(cross(u, v)), dot(u, v));
+        } else if (kind == Guide::sheath) {
+            touch.wrap = wrap[k - 1];  // given by a constant and tables
+        } else {
+            kind_of(kind).measure(path.nodes[k], touch);
+        }
+        wrap[k - 1] = touch.wrap;
+        possible = possible && touch.wrap >= 0.0;
+        length[k - 1] += 0.5 * touch.arc;
+        length[k] += 0.5 * touch.arc;
+    }
+    return possible;
+}
+
+/// Add an angular velocity about a line in the base.
+void turn(SpatialTwist& twist, const Vector3& axis, const Vector3& origin) {
+    twist.angular = twist.angular + axis;
+    twist.linear = twist.linear + cross(origin, axis);
+}
+
+/// Turn a pose about a unit vector in its own axes.
+///
+/// Turning about the vector in the base would multiply rounding errors from joint to joint.
+void turn(SpatialPose& pose, const Vector3& axis, double angle) {
+    const double c = std::cos(angle), s = std::sin(angle);
+    const Vector3 first = rotated(pose.rotation, about(axis, c, s, {1.0, 0.0, 0.0}));
+    const Vector3 second = rotated(pose.rotation, about(axis, c, s, {0.0, 1.0, 0.0}));
+    const Vector3 third = rotated(pose.rotation, about(axis, c, s, {0.0, 0.0, 1.0}));
+    pose.rotation.row = {
+        first.x, second.x, third.x, first.y, second.y, third.y, first.z, second.z, third.z};
+}
+
+/// The product of two rotations.
+Matrix3 product(const Matrix3& left, const Matrix3& right) {
+    Matrix3 result{};
+    for (int i = 0; i < 3; ++i) {
+        for (int k = 0; k < 3; ++k) {
+            result.row[3 * i + k] = left.row[3 * i] * right.row[k] +
+                                    left.row[3 * i + 1] * right.row[3 + k] +
+                                    left.row[3 * i + 2] * right.row[6 + k];
+        }
+    }
+    return result;
+}
+
+}  // namespace
+
+void place_spatial_frames(
+    const Topology& topology, const Constants& constants, std::span<const double> joint_angle,
+    Workspace& work) {
+    for (Index f = 0; f < topology.sizes.spatial_frames; ++f) {
+        const SpatialFrameConstants& frame = constants.spatial_frames[f];
+        const auto [parent, motion, joint] = topology.spatial_frames[f];
+        SpatialPose& pose = work.spatial_pose[f];
+        Vector3 origin = frame.origin;
+        pose.rotation = frame.rotation;
+        if (parent >= 0) {
+            const SpatialPose& carrier = work.spatial_pose[parent];
+            pose.rotation = product(carrier.rotation, frame.rotation);
+            origin = carrier.origin + rotated(carrier.rotation, frame.origin);
+        }
+        for (Index j = 0; j < topology.sizes.joints; ++j) {
+            work.spatial_twist(f, j) =
+                parent >= 0 ? work.spatial_twist(parent, j) : SpatialTwist{ZERO, ZERO};
+        }
+        if (joint >= 0) {
+            const double q = frame.multiplier * joint_angle[joint] + frame.offset;
+            const Vector3 axis = rotated(pose.rotation, frame.axis);
+            const Vector3 rate = frame.multiplier * axis;
+            SpatialTwist& twist = work.spatial_twist(f, joint);
+            switch (motion) {
+                case Motion::fixed: break;
+                case Motion::revolute:
+                    turn(twist, rate, origin);
+                    turn(pose, frame.axis, q);
+                    break;
+                case Motion::prismatic:
+                    twist.linear = twist.linear + rate;
+                    origin = combined(1.0, origin, q, axis);
+                    break;
+                case Motion::rolling: {
+                    const Vector3 start = rotated(pose.rotation, {frame.rolling_radius, 0.0, 0.0});
+                    const Vector3 radius = about(axis, std::cos(q), std::sin(q), start);
+                    turn(twist, 2.0 * rate, origin + radius);
+                    origin = combined(1.0, origin, 2.0, radius);
+                    turn(pose, frame.axis, 2.0 * q);
+                    break;
+                }
+            }
+        }
+        pose.origin = origin;
+    }
+}
+
+bool route_in_space(
+    const Topology& topology, const Constants& constants, Index cable,
+    std::span<const double> motor_angle, std::span<const double> joint_angle, Workspace& work) {
+    const CableTopology& own = topology.cables[cable];
+    const Path path{
+        topology.spatial_nodes.subspan(own.first_node, own.elements + 1),
+        constants.spatial_nodes.subspan(own.first_node, own.elements + 1),
+        work.touches.subspan(own.first_node, own.elements + 1),
+    };
+    const Index last = path.last();
+    for (const Index end : {Index{0}, Index{1}}) {  // the angle that its motor has wound in
+        const Index motor = topology.ends[2 * cable + end].motor;
+        Touch& touch = path.touches[end * last];
+        touch.wound = 0.0;
+        if (motor >= 0 && !motor_angle.empty()) {
+            const double turned = motor_angle[motor] - constants.motors[motor].reference_angle;
+            touch.wound = constants.ends[2 * cable + end].winding * turned;
+        }
+    }
+    const double size = place_nodes(path, work.spatial_pose);
+    for (const Index k : {Index{0}, last}) {
+        if (!path.winds(k)) continue;
+        path.touches[k].twisted =
+            turn_of_frame(path.plans[k].frame, work.spatial_twist, path.touches[k], joint_angle);
+    }
+    bool possible = find_path(path, size);
+    possible = measure_cable(path, own, work) && possible;
+    double* length = work.element_length.data() + own.first_element;
+    for (const Index k : {Index{0}, last}) {
+        if (!path.winds(k)) continue;
+        const double wound = wound_angle(path.nodes[k], path.touches[k], k == 0);
+        length[std::min(k, last - 1)] += path.nodes[k].reel * wound;  // (G8)
+    }
+    for (Index k = 1; k < last; ++k) {
+        const Touch& touch = path.touches[k];
+        work.arc[own.first_pulley + k - 1] = touch.arc;
+        ArcMiddle& middle = work.middles[own.first_node + k];
+        middle = kind_of(path.plans[k].kind).middle(path.nodes[k], touch);
+        if (touch.touching == 0.0) middle = {Z_AXIS, ZERO, 0.0};
+    }
+    for (const Index k : {Index{0}, last}) {  // cable sticks to an end
+        work.middles[own.first_node + k] = {Z_AXIS, Z_AXIS, 0.0};
+    }
+    const auto along = [&](Index e) {
+        const Table& u = work.direction;
+        const Index row = own.first_element + e;
+        return Vector3{u(row, 0), u(row, 1), u(row, 2)};
+    };
+    for (Index e = 0; e < last; ++e) {
+        // (E27): velocity along the cable of the point at which it arrives on a body, less that of the
+        // point at which it has left one
+        const Vector3 unit = along(e);
+        const SpatialNodeTopology& from = path.plans[e];
+        const Index left = from.kind == Guide::sheath ? from.exit_frame : from.frame;
+        for (Index j = 0; j < topology.sizes.joints; ++j) {
+            const Vector3 arrives = velocity_of(
+                work.spatial_twist(path.plans[e + 1].frame, j), path.touches[e + 1].entry);
+            const Vector3 leaves =
+                velocity_of(work.spatial_twist(left, j), path.touches[e].exit);
+            work.lever_arm(own.first_element + e, j) = dot(unit, arrives - leaves);
+        }
+    }
+    for (const Index k : {Index{0}, last}) {
+        if (!path.winds(k)) continue;
+        // moment about the axis of the drum per newton
+        Touch& touch = path.touches[k];
+        const Vector3 arm = (k == 0 ? touch.exit : touch.entry) - touch.centre;
+        const Vector3 unit = along(std::min(k, last - 1));
+        touch.lever = path.nodes[k].turn * dot(axis_of(touch.basis), cross(arm, unit));
+    }
+    return possible;
+}
+
+double motion_along(double radius, const ArcMiddle& before, const ArcMiddle& now) {
+    const Vector3 along = before.tangent + now.tangent;
+    const double size = norm(along);
+    if (size == 0.0 || dot(before.tangent, before.tangent) == 0.0 ||
+        dot(now.tangent, now.tangent) == 0.0) {
+        return 0.0;
+    }
+    const Vector3 way = now.normal - before.normal;
+    const double chord = norm(way);
+    double stretch = 1.0 + chord * chord / 24.0;  // arc over chord
+    if (chord > SMALL_CHORD) stretch = 2.0 * std::asin(std::min(0.5 * chord, 1.0)) / chord;
+    const double moved =
+        radius * stretch * dot(way, along) + (now.height - before.height) * along.z;
+    return moved * (0.5 * (norm(before.tangent) + norm(now.tangent)) / size);
+}
+
+}  // namespace cdrj

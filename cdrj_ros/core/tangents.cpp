@@ -1,0 +1,103 @@
+#include "tangents.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "angles.hpp"
+
+namespace cdrj {
+namespace {
+
+/// Largest number of Newton or bisection steps for the point of a ring.
+constexpr int MOST_STEPS = 100;
+
+/// Whether the segments a-b and c-d of a plane intersect.
+bool lines_cross(
+    const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d, const Vector3& axis) {
+    const Vector3 ab = b - a, cd = d - c, ca = a - c;
+    const double determinant = dot(axis, cross(ab, cd));
+    if (std::abs(determinant) < 1e-15) return false;
+    const double first = dot(axis, cross(cd, ca)) / determinant;
+    const double second = dot(axis, cross(ab, ca)) / determinant;
+    return 0.0 <= first && first <= 1.0 && 0.0 <= second && second <= 1.0;
+}
+
+/// Cosine of the angle between one way's arc and the side point; -2 if its two lines cross.
+double goodness(
+    const Vector3& a, const Vector3& b, const Vector3& axis, double radius, double sense,
+    const Vector3& side) {
+    const Vector3 first = tangent_from(a, axis, radius, sense).normal;
+    const Vector3 last = tangent_from(b, axis, radius, -sense).normal;
+    if (lines_cross(a, radius * first, b, radius * last, axis)) return -2.0;
+    const Vector3 middle = first + last;
+    return dot(middle, side) / std::max(norm(middle) * norm(side), 1e-300);
+}
+
+/// Change of the distance from a point to a ring per angle, and its derivative.
+struct Slope {
+    double value;       // [m/rad]
+    double derivative;  // [m/rad^2]
+};
+
+/// `distance`: of the point from the centre [m]; `angle`: between the radius to the point on the ring
+/// and the line to the point [rad].
+Slope slope_of(double distance, double radius, double angle) {
+    const double way =
+        std::hypot(distance - radius * std::cos(angle), radius * std::sin(angle));
+    const double slope = radius * distance * std::sin(angle) / way;
+    return {slope, (radius * distance * std::cos(angle) - slope * slope) / way};
+}
+
+}  // namespace
+
+WayRound way_round(
+    const Vector3& a, const Vector3& b, const Vector3& axis, double radius, double turn, bool sided,
+    const Vector3& side) {
+    const Vector3 way = b - a;
+    const double square = dot(way, way);
+    const double share =
+        square > 0.0 ? std::min(std::max(-dot(way, a) / square, 0.0), 1.0) : 0.0;
+    const Vector3 nearest = combined(1.0, a, share, way);
+    const bool through = dot(nearest, nearest) <= radius * radius;
+    const double left = dot(axis, cross(a, b));  // positive: the centre lies to the left of the line
+    if (turn != 0.0) return {through || turn * left < 0.0, turn};
+    if (sided) {
+        if (!(through || dot(side, nearest) < 0.0)) return {false, 1.0};
+        const double plus = goodness(a, b, axis, radius, 1.0, side);
+        const double minus = goodness(a, b, axis, radius, -1.0, side);
+        return {std::max(plus, minus) >= -1.0, plus > minus ? 1.0 : -1.0};
+    }
+    return {through, left >= 0.0 ? 1.0 : -1.0};
+}
+
+RingPoint point_inside(
+    const Vector3& a, const Vector3& b, const Vector3& axis, double radius) {
+    const Vector3 way = b - a;
+    const double square = dot(way, way);
+    const double share = square > 0.0 ? -dot(way, a) / square : 0.0;
+    const Vector3 nearest = combined(1.0, a, share, way);
+    const bool free = 0.0 < share && share < 1.0 && dot(nearest, nearest) <= radius * radius;
+    const double from_a = norm(a), from_b = norm(b);
+    double whole = std::atan2(dot(axis, cross(a, b)), dot(a, b));
+    const double sense = whole >= 0.0 ? 1.0 : -1.0;
+    whole = std::abs(whole);
+    // the point is seen from a and from b: between these angles the slope increases
+    double low = std::max(0.0, whole - std::acos(std::min(radius / from_b, 1.0)));
+    double high = std::min(whole, std::acos(std::min(radius / from_a, 1.0)));
+    double angle = 0.5 * (low + high);
+    for (int k = 0; k < MOST_STEPS; ++k) {
+        const Slope one = slope_of(from_a, radius, angle);
+        const Slope other = slope_of(from_b, radius, whole - angle);
+        const double slope = one.value - other.value;
+        const double curve = one.derivative + other.derivative;
+        (slope > 0.0 ? high : low) = angle;
+        double step = curve > 0.0 ? angle - slope / curve : low;
+        if (!(low < step && step < high)) step = 0.5 * (low + high);
+        if (std::abs(step - angle) <= 1e-16) break;
+        angle = step;
+    }
+    const double c = std::cos(sense * angle) / from_a, s = std::sin(sense * angle) / from_a;
+    return {!free, combined(c, a, s, cross(axis, a))};
+}
+
+}  // namespace cdrj

@@ -1,0 +1,59 @@
+// Tangents of circles, and the side on which a cable passes one: (G2), (G4), (G6).
+// docs/geometry.md, section 2.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "angles.hpp"
+#include "vectors.hpp"
+
+namespace cdrj {
+
+/// Where a line becomes tangent to a circle.
+struct TangentPoint {
+    Vector3 normal;  // unit vector from the centre to the point
+    double length;   // of the line [m]
+};
+
+/// (G4): the line from `a`, in the plane of a circle about the origin, to the circle.
+///
+/// With the opposite sense, the normal is where a line to `a` leaves the circle.
+inline TangentPoint tangent_from(const Vector3& a, const Vector3& axis, double radius, double sense) {
+    const double square = dot(a, a);
+    const double length = std::sqrt(std::max(square - radius * radius, 0.0));
+    return {combined(radius / square, a, sense * length / square, cross(axis, a)), length};
+}
+
+/// Whether a cable touches a circle, and in which sense it goes round.
+struct WayRound {
+    bool touching;
+    double sense;
+};
+
+/// The way of a cable from a to b, both in the plane of a circle.
+///
+/// It touches if the straight line passes through the circle, or passes it on the side opposite to
+/// the one that `turn` or, if `sided`, the point `side` demands.
+WayRound way_round(
+    const Vector3& a, const Vector3& b, const Vector3& axis, double radius, double turn, bool sided,
+    const Vector3& side);
+
+/// Where a cable that runs through the inside of a ring touches it.
+struct RingPoint {
+    bool touching;
+    Vector3 normal;  // unit vector to the point
+};
+
+/// (G6): the point of a ring at which a cable from a to b, outside of it and in its plane, bends.
+RingPoint point_inside(
+    const Vector3& a, const Vector3& b, const Vector3& axis, double radius);
+
+/// Angle in [0, 2 pi) from one normal to another; rounding below 0 counts as 0.
+inline double arc_angle(const Vector3& axis, double sense, const Vector3& first, const Vector3& last) {
+    double angle = sense * std::atan2(dot(axis, cross(first, last)), dot(first, last));
+    if (angle < -1e-9) angle += 2.0 * PI;
+    return std::max(angle, 0.0);
+}
+
+}  // namespace cdrj

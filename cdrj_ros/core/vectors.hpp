@@ -1,0 +1,78 @@
+// Vectors of three numbers and rotations, for the geometry in space.
+#pragma once
+
+#include <array>
+#include <cmath>
+
+namespace cdrj {
+
+struct Vector3 {
+    double x, y, z;
+};
+
+/// A matrix by rows.
+struct Matrix3 {
+    std::array<double, 9> row;
+};
+
+inline constexpr Vector3 ZERO{0.0, 0.0, 0.0};
+inline constexpr Vector3 Z_AXIS{0.0, 0.0, 1.0};
+
+inline Vector3 operator+(const Vector3& a, const Vector3& b) {
+    return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+
+inline Vector3 operator-(const Vector3& a, const Vector3& b) {
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+
+inline Vector3 operator*(double s, const Vector3& a) { return {s * a.x, s * a.y, s * a.z}; }
+
+/// s a + t b.
+inline Vector3 combined(double s, const Vector3& a, double t, const Vector3& b) {
+    return {s * a.x + t * b.x, s * a.y + t * b.y, s * a.z + t * b.z};
+}
+
+inline double dot(const Vector3& a, const Vector3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+
+inline Vector3 cross(const Vector3& a, const Vector3& b) {
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+inline double norm(const Vector3& a) { return std::sqrt(a.x * a.x + a.y * a.y + a.z * a.z); }
+
+/// Component normal to the axis z.
+inline Vector3 flat(const Vector3& a) { return {a.x, a.y, 0.0}; }
+
+/// R a.
+inline Vector3 rotated(const Matrix3& r, const Vector3& a) {
+    const auto& m = r.row;
+    return {
+        m[0] * a.x + m[1] * a.y + m[2] * a.z,
+        m[3] * a.x + m[4] * a.y + m[5] * a.z,
+        m[6] * a.x + m[7] * a.y + m[8] * a.z,
+    };
+}
+
+/// R^T a.
+inline Vector3 rotated_back(const Matrix3& r, const Vector3& a) {
+    const auto& m = r.row;
+    return {
+        m[0] * a.x + m[3] * a.y + m[6] * a.z,
+        m[1] * a.x + m[4] * a.y + m[7] * a.z,
+        m[2] * a.x + m[5] * a.y + m[8] * a.z,
+    };
+}
+
+/// `a` turned about a unit vector (Rodrigues).
+inline Vector3 about(const Vector3& axis, double cosine, double sine, const Vector3& a) {
+    const double along = (1.0 - cosine) * dot(axis, a);
+    return combined(cosine, a, sine, cross(axis, a)) + along * axis;
+}
+
+/// The last row of a matrix of unit vectors: the axis of a body, in the base.
+inline Vector3 axis_of(const Matrix3& basis) {
+    return {basis.row[6], basis.row[7], basis.row[8]};
+}
+
+}  // namespace cdrj
