@@ -53,7 +53,8 @@ OUTERMOST: Final[Mapping[str, tuple[str, ...]]] = {
     "rig": (
         "rig.balance.balance",
         "rig.balance.scan",
-        "rig.follow._shapes",
+        "model.along._along",
+        "model.surface.cover_surfaces",
         "rig.forward.swing_steps",
     ),
 }

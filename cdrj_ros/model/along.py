@@ -11,7 +11,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.cells import follow_arc
 from cdrj_ros.model.compiled import compiled, ordinary
 from cdrj_ros.model.packing import Indices, number_views, plan_views
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, read_only
 from cdrj_ros.model.shape import shape_linked
 from cdrj_ros.model.state import scratch_size, scratch_views, state_size, state_views
 from cdrj_ros.model.views import copy_part
@@ -30,6 +30,8 @@ class Course:
     """Of every element about every joint [m], (E27), shape (n, elements, joints)."""
     wrap: Table
     """Of every pulley [rad], shape (n, pulleys)."""
+    arc: Table
+    """Length of cable on every pulley [m], shape (n, pulleys)."""
     track: Table
     """Place of the middle of every pulley's arc along its path on the body [m], up to a constant,
     (E26), shape (n, pulleys)."""
@@ -43,6 +45,7 @@ def _along(
     length: Table,
     lever_arm: NDArray[np.float64],
     wrap: Table,
+    arc: Table,
     track: Table,
 ) -> int:
     """Write the geometry of many poses; returns the first impossible pose, or their number."""
@@ -65,6 +68,7 @@ def _along(
         copy_part(after.track, 0, track[k])
         copy_part(found.element_length, 0, length[k])
         copy_part(found.wrap, 0, wrap[k])
+        copy_part(found.arc, 0, arc[k])
         for e in range(parts.sizes.elements):
             for j in range(parts.sizes.joints):
                 lever_arm[k, e, j] = found.lever_arm[e, j]
@@ -82,13 +86,16 @@ def course(model: Model, joint_angle: Table) -> Course:
         UsageError: the geometry is impossible in one of the poses.
     """
     n, sizes = joint_angle.shape[0], model.sizes
-    length, wrap = np.empty((n, sizes.elements)), np.empty((n, sizes.pulleys))
-    lever_arm, track = np.empty((n, sizes.elements, sizes.joints)), np.empty((n, sizes.pulleys))
-    done = _along(model.plan, model.numbers, ordinary(joint_angle), length, lever_arm, wrap, track)
+    length, lever_arm = np.empty((n, sizes.elements)), np.empty((n, sizes.elements, sizes.joints))
+    wrap, arc, track = (np.empty((n, sizes.pulleys)) for _ in range(3))
+    done = _along(
+        model.plan, read_only(model.numbers), ordinary(joint_angle), length, lever_arm, wrap, arc,
+        track,
+    )  # fmt: skip
     if done < n:
         pose = ", ".join(
             f"{name} = {angle:.4g}"
             for name, angle in zip(model.layout.joints, joint_angle[done], strict=True)
         )
         raise UsageError(f"the path of a cable is impossible at {pose}")
-    return Course(length, lever_arm, wrap, track)
+    return Course(length, lever_arm, wrap, arc, track)

@@ -46,6 +46,8 @@ class PulleyNumbers:
     """Motion of the middle of the arc towards the last node as a share of the arc's growth [-]: 1/2
     where the end after it moves, -1/2 where that before it does, 0 where both do.  Only used where
     the wrap is given by tables."""
+    cell_width: float
+    """Width of contact cells that are fixed to the surface [m]; see ``PulleyPlan.surface``."""
     kinetic_loss: float
     """Loss 1 - eta at high slip speed where the wrap never changes [-]."""
     static_loss: float

@@ -8,6 +8,7 @@ from __future__ import annotations
 from math import pi
 from typing import Final
 
+from cdrj_ros.model.cable_records import Contact, PulleyNumbers
 from cdrj_ros.model.compiled import stage
 from cdrj_ros.model.packing import SPATIAL, Numbers, Plan
 from cdrj_ros.model.spatial_middle import motion_along
@@ -28,6 +29,12 @@ def span_segment(plan: Plan, c: int, k: int) -> int:
 
 
 @stage
+def middle_to_outer(arc: float, cells: int) -> float:
+    """Cable from the middle of an arc to the middle of the last of its equal cells [m]."""
+    return 0.5 * max(arc / cells, SHORTEST_SEGMENT) * (cells - 1)
+
+
+@stage
 def divide_arcs(plan: Plan, scratch: ScratchViews) -> None:
     """Lengths of the segments from those of the elements: the arc of every pulley in equal cells.
 
@@ -44,7 +51,7 @@ def divide_arcs(plan: Plan, scratch: ScratchViews) -> None:
             if cells == 1:
                 continue
             between = max(scratch.arc[p] / cells, SHORTEST_SEGMENT)
-            outer = 0.5 * between * (cells - 1)
+            outer = middle_to_outer(scratch.arc[p], cells)
             scratch.segments[first + c].length -= outer
             scratch.segments[first + cells + c].length -= outer
             for q in range(first + 1, first + cells):
@@ -86,7 +93,7 @@ def follow_arc(
 
 
 @stage
-def _touches_anew(plan: Plan, c: int, k: int, before: StateViews, scratch: ScratchViews) -> bool:
+def touches_anew(plan: Plan, c: int, k: int, before: StateViews, scratch: ScratchViews) -> bool:
     """Whether a cable touches the body of its pulley k, which it did not touch before."""
     cable = plan.cables[c]
     if cable.routed != SPATIAL:
@@ -107,6 +114,8 @@ def place_contacts(
 ) -> None:
     """Constants and places of the contacts of one cable, and the shift of (E25).
 
+    Those of cells that are fixed to a surface are written by ``model.surface``.
+
     Args:
         plan, numbers: the prepared robot.
         c: the cable.
@@ -118,31 +127,39 @@ def place_contacts(
     started = before.started[0] != 0.0
     for k in range(plan.cables[c].pulleys):
         p = plan.cables[c].first_pulley + k
+        if plan.pulleys[p].surface >= 0:
+            continue
         pulley = numbers.pulleys[p]
         first, cells = plan.pulleys[p].first_contact, plan.pulleys[p].cells
         follow_arc(plan, numbers, c, k, before, after, scratch)
-        if started and _touches_anew(plan, c, k, before, scratch):
+        if started and touches_anew(plan, c, k, before, scratch):
             scratch.wrap[p] = 0.0
         share, between = 1.0, scratch.arc[p]
         if cells > 1:
             share, between = 1.0 / cells, scratch.arc[p] / cells
         for q in range(first, first + cells):
             contact = scratch.contacts[q]
-            contact.share = share
-            contact.stiffness = share * pulley.bristle_stiffness
-            contact.damping = share * pulley.bristle_damping
-            contact.viscous = share * pulley.viscous
-            contact.drag = share * pulley.drag
-            contact.breakaway = pulley.breakaway
+            share_out(contact, pulley, share)
             after.place[q] = after.track[p] + (q - first - 0.5 * (cells - 1)) * between
             contact.shift = 0.0
             moved = after.place[q] - before.place[q]
             if started and moved != 0.0:
-                stretch = 0.5 * (_stretch(before, q + c) + _stretch(before, q + c + 1))
-                contact.shift = moved / stretch
+                contact.shift = moved / stretch_at(before, q, c)
 
 
 @stage
-def _stretch(state: StateViews, segment: int) -> float:
-    """1 + strain of a segment; 1 where it is slack."""
-    return max(state.length[segment] / state.material[segment], 1.0)
+def share_out(contact: Contact, pulley: PulleyNumbers, share: float) -> None:
+    """Give a contact cell its share of the pulley's constants."""
+    contact.share = share
+    contact.stiffness = share * pulley.bristle_stiffness
+    contact.damping = share * pulley.bristle_damping
+    contact.viscous = share * pulley.viscous
+    contact.drag = share * pulley.drag
+    contact.breakaway = pulley.breakaway
+
+
+@stage
+def stretch_at(state: StateViews, q: int, c: int) -> float:
+    """1 + mean strain of the two segments at contact q of cable c; slack ones have no strain."""
+    before = max(state.length[q + c] / state.material[q + c], 1.0)
+    return 0.5 * (before + max(state.length[q + c + 1] / state.material[q + c + 1], 1.0))

@@ -88,6 +88,7 @@ def _sizes(robot: Robot) -> Sizes:
         spatial_nodes=nodes if robot.spatial_frames else 0,
         terms=sum(1 for cable in cables for profile in _profiles(cable) if profile.joint),
         drums=sum(isinstance(node, Winch) for cable in cables for node in _ends(cable)),
+        surfaces=sum(pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys),
     )
 
 
@@ -126,6 +127,7 @@ class _Rows:
         self._term = 0
         self._drums = 0
         self._contact = 0
+        self._surface = 0
 
     def axes(self) -> None:
         """Fill the rows of motors, of joints, and of the passive torques of both."""
@@ -232,10 +234,12 @@ class _Rows:
             element=element,
             first_contact=self._contact,
             cells=contact_cells(pulley),
+            surface=self._surface if pulley.cell_width > 0.0 else -1,
             wrap_changes=int(changes),
             stribeck=stribeck,
         )
         self._contact += contact_cells(pulley)
+        self._surface += pulley.cell_width > 0.0
         values = friction_numbers(pulley, LAWS.index(cable.law))
         kinetic, static = blended_loss(
             values["rho"],
@@ -251,6 +255,7 @@ class _Rows:
             radius=pulley.radius,
             wrap=wrap,
             moved_after=MOVED_AFTER[pulley.moving_end],
+            cell_width=pulley.cell_width,
             kinetic_loss=kinetic,
             static_loss=static,
             half_sine=sin(0.5 * wrap),

@@ -38,6 +38,7 @@ from cdrj_ros.model.state import (
     state_views,
 )
 from cdrj_ros.model.status import INVALID
+from cdrj_ros.model.surface import cover_surfaces_linked
 from cdrj_ros.model.views import copy_part, is_dense, part
 
 Vector = NDArray[np.float64]
@@ -76,6 +77,20 @@ def _step_views(plan: Indices, numbers: Vector, before: Vector, out: Vector) -> 
     )
 
 
+@usable_in_kernels
+def _with_history(step: Step) -> Step:
+    """Views with the state before by the contact cells of this sample."""
+    return Step(
+        step.plan,
+        step.numbers,
+        state_views(step.plan.sizes, step.scratch.history),
+        step.after,
+        step.estimate,
+        step.scratch,
+        step.workspace,
+    )
+
+
 @stage
 def friction_losses(
     plan: Plan, numbers: Numbers, lagged_speed: Vector, scratch: ScratchViews
@@ -100,11 +115,15 @@ def friction_losses(
                 pulley.bearing_ratio,
                 plan.pulleys[p].stribeck,
             )
-        kinetic, static = cell_loss(kinetic, static, scratch.contacts[first].share)
+        share = scratch.contacts[first].share
+        fast, more = cell_loss(kinetic, static, share)
         for q in range(first, first + plan.pulleys[p].cells):
-            share = stribeck_share(lagged_speed[q], pulley.stribeck_speed)
-            scratch.contacts[q].static_share = share
-            scratch.contacts[q].loss = kinetic + static * share
+            contact = scratch.contacts[q]
+            if contact.share != share:
+                share = contact.share
+                fast, more = cell_loss(kinetic, static, share)
+            contact.static_share = stribeck_share(lagged_speed[q], pulley.stribeck_speed)
+            contact.loss = fast + more * contact.static_share
 
 
 @stage
@@ -251,18 +270,19 @@ def _spread_evenly(elastic: Elasticity, segments: Rows[Segment], entered: float)
 
 @stage
 def _report(step: Step, c: int, solved: bool) -> None:
-    """Results of one cable: tensions of the free spans, mean slip speed of a pulley's cells."""
+    """Results of one cable: tensions of the free spans, mean slip speed of a pulley's arc."""
     cable, estimate = step.plan.cables[c], step.estimate
     for k in range(cable.elements):
         segment = step.scratch.segments[span_segment(step.plan, c, k)]
         estimate.tension[cable.first_element + k] = segment.tension
     for p in range(cable.first_pulley, cable.first_pulley + cable.pulleys):
         own = step.plan.pulleys[p]
-        estimate.slip_speed[p] = step.after.slip_speed[own.first_contact]
-        for q in range(own.first_contact + 1, own.first_contact + own.cells):
-            estimate.slip_speed[p] += step.after.slip_speed[q]
+        slip_speed = step.after.slip_speed[own.first_contact]
         if own.cells > 1:
-            estimate.slip_speed[p] /= own.cells
+            slip_speed = 0.0
+            for q in range(own.first_contact, own.first_contact + own.cells):
+                slip_speed += step.scratch.contacts[q].share * step.after.slip_speed[q]
+        estimate.slip_speed[p] = slip_speed
     report_cable(step.plan, step.numbers, c, solved, step.scratch, estimate)
 
 
@@ -335,10 +355,14 @@ def advance(
     """
     step = _step_views(plan, numbers, before, out)
     _require_angles(step.plan.sizes, motor_angle, joint_angle)
-    state, after, scratch, estimate = step.before, step.after, step.scratch, step.estimate
+    after, scratch, estimate = step.after, step.scratch, step.estimate
     if not shape_linked(plan, numbers, motor_angle, joint_angle, step.workspace):
         _refuse(before, out, estimate, step.plan.sizes)
         return False
+    if step.plan.sizes.surfaces > 0:
+        cover_surfaces_linked(plan, numbers, before, out, step.workspace)
+        step = _with_history(step)
+    state = step.before
     for e in range(after.length.size):
         after.length[e] = scratch.segments[e].length
     for k in range(len(after.middles)):

@@ -65,6 +65,8 @@ class Sizes(NamedTuple):
     """As ``nodes``, or 0 for a robot described in the plane."""
     drums: int
     """Ends of cables that motors wind."""
+    surfaces: int
+    """Pulleys whose contact cells are fixed to their surface; 0 but for the simulated rig."""
 
 
 class CablePlan:
@@ -101,6 +103,9 @@ class PulleyPlan:
     first_contact: int
     cells: int
     """Number of its contact cells."""
+    surface: int
+    """Its number among the pulleys whose cells are fixed to their surface; -1 where they are equal
+    parts of the arc and move with it."""
     wrap_changes: int
     """0 where the wrap is the same in every pose."""
     stribeck: int
@@ -277,7 +282,7 @@ def plan_views(plan: Indices) -> Plan:
     """Named views of the parts of a plan."""
     sizes = Sizes(
         plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6], plan[7], plan[8], plan[9],
-        plan[10], plan[11],
+        plan[10], plan[11], plan[12],
     )  # fmt: skip
     cables, ends, pulleys, frames, nodes, terms, spatial_frames, spatial_nodes = _plan_ends(sizes)
     return Plan(

@@ -324,14 +324,13 @@ def _set_spatial_references(model: Model, c: int, rest: ScratchViews, reference:
         nodes["lead"][place] = end.lead if isinstance(end, Winch) else 0.0
 
 
-def _check_range(model: Model) -> None:
-    """Check that the geometry is possible throughout the joint ranges, in sampled poses."""
-    joints = model.robot.joints
+def poses_in_range(robot: Robot) -> NDArray[np.float64]:
+    """Joint angles throughout the ranges [rad] or [m], shape (poses, joints)."""
+    joints = robot.joints
     if not joints:
-        return
-    share = np.linspace(0.0, 1.0, RANGE_CHECKS)
+        return np.empty((1, 0))
     if len(joints) == 1:
-        shares = share[:, None]
+        shares = np.linspace(0.0, 1.0, RANGE_CHECKS)[:, None]
     else:  # both ends of all ranges, then random poses
         generator = np.random.default_rng(0)
         poses = min(RANGE_CHECKS * len(joints), max(RANGE_CHECKS, MOST_ANGLES // len(joints)))
@@ -339,7 +338,14 @@ def _check_range(model: Model) -> None:
         shares[0], shares[1] = 0.0, 1.0
     lower = np.array([joint.lower for joint in joints])
     upper = np.array([joint.upper for joint in joints])
-    angles = lower + shares * (upper - lower)
+    return np.asarray(lower + shares * (upper - lower))
+
+
+def _check_range(model: Model) -> None:
+    """Check that the geometry is possible throughout the joint ranges, in sampled poses."""
+    if not model.robot.joints:
+        return
+    angles = poses_in_range(model.robot)
     for first in range(0, len(angles), RANGE_CHECKS):
         some = angles[first : first + RANGE_CHECKS]
         for angle in some[~_are_possible(model, some)]:

@@ -61,6 +61,9 @@ class StateViews(NamedTuple):
     (contacts,)."""
     track: Vector
     """Place of the middle of every pulley's arc on that path [m], shape (pulleys,)."""
+    covered: Vector
+    """Length of cable on every pulley whose contact cells are fixed to its surface [m], shape
+    (surfaces,); see ``PulleyPlan.surface``."""
     angle: Vector
     """Angles of motors, then joints [rad] or [m], shape (axes,)."""
     bearing_friction: Vector
@@ -131,12 +134,15 @@ class ScratchViews(NamedTuple):
     """Of every node of a robot described in space, shape (spatial_nodes,)."""
     middles: Rows[ArcMiddle]
     """Of the same nodes."""
+    history: Vector
+    """The state before the sample, by the contact cells of this sample, shape (state_size,); empty
+    unless some of them are fixed to the surface of a body."""
 
 
 @usable_in_kernels
 def _state_ends(
     sizes: Sizes,
-) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int]:
+) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int]:
     """Where each part of a state ends, in the order of ``StateViews`` after ``started``."""
     segments = sizes.contacts + sizes.cables
     length = 1 + segments
@@ -147,20 +153,21 @@ def _state_ends(
     lagged_speed = slip_speed + sizes.contacts
     place = lagged_speed + sizes.contacts
     track = place + sizes.pulleys
-    angle = track + sizes.motors + sizes.joints
+    covered = track + sizes.surfaces
+    angle = covered + sizes.motors + sizes.joints
     bearing_friction = angle + sizes.motors + sizes.joints
     drums = bearing_friction + sizes.drums * _DRUM
     middles = drums + sizes.spatial_nodes * _ARC_MIDDLE
     return (
-        length, material, delayed, bristle, slip_speed, lagged_speed, place, track, angle,
-        bearing_friction, drums, middles,
+        length, material, delayed, bristle, slip_speed, lagged_speed, place, track, covered,
+        angle, bearing_friction, drums, middles,
     )  # fmt: skip
 
 
 @usable_in_kernels
 def state_size(sizes: Sizes) -> int:
     """Floats of the state."""
-    return _state_ends(sizes)[11]
+    return _state_ends(sizes)[12]
 
 
 @usable_in_kernels
@@ -173,8 +180,8 @@ def state_views(sizes: Sizes, state: Vector) -> StateViews:
             then have the same first axis.
     """
     (
-        length, material, delayed, bristle, slip_speed, lagged_speed, place, track, angle,
-        bearing_friction, drums, middles,
+        length, material, delayed, bristle, slip_speed, lagged_speed, place, track, covered,
+        angle, bearing_friction, drums, middles,
     ) = _state_ends(sizes)  # fmt: skip
     return StateViews(
         part(state, 0, 1),
@@ -186,7 +193,8 @@ def state_views(sizes: Sizes, state: Vector) -> StateViews:
         part(state, slip_speed, lagged_speed),
         part(state, lagged_speed, place),
         part(state, place, track),
-        part(state, track, angle),
+        part(state, track, covered),
+        part(state, covered, angle),
         part(state, angle, bearing_friction),
         rows(state, bearing_friction, drums, DRUM),
         rows(state, drums, middles, ARC_MIDDLE),
@@ -232,7 +240,7 @@ def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
 @usable_in_kernels
 def _scratch_ends(
     sizes: Sizes,
-) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
+) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
     """Where each part of the scratch ends, in the order of ``ScratchViews``."""
     element_length = sizes.elements
     lever_arm = element_length + sizes.elements * sizes.joints
@@ -248,16 +256,17 @@ def _scratch_ends(
     spatial_twist = spatial_pose + sizes.spatial_frames * sizes.joints * _SPATIAL_TWIST
     touches = spatial_twist + sizes.spatial_nodes * _TOUCH
     middles = touches + sizes.spatial_nodes * _ARC_MIDDLE
+    history = middles + (state_size(sizes) if sizes.surfaces > 0 else 0)
     return (
         element_length, lever_arm, direction, wrap, arc, middle, segments, contacts, pose, twist,
-        spatial_pose, spatial_twist, touches, middles,
+        spatial_pose, spatial_twist, touches, middles, history,
     )  # fmt: skip
 
 
 @usable_in_kernels
 def scratch_size(sizes: Sizes) -> int:
     """Floats of the scratch."""
-    return _scratch_ends(sizes)[13]
+    return _scratch_ends(sizes)[14]
 
 
 @usable_in_kernels
@@ -265,7 +274,7 @@ def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
     """Named views of the parts of the scratch, shape (scratch_size,)."""
     (
         element_length, lever_arm, direction, wrap, arc, middle, segments, contacts, pose, twist,
-        spatial_pose, spatial_twist, touches, end,
+        spatial_pose, spatial_twist, touches, middles, history,
     ) = _scratch_ends(sizes)  # fmt: skip
     return ScratchViews(
         part(scratch, 0, element_length),
@@ -281,5 +290,6 @@ def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
         rows(scratch, twist, spatial_pose, SPATIAL_POSE),
         grid(scratch, spatial_pose, sizes.spatial_frames, sizes.joints, SPATIAL_TWIST),
         rows(scratch, spatial_twist, touches, TOUCH),
-        rows(scratch, touches, end, ARC_MIDDLE),
+        rows(scratch, touches, middles, ARC_MIDDLE),
+        part(scratch, middles, history),
     )

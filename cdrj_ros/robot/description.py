@@ -231,6 +231,9 @@ class Pulley:
     cells: int = 0
     """Number of equal contact cells, each with friction of its own; 0 lets
     ``cdrj_ros.model.division`` choose it."""
+    cell_width: float = 0.0
+    """Width of contact cells that are fixed to the surface [m], of which ``cells`` are at hand; 0
+    for cells that are equal parts of the arc.  Only the simulated rig sets it."""
     space: SpatialPlace | None = None
     moving_end: MovingEnd = "both"
     """End of the arc that moves as ``wrap`` changes; without meaning where positions give the wrap.
