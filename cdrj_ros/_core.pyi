@@ -297,6 +297,7 @@ class Robot:
         length: NDArray[np.float64],
         lever_arm: NDArray[np.float64],
         wrap: NDArray[np.float64],
+        arc: NDArray[np.float64],
         track: NDArray[np.float64],
     ) -> int:
         """Geometry along a motion, see ``cdrj_ros.model.along``; all shapes begin with the poses.

@@ -92,7 +92,7 @@ bool shape(
 /// Geometry of many poses that follow each other; returns the first impossible one, or their number.
 py::ssize_t course(
     const HeldRobot& held, const Matrix& joint_angle, Matrix& length, Matrix& lever_arm,
-    Matrix& wrap, Matrix& track) {
+    Matrix& wrap, Matrix& arc, Matrix& track) {
     const Robot& robot = held.robot;
     const Sizes& sizes = robot.topology.sizes;
     held.require_angles(sizes.motors, joint_angle.shape(1));
@@ -102,7 +102,7 @@ py::ssize_t course(
     };
     require(
         fits(length, sizes.elements) && fits(lever_arm, sizes.elements * sizes.joints) &&
-            fits(wrap, sizes.pulleys) && fits(track, sizes.pulleys),
+            fits(wrap, sizes.pulleys) && fits(arc, sizes.pulleys) && fits(track, sizes.pulleys),
         "the results have not the shapes of this robot's");
     std::vector<double> one(robot.state_size(), 0.0), other(robot.state_size(), 0.0);
     std::vector<double> scratch(Workspace::size(sizes), 0.0);
@@ -118,6 +118,7 @@ py::ssize_t course(
         std::ranges::copy(after.track, track.mutable_data(k, 0));
         std::ranges::copy(work.element_length, length.mutable_data(k, 0));
         std::ranges::copy(work.wrap, wrap.mutable_data(k, 0));
+        std::ranges::copy(work.arc, arc.mutable_data(k, 0));
         std::copy_n(work.lever_arm.data, sizes.elements * sizes.joints, lever_arm.mutable_data(k, 0));
     }
     return poses;
@@ -160,7 +161,7 @@ void bind_robot(py::module_& core) {
         .def(
             "course", course, py::arg("joint_angle").noconvert(), py::arg("length").noconvert(),
             py::arg("lever_arm").noconvert(), py::arg("wrap").noconvert(),
-            py::arg("track").noconvert(),
+            py::arg("arc").noconvert(), py::arg("track").noconvert(),
             "Geometry along a motion; returns the first impossible pose, or their number.")
         .def(
             "impose_friction", impose_friction, py::arg("share").noconvert(),

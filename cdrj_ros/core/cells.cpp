@@ -8,12 +8,12 @@
 #include "space.hpp"
 
 namespace cdrj {
-namespace {
 
-/// Length of the segments between cells of a body that the cable does not touch [m].
-constexpr double SHORTEST_SEGMENT = 1e-6;
+double middle_to_outer(double arc, Index cells) {
+    return 0.5 * std::max(arc / static_cast<double>(cells), SHORTEST_SEGMENT) *
+           static_cast<double>(cells - 1);
+}
 
-/// Whether a cable touches the body of its pulley `k`, which it did not touch before.
 bool touches_anew(
     const CableTopology& cable, Index k, const State& before, const Workspace& work) {
     if (cable.routed != Route::space) return false;
@@ -22,7 +22,14 @@ bool touches_anew(
     return missed && work.wrap[cable.first_pulley + k] > 0.0;
 }
 
-}  // namespace
+void share_out(Contact& contact, const PulleyConstants& pulley, double share) {
+    contact.share = share;
+    contact.stiffness = share * pulley.bristle_stiffness;
+    contact.damping = share * pulley.bristle_damping;
+    contact.viscous = share * pulley.viscous;
+    contact.drag = share * pulley.drag;
+    contact.breakaway = pulley.breakaway;
+}
 
 void divide_arcs(const Topology& topology, Workspace& work) {
     for (Index c = 0; c < topology.sizes.cables; ++c) {
@@ -37,7 +44,7 @@ void divide_arcs(const Topology& topology, Workspace& work) {
             if (cells == 1) continue;
             const double between =
                 std::max(work.arc[p] / static_cast<double>(cells), SHORTEST_SEGMENT);
-            const double outer = 0.5 * between * static_cast<double>(cells - 1);
+            const double outer = middle_to_outer(work.arc[p], cells);
             work.segments[first + c].length -= outer;
             work.segments[first + cells + c].length -= outer;
             for (Index q = first + 1; q < first + cells; ++q) work.segments[q + c].length = between;
@@ -72,6 +79,7 @@ void place_contacts(
     const bool started = *before.started != 0.0;
     for (Index k = 0; k < own.pulleys; ++k) {
         const Index p = own.first_pulley + k;
+        if (topology.pulleys[p].surface >= 0) continue;
         const PulleyConstants& pulley = constants.pulleys[p];
         const Index first = topology.pulleys[p].first_contact, cells = topology.pulleys[p].cells;
         follow_arc(topology, constants, cable, k, before, after, work);
@@ -83,22 +91,13 @@ void place_contacts(
         }
         for (Index q = first; q < first + cells; ++q) {
             Contact& contact = work.contacts[q];
-            contact.share = share;
-            contact.stiffness = share * pulley.bristle_stiffness;
-            contact.damping = share * pulley.bristle_damping;
-            contact.viscous = share * pulley.viscous;
-            contact.drag = share * pulley.drag;
-            contact.breakaway = pulley.breakaway;
+            share_out(contact, pulley, share);
             const double cell =
                 static_cast<double>(q - first) - 0.5 * static_cast<double>(cells - 1);
             after.place[q] = after.track[p] + cell * between;
             const double moved = after.place[q] - before.place[q];
             contact.shift = 0.0;
-            if (started && moved != 0.0) {
-                const double stretch =
-                    0.5 * (before.stretch(q + cable) + before.stretch(q + cable + 1));
-                contact.shift = moved / stretch;
-            }
+            if (started && moved != 0.0) contact.shift = moved / before.stretch_at(q, cable);
         }
     }
 }
@@ -114,11 +113,16 @@ void friction_losses(
                 pulley.rho, pulley.mu_c, pulley.mu_s, work.wrap[p], pulley.bearing_ratio,
                 plan.stribeck);
         }
-        const Loss loss = cell_loss(whole, work.contacts[plan.first_contact].share);
+        double share = work.contacts[plan.first_contact].share;
+        Loss loss = cell_loss(whole, share);
         for (Index q = plan.first_contact; q < plan.first_contact + plan.cells; ++q) {
-            const double share = stribeck_share(before.lagged_speed[q], pulley.stribeck_speed);
-            work.contacts[q].static_share = share;
-            work.contacts[q].loss = loss.kinetic + loss.fading * share;
+            Contact& contact = work.contacts[q];
+            if (contact.share != share) {
+                share = contact.share;
+                loss = cell_loss(whole, share);
+            }
+            contact.static_share = stribeck_share(before.lagged_speed[q], pulley.stribeck_speed);
+            contact.loss = loss.kinetic + loss.fading * contact.static_share;
         }
     }
 }

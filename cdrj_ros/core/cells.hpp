@@ -6,6 +6,12 @@
 
 namespace cdrj {
 
+/// Length of the segments between cells of a body that the cable does not touch [m].
+inline constexpr double SHORTEST_SEGMENT = 1e-6;
+
+/// Cable from the middle of an arc to the middle of the last of its equal cells [m].
+double middle_to_outer(double arc, Index cells);
+
 /// Lengths of the segments from those of the elements: the arc of every pulley in equal cells.
 ///
 /// An element ends in the middle of an arc, its outer segment in the middle of the first cell.
@@ -16,10 +22,16 @@ void follow_arc(
     const Topology& topology, const Constants& constants, Index cable, Index k, const State& before,
     State& after, const Workspace& work);
 
+/// Whether a cable touches the body of its pulley `k`, which it did not touch before.
+bool touches_anew(const CableTopology& cable, Index k, const State& before, const Workspace& work);
+
+/// Give a contact cell its share of the pulley's constants.
+void share_out(Contact& contact, const PulleyConstants& pulley, double share);
+
 /// Constants and places of the contacts of one cable, and the shift of (E25).
 ///
-/// Where the cable comes to touch a body in this sample, the wrap is set to 0: the contact holds no
-/// friction yet.
+/// Cells that are fixed to a surface are left to `cover_surfaces`. Where the cable comes to touch a
+/// body in this sample, the wrap is set to 0: the contact holds no friction yet.
 void place_contacts(
     const Topology& topology, const Constants& constants, Index cable, const State& before,
     State& after, Workspace& work);

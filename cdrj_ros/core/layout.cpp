@@ -69,6 +69,7 @@ State::State(const Sizes& sizes, double* state) : started(state) {
     lagged_speed = parts.take<double>(sizes.contacts);
     place = parts.take<double>(sizes.contacts);
     track = parts.take<double>(sizes.pulleys);
+    covered = parts.take<double>(sizes.surfaces);
     angle = parts.take<double>(sizes.axes());
     bearing_friction = parts.take<double>(sizes.axes());
     drums = parts.take<Drum>(sizes.drums);
@@ -76,7 +77,7 @@ State::State(const Sizes& sizes, double* state) : started(state) {
 }
 
 std::size_t State::size(const Sizes& sizes) {
-    const Index words = 1 + 3 * sizes.segments() + 4 * sizes.contacts + sizes.pulleys +
+    const Index words = 1 + 3 * sizes.segments() + 4 * sizes.contacts + sizes.pulleys + sizes.surfaces +
                         2 * sizes.axes() + sizes.drums * Index{sizeof(Drum) / 8} +
                         sizes.spatial_nodes * Index{sizeof(ArcMiddle) / 8};
     return static_cast<std::size_t>(words);
@@ -84,6 +85,10 @@ std::size_t State::size(const Sizes& sizes) {
 
 double State::stretch(Index segment) const {
     return std::max(length[segment] / material[segment], 1.0);
+}
+
+double State::stretch_at(Index contact, Index cable) const {
+    return 0.5 * (stretch(contact + cable) + stretch(contact + cable + 1));
 }
 
 Estimate::Estimate(const Sizes& sizes, double* estimate) {
@@ -125,11 +130,13 @@ Workspace::Workspace(const Sizes& sizes, double* scratch) {
         parts.take<SpatialTwist>(sizes.spatial_frames * sizes.joints).data(), sizes.joints};
     touches = parts.take<Touch>(sizes.spatial_nodes);
     middles = parts.take<ArcMiddle>(sizes.spatial_nodes);
+    history = parts.next();
 }
 
 std::size_t Workspace::size(const Sizes& sizes) {
+    const Index history = sizes.surfaces > 0 ? static_cast<Index>(State::size(sizes)) : 0;
     return static_cast<std::size_t>(
-        (4 + sizes.joints) * sizes.elements + 3 * sizes.pulleys +
+        history + (4 + sizes.joints) * sizes.elements + 3 * sizes.pulleys +
         sizes.segments() * Index{sizeof(Segment) / 8} + sizes.contacts * Index{sizeof(Contact) / 8} +
         sizes.frames * Index{sizeof(Pose) / 8} +
         sizes.frames * sizes.joints * Index{sizeof(Twist) / 8} +

@@ -26,6 +26,8 @@ struct Sizes {
     Index spatial_frames;  // 0 for a robot described in the plane
     Index spatial_nodes;   // as `nodes`, or 0 for a robot described in the plane
     Index drums;           // ends of cables that motors wind
+    Index surfaces;        // pulleys whose contact cells are fixed to their surface; 0 but for the
+                           // simulated rig
 
     Index segments() const { return contacts + cables; }
     Index axes() const { return motors + joints; }
@@ -113,6 +115,8 @@ struct State {
     std::span<double> lagged_speed; // delayed slip speed, for static friction [m/s], (E10)
     std::span<double> place;        // of every contact along the cable's path on the body [m], (E26)
     std::span<double> track;        // of the middle of every pulley's arc on that path [m]
+    std::span<double> covered;      // length of cable on every pulley whose cells are fixed to its
+                                    // surface [m]
     std::span<double> angle;        // of motors, then joints [rad] or [m]
     std::span<double> bearing_friction;  // torques of motors, then joints [N m] or [N]
     std::span<Drum> drums;          // of every end that a motor winds
@@ -120,6 +124,9 @@ struct State {
 
     /// 1 + strain of a segment; 1 where it is slack.
     double stretch(Index segment) const;
+
+    /// 1 + mean strain of the two segments at a contact of a cable.
+    double stretch_at(Index contact, Index cable) const;
 };
 
 /// Results of a sample.
@@ -163,6 +170,8 @@ struct Workspace {
     Grid<SpatialTwist> spatial_twist;
     std::span<Touch> touches;          // of every node of a robot described in space
     std::span<ArcMiddle> middles;      // of the same nodes
+    double* history;                   // the state before the sample, by the contact cells of this
+                                       // sample; only where some are fixed to a surface
 };
 
 }  // namespace cdrj

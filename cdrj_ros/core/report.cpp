@@ -76,9 +76,14 @@ void report_cable(const Step& step, Index c, bool solved) {
         estimate.force_z[p] = force.z;
         estimate.magnitude[p] = norm(force);
         estimate.friction[p] = t_out - t_in;
-        double speed = after.slip_speed[plan.first_contact];
-        for (Index q = 1; q < plan.cells; ++q) speed += after.slip_speed[plan.first_contact + q];
-        estimate.slip_speed[p] = plan.cells > 1 ? speed / static_cast<double>(plan.cells) : speed;
+        estimate.slip_speed[p] = after.slip_speed[plan.first_contact];
+        if (plan.cells > 1) {  // the mean over the arc
+            double speed = 0.0;
+            for (Index q = plan.first_contact; q < plan.first_contact + plan.cells; ++q) {
+                speed += work.contacts[q].share * after.slip_speed[q];
+            }
+            estimate.slip_speed[p] = speed;
+        }
     }
     if (solved) return;
     // the distribution of the elongation is unknown: report no numbers

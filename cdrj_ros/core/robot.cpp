@@ -9,6 +9,7 @@
 #include "plane.hpp"
 #include "report.hpp"
 #include "space.hpp"
+#include "surface.hpp"
 
 namespace cdrj {
 namespace {
@@ -242,7 +243,7 @@ bool Robot::advance(
     const double* before_state, std::span<const double> motor_angle,
     std::span<const double> joint_angle, double dt, double* out) const {
     const Sizes& sizes = topology.sizes;
-    const State before(sizes, const_cast<double*>(before_state));
+    State before(sizes, const_cast<double*>(before_state));
     State after(sizes, out);
     Estimate estimate(sizes, out + state_size());
     Workspace work(sizes, out + state_size() + estimate_size());
@@ -251,6 +252,10 @@ bool Robot::advance(
         std::fill_n(out + state_size(), estimate_size(), 0.0);
         std::ranges::fill(estimate.status, static_cast<double>(INVALID));
         return false;
+    }
+    if (sizes.surfaces > 0) {  // the state before, by the contact cells of this sample
+        cover_surfaces(topology, constants, before_state, after, work);
+        before = State(sizes, work.history);
     }
     for (Index e = 0; e < sizes.segments(); ++e) after.length[e] = work.segments[e].length;
     std::ranges::copy(work.middles, after.middles.begin());

@@ -56,6 +56,9 @@ struct PulleyTopology {
     Index element;  // the element before it
     Index first_contact;
     Index cells;  // number of its contact cells
+    // its number among the pulleys whose cells are fixed to their surface; -1 where they are equal
+    // parts of the arc and move with it
+    Index surface;
     Index wrap_changes;  // 0 where the wrap is the same in every pose
     Stribeck stribeck;  // form of static friction
 };
@@ -135,6 +138,7 @@ struct PulleyConstants {
     // 1/2 where the end after it moves, -1/2 where that before it does, 0 where both do. Only used
     // where the wrap is given by tables
     double moved_after;
+    double cell_width;  // of contact cells that are fixed to the surface [m]
     double kinetic_loss;  // loss 1 - eta at high slip speed where the wrap never changes [-]
     double static_loss;  // further loss at rest where the wrap never changes [-]
     double half_sine;  // sin(wrap / 2) where the wrap never changes
