@@ -27,7 +27,7 @@ from cdrj_ros.conditioning import ordinary_kernel
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.tracking import new_track, track, track_all
 from cdrj_ros.estimation.ensemble import Spread, find_kernels
-from cdrj_ros.estimation.estimator import find_entry, initial_state, run
+from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.member_records import no_members
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.slipping_drums import run_slipping

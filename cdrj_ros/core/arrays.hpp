@@ -15,8 +15,12 @@ using Vector = pybind11::array_t<double, pybind11::array::c_style>;
 using Matrix = pybind11::array_t<double, pybind11::array::c_style>;
 using Indices = pybind11::array_t<Index, pybind11::array::c_style>;
 
-inline std::span<const double> span_of(const Vector& vector) {
-    return {vector.data(), static_cast<std::size_t>(vector.size())};
+/// Numbers that are read only: other types and layouts are copied to a contiguous array.
+using Given = pybind11::array_t<double, pybind11::array::c_style | pybind11::array::forcecast>;
+
+template <typename Array>
+std::span<const double> span_of(const Array& array) {
+    return {array.data(), static_cast<std::size_t>(array.size())};
 }
 
 /// Refuse arguments that do not fit.

@@ -38,8 +38,8 @@ struct HeldRobot {
 };
 
 bool step(
-    const HeldRobot& held, const Vector& before, const Vector& motor_angle,
-    const Vector& joint_angle, double dt, Vector& out) {
+    const HeldRobot& held, const Vector& before, const Given& motor_angle,
+    const Given& joint_angle, double dt, Vector& out) {
     const Robot& robot = held.robot;
     held.require_angles(motor_angle.size(), joint_angle.size());
     require(before.size() >= py::ssize_t(robot.state_size()), "before is too short");
@@ -50,10 +50,13 @@ bool step(
 
 /// Advance a state by many samples; `slipping`: the cables slip on their drums.
 void run(
-    const HeldRobot& held, Vector& state, const Matrix& motor_angle, const Matrix& joint_angle,
-    const Vector& dt, Matrix& estimates, bool slipping) {
+    const HeldRobot& held, Vector& state, const Given& motor_angle, const Given& joint_angle,
+    const Given& dt, Matrix& estimates, bool slipping) {
     const Robot& robot = held.robot;
     const py::ssize_t samples = dt.size();
+    require(
+        motor_angle.ndim() == 2 && joint_angle.ndim() == 2 && estimates.ndim() == 2,
+        "motor_angle, joint_angle and estimates need two axes");
     const std::size_t size = robot.state_size(), wanted = robot.estimate_size();
     require(state.size() == py::ssize_t(size), "state has not the size of this robot's");
     held.require_angles(motor_angle.shape(1), joint_angle.shape(1));
@@ -79,7 +82,7 @@ void run(
 }
 
 bool shape(
-    const HeldRobot& held, const Vector& motor_angle, const Vector& joint_angle, Vector& scratch) {
+    const HeldRobot& held, const Given& motor_angle, const Given& joint_angle, Vector& scratch) {
     const Sizes& sizes = held.robot.topology.sizes;
     held.require_angles(motor_angle.size() ? motor_angle.size() : sizes.motors, joint_angle.size());
     require(
@@ -91,14 +94,15 @@ bool shape(
 
 /// Geometry of many poses that follow each other; returns the first impossible one, or their number.
 py::ssize_t course(
-    const HeldRobot& held, const Matrix& joint_angle, Matrix& length, Matrix& lever_arm,
+    const HeldRobot& held, const Given& joint_angle, Matrix& length, Matrix& lever_arm,
     Matrix& wrap, Matrix& arc, Matrix& track) {
     const Robot& robot = held.robot;
     const Sizes& sizes = robot.topology.sizes;
+    require(joint_angle.ndim() == 2, "joint_angle needs two axes");
     held.require_angles(sizes.motors, joint_angle.shape(1));
     const py::ssize_t poses = joint_angle.shape(0);
     const auto fits = [poses](const Matrix& one, Index width) {
-        return one.shape(0) == poses && one.shape(1) == width;
+        return one.ndim() == 2 && one.shape(0) == poses && one.shape(1) == width;
     };
     require(
         fits(length, sizes.elements) && fits(lever_arm, sizes.elements * sizes.joints) &&
@@ -124,7 +128,7 @@ py::ssize_t course(
     return poses;
 }
 
-void impose_friction(const HeldRobot& held, const Vector& share, Vector& out) {
+void impose_friction(const HeldRobot& held, const Given& share, Vector& out) {
     require(share.size() == held.robot.topology.sizes.pulleys, "share has not one entry per pulley");
     require(out.size() >= py::ssize_t(held.robot.out_size()), "out is too short");
     held.robot.impose_friction(span_of(share), out.mutable_data());
@@ -137,34 +141,39 @@ void bind_robot(py::module_& core) {
         .def(
             py::init<Indices, Vector>(), py::arg("plan").noconvert(), py::arg("numbers").noconvert(),
             "``plan``: connections of its parts; ``numbers``: their constants.")
+        .def(py::pickle(
+            [](const HeldRobot& held) { return py::make_tuple(held.plan, held.numbers); },
+            [](const py::tuple& parts) {
+                return HeldRobot(parts[0].cast<Indices>(), parts[1].cast<Vector>());
+            }))
         .def_property_readonly("state_size", [](const HeldRobot& h) { return h.robot.state_size(); })
         .def_property_readonly(
             "estimate_size", [](const HeldRobot& h) { return h.robot.estimate_size(); })
         .def_property_readonly("out_size", [](const HeldRobot& h) { return h.robot.out_size(); })
         .def(
-            "step", step, py::arg("before").noconvert(), py::arg("motor_angle").noconvert(),
-            py::arg("joint_angle").noconvert(), py::arg("dt"), py::arg("out").noconvert(),
+            "step", step, py::arg("before").noconvert(), py::arg("motor_angle"),
+            py::arg("joint_angle"), py::arg("dt"), py::arg("out").noconvert(),
             "One sample: (state, angles) -> (state, estimate, workspace) in ``out``.\n\n"
             "Angles in rad, of prismatic joints in m; ``dt``: time since the state [s], 0 for the\n"
             "first sample. Returns False where the geometry is impossible (the state is kept) or a\n"
             "cable could not be solved; the elements concerned are ``INVALID``.")
         .def(
-            "run", run, py::arg("state").noconvert(), py::arg("motor_angle").noconvert(),
-            py::arg("joint_angle").noconvert(), py::arg("dt").noconvert(),
+            "run", run, py::arg("state").noconvert(), py::arg("motor_angle"),
+            py::arg("joint_angle"), py::arg("dt"),
             py::arg("estimates").noconvert(), py::arg("slipping") = false,
             "``step`` for many samples, one a row; ``state`` is replaced by the last one's.\n\n"
             "``slipping``: the cables slip on their drums.")
         .def(
-            "shape", shape, py::arg("motor_angle").noconvert(), py::arg("joint_angle").noconvert(),
+            "shape", shape, py::arg("motor_angle"), py::arg("joint_angle"),
             py::arg("scratch").noconvert(),
             "Geometry in a pose, written to the workspace; False if a cable's path is impossible.")
         .def(
-            "course", course, py::arg("joint_angle").noconvert(), py::arg("length").noconvert(),
+            "course", course, py::arg("joint_angle"), py::arg("length").noconvert(),
             py::arg("lever_arm").noconvert(), py::arg("wrap").noconvert(),
             py::arg("arc").noconvert(), py::arg("track").noconvert(),
             "Geometry along a motion; returns the first impossible pose, or their number.")
         .def(
-            "impose_friction", impose_friction, py::arg("share").noconvert(),
+            "impose_friction", impose_friction, py::arg("share"),
             py::arg("out").noconvert(),
             "Impose shares in [-1, 1] of the friction bounds after the first sample.");
 }

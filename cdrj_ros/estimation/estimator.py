@@ -6,15 +6,13 @@ The node, the offline validation, the identification and the benchmark all call 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.model.compiled import direct, ordinary
-from cdrj_ros.model.mechanism import advance, advance_all
-from cdrj_ros.model.prepared import Layout, Model, read_only
+from cdrj_ros.model.prepared import Layout, Model, plain
 
 Vector = NDArray[np.float64]
 
@@ -22,10 +20,10 @@ NEVER: Final = -1
 """Stamp of a state before its first sample."""
 
 
-_empty: Final = np.empty
-_tuple: Final = tuple.__new__
 FLOAT: Final = np.dtype(np.float64)
 EVERYTHING: Final = slice(None)
+
+as_plain = plain
 
 
 class State(NamedTuple):
@@ -143,22 +141,6 @@ def initial_state(model: Model) -> State:
     return State(NEVER, np.zeros(model.state_size))
 
 
-def as_plain(vector: Vector) -> Vector:
-    """The array, or a copy, as a contiguous vector of floats: what entry points of kernels need."""
-    return np.ascontiguousarray(vector, dtype=np.float64)
-
-
-_entry: Final[list[Any]] = []
-"""Entry point of ``advance``, from the first step on."""
-
-
-def find_entry() -> None:
-    """Load or compile ``advance``; the types of its arguments are the same for all robots."""
-    plan, vector = np.empty(0, dtype=np.int64), np.empty(0)
-    plan.flags.writeable = False
-    _entry.append(direct(advance, plan, read_only(vector), *3 * (vector,), 0.0, vector))
-
-
 def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     """Process one sample.
 
@@ -173,30 +155,22 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     Raises:
         ValueError: the angles are not those of this robot.
     """
-    stamp, motor_angle, joint_angle, _, _, _, _ = sample
-    before, whole, _ = state
-    plan, numbers, size, state_part, estimate_part, layout = model.parts
-    out = _empty(size)
-    dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
-    if not _entry:
-        find_entry()
-    if not motor_angle.dtype is joint_angle.dtype is FLOAT:
-        motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
-    # a call without numba's dispatcher makes the step 5 % faster
-    try:
-        solved = _entry[0](plan, numbers, whole, motor_angle, joint_angle, dt, out)
-    except ValueError:
-        motor_angle, joint_angle = as_plain(motor_angle), as_plain(joint_angle)
-        solved = _entry[0](plan, numbers, whole, motor_angle, joint_angle, dt, out)
-    # the constructors of named tuples give the same result but take twice as long
+    dt = (sample.stamp_ns - state.stamp_ns) * 1e-9 if state.stamp_ns != NEVER else 0.0
+    out = np.empty(model.out_size)
+    solved = model.core.step(state.whole, sample.motor_angle, sample.joint_angle, dt, out)
     return (
-        _tuple(State, (stamp, out, state_part)),
-        _tuple(Estimate, (stamp, out, layout, solved, estimate_part)),
+        State(sample.stamp_ns, out, model.state_part),
+        Estimate(sample.stamp_ns, out, model.layout, solved, model.estimate_part),
     )
 
 
 def run(
-    model: Model, state: State, samples: Samples, into: NDArray[np.float64] | None = None
+    model: Model,
+    state: State,
+    samples: Samples,
+    into: NDArray[np.float64] | None = None,
+    *,
+    slipping: bool = False,
 ) -> tuple[State, Estimates]:
     """Apply ``step`` to many samples in one call; the results are bit-identical.
 
@@ -205,6 +179,8 @@ def run(
         state: as for ``step``.
         samples: n samples.
         into: output array for the estimates, shape (n, layout.size); None: a new array.
+        slipping: whether the cables slip on their drums, so that the drums do not keep the strain
+            at which cable went on; for comparison with recordings.
     """
     stamps = samples.stamp_ns
     estimates = np.empty((stamps.size, model.layout.size)) if into is None else into
@@ -213,13 +189,5 @@ def run(
     first = state.stamp_ns if state.stamp_ns != NEVER else int(stamps[0])
     dt = np.diff(stamps, prepend=np.int64(first)) * 1e-9
     values = state.values.copy()
-    advance_all(
-        model.plan,
-        model.numbers,
-        values,
-        ordinary(samples.motor_angle),
-        ordinary(samples.joint_angle),
-        dt,
-        estimates,
-    )
+    model.core.run(values, samples.motor_angle, samples.joint_angle, dt, estimates, slipping)
     return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout)

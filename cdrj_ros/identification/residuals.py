@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.identification.observations import Observations, groups_of, samples_of, thinned
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
@@ -168,11 +167,12 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
     n = samples.stamp_ns.size
     # the estimates of a chunk after the last one before it: 10 % faster than a table of all
     block = np.empty((min(CHUNK, n) + 1, model.layout.size))
-    state, advance = initial_state(model), run_slipping if observed.drums_slip else run
+    state, slipping = initial_state(model), observed.drums_slip
     for begin in range(0, n, CHUNK):
         part = slice(begin, min(begin + CHUNK, n))
         count = part.stop - begin
-        state, _ = advance(model, state, _slice(samples, part), into=block[1 : count + 1])
+        into = block[1 : count + 1]
+        state, _ = run(model, state, _slice(samples, part), into, slipping=slipping)
         for group, estimates in zip(groups, found, strict=True):
             first, end = np.searchsorted(group.right, (begin, part.stop))
             right = group.right[first:end] - begin

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.model.compiled import ordinary
 from cdrj_ros.model.division import divided
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.filling import pack
@@ -21,7 +21,6 @@ from cdrj_ros.model.packing import (
     number_views,
     plan_views,
 )
-from cdrj_ros.model.shape import shape
 from cdrj_ros.model.spatial_reasons import spatial_reason
 from cdrj_ros.model.state import (
     ScratchViews,
@@ -115,14 +114,17 @@ class Model:
     """This slice and ``state_part`` locate estimate and state in the kernel's output."""
     parts: tuple[NDArray[np.int64], Vector, int, slice, slice, Layout] = field(init=False)
     """What a step reads, in one place: plan, numbers, ``out_size``, both slices and the layout."""
+    core: _core.Robot = field(init=False, compare=False, repr=False)
+    """The robot as the compiled core reads it, from ``plan`` and ``numbers``."""
 
     def __post_init__(self) -> None:
-        """Collect ``parts``."""
+        """Collect ``parts``, and hand the robot to the core."""
         parts = (
             self.plan, self.numbers, self.out_size, self.state_part, self.estimate_part,
             self.layout,
         )  # fmt: skip
         object.__setattr__(self, "parts", parts)
+        object.__setattr__(self, "core", _core.Robot(self.plan, self.numbers))
 
 
 @dataclass(frozen=True)
@@ -210,13 +212,8 @@ def placed(
 ) -> tuple[Shape, ScratchViews]:
     """As ``shape_at``; the second result is the scratch, with the poses of the frames."""
     scratch = np.zeros(scratch_size(model.sizes))
-    possible = shape(
-        model.plan,
-        read_only(model.numbers),
-        ordinary(np.asarray(() if motor_angle is None else motor_angle, dtype=np.float64)),
-        ordinary(np.asarray(joint_angle, dtype=np.float64)),
-        scratch,
-    )
+    drums = np.empty(0) if motor_angle is None else motor_angle
+    possible = model.core.shape(drums, joint_angle, scratch)
     views = scratch_views(model.sizes, scratch)
     segments: Any = views.segments
     found = Shape(
@@ -225,7 +222,7 @@ def placed(
         views.lever_arm,
         views.wrap,
         views.direction,
-        bool(possible),
+        possible,
     )
     return found, views
 
@@ -238,10 +235,15 @@ def segments_of(model: Model, c: int) -> slice:
 
 
 def read_only(array: Vector) -> Vector:
-    """A read-only view; kernels are compiled for read-only ``numbers`` only."""
+    """A read-only view."""
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def plain(values: Vector) -> Vector:
+    """The array, or a copy, as contiguous floats: what the compiled core takes."""
+    return np.ascontiguousarray(values, dtype=np.float64)
 
 
 def _model(robot: Robot) -> Model:
@@ -366,10 +368,10 @@ def _are_possible(model: Model, joint_angles: NDArray[np.float64]) -> NDArray[np
     possible = np.empty(poses, dtype=np.bool_)
     scratch = np.zeros(scratch_size(sizes))
     found = scratch_views(sizes, scratch)
-    numbers, motor_angle = read_only(model.numbers), np.empty(0)
+    motor_angle = np.empty(0)
     for k in range(poses):
         scratch.fill(0.0)
-        possible[k] = shape(model.plan, numbers, motor_angle, joint_angles[k], scratch)
+        possible[k] = model.core.shape(motor_angle, joint_angles[k], scratch)
         length[k], wrap[k] = found.element_length, found.wrap
     return possible & np.all(length > 0.0, axis=1) & np.all(wrap >= 0.0, axis=1)
 
