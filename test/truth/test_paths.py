@@ -1,0 +1,90 @@
+"""Laws of the paths of cables over bodies."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path as File
+
+import numpy as np
+import pytest
+
+from truth import robots
+from truth.bodies import Node
+from truth.frames import place
+from truth.paths import find_path
+from truth.scenes import Scene
+
+BASE = place((), (), np.zeros((1, 0)))
+AXIS = (0.0, 0.0, 1.0)
+
+
+def test_a_helix_is_a_straight_line_on_the_unrolled_cylinder() -> None:
+    r, a, b = 0.03, (-0.2, 0.0, 0.0), (0.2, 0.0, 0.15)
+    nodes = (Node("anchor", a), Node("cylinder", (0, 0, 0), radius=r, axis=AXIS, turn=-1),
+             Node("anchor", b))  # fmt: skip
+    path = find_path(nodes, BASE)
+    flat = 2.0 * np.sqrt(0.2**2 - r**2) + r * (np.pi - 2.0 * np.arccos(r / 0.2))
+    assert path.length[0] == pytest.approx(np.hypot(flat, 0.15), rel=1e-12)
+
+
+def test_a_cable_over_a_sphere_takes_the_great_circle() -> None:
+    r, a, b = 0.03, np.array([-0.2, 0.01, 0.0]), np.array([0.15, 0.0, 0.02])
+    nodes = (Node("anchor", tuple(a)),
+             Node("sphere", (0, 0, 0), radius=r, side=(0.0, 0.1, 0.0)),
+             Node("anchor", tuple(b)))  # fmt: skip
+    path = find_path(nodes, BASE)
+    sizes = np.linalg.norm([a, b], axis=1)
+    wrap = np.arccos(a @ b / sizes.prod()) - np.arccos(r / sizes).sum()
+    assert path.wrap[0, 0] == pytest.approx(wrap, rel=1e-9)
+    assert path.length[0] == pytest.approx(np.sqrt(sizes**2 - r**2).sum() + r * wrap, rel=1e-12)
+
+
+def test_a_belt_crosses_between_two_pulleys_along_their_inner_tangent() -> None:
+    nodes = (
+        Node("anchor", (-0.3, 0.05)),
+        Node("pulley", (0.0, 0.0), radius=0.05, turn=-1),
+        Node("pulley", (0.4, 0.0), radius=0.03, turn=1),
+        Node("anchor", (0.7, -0.03)),
+    )
+    path = find_path(nodes, BASE)
+    assert path.span[0, 1] == pytest.approx(np.sqrt(0.4**2 - 0.08**2), rel=1e-12)
+    assert path.wrap[0] == pytest.approx(2 * [np.arcsin(0.08 / 0.4)], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [robots.skew_cylinders(3.0, 500), robots.sphere(3.0, 500), robots.arm(3.0, 500)],
+    ids=lambda scene: scene.name,
+)
+def test_a_path_lengthens_only_by_the_motion_of_the_bodies_at_the_ends_of_its_spans(
+    scene: Scene,
+) -> None:
+    # the first variation of a shortest path; differences are blunt where the sphere is left
+    frames = scene.poses
+    rate = np.gradient(scene.joint, scene.time, axis=0)
+    for line, path in zip(scene.lines, scene.paths, strict=True):
+        opened = np.zeros(scene.time.size)
+        for k in range(len(line.nodes) - 1):
+            begin = frames[line.nodes[k].frame].velocity(path.begin[:, k], len(scene.joints))
+            end = frames[line.nodes[k + 1].frame].velocity(path.end[:, k], len(scene.joints))
+            opened += np.einsum("njx,nx,nj->n", end - begin, path.direction[:, k], rate)
+        change = np.gradient(path.length, scene.time)
+        inner = slice(2, -2)
+        np.testing.assert_allclose(
+            change[inner], opened[inner], atol=1e-3 * np.abs(opened).max(), err_msg=line.name
+        )
+
+
+def test_the_sphere_of_the_scene_is_left_and_met_again() -> None:
+    touching = robots.sphere(20.0, 50).paths[0].touching[:, 0]
+    assert np.count_nonzero(np.diff(touching.astype(int)) == 1) >= 2
+    assert np.count_nonzero(np.diff(touching.astype(int)) == -1) >= 2
+
+
+def test_the_truth_imports_nothing_of_what_it_tests() -> None:
+    for name in ("frames", "bodies", "paths", "surface", "scenes", "robots"):
+        tree = ast.parse((File(__file__).parent / f"{name}.py").read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            modules += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            assert not any(module.split(".")[0] == "cdrj_ros" for module in modules), name

@@ -1,0 +1,150 @@
+"""Laws of whole scenes: what the truth must say of any robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from truth import robots
+from truth.bodies import Node
+from truth.scenes import Line, Scene, waves
+
+
+@pytest.mark.parametrize("shape", ["plane", "helix", "sphere", "swivel"])
+def test_nothing_slides_where_the_end_follows_the_involute(shape: str) -> None:
+    scene = robots.involute(shape, seconds=10.0)
+    tension = scene.truth().tension
+    assert np.degrees(np.ptp(scene.paths[0].last[:, 0]) / 0.02) > 59.0
+    np.testing.assert_allclose(tension, 50.0, rtol=1e-8)
+
+
+def reversed_nodes(nodes: tuple[Node, ...]) -> tuple[Node, ...]:
+    return tuple(replace(node, turn=-node.turn) for node in reversed(nodes))
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [robots.skew_cylinders(2.0, 100), robots.sphere(5.0, 60)],
+    ids=lambda scene: scene.name,
+)
+def test_a_cable_has_the_same_tensions_from_whichever_end_it_is_described(scene: Scene) -> None:
+    line = scene.lines[0]
+    other = replace(scene, lines=(replace(line, nodes=reversed_nodes(line.nodes)),))
+    one, two = scene.truth(), other.truth()
+    # a body's cells begin elsewhere
+    np.testing.assert_allclose(two.tension[:, ::-1], one.tension, rtol=2e-3)
+    assert np.mean(np.abs(two.tension[:, ::-1] / one.tension - 1.0)) < 2e-4
+    np.testing.assert_allclose(two.motor_effort, one.motor_effort, rtol=2e-3)
+
+
+def mirrored(scene: Scene) -> Scene:
+    """The scene in a mirror: z of everything reversed."""
+    lines = []
+    for line in scene.lines:
+        nodes = []
+        for node in line.nodes:
+            x, y, z = node.position
+            axis, side = node.axis, node.side
+            nodes.append(
+                replace(
+                    node,
+                    position=(x, y, -z),
+                    axis=axis and (axis[0], axis[1], -axis[2]),
+                    turn=-node.turn,
+                    side=side and (side[0], side[1], -side[2]),
+                )
+            )
+        lines.append(Line(line.name, line.stiffness, line.preload, tuple(nodes)))
+    frames = []
+    for frame in scene.frames:
+        x, y, z = frame.origin
+        roll, pitch, yaw = frame.rpy
+        sign = -1.0 if frame.motion == "revolute" else 1.0
+        a, b, c = frame.axis
+        frames.append(
+            replace(
+                frame,
+                origin=(x, y, -z),
+                rpy=(-roll, -pitch, yaw),
+                axis=(sign * a, sign * b, -sign * c),
+            )
+        )
+    return replace(scene, frames=tuple(frames), lines=tuple(lines))
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [robots.skew_cylinders(2.0, 100), robots.sphere(5.0, 60), robots.arm(1.0, 100)],
+    ids=lambda scene: scene.name,
+)
+def test_a_robot_in_a_mirror_has_the_same_tensions_and_efforts(scene: Scene) -> None:
+    one, two = scene.truth(), mirrored(scene).truth()
+    np.testing.assert_allclose(two.tension, one.tension, rtol=1e-3)
+    assert np.mean(np.abs(two.tension / one.tension - 1.0)) < 1e-4
+    np.testing.assert_allclose(two.joint_effort, one.joint_effort, rtol=1e-2, atol=1e-3)
+
+
+def periodic(scene: Scene, mu: float) -> Scene:
+    """Two cycles of 4 s, and one coefficient of friction everywhere."""
+    time = np.arange(1601) / 200.0
+    joint = np.stack(
+        [waves(time, (0.3, 0.25, 0.7 * j), (0.1, 0.5, 0.3)) for j in range(len(scene.joints))], 1
+    ) * np.ptp(scene.joint, axis=0)
+    pull = {
+        motor: waves(time, (0.0005, 0.25 + 0.25 * (k % 2), 1.0 * k))
+        for k, motor in enumerate(scene.motors)
+    }
+    lines = tuple(
+        replace(line, nodes=tuple(replace(node, mu=mu) for node in line.nodes))
+        for line in scene.lines
+    )
+    return replace(scene, time=time, joint=joint, pull=pull, lines=lines)
+
+
+def work(scene: Scene) -> tuple[float, float]:
+    """Work of the cables on joints and motors in the second cycle, and its size without sign."""
+    truth, second = scene.truth(), slice(800, None)
+    effort = np.hstack([truth.joint_effort, truth.motor_effort])[second]
+    moved = np.diff(np.hstack([scene.joint, scene.motor])[second], axis=0)
+    power = 0.5 * (effort[1:] + effort[:-1]) * moved
+    return float(power.sum()), float(np.abs(power).sum())
+
+
+SHORT = [robots.skew_cylinders(1.0, 100), robots.sphere(1.0, 100), robots.sheath(seconds=1.0)]
+
+
+@pytest.mark.parametrize("scene", SHORT, ids=lambda scene: scene.name)
+def test_without_friction_the_cables_give_back_all_work(scene: Scene) -> None:
+    done, size = work(periodic(scene, 0.0))
+    assert abs(done) < 5e-4 * size
+
+
+@pytest.mark.parametrize("scene", SHORT, ids=lambda scene: scene.name)
+def test_the_work_that_is_lost_is_what_the_slipping_cells_take(scene: Scene) -> None:
+    # the efforts are pulls of spans on bodies, friction is that of cells: they meet only in energy
+    scene = periodic(scene, 0.2)
+    done, _ = work(scene)
+    taken = 0.0
+    for c in range(len(scene.lines)):
+        for one, two in pairwise(list(scene.states(c)[1])[800:]):
+            stretch = 1.0 + 0.5 * (two.strain[1:] + two.strain[:-1])
+            held = np.concatenate(
+                [0.5 * (_before(a, b) + b.friction)
+                 for a, b in zip(one.cells, two.cells, strict=True) if b is not None]
+                or [np.empty(0)]
+            )  # fmt: skip
+            taken += np.sum(held * two.slip * stretch)
+    assert taken > 0.0
+    assert -done == pytest.approx(taken, rel=0.02)
+
+
+def _before(a, b):
+    """Friction of cells b in the state before, 0 where they are new."""
+    held = np.zeros(b.index.size)
+    if a is not None:
+        _, mine, his = np.intersect1d(b.index, a.index, return_indices=True)
+        held[mine] = a.friction[his]
+    return held
