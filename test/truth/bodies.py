@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Z = np.array([0.0, 0.0, 1.0])
 
+ENDS = ("winch", "anchor")
+"""Kinds of nodes at the ends of a cable; with a turn they are drums and sectors, else points."""
+
 
 @dataclass(frozen=True)
 class Node:
@@ -29,7 +32,7 @@ class Node:
     radius: float = 0.0
     axis: tuple[float, float, float] | None = None
     turn: int = 0
-    """+1 where the cable goes round the axis counter-clockwise, -1 clockwise."""
+    """+1 where the cable goes round the axis counter-clockwise, -1 clockwise; 0 at a point."""
     mu: float = 0.0
     side: tuple[float, float, float] | None = None
     """Of a sphere: a point on the side on which the cable passes."""
@@ -43,15 +46,15 @@ class Node:
     @property
     def is_point(self) -> bool:
         """Whether the cable is straight on both sides of one point."""
-        return self.kind in {"anchor", "eyelet"} or (self.kind == "winch" and self.axis is None)
+        return self.kind == "eyelet" or (self.kind in ENDS and self.turn == 0)
 
     @property
     def unknowns(self) -> int:
         """Number of unknowns that determine its points of contact."""
         if self.is_point:
             return 0
-        sizes = {"winch": 1, "pulley": 2, "swivel": 2, "cylinder": 4, "sphere": 6, "sheath": 0}
-        return sizes[self.kind]
+        sizes = {"pulley": 2, "swivel": 2, "cylinder": 4, "sphere": 6, "sheath": 0}
+        return sizes.get(self.kind, 1)
 
 
 def around(angle: Array) -> Array:
@@ -67,7 +70,7 @@ def along(angle: Array, sense: int) -> Array:
 def contacts(node: Node, x: Array) -> tuple[Array, Array]:
     """First and last point of contact, shapes (n, 3), from the unknowns of shape (n, unknowns)."""
     r = node.radius
-    if node.kind == "winch":
+    if node.kind in ENDS:
         point = r * around(x[:, 0])
         return point, point
     if node.kind == "pulley":
@@ -87,7 +90,7 @@ def equations(node: Node, x: Array, a: Array, b: Array) -> list[Array]:
     At an end of the cable both are the neighbouring point.
     """
     r = node.radius
-    if node.kind == "winch":
+    if node.kind in ENDS:
         return [np.sum(around(x[:, 0]) * b, -1) / r - 1.0]
     if node.kind in {"pulley", "cylinder"}:
         first, last = around(x[:, 0]), around(x[:, 1])
@@ -127,7 +130,7 @@ def guess(node: Node, a: Array, b: Array, last_node: bool) -> Array:
     def opening(point: Array) -> float:
         return float(np.arccos(min(r / np.hypot(point[0], point[1]), 0.999)))
 
-    if node.kind == "winch":
+    if node.kind in ENDS:
         toward = sense if last_node else -sense
         return np.array([np.arctan2(b[1], b[0]) + toward * opening(b)])
     if node.kind in {"pulley", "cylinder"}:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.description import Node, Pulley
 from cdrj_ros.robot.reader import build_robot
 from truth.scenes import Scene, Truth
 
@@ -27,19 +29,29 @@ class Comparison:
     motor_effort: float
 
 
-def estimate(scene: Scene) -> Estimates:
-    """The estimator's result for the scene's exact angles."""
-    model = prepare(build_robot(scene.document(), Path(scene.name)))
+def estimate(scene: Scene, cells: int = 1) -> Estimates:
+    """The estimator's result for the scene's exact angles, with so many contact cells a body."""
+    robot = build_robot(yaml.safe_load(scene.robot_file()), Path(scene.name))
+    cables = tuple(replace(cable, nodes=_divided(cable.nodes, cells)) for cable in robot.cables)
+    model = prepare(replace(robot, cables=cables))
     stamps = 1_000_000_000 + np.round(scene.time * 1e9).astype(np.int64)
     samples = Samples(stamps, scene.motor.copy(), scene.joint.copy())
     return run(model, initial_state(model), samples)[1]
 
 
-def compare(scene: Scene, truth: Truth | None = None) -> Comparison:
+def _divided(nodes: tuple[Node, ...], cells: int) -> tuple[Node, ...]:
+    """Nodes whose bodies have so many cells; a point stays one."""
+    return tuple(
+        replace(node, cells=cells) if isinstance(node, Pulley) and node.kind != "eyelet" else node
+        for node in nodes
+    )
+
+
+def compare(scene: Scene, truth: Truth | None = None, cells: int = 1) -> Comparison:
     """Errors of the estimate against the truth, which is computed where it is not given."""
     known = scene.time >= scene.cycle
     truth = scene.truth() if truth is None else truth
-    estimates = estimate(scene)
+    estimates = estimate(scene, cells)
     layout, values = estimates.layout, estimates.values[known]
     tension = truth.tension[known]
     error = np.abs(values[:, layout.tension] - tension)
@@ -50,5 +62,5 @@ def compare(scene: Scene, truth: Truth | None = None) -> Comparison:
     for part, true in pairs:
         size = np.sqrt(np.mean(true[known] ** 2, axis=0))
         off = np.sqrt(np.mean((values[:, part] - true[known]) ** 2, axis=0))
-        efforts.append(float(np.max(off / np.maximum(size, 1e-12))))
+        efforts.append(float(np.max(off / np.maximum(size, 1e-6))))
     return Comparison(float(np.mean(error / tension)), float(error.max()), *efforts)

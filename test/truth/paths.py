@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truth.bodies import Node, contacts, equations, guess
+from truth.bodies import ENDS, Node, contacts, equations, guess
 from truth.frames import Pose
 
 Array = NDArray[np.float64]
@@ -262,7 +262,7 @@ class _Empty:
                 self.first[run, k - 1], self.last[run, k - 1], self.wrap[run, k - 1] = places
         for end, j in enumerate((0, -1)):
             node = chain.nodes[j]
-            if node.kind == "winch" and node.unknowns:
+            if node.kind in ENDS and node.unknowns:
                 laid = node.radius * node.turn * (shares[j][:, 0] - shares[j][0, 0])
                 self.wound[run, end] = laid if end == 0 else -laid
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from truth.bodies import Node
@@ -39,9 +41,10 @@ def involute(shape: str, seconds: float = 20.0, rate: float = 200.0) -> Scene:
     ]
     joints = ("turn", "slide")
     begin: tuple[float, ...] = (r, -0.15, 0.0)
+    drum = 0
     body = Node("pulley", (0.0, 0.0), radius=r, turn=1, mu=0.2)
     if shape == "plane":
-        begin, anchor = begin[:2], anchor[:2]
+        begin, drum, anchor = begin[:2], 1, anchor[:2]
     elif shape == "helix":
         anchor = (anchor[0], anchor[1], 0.06)
         body = Node("cylinder", (0.0, 0.0, 0.0), radius=r, axis=(0.0, 0.0, 1.0), turn=1, mu=0.2)
@@ -59,7 +62,7 @@ def involute(shape: str, seconds: float = 20.0, rate: float = 200.0) -> Scene:
         joints = ("swing", *joints)
         joint = np.column_stack([waves(time, (0.4, 0.31, 0.0)), joint])
     nodes = (
-        Node("winch", begin, radius=0.015, motor="motor", winding=1, turn=0 if begin[2:] else 1),
+        Node("winch", begin, radius=0.015, motor="motor", winding=1, turn=drum),
         body,
         Node("anchor", anchor, frame="sliding"),
     )
@@ -120,6 +123,50 @@ def sphere(seconds: float = 20.0, rate: float = 250.0) -> Scene:
     return Scene(
         "sphere", frames, ("swing", "lift"), ("motor",), (Line("cable", 1e4, 40.0, nodes),),
         time, joint, {"motor": waves(time, (0.0002, 0.23, 0.0))}, 7.0,
+    )  # fmt: skip
+
+
+def carriage(seconds: float = 20.0, rate: float = 250.0, ends: str = "points") -> Scene:
+    """A cylinder on a carriage that moves and turns under its cable, which ends on a lever.
+
+    Args:
+        seconds: duration.
+        rate: samples per second.
+        ends: ``points``; ``drum``: the tangent moves on the drum; ``sector``: on the lever, too.
+            The cable does not slip on either.
+    """
+    time = _clock(seconds, rate)
+    joint = np.stack(
+        [
+            waves(time, (0.04, 0.13, 0.0), (0.01, 0.47, 0.4)),
+            waves(time, (0.5, 0.19, 0.9), (0.1, 0.41, 0.0)),
+            waves(time, (0.6, 0.16, 0.3)),
+        ],
+        axis=1,
+    )
+    frames = (
+        Frame("along", "base", "prismatic", "x", origin=(0.0, 0.1, 0.0), axis=(1.0, 0.0, 0.0)),
+        Frame("carriage", "along", "revolute", "yaw"),
+        Frame("lever", "base", "revolute", "lever", origin=(0.3, 0.1, 0.0)),
+    )
+    z = (0.0, 0.0, 1.0)
+    drum = Node("winch", (-0.2, -0.15, 0.01), radius=0.015, motor="motor", winding=1)
+    lever = Node("anchor", (-0.03, 0.0, 0.0), frame="lever")
+    if ends != "points":
+        drum = replace(drum, axis=z, turn=-1)
+    if ends == "sector":
+        lever = Node("anchor", (0.0, 0.0, 0.0), frame="lever", radius=0.03, axis=z, turn=-1)
+    nodes = (
+        drum,
+        Node("cylinder", (0.01, 0.0, 0.0), frame="carriage", radius=0.025, axis=(0.1, 0.05, 1.0),
+             turn=-1, mu=0.15),
+        Node("pulley", (0.15, -0.1, 0.0), radius=0.02, axis=z, turn=1, mu=0.1),
+        lever,
+    )  # fmt: skip
+    return Scene(
+        f"carriage_{ends}", frames, ("x", "yaw", "lever"), ("motor",),
+        (Line("cable", 1e4, 40.0, nodes),), time, joint,
+        {"motor": waves(time, (0.0006, 0.23, 0.0))}, 7.0,
     )  # fmt: skip
 
 

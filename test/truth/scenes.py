@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from truth.bodies import Node
@@ -91,8 +92,11 @@ class Scene:
                     angle[:, self.motors.index(node.motor)] = node.winding * wound / node.radius
         return angle
 
-    def document(self) -> dict[str, Any]:
-        """The robot file."""
+    def robot_file(self) -> str:
+        """The same robot as text of a robot file."""
+        return yaml.safe_dump(self._document(), sort_keys=False)
+
+    def _document(self) -> dict[str, Any]:
         low, high = self.joint.min(0), self.joint.max(0)
         margin = 0.01 * (high - low) + 1e-9
         joints = [
@@ -160,13 +164,22 @@ class Scene:
         return effort
 
     def _motor_effort(self, tensions: Sequence[Array]) -> Array:
+        """The moment of the pull on every drum; a point has the drum's radius for its lever."""
         effort = np.zeros((self.time.size, len(self.motors)))
-        for line, tension in zip(self.lines, tensions, strict=True):
-            for end in (0, -1):
+        for line, path, tension in zip(self.lines, self.paths, tensions, strict=True):
+            for end, points in ((0, path.begin[:, 0]), (-1, path.end[:, -1])):
                 node = line.nodes[end]
                 if node.motor:
-                    arm = node.winding * node.radius
-                    effort[:, self.motors.index(node.motor)] -= arm * tension[:, end]
+                    lever = np.full(self.time.size, node.radius)
+                    if not node.is_point:
+                        pose = self.poses[node.frame]
+                        axis = np.asarray(node.axis or (0.0, 0.0, 1.0))
+                        out = points - pose.point((*node.position, 0.0)[:3])
+                        moment = np.cross(out, path.direction[:, end])
+                        lever = node.turn * np.sum(moment * (pose.turn @ axis), -1)
+                        lever /= np.linalg.norm(axis)
+                    pull = node.winding * lever * tension[:, end]
+                    effort[:, self.motors.index(node.motor)] -= pull
         return effort
 
 
@@ -187,11 +200,15 @@ def _frame(frame: Frame, planar: bool) -> dict[str, Any]:
         "name": frame.name, "parent": frame.parent, "motion": frame.motion, "joint": frame.joint,
     }  # fmt: skip
     if planar:
-        entry["origin"] = list(frame.origin[:2])
+        entry["origin"] = [*map(float, frame.origin[:2])]
         if frame.motion == "prismatic":
-            entry["direction"] = list(frame.axis[:2])
+            entry["direction"] = [*map(float, frame.axis[:2])]
         return entry
-    return entry | {"origin": [*frame.origin], "rpy": [*frame.rpy], "axis": [*frame.axis]}
+    return entry | {
+        "origin": [*map(float, frame.origin)],
+        "rpy": [*map(float, frame.rpy)],
+        "axis": [*map(float, frame.axis)],
+    }
 
 
 def _node(node: Node) -> dict[str, Any]:
@@ -210,7 +227,7 @@ def _node(node: Node) -> dict[str, Any]:
         entry |= {"motor": node.motor, "winding": node.winding}
     if node.kind == "sheath":
         entry |= {"exit": [*map(float, node.exit)], "exit_frame": node.exit_frame}
-        entry |= {"length": node.length, "bend": node.bend}
+        entry |= {"length": node.length, "bend": float(node.bend)}
     if node.kind not in {"winch", "anchor"}:
         entry["friction"] = {"mu_c": node.mu}
     return entry

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path as File
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from truth import robots
 from truth.bodies import Node
-from truth.frames import place
+from truth.frames import Frame, place
 from truth.paths import find_path
 from truth.scenes import Scene
 
@@ -49,6 +50,28 @@ def test_a_belt_crosses_between_two_pulleys_along_their_inner_tangent() -> None:
     path = find_path(nodes, BASE)
     assert path.span[0, 1] == pytest.approx(np.sqrt(0.4**2 - 0.08**2), rel=1e-12)
     assert path.wrap[0] == pytest.approx(2 * [np.arcsin(0.08 / 0.4)], rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder"])
+def test_the_surface_passes_under_a_path_that_stands_still(kind: str) -> None:
+    r, turned, shifted = 0.03, np.linspace(0.0, 0.5, 51), np.linspace(0.0, 0.02, 51)
+    frames = (
+        Frame("turning", "base", "revolute", "turn"),
+        Frame("body", "turning", "prismatic", "shift", axis=AXIS),
+    )
+    joint = np.stack([turned, shifted * (kind == "cylinder")], axis=1)
+    body = Node(kind, (0, 0, 0), frame="body", radius=r, axis=AXIS, turn=1)
+    rise = 0.1
+    if kind == "sphere":
+        body, rise = replace(body, axis=None, side=(0.0, -0.1, 0.0)), 0.0
+        joint[:, 0] *= 0.5  # its side turns with it
+    nodes = (Node("anchor", (-0.2, -0.005, 0.0)), body, Node("anchor", (0.15, -0.005, rise)))
+    path = find_path(nodes, place(frames, ("turn", "shift"), joint))
+    assert np.ptp(path.length) < 1e-12
+    lean = np.arcsin(path.direction[0, 0, 2])
+    along = -np.cos(lean) * r * joint[:, 0] - np.sin(lean) * joint[:, 1]
+    for ends in (path.first, path.last):
+        np.testing.assert_allclose(ends[:, 0] - ends[0, 0], along, atol=1e-9)
 
 
 @pytest.mark.parametrize(
