@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,6 @@ import yaml
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Node, Pulley
 from cdrj_ros.robot.reader import build_robot
 from truth.scenes import Scene, Truth
 
@@ -29,25 +28,20 @@ class Comparison:
     motor_effort: float
 
 
-def estimate(scene: Scene, cells: int = 1) -> Estimates:
-    """The estimator's result for the scene's exact angles, with so many contact cells a body."""
-    robot = build_robot(yaml.safe_load(scene.robot_file()), Path(scene.name))
-    cables = tuple(replace(cable, nodes=_divided(cable.nodes, cells)) for cable in robot.cables)
-    model = prepare(replace(robot, cables=cables))
+def estimate(scene: Scene, cells: int = 0) -> Estimates:
+    """The estimator's result for the scene's exact angles.
+
+    Args:
+        scene: the robot and its motion.
+        cells: contact cells of every body; 0 leaves their number to the estimator.
+    """
+    model = prepare(build_robot(yaml.safe_load(scene.robot_file(cells)), Path(scene.name)))
     stamps = 1_000_000_000 + np.round(scene.time * 1e9).astype(np.int64)
     samples = Samples(stamps, scene.motor.copy(), scene.joint.copy())
     return run(model, initial_state(model), samples)[1]
 
 
-def _divided(nodes: tuple[Node, ...], cells: int) -> tuple[Node, ...]:
-    """Nodes whose bodies have so many cells; a point stays one."""
-    return tuple(
-        replace(node, cells=cells) if isinstance(node, Pulley) and node.kind != "eyelet" else node
-        for node in nodes
-    )
-
-
-def compare(scene: Scene, truth: Truth | None = None, cells: int = 1) -> Comparison:
+def compare(scene: Scene, truth: Truth | None = None, cells: int = 0) -> Comparison:
     """Errors of the estimate against the truth, which is computed where it is not given."""
     known = scene.time >= scene.cycle
     truth = scene.truth() if truth is None else truth

@@ -92,11 +92,11 @@ class Scene:
                     angle[:, self.motors.index(node.motor)] = node.winding * wound / node.radius
         return angle
 
-    def robot_file(self) -> str:
-        """The same robot as text of a robot file."""
-        return yaml.safe_dump(self._document(), sort_keys=False)
+    def robot_file(self, cells: int = 0) -> str:
+        """The same robot as text of a robot file, with so many cells a body unless it is 0."""
+        return yaml.safe_dump(self._document(cells), sort_keys=False)
 
-    def _document(self) -> dict[str, Any]:
+    def _document(self, cells: int) -> dict[str, Any]:
         low, high = self.joint.min(0), self.joint.max(0)
         margin = 0.01 * (high - low) + 1e-9
         joints = [
@@ -118,7 +118,7 @@ class Scene:
                     "name": line.name,
                     "axial_stiffness": line.stiffness,
                     "preload": line.preload,
-                    "nodes": [_node(node) for node in line.nodes],
+                    "nodes": [_node(node, cells) for node in line.nodes],
                 }
                 for line in self.lines
             ],
@@ -211,7 +211,7 @@ def _frame(frame: Frame, planar: bool) -> dict[str, Any]:
     }
 
 
-def _node(node: Node) -> dict[str, Any]:
+def _node(node: Node, cells: int) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "type": node.kind, "frame": node.frame, "position": [*map(float, node.position)],
     }  # fmt: skip
@@ -230,6 +230,8 @@ def _node(node: Node) -> dict[str, Any]:
         entry |= {"length": node.length, "bend": float(node.bend)}
     if node.kind not in {"winch", "anchor"}:
         entry["friction"] = {"mu_c": node.mu}
+        if cells and node.kind != "eyelet":
+            entry["cells"] = cells
     return entry
 
 

@@ -1,0 +1,58 @@
+"""The estimator beside the truth.
+
+The estimator lets the friction of an arc act in the middles of a few cells that move along with it;
+many cells leave next to nothing of the difference.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from truth import robots
+from truth.comparison import compare, estimate
+from truth.scenes import Scene, Truth
+
+SCENES = {
+    "skew_cylinders": lambda: robots.skew_cylinders(9.0, 125),
+    "sphere": lambda: robots.sphere(20.0, 100),
+    "carriage": lambda: robots.carriage(10.0, 125),
+    "platform": lambda: robots.platform(12.0, 100),
+    "arm": lambda: robots.arm(16.0, 50),
+    "sheath_100": lambda: robots.sheath(np.radians(100.0), 9.0, 125),
+    "sheath_157": lambda: robots.sheath(np.radians(157.0), 9.0, 125),
+}
+
+
+@cache
+def known(name: str) -> tuple[Scene, Truth]:
+    scene = SCENES[name]()
+    return scene, scene.truth()
+
+
+@pytest.mark.parametrize("shape", ["plane", "helix", "sphere", "swivel"])
+def test_laying_cable_onto_a_body_is_not_slipping(shape: str) -> None:
+    scene = robots.involute(shape, seconds=10.0)
+    found = estimate(scene)
+    tension = found.values[:, found.layout.tension]
+    np.testing.assert_allclose(tension, 50.0, rtol=1e-6)
+    np.testing.assert_allclose(tension, scene.truth().tension, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_tensions_and_efforts_are_those_of_cells_on_the_surfaces(name: str) -> None:
+    found = compare(*known(name))
+    assert found.mean <= 0.001
+    assert found.joint_effort <= 0.005
+    assert found.motor_effort <= 0.005
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_many_contacts_a_body_give_the_truth_itself(name: str) -> None:
+    found = compare(*known(name), cells=12)
+    assert found.mean <= 0.0002
+    assert found.largest <= 0.05
+    assert found.joint_effort <= 0.001
+    assert found.motor_effort <= 0.001
