@@ -313,3 +313,178 @@ class Robot:
             share: friction as a share of every pulley's bound, in [-1, 1], shape (pulleys,).
             out: what ``step`` wrote for the first sample; changed.
         """
+
+MINIMUM_TRANSMISSION: Final[float]
+"""Floor of eta: the printed (35) goes below zero for large mu_s / mu_c and wrap angles."""
+BOUND_FLOOR: Final[float]
+"""epsilon of (34) [N]: keeps the bound positive on a slack cable."""
+
+def capstan_transmission(mu: float, wrap_angle: float) -> float:
+    """(29)-(32): T_hold / T_pull of a cable sliding over a fixed cylinder."""
+
+def stribeck_share(slip_speed: float, stribeck_speed: float) -> float:
+    """Share in [0, 1] of static friction that is left at a slip speed: last factor of (33)."""
+
+def sliding_loss(mu_c: float, mu_s: float, wrap_angle: float, stribeck: int) -> tuple[float, float]:
+    """(34)-(37) as ``1 - eta_d = kinetic + static * stribeck_share(v)``; (kinetic, static).
+
+    ``printed`` scales the kinetic loss by mu_s / mu_c as in (35); ``capstan`` lets the loss at
+    rest be 1 - exp(-mu_s beta).
+    """
+
+def sliding_transmission(
+    slip_speed: float,
+    mu_c: float,
+    mu_s: float,
+    stribeck_speed: float,
+    wrap_angle: float,
+    stribeck: int,
+) -> float:
+    """(37): eta_d at a slip speed [m/s], kept above ``MINIMUM_TRANSMISSION``."""
+
+def bearing_transmission(wrap_angle: float, bearing_ratio: float) -> float:
+    """(41): eta_r of a pulley on a bearing; ``bearing_ratio`` = f_d d / r_p = 1 / alpha."""
+
+def blended_loss(
+    rho: float, mu_c: float, mu_s: float, wrap_angle: float, bearing_ratio: float, stribeck: int
+) -> tuple[float, float]:
+    """(42), (43): ``1 - eta = kinetic + static * stribeck_share(v)`` of a pulley.
+
+    The transmission is eta = rho eta_d + (1 - rho) eta_r.  Returns (kinetic, static); their sum is
+    kept below 1 - ``MINIMUM_TRANSMISSION``.
+    """
+
+def cell_loss(kinetic: float, static: float, share: float) -> tuple[float, float]:
+    """(E28): losses of a contact cell that has a share of its pulley's wrap."""
+
+def friction_force(
+    law: int, before: float, slip: float, stiffness: float, bound: float, breakaway: float
+) -> tuple[float, float, float]:
+    """(33), (E9): bristle force after a slip, exact over the slip for a constant bound.
+
+    Args:
+        law: code of the friction law, its place in ``cdrj_ros.robot.description.LAWS``.
+        before: bristle force sigma0 z before the slip [N].
+        slip: material that has moved past the body's surface [m].
+        stiffness: sigma0 [N/m].
+        bound: g = (1 - eta) T_pull [N], positive.
+        breakaway: share of the bound up to which pre-sliding is purely elastic, in [0, 1].
+
+    Returns:
+        Force [N], its derivative by the slip [N/m] and by the bound [-].
+    """
+
+def crept(
+    share: float, time: float, flow_time: float, strain: float, delayed: float, dt: float
+) -> tuple[float, float]:
+    """(E24) over a time in which a segment keeps its length.
+
+    Args:
+        share, time, flow_time: c, tau [s] and tau_f [s] of the cable.
+        strain: elastic strain at first; negative by as much as it hangs loose [-].
+        delayed: delayed strain at first [-].
+        dt: the time [s].
+
+    Returns:
+        The delayed strain afterwards, and the factor by which the unstretched length has grown.
+    """
+
+def tolerance(elastic: tuple[float, float, float]) -> float:
+    """Largest force imbalance of a solved contact [N]."""
+
+def element_tension(elastic: tuple[float, float, float], length: float, material: float) -> float:
+    """(E1), (E21): tension of a segment from its length and its material [m] [N]."""
+
+class Drum:
+    """What a winch drum holds (E3): cable comes off at the strain at which it went on."""
+
+    def __init__(self, angle: float, material: float, rate: float) -> None:
+        """Below ``angle`` [rad] the drum holds ``rate`` [m/rad]; ``material`` [m] is on it."""
+
+    def turn(self, angle: float, rate: float) -> float:
+        """Turn to a wound angle [rad], new layers at ``rate`` [m/rad]; material on it [m]."""
+
+    @property
+    def held(self) -> float:
+        """Unstretched material on the drum since the reference [m]."""
+
+    @property
+    def points(self) -> int:
+        """Break points in use."""
+
+    @property
+    def spacing(self) -> float:
+        """Distance of break points [rad]."""
+
+class Cable:
+    """One cable in one sample: all its contacts solved together (E11)."""
+
+    def __init__(
+        self,
+        elastic: tuple[float, float, float],
+        law: int,
+        segments: NDArray[np.float64],
+        contacts: NDArray[np.float64],
+        first_flux: float,
+        last_flux: float,
+        dt: float,
+    ) -> None:
+        """Take the arrays, which the other functions change.
+
+        Args:
+            elastic: EA [N], e_b [-] and t_b [N] of (E21).
+            law: code of the friction law.
+            segments: ``cable_records.SEGMENT`` as numbers, shape (n + 1, fields).
+            contacts: ``cable_records.CONTACT`` as numbers, shape (n, fields).
+            first_flux, last_flux: material that enters at the first and leaves at the last node
+                [m].
+            dt: duration of the sample [s]; 0 where it is unknown.
+        """
+
+    def balance(self, hardness: float = 1.0) -> float:
+        """Imbalance of every contact at its trial flux; returns the largest magnitude [N]."""
+
+    def matrix_row(self, contact: int) -> tuple[float, float, float]:
+        """Derivatives of its residual by the fluxes of the contact before, itself, the next."""
+
+    def solve(self) -> tuple[int, float]:
+        """Advance the cable by the sample; Newton iterations and remaining imbalance [N]."""
+
+def pulley_losses(
+    wrap: NDArray[np.float64], pulleys: NDArray[np.float64], stribeck: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """``blended_loss`` of pulleys at many samples: kinetic and static, shape (n, pulleys).
+
+    Args:
+        wrap: [rad], shape (n, pulleys).
+        pulleys: ``cable_records.PULLEY`` as numbers, shape (pulleys, fields).
+        stribeck: code of the form of static friction.
+    """
+
+def lagging_losses(
+    slip: NDArray[np.float64],
+    dt: NDArray[np.float64],
+    kinetic: NDArray[np.float64],
+    static: NDArray[np.float64],
+    pulleys: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Loss 1 - eta of pulleys, static friction lagging behind the slip speed: (E10)."""
+
+def shares_of_bound(
+    slip: NDArray[np.float64],
+    loss: NDArray[np.float64],
+    pull: NDArray[np.float64],
+    arc: NDArray[np.float64],
+    hidden: NDArray[np.float64],
+    pulleys: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(E20): least and largest share of its bound that a pulley's friction may have.
+
+    Args:
+        slip: of the cable [m], shape (n, pulleys), as those that follow.
+        loss: 1 - eta.
+        pull: tension on the pull side [N].
+        arc: strain of the arc per newton [m/N].
+        hidden: slip that the sensors cannot resolve [m].
+        pulleys: ``cable_records.PULLEY`` as numbers, shape (pulleys, fields).
+    """

@@ -6,6 +6,8 @@
 namespace cdrj {
 
 void bind_conditioning(pybind11::module_& core);
+void bind_laws(pybind11::module_& core);
 void bind_robot(pybind11::module_& core);
+void bind_sliding(pybind11::module_& core);
 
 }  // namespace cdrj

@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable_records import PulleyNumbers
-from cdrj_ros.model.compiled import compiled
+from cdrj_ros import _core
 from cdrj_ros.model.elasticity import Elasticity, modulus_at, strain_at
-from cdrj_ros.model.friction import BOUND_FLOOR, blended_loss, stribeck_share
-from cdrj_ros.model.records import Rows
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -67,14 +64,18 @@ class CableMotion:
 
     def losses(self) -> tuple[Table, Table]:
         """(43): kinetic and static loss of every pulley at every sample, shape (n, pulleys)."""
-        kinetic, static = _losses(self.wrap, self.constants, self.stribeck)
-        return kinetic, static
+        return _core.pulley_losses(self.wrap, self.rows, self.stribeck)
 
     def lagging_losses(self, tension: Table, kinetic: Table, static: Table) -> Table:
         """(E10): loss 1 - eta at the slip speeds that follow from ``tension``."""
         dt = np.diff(self.stamp_ns, prepend=self.stamp_ns[:1]) * 1e-9
-        loss: Table = _lagging_losses(self.slips(tension), dt, kinetic, static, self.constants)
-        return loss
+        return _core.lagging_losses(self.slips(tension), dt, kinetic, static, self.rows)
+
+    @property
+    def rows(self) -> Table:
+        """``constants`` as plain numbers, shape (pulleys, fields)."""
+        rows: Table = self.constants.view(np.float64).reshape(len(self.constants), -1)
+        return rows
 
 
 def slips_of(material: Table, wound: Vector, held_last: bool) -> Table:
@@ -115,8 +116,7 @@ def friction_shares(
     """
     pull = np.nan_to_num(np.maximum(tension[:, :-1], tension[:, 1:]))
     arc = motion.constants["radius"] * motion.wrap / modulus_at(motion.elastic, pull)
-    low, high = _contacts(slip, loss, pull, arc, hidden, motion.constants)
-    return low, high
+    return _core.shares_of_bound(slip, loss, pull, arc, hidden, motion.rows)
 
 
 def sliding_directions(
@@ -131,72 +131,6 @@ def sliding_directions(
     sliding = np.where(low == high, np.trunc(low), 0.0)
     sliding *= _moving(motion.stamp_ns, slip, sliding, hidden, window_ns)
     return sliding
-
-
-@compiled
-def _losses(wrap: Table, constants: Rows[PulleyNumbers], stribeck: int) -> tuple[Table, Table]:
-    """``blended_loss`` of every pulley at every sample: kinetic and static, shape (n, pulleys)."""
-    kinetic, static = np.empty(wrap.shape), np.empty(wrap.shape)
-    for p in range(wrap.shape[1]):
-        row = constants[p]
-        for k in range(wrap.shape[0]):
-            kinetic[k, p], static[k, p] = blended_loss(
-                row.rho,
-                row.mu_c,
-                row.mu_s,
-                wrap[k, p],
-                row.bearing_ratio,
-                stribeck,
-            )
-    return kinetic, static
-
-
-@compiled
-def _lagging_losses(
-    slip: Table, dt: Vector, kinetic: Table, static: Table, constants: Rows[PulleyNumbers]
-) -> Table:
-    """Loss 1 - eta of every pulley, static friction lagging behind its slip speed (E10)."""
-    loss = np.empty(slip.shape)
-    for p in range(slip.shape[1]):
-        row = constants[p]
-        lag, lagged = row.stribeck_lag, 0.0
-        for k in range(slip.shape[0]):
-            share = stribeck_share(lagged, row.stribeck_speed)
-            loss[k, p] = kinetic[k, p] + static[k, p] * share
-            if k > 0 and dt[k] > 0.0:
-                lagged = (lag * lagged + slip[k, p] - slip[k - 1, p]) / (lag + dt[k])
-    return loss
-
-
-@compiled
-def _contacts(
-    slip: Table,
-    loss: Table,
-    pull: Table,
-    arc: Table,
-    hidden: Table,
-    constants: Rows[PulleyNumbers],
-) -> tuple[Table, Table]:
-    """(E20) from both ends: least and largest share of the bound.
-
-    The share changes by slip / reach and is limited to [-1, 1], as in an elastic, perfectly
-    plastic contact.  ``reach`` is the slip from no friction to the full bound: deflection of the
-    bristles, strain of the arc, and slip that the sensors cannot resolve.  The initial share is
-    unknown, so one solution starts at -1 and one at +1; where both have met at -1 or +1, the
-    pulley has slipped far enough.
-    """
-    low, high = np.empty(slip.shape), np.empty(slip.shape)
-    for p in range(slip.shape[1]):
-        row = constants[p]
-        least, most = -1.0, 1.0
-        for k in range(slip.shape[0]):
-            change = slip[k, p] - slip[k - 1, p] if k > 0 else 0.0
-            bound = loss[k, p] * pull[k, p] + row.drag + BOUND_FLOOR
-            reach = bound * (1.0 / row.bristle_stiffness + arc[k, p]) + hidden[k, p]
-            least = min(max(least + change / reach, -1.0), 1.0)
-            most = min(max(most + change / reach, -1.0), 1.0)
-            low[k, p], high[k, p] = least, most
-    return low, high
 
 
 def _moving(
