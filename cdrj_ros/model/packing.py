@@ -65,7 +65,7 @@ class Sizes(NamedTuple):
     """As ``nodes``, or 0 for a robot described in the plane."""
     drums: int
     """Ends of cables that motors wind."""
-    surfaces: int
+    surfaces: int = 0
     """Pulleys whose contact cells are fixed to their surface; 0 but for the simulated rig."""
 
 

@@ -12,7 +12,7 @@ lie in the free span behind the arc.  See docs/model.md, section 8.
 from __future__ import annotations
 
 from math import floor
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,14 +118,14 @@ def _move_row(
     old_begin, old_end = _ends(history, p, own.surface)
     begin, end = _ends(after, p, own.surface)
     old_first, first = floor(old_begin / width), floor(begin / width)
-    if first > old_first:
-        count = min(first - old_first, cells)
-        _exchange(history, contact, contact + c, 1, cells, count, width, old_end)
-    elif first < old_first:
-        count = min(old_first - first, cells)
-        _exchange(
-            history, contact + cells - 1, contact + cells + c, -1, cells, count, width, old_begin
-        )
+    if first != old_first:
+        forward = first > old_first
+        way: Any = np.int64(1 if forward else -1)  # a literal has its own type
+        outer = 0 if forward else cells - 1  # the first cell that leaves
+        segment = contact + c + (0 if forward else cells)
+        count = min(abs(first - old_first), cells)
+        edge = old_end if forward else old_begin
+        _exchange(history, contact + outer, segment, way, cells, count, width, edge)
     # a cell keeps the bristles of that part of it that stays covered
     old_last, last = old_first + cells - 1, first + cells - 1
     for i in range(cells):
