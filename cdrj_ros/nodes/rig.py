@@ -289,8 +289,8 @@ def _body(argv: Sequence[str]) -> int:
         description="A simulated robot in real time. Topics in the namespace /cdrj: in "
         "commands/position, commands/velocity, commands/effort, motor_commands, "
         "motor_trajectory; out motor_states, joint_states, on request tension_sensors, "
-        "truth/tensions, truth/states and /clock; /diagnostics. Services: ~/inject_fault, "
-        "~/push, ~/reset. Parameters: docs/rig_node.md.",
+        "truth/tensions, truth/nodal_forces, truth/states and /clock; /diagnostics. Services: "
+        "~/inject_fault, ~/push, ~/reset. Parameters: docs/rig_node.md.",
     )
     add_supervised_option(parser)
     with starting():

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
-from cdrj_msgs.msg import CableTensions
+from cdrj_msgs.msg import CableTensions, NodalForces
 from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
+from cdrj_ros.messages import topics
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.messages.templates import Template
-from cdrj_ros.messages.topics import JOINT_STATES, MOTOR_STATES, TENSION_SENSORS, TENSIONS
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import OVERLOAD, SLACK
 from cdrj_ros.nodes.qos import default_profile
@@ -20,6 +20,9 @@ from cdrj_ros.nodes.rig_settings import Reader, RigOptions
 from cdrj_ros.rig.live import LiveRig
 from cdrj_ros.rig.live_sensors import LiveCells, LiveEncoders
 from cdrj_ros.robot.description import Robot
+
+FORCES: Final = ("force_x", "force_y", "force_z", "magnitude", "status")
+"""What the truth gives of the forces on pulleys."""
 
 
 class _Encoders:
@@ -47,7 +50,7 @@ class RigOutputs:
         self._effort = np.zeros(len(robot.motors))
         publishers = [
             node.create_publisher(JointState, topic, default_profile())
-            for topic in (MOTOR_STATES, JOINT_STATES)
+            for topic in (topics.MOTOR_STATES, topics.JOINT_STATES)
         ]
         self._motors = _groups(publishers[0], robot.motors, options.motors, [seed, 1],
                                options.efforts is not None)  # fmt: skip
@@ -116,7 +119,7 @@ class RigOutputs:
         stddev = float(np.hypot(cells.force_noise, resolution))
         self._cell_stddev = np.full(len(names), stddev)
         self._cell_publisher = node.create_publisher(
-            CableTensions, TENSION_SENSORS, default_profile()
+            CableTensions, topics.TENSION_SENSORS, default_profile()
         )
 
     def _publish_cells(self, stamp_ns: int, tension: NDArray[np.float64]) -> None:
@@ -134,11 +137,16 @@ class RigOutputs:
         self._truth_every = max(round(options.settings.rate / options.truth_rate), 1)
         layout = model.layout
         self._tension_template = Template(CABLE_TENSIONS, layout.elements, ("tension", "status"))
+        self._force_template = Template(NODAL_FORCES, layout.pulleys, FORCES)
+        self._pulley_status = layout.pulley_status
         self._state_template = Template(JOINT_STATE, layout.motors + layout.joints)
         self._slack_at, self._overload_at = _bounds(model.robot)
         self._free = options.settings.joint
         self._tension_publisher = node.create_publisher(
-            CableTensions, f"truth/{TENSIONS}", default_profile()
+            CableTensions, f"truth/{topics.TENSIONS}", default_profile()
+        )
+        self._force_publisher = node.create_publisher(
+            NodalForces, f"truth/{topics.NODAL_FORCES}", default_profile()
         )
         self._state_publisher = node.create_publisher(JointState, "truth/states", default_profile())
 
@@ -147,6 +155,17 @@ class RigOutputs:
         status = SLACK * (tension <= self._slack_at) + OVERLOAD * (tension > self._overload_at)
         self._tension_publisher.publish(
             self._tension_template.encode(stamp_ns, tension=tension, status=status)
+        )
+        x, y, z = rig.force.T
+        self._force_publisher.publish(
+            self._force_template.encode(
+                stamp_ns,
+                force_x=x,
+                force_y=y,
+                force_z=z,
+                magnitude=np.linalg.norm(rig.force, axis=1),
+                status=self._pulley_status(status.astype(np.uint8)),
+            )
         )
         joint_speed = np.zeros(rig.joint_angle.size)
         joint_speed[self._free] = rig.joint_speed

@@ -134,7 +134,7 @@ def declare_rig_options(node: Node, model: Model) -> RigOptions:
             0.0,
             0.0,
             2000.0,
-            "Rate of truth/tensions and truth/states [Hz]; 0: not published",
+            "Rate of truth/tensions, nodal_forces and states [Hz]; 0: not published",
         ),
         drive_clock=drive_clock,
         speed=speed,

@@ -240,6 +240,29 @@ def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) 
     assert one.spin_until(told)
 
 
+def test_the_true_forces_on_pulleys_are_published_as_vectors(bench: Any) -> None:
+    from cdrj_msgs.msg import CableTensions, NodalForces
+
+    one = bench(truth_rate=100.0)
+    forces = one.listen(NodalForces, "truth/nodal_forces")
+    tensions = one.listen(CableTensions, "truth/tensions")
+    one.publish("commands/position", array_of(0.2))
+    assert one.spin_until(lambda: one.rig.rig.motor_angle[0] == 0.2)
+    forces.clear()
+    tensions.clear()
+    assert one.spin_until(lambda: len(forces) > 5 and len(tensions) > 5)
+    tension = {stamp_ns(message): np.array(message.tension) for message in tensions}
+    both = [message for message in forces if stamp_ns(message) in tension]
+    assert both
+    for message in both:
+        x, y, z = (np.array(one) for one in (message.force_x, message.force_y, message.force_z))
+        np.testing.assert_allclose(message.magnitude, np.sqrt(x**2 + y**2), rtol=1e-12)
+        assert not z.any()
+        assert message.name[5] == "upper/7"  # half a turn lies on it
+        assert x[5] == pytest.approx(tension[stamp_ns(message)][5:7].sum())
+        assert list(message.status) == [0] * len(message.name)
+
+
 def test_a_motor_that_is_no_longer_commanded_holds(bench: Any) -> None:
     one = bench(command_timeout=0.1)
     one.publish("commands/velocity", array_of(2.0))
