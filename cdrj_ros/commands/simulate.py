@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -237,13 +237,24 @@ def _write(path: str, model: Model, truth: Truth, begin: float, seed: int, read:
         at = stamps(plan.stamps)
         bag.write_tensions(tensions, at, layout.elements, readings_of(truth.tension, *force))
         if layout.pulleys:
+            x, y, z = _components(truth.force, lambda one: readings_of(one, *force))
+            magnitude = np.sqrt(x**2 + y**2 + z**2)
             bag.write_nodal_forces(
-                forces, at, layout.pulleys, readings_of(truth.nodal_force, *force)
+                forces, at, layout.pulleys, magnitude, force_x=x, force_y=y, force_z=z
             )
         both = np.concatenate([truth.motor_effort, truth.joint_effort], axis=1)
         bag.write_joint_states(
             torques, at, layout.motors + layout.joints, effort=readings_of(both, *torque)
         )
+
+
+def _components(
+    force: NDArray[np.float64], read: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> Iterator[NDArray[np.float64]]:
+    """Readings of the components of forces (n, pulleys, 3); a plane's third one is not measured."""
+    for axis in range(3):
+        readings = read(force[:, :, axis])
+        yield readings if force[:, :, axis].any() else np.zeros_like(readings)
 
 
 def _efforts(truth: Truth, times: Vector, read: Sensors, seed: int) -> NDArray[np.float64] | None:

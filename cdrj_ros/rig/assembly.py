@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.along import course
-from cdrj_ros.model.outputs import nodal_force_magnitude
-from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.rig.cells import divide_contacts
 from cdrj_ros.rig.faults import Fault, Wiring, wire
@@ -38,8 +36,9 @@ class Truth:
     """[rad], shape (n, joints)."""
     tension: Table
     """Tensions of all elements of the lumped robot [N], shape (n, elements)."""
-    nodal_force: Table
-    """Magnitude of the cable's force on every pulley [N], shape (n, pulleys)."""
+    force: NDArray[np.float64]
+    """Force of the cable on every pulley [N], shape (n, pulleys, 3), with the components of
+    ``Layout.force_x`` to ``force_z``."""
     motor_effort: Table
     """Efforts of the cables on the motors [N m], shape (n, motors)."""
     joint_effort: Table
@@ -50,6 +49,11 @@ class Truth:
     """Rotation of each faulty end that no encoder measures [rad], shape (n, faulty ends)."""
     notes: tuple[str, ...] = ()
     """Remarks for the user, one sentence each."""
+
+    @property
+    def nodal_force(self) -> Table:
+        """Magnitude of the cable's force on every pulley [N], (38), shape (n, pulleys)."""
+        return np.asarray(np.linalg.norm(self.force, axis=-1))
 
     @property
     def slack(self) -> NDArray[np.bool_]:
@@ -66,7 +70,9 @@ class Kept:
     def __init__(self, rig: Rig, samples: int) -> None:
         self._layout = rig.fine.layout
         self.tension = np.empty((samples, len(rig.lumped.layout.elements)))
-        """Of the free spans [N], shape (n, elements of the lumped robot)."""
+        """Of the free spans [N], shape (n, elements)."""
+        self.force = np.empty((samples, len(rig.lumped.layout.pulleys), 3))
+        """As in ``Truth``."""
         self.motor_effort = np.empty((samples, rig.wiring.owner.size))
         """Of all motors of the fine robot [N m]."""
         self.joint_effort = np.empty((samples, len(rig.lumped.layout.joints)))
@@ -74,10 +80,12 @@ class Kept:
 
     def keep(self, begin: int, estimates: Table) -> None:
         """Take over the estimates of the samples from ``begin`` on, shape (k, fine layout.size)."""
-        rows = slice(begin, begin + len(estimates))
-        self.tension[rows] = estimates[:, self._layout.tension]
-        self.motor_effort[rows] = estimates[:, self._layout.motor_effort]
-        self.joint_effort[rows] = estimates[:, self._layout.joint_effort]
+        rows, layout = slice(begin, begin + len(estimates)), self._layout
+        self.tension[rows] = estimates[:, layout.tension]
+        for axis, part in enumerate((layout.force_x, layout.force_y, layout.force_z)):
+            self.force[rows, :, axis] = estimates[:, part]
+        self.motor_effort[rows] = estimates[:, layout.motor_effort]
+        self.joint_effort[rows] = estimates[:, layout.joint_effort]
 
 
 class MotionError(UsageError):
@@ -168,38 +176,6 @@ def require_taut(
         raise SlackError(layout.elements[element], float(time[k]), pose(k))
 
 
-def _turn_in_space(model: Model, joint_angle: Table, motor_angle: Table, cosines: Table) -> None:
-    """Write the cosines of the angles between the two directions of cables in space.
-
-    A cable on a sheath, a helix or a ring wraps by more than the angle between its ends, from which
-    the force on the node follows.
-
-    Args:
-        model: the lumped robot.
-        joint_angle, motor_angle: shapes (n, joints) and (n, motors).
-        cosines: of every pulley, changed, shape (n, pulleys).
-    """
-    before = model.layout.element_before
-    spatial = np.repeat(
-        [cable.spatial for cable in model.robot.cables],
-        [len(cable.pulleys) for cable in model.robot.cables],
-    )
-    if spatial.any():
-        for k in range(len(joint_angle)):
-            along = shape_at(model, joint_angle[k], motor_angle[k]).direction
-            turned = np.sum(along[before] * along[before + 1], axis=1)
-            cosines[k, spatial] = turned[spatial]
-
-
-def _nodal_forces(model: Model, joint_angle: Table, motor_angle: Table, tension: Table) -> Table:
-    """Magnitude of the force on every pulley of the lumped robot [N], (38), shape (n, pulleys)."""
-    cosines = np.cos(course(model, joint_angle).wrap)
-    _turn_in_space(model, joint_angle, motor_angle, cosines)
-    before = model.layout.element_before
-    forces: Table = nodal_force_magnitude(tension[:, before], tension[:, before + 1], cosines)
-    return forces
-
-
 def read_out(
     rig: Rig,
     time: Vector,
@@ -210,14 +186,8 @@ def read_out(
     imbalance: Vector,
     notes: tuple[str, ...] = (),
 ) -> Truth:
-    """The truth for the free spans and whole pulleys of the lumped robot, in its order."""
+    """The truth from the fine robot's estimates; additional motors count for their owners."""
     robot = rig.lumped.robot
-    forces = np.empty((time.size, len(rig.lumped.layout.pulleys)))
-    for begin in range(0, time.size, BATCH):
-        rows = slice(begin, begin + BATCH)
-        forces[rows] = _nodal_forces(
-            rig.lumped, joint_angle[rows], motor_angle[rows], kept.tension[rows]
-        )
     motors = kept.motor_effort[:, : len(robot.motors)].copy()
     ends = range(len(robot.motors), rig.wiring.owner.size)
     for end in ends:
@@ -228,7 +198,7 @@ def read_out(
         motor_angle,
         joint_angle,
         kept.tension,
-        forces,
+        kept.force,
         motors,
         kept.joint_effort,
         imbalance,

@@ -290,6 +290,9 @@ class LiveRig:
         row, layout = self._estimates[0], self._rig.fine.layout
         self.tension = row[layout.tension].copy()
         """Tensions of all elements [N], shape (elements,)."""
+        parts = (layout.force_x, layout.force_y, layout.force_z)
+        self.force = np.stack([row[part] for part in parts], axis=-1)
+        """Force of the cable on every pulley [N], shape (pulleys, 3), as ``Truth.force``."""
         every = row[layout.motor_effort]
         owner = self._rig.wiring.owner
         self.motor_effort = every[: len(self.robot.motors)].copy()

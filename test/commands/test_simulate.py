@@ -62,6 +62,26 @@ def test_the_command_reproduces_the_beginning_of_a_sample_bag(tmp_path: Path) ->
         np.testing.assert_array_equal(there.stamp_ns[:count], here.stamp_ns[:count])
 
 
+def test_forces_are_written_as_vectors_with_noise_in_every_component(tmp_path: Path) -> None:
+    run(tmp_path / "planar")
+    planar = read_recording(tmp_path / "planar", force_vectors=True)
+    spatial = ("--duration", "1", "--cell-noise", "0.05")
+    assert main([str(tmp_path / "spatial"), "--robot", "wrist", *spatial]) == 0
+    for name, robot in (
+        ("planar", planar),
+        ("spatial", read_recording(tmp_path / "spatial", force_vectors=True)),
+    ):
+        vectors = {n: s for n, s in robot.references.items() if n.startswith("force_vector/")}
+        assert len(vectors) == sum(n.startswith("nodal_force/") for n in robot.references)
+        for channel, series in vectors.items():
+            magnitude = robot.references[channel.replace("force_vector", "nodal_force")].value
+            np.testing.assert_allclose(np.linalg.norm(series.value, axis=1), magnitude, rtol=1e-12)
+            still = np.diff(series.value[:50], axis=0).std(axis=0)  # rests for a second
+            moving = 3 if name == "spatial" else 2
+            assert np.all(still[:moving] > 0.01)
+            assert not series.value[:, moving:].any()
+
+
 @pytest.mark.parametrize("motion", ["sine", "ramps", "dwell", "random"])
 @pytest.mark.parametrize("mode", ["balance", "follow", "forward"])
 def test_every_motion_works_in_every_mode(tmp_path: Path, motion: str, mode: str) -> None:

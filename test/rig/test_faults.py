@@ -151,7 +151,7 @@ def test_an_impossible_fault_is_refused(robots: Robots, fault: Fault, words: str
     robot = robots.prototype()
     bare = replace(robot.cables[0], name="bare", preload=0.0)
     if fault.cable == "bare":
-        robot = replace(robot, cables=(bare,))
+        robot = replace(robot, cables=(bare,), document={})
     with pytest.raises(UsageError, match=words):
         wire(robot, (fault,))
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.rig.cells import divide_contacts
 from cdrj_ros.rig.follow import follow_joints, pull_together
@@ -39,23 +40,29 @@ def _frictionless(robot: Robot) -> Robot:
     return replace(robot, cables=tuple(replace(cable, law="none") for cable in robot.cables))
 
 
-@pytest.mark.parametrize("name", ["prototype", "finger", "hoist"])
+@pytest.mark.parametrize("name", ["prototype", "finger", "hoist", "platform"])
 def test_contact_cells_keep_the_geometry(robots: Robots, name: str) -> None:
     robot = getattr(robots, name)()
     whole, fine = prepare(robot), prepare(divide_contacts(robot, 6))
-    assert fine.sizes.contacts == 6 * len(whole.layout.pulleys)
+    assert fine.layout.pulleys == whole.layout.pulleys
+    assert fine.sizes.contacts >= 6 * len(whole.layout.pulleys)
     for pose in _poses(robot):
         one, other = shape_at(whole, pose), shape_at(fine, pose)
-        assert other.segment.sum() == pytest.approx(one.length.sum(), abs=1e-13)
+        np.testing.assert_array_equal(other.length, one.length)
         np.testing.assert_array_equal(other.lever_arm, one.lever_arm)
         np.testing.assert_array_equal(other.wrap, one.wrap)
+        assert other.segment.sum() == pytest.approx(one.length.sum(), abs=1e-12)
 
 
-def test_cables_whose_spans_depend_on_two_joints_at_once_are_divided_too(robots: Robots) -> None:
-    robot = robots.platform()
-    fine = prepare(divide_contacts(robot, 8))
-    assert fine.sizes.contacts == 8 * sum(len(cable.pulleys) for cable in robot.cables)
-    assert follow(robot, TIME[:50], np.zeros((50, 2))).tension.min() > 0.0
+def test_cells_are_fixed_to_the_surface_where_an_end_of_the_arc_moves_on_it(robots: Robots) -> None:
+    def fixed(robot: Robot) -> list[bool]:
+        cables = divide_contacts(robot, 8).cables
+        return [pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys]
+
+    assert fixed(robots.prototype()) == 2 * [False, False, False, False, True, False, False]
+    assert fixed(robots.hoist()) == [False], "the hook moves straight down"
+    assert all(fixed(robots.finger()))
+    assert all(fixed(robots.platform()))
 
 
 @pytest.mark.parametrize("name", ["prototype", "finger", "platform"])
@@ -94,12 +101,13 @@ def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots)
     assert np.ptp(truth.tension[:, 0]) > 1.0
 
 
-def test_forces_on_whole_pulleys_are_the_vector_sums_of_their_tensions(
+def test_forces_on_pulleys_are_the_vector_sums_of_the_tensions_beside_them(
     robots: Robots,
 ) -> None:
     robot = robots.finger()
     joints = _moving(robot)
     truth = follow(robot, TIME, joints, cells=4)
+    assert truth.force.shape == (TIME.size, 4, 3)
     model = prepare(robot)
     for k in (0, 1000, 2500):
         shape = shape_at(model, joints[k])
@@ -110,7 +118,21 @@ def test_forces_on_whole_pulleys_are_the_vector_sums_of_their_tensions(
                     truth.tension[k, e + 1] * shape.direction[e + 1]
                     - truth.tension[k, e] * shape.direction[e]
                 )
+                np.testing.assert_allclose(truth.force[k, 2 * cable + p], pull, atol=1e-12)
                 assert truth.nodal_force[k, 2 * cable + p] == pytest.approx(np.linalg.norm(pull))
+
+
+def test_forces_of_cables_without_positions_lie_along_and_across_their_bisector(
+    robots: Robots,
+) -> None:
+    robot = robots.prototype()
+    joints = _moving(robot)
+    truth = follow(robot, TIME, joints, cells=4)
+    before, wrap = prepare(robot).layout.element_before, course(prepare(robot), joints).wrap
+    first, last = truth.tension[:, before], truth.tension[:, before + 1]
+    np.testing.assert_allclose(truth.force[..., 0], (last + first) * np.sin(0.5 * wrap))
+    np.testing.assert_allclose(truth.force[..., 1], (last - first) * np.cos(0.5 * wrap), atol=1e-12)
+    assert not truth.force[..., 2].any()
 
 
 def test_several_motors_balance_one_joint_together(robots: Robots) -> None:

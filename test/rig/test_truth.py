@@ -67,8 +67,8 @@ def test_a_sample_takes_the_memory_of_its_truth_and_not_of_all_contact_cells() -
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     kept = sum(one.nbytes for one in vars(truth).values() if isinstance(one, np.ndarray))
-    cells = 8 * prepare(divide_contacts(ROBOT, 8)).layout.size * samples
-    assert kept < peak < kept + 0.25 * cells
+    states = 8 * prepare(divide_contacts(ROBOT, 8)).state_size * samples
+    assert kept < peak < kept + 0.25 * states
 
 
 def test_the_joint_is_balanced_at_every_sample(truth: Truth) -> None:
@@ -103,7 +103,7 @@ def test_cells_do_not_change_the_geometry() -> None:
     for angle in (-0.5, 0.0, 0.6):
         pose = np.array([angle])
         whole = shape_at(lumped, pose).length.sum()
-        assert shape_at(fine, pose).length.sum() == pytest.approx(whole, rel=1e-12)
+        assert shape_at(fine, pose).segment.sum() == pytest.approx(whole, rel=1e-12)
 
 
 def test_a_torque_that_no_cable_can_balance_is_refused() -> None:
