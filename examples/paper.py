@@ -28,8 +28,10 @@ def stiffness(model, angle, transmission):
     """
     cable = model.robot.cables[model.layout.cables.index(CABLE)]
     path = path_of(model, np.array([1]), np.array([[angle]]))
-    length = path.length[0, [model.layout.elements.index(name) for name in cable.element_names]]
-    wrap = path.wrap[0, [model.layout.pulleys.index(name) for name in cable.pulley_names]]
+    length = path.course.length[
+        0, [model.layout.elements.index(name) for name in cable.element_names]
+    ]
+    wrap = path.course.wrap[0, [model.layout.pulleys.index(name) for name in cable.pulley_names]]
     heading = np.concatenate([[0.0], np.cumsum(wrap)])
     steps = length[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
     position = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
