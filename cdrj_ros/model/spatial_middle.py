@@ -88,6 +88,14 @@ def find_middle(node: SpatialNodeNumbers, kind: int, touch: Touch, middle: ArcMi
 
 
 @stage
+def clear_middle(middle: ArcMiddle) -> None:
+    """Write the middle of a node that has no position."""
+    store(middle.normal, (0.0, 0.0, 0.0))
+    store(middle.tangent, (0.0, 0.0, 0.0))
+    middle.height = 0.0
+
+
+@stage
 def motion_along(radius: float, before: ArcMiddle, now: ArcMiddle) -> float:
     """Motion of the middle of an arc on its body along the cable [m], towards the last node: (E26).
 

@@ -15,6 +15,7 @@ from cdrj_ros.model.compiled import lean, stage
 from cdrj_ros.model.linked import linked_lazily
 from cdrj_ros.model.packing import SPATIAL, Indices, Numbers, Plan, number_views, plan_views
 from cdrj_ros.model.spatial_frames import place_spatial_frames
+from cdrj_ros.model.spatial_middle import clear_middle
 from cdrj_ros.model.spatial_route import route_in_space
 from cdrj_ros.model.state import ScratchViews, scratch_views
 
@@ -74,6 +75,8 @@ def shape_in_space(
     for c in range(len(parts.cables)):
         cable = parts.cables[c]
         if cable.routed != SPATIAL:
+            for k in range(cable.first_node, cable.first_node + cable.elements + 1):
+                clear_middle(views.middles[k])
             continue
         first, last = cable.first_element, cable.first_element + cable.elements
         pulleys = slice(cable.first_pulley, cable.first_pulley + cable.pulleys)
