@@ -25,6 +25,7 @@ BENCH := .venv/.bench-is-ready
 DOCS := .venv/.docs-is-ready
 MESSAGES := install/.cdrj_msgs-is-built
 PACKAGE := install/.cdrj_ros-is-built
+SANITIZED := build/sanitized/.is-built
 KERNELS := install/.kernels-are-compiled
 IN_ENV := . tools/env.sh &&
 
@@ -33,7 +34,7 @@ IN_ENV := . tools/env.sh &&
 INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/null)
 CORE := $(wildcard cdrj_ros/core/*)
 
-.PHONY: demo live test check style bench docs soak figures setup lock clean
+.PHONY: demo live test sanitize check style bench docs soak figures setup lock clean
 
 # The kernels that the demonstration does without are compiled while it plays.
 demo: $(MESSAGES)
@@ -47,10 +48,14 @@ live: setup
 # in the order of test/conftest.py. The types are checked beside the tests, and what is said of them
 # follows; the test of import directions is among the tests.
 WORKERS := $(shell cores=$$(nproc); echo $$((cores < 4 ? cores + 1 : 4)))
-test: style
+test: style sanitize
 	@$(IN_ENV) exec 3< <(tools/types.sh 2>&1) && types=$$! && failed=0 && \
 	{ python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder || failed=$$?; } && \
 	cat <&3 && wait $$types && exit $$failed
+
+# Tests of the core, built so that it stops at an invalid address and at undefined behaviour.
+sanitize: setup $(SANITIZED)
+	@tools/sanitize.sh test
 
 check: style
 	@$(IN_ENV) tools/types.sh
@@ -109,6 +114,10 @@ $(MESSAGES): $(VENV) tools/build.sh $(shell find msg_defs -print) | $(PACKAGE)
 
 $(KERNELS): $(PACKAGE) $(MESSAGES)
 	@tools/build.sh kernels
+	@touch $@
+
+$(SANITIZED): $(VENV) tools/sanitize.sh setup.py $(CORE)
+	@tools/sanitize.sh build
 	@touch $@
 
 # Update the pinned versions, for every supported Python at once. Needs `uv` on the path.

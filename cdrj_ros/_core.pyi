@@ -81,6 +81,9 @@ class Axis:
     def angles_of(self, readings: NDArray[np.float64]) -> NDArray[np.float64]:
         """Angles of readings of a whole recording, acceptable or not; NaN beyond ``LARGEST``."""
 
+    def angle_near(self, reading: float, near: float) -> float:
+        """Angle of a single reading; of those that it may mean, that in range nearest ``near``."""
+
 class Conditioner:
     """Gates and time line of one robot."""
 

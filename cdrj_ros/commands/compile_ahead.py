@@ -23,9 +23,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.commands.compilation import compile_together
 from cdrj_ros.commands.parts import IN_SPACE, INDEPENDENT, OF_EVERY_START, is_compiled
-from cdrj_ros.conditioning import ordinary_kernel
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.tracking import new_track, track, track_all
 from cdrj_ros.estimation.ensemble import Spread, find_kernels
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.member_records import no_members
@@ -69,12 +67,6 @@ def _compile_geometry() -> None:
     estimate_encoder.find_entry()
 
 
-def _compile_conditioning() -> None:
-    """Compile the kernels that condition readings, for which Python can stand in."""
-    track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
-    ordinary_kernel.find_entry()
-
-
 def _compile_members() -> None:
     """Compile the kernels of live standard deviations, without the step that they call."""
     compile_without_callees()
@@ -103,7 +95,6 @@ def _compile_recordings() -> None:
     preload = preload_of_elements(model.robot)
     Spread(model).run(initial_state(model), samples)
     mark_recording(estimates.values, preload, np.empty((0, 0)), 1.0, np.ones(2, dtype=np.bool_))
-    track_all(samples.stamp_ns, np.zeros(2), 1.0, 1.0, False, np.zeros(2))
 
 
 def _compile_motor_alone() -> None:
@@ -138,7 +129,6 @@ PARTS: Final[Mapping[str, Callable[[], None]]] = {
     "step": _compile_step,
     "geometry": _compile_geometry,
     "members": _compile_members,
-    "conditioning": _compile_conditioning,
     IN_SPACE: _compile_space,
     "motor_alone": _compile_motor_alone,
     "recordings": _compile_recordings,

@@ -11,7 +11,7 @@ from cdrj_ros.model.compiled import kernels_are_compiled
 OF_ESTIMATES: Final = ("step", "geometry")
 """Parts without which nothing is estimated.  They take equally long."""
 
-OF_EVERY_START: Final = (*OF_ESTIMATES, "members", "conditioning")
+OF_EVERY_START: Final = (*OF_ESTIMATES, "members")
 """Parts that every start of the estimator uses; they do not depend on one another."""
 
 IN_SPACE: Final = "space"
@@ -34,17 +34,12 @@ OUTERMOST: Final[Mapping[str, tuple[str, ...]]] = {
         "estimation.member_steps.step_members",
         "estimation.unsure.mark_unsure",
     ),
-    "conditioning": (
-        "conditioning.ordinary_kernel.take_ordinary",
-        "conditioning.tracking.track",
-    ),
     IN_SPACE: ("model.spatial_shape.shape_in_space",),
     "motor_alone": (
         "estimation.motor_alone_members.run_alone",
         "estimation.motor_alone_members.forget",
     ),
     "recordings": (
-        "conditioning.tracking.track_all",
         "estimation.drums_without_memory.advance_slipping",
         "estimation.member_kernels.follow_members",
         "estimation.unsure.mark_recording",

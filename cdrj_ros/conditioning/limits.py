@@ -34,7 +34,8 @@ def axes_of(robot: Robot, tracking: float | None = None) -> list[Axis]:
         tracking: fixed bandwidth [Hz] to use instead of the robot file's; 0 for no tracking.  A
             sensor without resolution and noise is not tracked.
     """
-    return [axis_of(one, tracking) for one in (*robot.motors, *robot.joints)]
+    axes: tuple[Motor | Joint, ...] = (*robot.motors, *robot.joints)
+    return [axis_of(one, tracking) for one in axes]
 
 
 def axis_of(axis: Motor | Joint, tracking: float | None = None) -> Axis:

@@ -1,9 +1,9 @@
-"""Causes for which readings are refused, and those that apply to every channel alike."""
+"""Causes for which readings are refused."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, Literal
+from typing import Final
 
 REFUSALS: Final[Mapping[str, str]] = {
     "malformed": "message refused whole: not as many positions as names, or not decodable",
@@ -21,15 +21,3 @@ REFUSALS: Final[Mapping[str, str]] = {
 
 WHOLE: Final = ("malformed", "empty", "unstamped")
 """Causes for which a message is refused whole and counted once, however many names it has."""
-
-END_OF_TIME_NS: Final = 2**31 * 1_000_000_000
-"""Every stamp of a message header is below this [ns]."""
-
-
-def unusable(stamp: int, reading: float) -> Literal["", "not_finite", "late", "future"]:
-    """Cause for refusing a reading on any channel; empty if there is none."""
-    if reading - reading != 0.0:  # NaN and both infinities
-        return "not_finite"
-    if not 0 < stamp < END_OF_TIME_NS:
-        return "late" if stamp <= 0 else "future"
-    return ""

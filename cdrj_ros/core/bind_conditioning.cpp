@@ -253,7 +253,8 @@ void bind_axis(py::module_& core) {
         .def_readonly("clock_offset_ns", &Axis::clock_offset_ns)
         .def_readonly("bandwidth", &Axis::bandwidth)
         .def_readonly("adaptive", &Axis::adaptive)
-        .def("angles_of", &angles_of_array, py::arg("readings"));
+        .def("angles_of", &angles_of_array, py::arg("readings"))
+        .def("angle_near", &angle_near, py::arg("reading"), py::arg("near"));
 }
 
 void bind_conditioner(py::module_& core) {

@@ -243,4 +243,10 @@ std::vector<double> angles_of(const Axis& axis, std::span<const double> readings
     return angles;
 }
 
+double angle_near(const Axis& axis, double reading, double near) {
+    Channel channel(axis);
+    channel.near = near;
+    return channel.unwrap(axis, reading).angle;
+}
+
 }  // namespace cdrj

@@ -100,4 +100,7 @@ private:
 /// The angles that readings of an axis mean, whether or not they are acceptable.
 std::vector<double> angles_of(const Axis& axis, std::span<const double> readings);
 
+/// Angle that a single reading means; of those that it may mean, the one in range nearest to `near`.
+double angle_near(const Axis& axis, double reading, double near);
+
 }  // namespace cdrj

@@ -147,7 +147,7 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     Args:
         model: the prepared robot.
         state: from ``initial_state`` or the previous step.
-        sample: later than the state; finite (see ``cdrj_ros.conditioning.time_line``).
+        sample: later than the state; finite (see docs/conditioning.md).
 
     Returns:
         The new state and the estimate at the sample's stamp.

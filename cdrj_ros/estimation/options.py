@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cdrj_ros.conditioning.time_line import Mode
+from cdrj_ros.conditioning.conditioner import Mode
 from cdrj_ros.estimation.unsure import UNSURE_SHARE
 
 

@@ -396,7 +396,7 @@ class LiveEstimator:
         if self.other_sensors is None:
             return
         if len(names) != len(tensions) or len(stddevs) not in (0, len(names)):
-            self.conditioner.refused["malformed"] += 1
+            self.conditioner.refuse("malformed")
             return
         self.other_sensors.feed_tensions(stamp_ns, names, tensions, stddevs)
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.gate import CONFIRMATIONS, MAX_GAP_NS
+from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

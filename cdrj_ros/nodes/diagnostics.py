@@ -138,7 +138,7 @@ def _figures(
     p50, p99 = times.percentiles_us()
     conditioner = live.conditioner
     values = {
-        "lag behind the newest reading [ms]": f"{conditioner.time_line.lag_ns * 1e-6:.3f}",
+        "lag behind the newest reading [ms]": f"{conditioner.lag_ns * 1e-6:.3f}",
         "steps": str(times.count),
         "step time p50 [us]": f"{p50:.1f}",
         "step time p99 [us]": f"{p99:.1f}",
@@ -153,7 +153,7 @@ def _figures(
         "readings stepped": ", ".join(_steps(live)) or "none",
         "readings held": str(conditioner.held),
         "readings for another topic": str(conditioner.elsewhere),
-        "readings that waited too long": str(conditioner.time_line.crowded),
+        "readings that waited too long": str(conditioner.crowded),
         **{f"refused: {cause}": str(n) for cause, n in conditioner.refused.items()},
     }
     others = live.other_sensors

@@ -43,7 +43,7 @@ from cdrj_ros.nodes.estimator_services import EstimatorServices
 from cdrj_ros.nodes.health import HealthWatch
 from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
-from cdrj_ros.nodes.late_kernels import LateKernels, prepare_conditioning
+from cdrj_ros.nodes.late_kernels import LateKernels
 from cdrj_ros.nodes.listener import Listener
 from cdrj_ros.nodes.output_topics import OutputTopics
 from cdrj_ros.nodes.robot_description import robot_description
@@ -168,8 +168,8 @@ class EstimatorNode(Node):
         options = started.options
         spread = ["members"] if options.uncertainty else []
         if self.begins_at_once and self._state_file is None and not options.corrects:
-            return [*OF_ESTIMATES], [*spread, "conditioning"]
-        return [*OF_ESTIMATES, *spread, "conditioning"], []
+            return [*OF_ESTIMATES], spread
+        return [*OF_ESTIMATES, *spread], []
 
     def _listen(self) -> None:
         """Subscribe to the inputs and check them regularly."""
@@ -252,8 +252,6 @@ class EstimatorNode(Node):
         self.live.take(reference)
         self.live.take(reference._replace(stamp_ns=1_001_000_000))
         self.live.reset()
-        if self.late is None:
-            prepare_conditioning(self.live)
 
     def _read_state(self, path: Path) -> None:
         try:
@@ -301,7 +299,7 @@ class EstimatorNode(Node):
         """
         self.times.add(step_s)
         thinning = self._thinning
-        newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.time_line.lag_ns
+        newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.lag_ns
         now_ns = self._now_ns()
         self.stamps.note(newest_ns, now_ns)
         fresh_ns = self.stamps.stale_before_ns(now_ns, self.timeout_s)
@@ -326,7 +324,7 @@ class EstimatorNode(Node):
             if self.health is not None:
                 self.health.read_tensions(*readings)
         except MessageError:
-            self.live.conditioner.refused["malformed"] += 1
+            self.live.conditioner.refuse("malformed")
 
     # --- time -------------------------------------------------------------------------------------
 

@@ -89,13 +89,14 @@ class InputWatch:
         conditioner = self._live.conditioner
         silence_s = self.silence_s()
         now_s = monotonic()
-        _, refusing = refusal_rate(conditioner.refused, self._refused, now_s - self.looked_s)
-        self._refused, self.looked_s = dict(conditioner.refused), now_s
+        refused = conditioner.refused
+        _, refusing = refusal_rate(refused, self._refused, now_s - self.looked_s)
+        self._refused, self.looked_s = refused, now_s
         for one in self._inputs:
             one.heard.look(now_s)
         age = float("inf")
         if output is not None:
-            lag_s = conditioner.time_line.lag_ns * 1e-9
+            lag_s = conditioner.lag_ns * 1e-9
             age = self._stamps.age_s(output.estimate.stamp_ns, self._now_ns(), lag_s, silence_s)
         waiting = ""
         if self._quiet or output is None:
@@ -103,7 +104,7 @@ class InputWatch:
             waiting = missing_inputs(
                 [one.heard for one in self._inputs if one.heard.axes],
                 conditioner.unheard,
-                conditioner.refused,
+                refused,
                 self._live.model.robot,
             )
         timeout_s = self._silence.timeout_s

@@ -8,9 +8,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from cdrj_ros.commands.compilation import Compilation, missing
-from cdrj_ros.conditioning.tracking import new_track, track
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.model.compiled import compile_at_calls, interpret
 
 PERIOD_S: Final = 0.1
 """Time between two looks whether the compilation is over [s]."""
@@ -28,12 +26,6 @@ STILL_MISSING: Final = (
 )
 
 
-def prepare_conditioning(live: LiveEstimator) -> None:
-    """Load the kernels that condition readings, or compile them."""
-    track(new_track(), 1_000_000, 0.0, 1.0, 1.0, False)
-    live.conditioner.ordinary.prepare()
-
-
 class LateKernels:
     """Lets a node do without kernels until they are compiled, and use them from then on."""
 
@@ -43,14 +35,11 @@ class LateKernels:
         Args:
             node: the node.
             live: its estimator, before the first sample.
-            compilation: of "members" or "conditioning" of ``parts.OF_EVERY_START``, or both.
+            compilation: of "members" of ``parts.OF_EVERY_START``.
         """
         self._node, self._live = node, live
         self._compilation: Compilation | None = compilation
-        live.conditioner.ordinary.postpone()
-        interpret(track)
-        if "members" in compilation.parts:
-            live.postpone_spread()
+        live.postpone_spread()
         self._waits_for_spread = live.spread_is_late
         if self._waits_for_spread:
             node.get_logger().info(UNTIL_THEN)
@@ -67,8 +56,6 @@ class LateKernels:
                 self._looks.cancel()
                 self._node.get_logger().error(STILL_MISSING)
                 return
-            compile_at_calls(track)
-            prepare_conditioning(self._live)
         if self._live.add_spread(CATCHING_UP_S):
             self._looks.cancel()
             if self._waits_for_spread:

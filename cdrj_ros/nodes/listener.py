@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from time import perf_counter
 
-from cdrj_ros.conditioning.ordinary_kernel import NO_SAMPLE, NOT_ORDINARY
 from cdrj_ros.estimation.output import Output
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.messages.cdr import MessageError
 from cdrj_ros.messages.decoders import JointStateDecoder, KnownJointState
 from cdrj_ros.nodes.health import HealthWatch
-from cdrj_ros.nodes.ordinary_topic import OrdinaryTopic
 from cdrj_ros.nodes.thinning import Thinning
 from cdrj_ros.nodes.words import TopicHeard
 
@@ -52,32 +50,20 @@ class Listener:
         self._efforts = self._with_efforts or self._health is not None
         """Whether anything may want efforts."""
         self._decode = JointStateDecoder(self._with_efforts)
-        self._ordinary = OrdinaryTopic(live.conditioner, kind)
 
     def on_message(self, payload: bytes) -> None:
         """Process a message."""
         begin = perf_counter()
-        completed = self._ordinary.take(payload)
-        if completed == NOT_ORDINARY:
-            outputs = self._take_any(payload)
-        else:
-            heard, known = self._heard, self._ordinary.known
-            heard.messages += 1
-            heard.names, heard.positions = known.names, ()  # ordinary positions explain no silence
-            if self._thinning is not None or (known.effort.count and self._efforts):
-                self._take_aside(known.stamp_ns(payload), known, payload)
-            if completed == NO_SAMPLE:
-                return
-            outputs = [self._live.take(self._conditioner.ordinary.sample(completed))]
+        outputs = self._outputs_of(payload)
         if outputs:
             self._publish(outputs, (perf_counter() - begin) / len(outputs))
 
-    def _take_any(self, payload: bytes) -> list[Output]:
-        """Process a message that need not be ordinary; a malformed one is counted."""
+    def _outputs_of(self, payload: bytes) -> list[Output]:
+        """The estimates that a message leads to; a malformed one is counted."""
         try:
             stamp, names, position = self._decode(payload)
         except MessageError:
-            self._conditioner.refused["malformed"] += 1
+            self._conditioner.refuse("malformed")
             return []
         known, heard = self._decode.last, self._heard
         assert known is not None
@@ -87,9 +73,6 @@ class Listener:
         jumped, outputs = self._live.feed(self._kind, stamp, names, position)
         if jumped:
             self._warn("the clock of the inputs went back: estimate restarted")
-        self._ordinary.learn(known)
-        if outputs:
-            self._conditioner.begin_ordinary()
         return outputs
 
     def _take_aside(self, stamp: int, known: KnownJointState, payload: bytes) -> None:

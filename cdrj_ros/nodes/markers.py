@@ -36,7 +36,7 @@ from cdrj_ros.nodes.spinning import (
 from cdrj_ros.view.looks import FORCE, Picture, dashes_of, middle_of, picture_of
 from cdrj_ros.view.snapshot import (
     joint_angles,
-    joint_limits,
+    joint_axes,
     nothing_known,
     pulley_columns,
     tension_columns,
@@ -67,7 +67,7 @@ class MarkersNode(Node):
         )
         rate = declare_number(self, "rate", 30.0, 0.1, 30.0, "Rate of the pictures [Hz]")
         self._unknown = nothing_known(self.model)
-        self._joints = joint_limits(self.model.robot)
+        self._joints = joint_axes(self.model.robot)
         self.angles = self._unknown.angle
         self.tensions: CableTensions | None = None
         self.nodal_forces: NodalForces | None = None

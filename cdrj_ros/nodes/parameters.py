@@ -10,7 +10,7 @@ from functools import cache
 from textwrap import wrap
 from typing import Final, Literal, get_args
 
-from cdrj_ros.conditioning.time_line import MODES
+from cdrj_ros.conditioning.conditioner import MODES
 from cdrj_ros.estimation.unsure import UNSURE_SHARE
 from cdrj_ros.nodes.silence import SAME_CLOCK_S
 from cdrj_ros.robot.document import schema

@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from cdrj_ros.bag import Topics
-from cdrj_ros.conditioning.time_line import MODES
+from cdrj_ros.conditioning.conditioner import MODES
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.messages.topics import CLOCK, FEW, JOINT_STATES, MOTOR_STATES, NAMESPACE, in_namespace
 from cdrj_ros.nodes.qos import default_profile

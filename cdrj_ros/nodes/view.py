@@ -49,7 +49,7 @@ from cdrj_ros.view.server import load_viser
 from cdrj_ros.view.snapshot import (
     Snapshot,
     joint_angles,
-    joint_limits,
+    joint_axes,
     nothing_known,
     pulley_columns,
     tension_columns,
@@ -90,7 +90,7 @@ class ViewNode(Node):
         self._add_controls()
         self.history = History(self.model.layout)
         self._shown = nothing_known(self.model)
-        self._joints = joint_limits(self.model.robot)
+        self._joints = joint_axes(self.model.robot)
         self._opened: list[Any] = []
         self.heard = Heard(self.resolve_topic_name(topics.TENSIONS), self.link.name)
         self._payloads: dict[str, bytes] = {}

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cdrj_ros.conditioning.time_line import MODES, Mode
+from cdrj_ros.conditioning.conditioner import MODES, Mode
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 

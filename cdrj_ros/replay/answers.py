@@ -13,9 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.conditioning.conditioner import Conditioner
+from cdrj_ros.conditioning.conditioner import Conditioner, Mode
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.conditioning.time_line import Mode
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages.cdr import (
     MessageError,
@@ -76,7 +75,6 @@ class Run:
         ``feed`` is a method of ``conditioner``.
         """
         decode = JointStateDecoder()
-        refused = self.conditioner.refused
 
         def ask(payload: bytes) -> None:
             self.sent += 1
@@ -84,7 +82,7 @@ class Run:
             try:
                 stamp, names, position = decode(payload)
             except MessageError:
-                refused["malformed"] += 1
+                self.conditioner.refuse("malformed")
                 return
             for sample in feed(stamp, names, position):
                 if sample.silent:
@@ -236,7 +234,7 @@ class Run:
             stddev=stddev,
             angle=np.array(self._angle).reshape(n, axes)[complete],
             accepted=gate.accepted,
-            refused=dict(gate.refused),
+            refused=gate.refused,
             clock_jumps=gate.clock_jumps,
             gaps=gate.gaps,
             steps=gate.steps,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.angles import angle_of
-from cdrj_ros.conditioning.gate import Limits, limits_of
+from cdrj_ros._core import Axis
+from cdrj_ros.conditioning.limits import axes_of
 from cdrj_ros.model.prepared import Layout, Model
 from cdrj_ros.model.status import INVALID, STALE
 from cdrj_ros.robot.description import Robot
@@ -115,12 +115,12 @@ def pulley_columns(
     return force, found["friction"], found["slip_speed"], flags_of(found["status"])
 
 
-def joint_angles(message: Any, joints: Sequence[Limits], before: Vector) -> Vector:
+def joint_angles(message: Any, joints: Sequence[Axis], before: Vector) -> Vector:
     """Angles of all joints after a message of the type JointState, as the estimator converts them.
 
     Args:
         message: a joint of which it has no finite reading keeps its angle; or None.
-        joints: their names, sensors and ranges, see ``joint_limits``.
+        joints: their names, sensors and ranges, see ``joint_axes``.
         before: the angles before, shape (joints,) [rad] or [m].  A reading that wraps around stands
             for the angle in range that is nearest to this one.
     """
@@ -128,12 +128,11 @@ def joint_angles(message: Any, joints: Sequence[Limits], before: Vector) -> Vect
     angles = before.copy()
     for j, (joint, reading) in enumerate(zip(joints, readings.tolist(), strict=True)):
         if isfinite(reading):
-            turn = joint.first_turn(reading, float(before[j]))
-            whole = reading + joint.sensor.period * turn if turn else reading
-            angles[j] = min(max(angle_of(joint.sensor, whole), joint.lower), joint.upper)
+            angle = joint.angle_near(reading, float(before[j]))
+            angles[j] = min(max(angle, joint.lower), joint.upper)
     return angles
 
 
-def joint_limits(robot: Robot) -> tuple[Limits, ...]:
+def joint_axes(robot: Robot) -> list[Axis]:
     """Names, sensors and ranges of a robot's joints."""
-    return limits_of(robot)[len(robot.motors) :]
+    return axes_of(robot)[len(robot.motors) :]

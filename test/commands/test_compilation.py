@@ -34,7 +34,7 @@ def on_disk(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[tuple[str, 
             super().__init__((), quiet=quiet)
             self.parts = tuple(parts)
             if self.parts:
-                assert bool(niceness) == ({"members", "conditioning"} >= set(self.parts))
+                assert bool(niceness) == ({"members"} >= set(self.parts))
                 asked.append(self.parts)
                 if not niceness:
                     lacking.difference_update(self.parts)
@@ -79,7 +79,7 @@ def test_no_notice_is_printed_if_the_kernels_are_compiled(
         ("finger3d", "", None),
         ("finger3d", "space", ("space",)),
         ("finger3d", "step", ("step",)),
-        ("finger3d", "members conditioning", None),  # those of a live estimator only
+        ("finger3d", "members", None),  # those of a live estimator only
         ("finger3d", "step members space", ("step", "members", "space")),
         ("prototype", "space", None),
         ("prototype", "geometry space", ("geometry",)),
@@ -103,9 +103,9 @@ def test_commands_compile_what_is_missing_and_the_part_in_space_for_robots_that_
     ("processors", "absent", "in_turn", "announced"),
     [
         (2, "", [], False),
-        (2, "step geometry members conditioning", ["step geometry", "members conditioning"], True),
-        (4, "step geometry members conditioning", ["members conditioning", "step geometry"], True),
-        (2, "members conditioning", ["members conditioning"], False),
+        (2, "step geometry members", ["step geometry", "members"], True),
+        (4, "step geometry members", ["members", "step geometry"], True),
+        (2, "members", ["members"], False),
         (2, "step members", ["members", "step"], True),
         (1, "step geometry space", ["step geometry space"], True),
     ],
@@ -121,11 +121,11 @@ def test_what_can_follow_waits_for_a_processor(
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(processors))
     asked, said = on_disk(absent), []
     rest = compilation.compile_for_estimates(
-        "finger3d", compilation.OF_ESTIMATES, ("members", "conditioning"), lambda: said.append(True)
+        "finger3d", compilation.OF_ESTIMATES, ("members",), lambda: said.append(True)
     )
     assert asked == [tuple(parts.split()) for parts in in_turn]
     assert bool(said) == announced
-    later = tuple(part for part in ("members", "conditioning") if part in absent)
+    later = tuple(part for part in ("members",) if part in absent)
     assert (rest.parts if rest else ()) == later
 
 

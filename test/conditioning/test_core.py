@@ -1,4 +1,4 @@
-"""The compiled core conditions any stream as a conditioner in plain Python does, bit for bit."""
+"""The compiled core conditions any stream of messages as the plain reference does, bit for bit."""
 
 from __future__ import annotations
 
@@ -9,44 +9,31 @@ from typing import Any
 import numpy as np
 import pytest
 from support.reading_streams import Message, random_robot, random_stream
+from support.reference_conditioning import Reference
 
 from cdrj_ros import _core
-from cdrj_ros.conditioning.conditioner import Conditioner
-from cdrj_ros.conditioning.limits import axes_of
+from cdrj_ros.conditioning.conditioner import HORIZON_NS, Conditioner
 from cdrj_ros.conditioning.refusals import REFUSALS
-from cdrj_ros.conditioning.time_line import HORIZON_NS
+from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.robot.description import Robot
 
-TOPICS = {
-    "motors": _core.Topic.MOTORS,
-    "joints": _core.Topic.JOINTS,
-    "both": _core.Topic.BOTH,
-}
-Content = tuple[object, ...]
 
-
-def content(sample: tuple[Any, ...]) -> Content:
-    return tuple(
-        b"" if one is None else one.tobytes() if isinstance(one, np.ndarray) else one
-        for one in sample
-    )
+def content(sample: Sample) -> tuple[object, ...]:
+    return tuple(one.tobytes() if isinstance(one, np.ndarray) else one for one in sample)
 
 
 class Pair:
-    """The core and the Python conditioner, given the same."""
+    """The core and the reference, given the same."""
 
     def __init__(self, robot: Robot, mode: Any) -> None:
         self.robot = robot
-        self.python = Conditioner(robot, mode)
-        self.core = _core.Conditioner(
-            axes_of(robot), len(robot.motors), mode == "predict", HORIZON_NS
-        )
+        self.python, self.core = Reference(robot, mode), Conditioner(robot, mode)
         self.seen: Counter[str] = Counter()
 
     def feed(self, message: Message) -> None:
         stamp, names, positions = message.stamp_ns, message.names, message.positions
-        found = self.core.feed(TOPICS[message.topic], stamp, names, positions)
-        wanted = getattr(self.python, f"feed_{message.topic}")(stamp, names, positions)
+        found = getattr(self.core, f"feed_{message.topic}")(stamp, names, positions)
+        wanted = self.python.feed(message.topic, stamp, names, positions)
         assert [content(one) for one in found] == [content(one) for one in wanted]
         for sample in wanted:
             self.seen["samples"] += 1
@@ -57,36 +44,31 @@ class Pair:
 
     def compare(self) -> None:
         core, python = self.core, self.python
-        names = ("accepted", "elsewhere", "clock_jumps", "gaps", "steps", "refused", "held")
-        for name in (*names, "unheard", "displaced"):
+        names = ("accepted", "elsewhere", "clock_jumps", "gaps", "steps", "refused")
+        for name in (*names, "crowded", "lag_ns"):
             assert getattr(core, name) == getattr(python, name)
-        line = python.time_line
-        assert (core.lag_ns, core.crowded) == (line.lag_ns, line.crowded)
-        memory = python.memory()
-        found = core.remembered()
-        assert [one.tobytes() for one in found] == [one.tobytes() for one in memory.values()]
+        channels = {channel.axis.name: channel for channel in python.channels}
+        assert core.held_of == {name: channel.held for name, channel in channels.items()}
+        assert core.unheard == [name for name, channel in channels.items() if channel.last_ns < 0]
+        steps = {name: one.displaced for name, one in channels.items() if one.stepped}
+        assert core.displaced == steps
+        for name, values in python.memory().items():
+            assert core.memory()[name].tobytes() == values.tobytes()
 
     def disturb(self, random: Random) -> None:
         """Change both, as services do; or restart both, as from a state file."""
-        deed = random.random()
-        if deed < 0.002:
-            keep = random.random() < 0.5
-            self.python.reset(keep)
-            self.core.reset(keep)
-        elif deed < 0.003:
-            tracking = random.choice((None, 0.0, 30.0))
-            self.python.set_tracking(tracking)
-            self.core.use_tracking_of(axes_of(self.robot, tracking))
-        elif deed < 0.004:
-            memory = self.python.memory()
-            angles = np.array([random.uniform(-0.5, 0.5) for _ in self.robot.axes])
-            stamp = 1_700_000_000_000_000_000
-            self.python.reset()
-            self.python.recall(memory)
-            self.python.expect(angles, stamp)
-            self.core.reset()
-            self.core.remember(*memory.values())
-            self.core.continue_from(angles, stamp)
+        deed, choice = random.random(), random.choice((None, 0.0, 30.0))
+        memory = self.python.memory()
+        angles = np.array([random.uniform(-0.5, 0.5) for _ in self.robot.axes])
+        for one in (self.core, self.python):
+            if deed < 0.002:
+                one.reset(keep_turns=choice is None)
+            elif deed < 0.003:
+                one.set_tracking(choice)
+            elif deed < 0.004:
+                one.reset()
+                one.recall(memory)
+                one.expect(angles, 1_700_000_000_000_000_000)
 
 
 def test_samples_counters_and_memory_are_those_of_the_reference() -> None:

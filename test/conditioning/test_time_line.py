@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.wound import robot_of
 
+from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS
 from cdrj_ros.conditioning.conditioner import Conditioner
-from cdrj_ros.conditioning.gate import CONFIRMATIONS, MAX_GAP_NS
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.whole_recording import Conditioned, condition
 from cdrj_ros.foundation.series import Series
@@ -64,7 +64,7 @@ class Listener:
         return [sample for segment in self.segments for sample in segment]
 
     def held(self) -> int:
-        return sum(len(channel.held) for channel in self.conditioner._channels)
+        return self.conditioner.held
 
 
 def listen(messages: Sequence[Message]) -> Listener:
@@ -555,7 +555,7 @@ def test_prediction_keeps_no_more_readings_the_longer_it_runs():
         conditioner.feed_motors(1_000_000 * k, ("m",), (0.0,))
         if k > 3:
             conditioner.feed_joints(1_000_000 * (k - 3), ("j",), (0.0,))
-    assert max(len(c.readings) + len(c.recent) for c in conditioner._channels) < 60
+    assert max(conditioner.waiting.values()) < 60
 
 
 def test_apart_from_predicted_samples_prediction_gives_those_of_the_recording():

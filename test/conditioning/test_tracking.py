@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.wound import robot_of
 
+from cdrj_ros._core import TrackingFilter
 from cdrj_ros.conditioning.conditioner import Conditioner
-from cdrj_ros.conditioning.gate import limits_of
-from cdrj_ros.conditioning.tracking import MOVES, half_width, new_track, track, track_all
+from cdrj_ros.conditioning.limits import axes_of, half_width
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.series import Series
@@ -37,9 +37,13 @@ def tracked(
     *,
     adaptive: bool = False,
 ) -> np.ndarray:
-    angle = np.empty_like(readings)
-    track_all(stamps, readings, bandwidth, band, adaptive, angle)
-    return angle
+    filtered, since = TrackingFilter(), np.diff(stamps, prepend=stamps[0])
+    return np.array(
+        [
+            filtered.track(dt_ns, reading, bandwidth, band, adaptive)
+            for dt_ns, reading in zip(since.tolist(), readings.tolist(), strict=True)
+        ]
+    )
 
 
 @pytest.mark.parametrize("frequency", [0.1, 0.2, 0.3])
@@ -83,9 +87,9 @@ STEP = st.sampled_from((1, 1000, 1_000_000, 2_000_000, 999_999_999))
 def test_the_tracked_angle_stays_within_the_band_of_every_reading(
     readings: list[tuple[int, float]], bandwidth: float, band: float, adaptive: bool
 ) -> None:
-    memory = new_track()
+    filtered = TrackingFilter()
     for step, reading in readings:
-        angle = track(memory, step, reading, bandwidth, band, adaptive)
+        angle = filtered.track(step, reading, bandwidth, band, adaptive)
         assert reading - band <= angle <= reading + band
 
 
@@ -169,22 +173,22 @@ def test_the_bandwidth_that_adapts_returns_to_the_fixed_one_at_rest() -> None:
     time = np.arange(0.0, 6.0, 2e-3)
     stamps = SECOND + np.round(time * 1e9).astype(np.int64)
     truth = np.where(time < 3.0, 0.35 * np.sin(2 * np.pi * time), 0.0)
-    memory = new_track()
+    filtered = TrackingFilter()
     for stamp, before, reading in zip(
         stamps[1:].tolist(), stamps.tolist(), counted(truth)[1:].tolist(), strict=False
     ):
-        track(memory, stamp - before, reading, 12.0, COUNT / 2, True)
+        filtered.track(stamp - before, reading, 12.0, COUNT / 2, True)
         seconds = (stamp - SECOND) * 1e-9
         if 1.0 < seconds < 3.0:
-            assert memory[MOVES] == 1.0
+            assert filtered.moves
         if seconds > 3.1:
-            assert memory[MOVES] == 0.0
+            assert not filtered.moves
 
 
 def test_a_bandwidth_that_the_node_is_given_is_fixed() -> None:
     robot = robot_of(ROBOT.replace("12}", "12, tracking: adaptive}"), "winch")
-    assert [one.adaptive for one in limits_of(robot)] == [False, True]
-    assert [one.adaptive for one in limits_of(robot, 20.0)] == [False, False]
+    assert [one.adaptive for one in axes_of(robot)] == [False, True]
+    assert [one.adaptive for one in axes_of(robot, 20.0)] == [False, False]
     with pytest.raises(RobotFileError, match="tracking needs tracking_bandwidth"):
         robot_of(ROBOT.replace("tracking_bandwidth: 12", "tracking: adaptive"), "winch")
 
@@ -192,19 +196,3 @@ def test_a_bandwidth_that_the_node_is_given_is_fixed() -> None:
 def test_a_filter_without_an_error_to_stay_within_is_refused() -> None:
     with pytest.raises(RobotFileError, match=r"tracking_bandwidth needs resolution or noise"):
         robot_of(ROBOT.replace("resolution: 4e-4, ", ""), "winch")
-
-
-def test_python_gives_the_numbers_of_the_compiled_filter() -> None:
-    """It stands in for the kernel while that is being compiled."""
-    random = np.random.default_rng(0)
-    for _ in range(30):
-        compiled, interpreted = new_track(), new_track()
-        bandwidth, band = random.choice([1.0, 5.0, 20.0, 100.0]), random.choice([1e-4, 1e-3, 0.05])
-        adaptive, reading = bool(random.integers(2)), 0.0
-        for _ in range(200):
-            dt_ns = int(random.choice([100_000, 1_000_000, 3_333_333, 20_000_000]))
-            reading += random.normal() * random.choice([1e-4, 1e-2, 0.3])
-            numbers = dt_ns, reading, float(bandwidth), float(band), adaptive
-            angle = track(compiled, *numbers)
-            assert track.py_func(interpreted, *numbers) == angle  # type: ignore[attr-defined]
-            assert interpreted.tobytes() == compiled.tobytes()

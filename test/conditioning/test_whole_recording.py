@@ -9,13 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from support.wound import robot_of
 
+from cdrj_ros._core import LARGEST
 from cdrj_ros.conditioning import whole_recording
 from cdrj_ros.conditioning.conditioner import Conditioner
-from cdrj_ros.conditioning.gate import LARGEST
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.conditioning.whole_recording import Stamps, condition
+from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.document import LARGEST as LARGEST_NUMBER
 from cdrj_ros.robot.document import schema
@@ -135,7 +136,7 @@ def test_little_more_memory_is_used_than_readings_and_samples_take(
 Channels = tuple[Series, Series]
 
 
-def steady(stamps: Stamps, values: Sequence[float] | None = None) -> Series:
+def steady(stamps: NDArray[np.int64], values: Sequence[float] | None = None) -> Series:
     """A channel that moves slowly, or has the given readings, and arrives without delay."""
     value = 1e-4 * np.arange(stamps.size) if values is None else np.array(values)
     return Series(stamps, MS * np.arange(stamps.size), value)

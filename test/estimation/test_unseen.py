@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cdrj_ros._core import MAX_GAP_NS
 from cdrj_ros.conditioning.conditioner import Conditioner
-from cdrj_ros.conditioning.gate import MAX_GAP_NS
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.options import Options

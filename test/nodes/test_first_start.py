@@ -69,7 +69,7 @@ def test_tensions_come_first_and_are_unsure_until_their_standard_deviations_come
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     usual = bench.estimator()
-    compilation = _compiling(monkeypatch, "members", "conditioning")
+    compilation = _compiling(monkeypatch, "members")
     node = bench.estimator("-r", "__node:=first")
     for one in (usual, node):
         feed(one, 0, JOINED)
@@ -87,7 +87,6 @@ def test_tensions_come_first_and_are_unsure_until_their_standard_deviations_come
     assert np.isfinite(_stddevs(usual)).all()
     for one in node, usual:
         assert one.live.unsolved == 0
-    assert node.live.conditioner.ordinary.loaded
 
 
 def test_where_compiling_fails_estimates_go_on_without_standard_deviations(
@@ -95,7 +94,7 @@ def test_where_compiling_fails_estimates_go_on_without_standard_deviations(
 ) -> None:
     from cdrj_ros.nodes import late_kernels
 
-    compilation = _compiling(monkeypatch, "members", "conditioning")
+    compilation = _compiling(monkeypatch, "members")
     monkeypatch.setattr(late_kernels, "missing", lambda parts: parts[:1])
     node = bench.estimator()
     compilation.over = True
@@ -104,26 +103,6 @@ def test_where_compiling_fails_estimates_go_on_without_standard_deviations(
     assert len(node.outputs) == JOINED
     assert np.isposinf(_stddevs(node)).all()
     assert np.isfinite(tensions(node)).all()
-
-
-def test_readings_are_conditioned_alike_while_their_kernels_are_compiled(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    usual = bench.estimator()
-    compilation = _compiling(monkeypatch, "conditioning")
-    node = bench.estimator("-r", "__node:=first")
-    assert not node.live.spread_is_late
-    for one in (usual, node):
-        feed(one, 0, JOINED)
-    assert usual.live.conditioner.ordinary.loaded
-    assert not node.live.conditioner.ordinary.loaded
-    compilation.over = True
-    assert bench.until(lambda: not node.live.conditioner.ordinary._postponed)
-    for one in (usual, node):
-        feed(one, JOINED, 2 * JOINED)
-    assert node.live.conditioner.ordinary.loaded
-    assert tensions(node).tobytes() == tensions(usual).tobytes()
-    assert _stddevs(node).tobytes() == _stddevs(usual).tobytes()
 
 
 def test_a_node_that_ends_ends_its_compilation(
@@ -140,11 +119,11 @@ def test_a_node_that_ends_ends_its_compilation(
 @pytest.mark.parametrize(
     ("given", "state_file", "needed", "later"),
     [
-        ({}, False, [], ["members", "conditioning"]),
-        ({"uncertainty": False}, False, [], ["conditioning"]),
-        ({"tension_sensors": True}, False, ["members", "conditioning"], []),
-        ({"track_preload": True}, False, ["members", "conditioning"], []),
-        ({}, True, ["members", "conditioning"], []),
+        ({}, False, [], ["members"]),
+        ({"uncertainty": False}, False, [], []),
+        ({"tension_sensors": True}, False, ["members"], []),
+        ({"track_preload": True}, False, ["members"], []),
+        ({}, True, ["members"], []),
     ],
 )
 def test_a_node_waits_for_what_cannot_follow(
@@ -171,7 +150,7 @@ def test_a_managed_node_waits_for_all_kernels(
     node = ManagedEstimator(parameter_overrides=[Parameter("robot", value="prototype")])
     try:
         assert node.trigger_configure() == SUCCESS
-        assert asked == [([*OF_ESTIMATES, "members", "conditioning"], [])]
+        assert asked == [([*OF_ESTIMATES, "members"], [])]
     finally:
         node.trigger_cleanup()
         node.destroy_node()

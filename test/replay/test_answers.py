@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.bag import Topics
+from cdrj_ros.conditioning.conditioner import Mode
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.conditioning.time_line import Mode
 from cdrj_ros.estimation.estimator import Estimate, initial_state, run, step
 from cdrj_ros.judgement.inputs import read_inputs
 from cdrj_ros.judgement.metrics import errors_of

@@ -1,0 +1,620 @@
+"""Conditioning of readings in plain Python, the reference of the compiled core.
+
+It follows docs/conditioning.md reading by reading and shares no code with the core: what both must
+agree on bit for bit is written twice, and only here without regard to speed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import exp, hypot, inf, isfinite, pi, sqrt
+
+import numpy as np
+
+from cdrj_ros.conditioning.refusals import REFUSALS
+from cdrj_ros.conditioning.samples import ALL_SEEN, Sample
+from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
+
+END_NS = 2**31 * 10**9
+GAP_NS, WINDOW_NS, HORIZON_NS = 10**9, 10**8, 2 * 10**7
+LARGEST, MARGIN = 1e12, 1e-9
+CONFIRMATIONS, WAITING, STRAGGLERS = 5, 20_000, 100
+LASTING = ("speed", "acceleration", "fastest", "hardest", "travelled", "windows")
+
+
+def error_of(sensor: Sensor) -> float:
+    """Greatest error of a reading."""
+    return abs(sensor.scale) * (0.5 * sensor.resolution + 3.0 * sensor.noise)
+
+
+@dataclass
+class Motion:
+    """(C2) to (C5)."""
+
+    band: float
+    negligible: float
+    begin_ns: int = -1
+    begin: float = 0.0
+    span: float = 0.0
+    velocity: float = 0.0
+    speed: float = 0.0
+    acceleration: float = 0.0
+    fastest: float = 0.0
+    hardest: float = 0.0
+    travelled: float = 0.0
+    windows: float = 0.0
+
+    def take(self, stamp: int, angle: float) -> None:
+        if 0 <= self.begin_ns <= stamp:
+            if stamp - self.begin_ns < WINDOW_NS:
+                return
+            self._close((stamp - self.begin_ns) * 1e-9, angle - self.begin)
+        self.begin_ns, self.begin = stamp, angle
+
+    def _close(self, span: float, moved: float) -> None:
+        certain = max(abs(moved) - 2.0 * self.band, 0.0)
+        velocity, speed, acceleration = moved / span, certain / span, 0.0
+        slow = span > 2e-9 * WINDOW_NS
+        if self.span > 0.0:
+            change = max(abs(velocity - self.velocity) - 2.0 * self.band / span, 0.0)
+            acceleration = change / (0.5 * (span + self.span))
+        elif slow:
+            acceleration = speed / span
+        if slow:
+            acceleration *= 1.5
+        keep = exp(-span / 10.0)
+
+        def faded(before: float, now: float) -> float:
+            return sqrt(before * before * keep + now * now * (1.0 - keep))
+
+        self.speed = max(speed, faded(self.speed, speed))
+        self.acceleration = max(acceleration, faded(self.acceleration, acceleration))
+        self.fastest, self.hardest = max(self.fastest, speed), max(self.hardest, acceleration)
+        self.travelled, self.windows = self.travelled + certain, self.windows + 1.0
+        self.span, self.velocity = span, velocity
+
+    def seen_ns(self) -> float:
+        """Between readings no further apart, deviations are negligible."""
+        if not (self.speed > 0.0 and self.acceleration > 0.0):
+            return inf
+        slow = 3.0 * self.negligible / self.speed
+        smooth = sqrt(8.0 * self.negligible / self.acceleration)
+        resolved = self.acceleration * smooth <= self.speed
+        return int(min(max(slow, smooth) if resolved else slow, 1e9) * 1e9)
+
+    def elsewhen(self) -> Motion:
+        return Motion(self.band, self.negligible, **{name: getattr(self, name) for name in LASTING})
+
+    def knows(self, span_ns: int) -> bool:
+        if span_ns <= WINDOW_NS:
+            return True
+        return self.windows > 3 and (span_ns <= 10**9 or self.speed * span_ns * 1e-9 <= 0.01)
+
+    def curvature(self, span_ns: int) -> float:
+        if not self.knows(span_ns):
+            return inf
+        if span_ns <= self.seen_ns():
+            return 0.0
+        span = span_ns * 1e-9
+        bend = self.acceleration * span
+        factor = max(bend / self.speed, 1.0) if self.speed > 0.0 else 1.0
+        sagitta = min(bend * span / 8.0 * factor * factor, self.speed * span / 3.0)
+        return 4.0 * sagitta / (float(span_ns) * float(span_ns))
+
+    def ahead(self, horizon_ns: int, window_ns: int) -> float:
+        if horizon_ns + window_ns <= self.seen_ns():
+            return 0.0
+        h, w = horizon_ns * 1e-9, window_ns * 1e-9
+        return min(0.5 * self.acceleration * h * (h + w), 2.0 * self.speed * h)
+
+    def leaps(self, span_ns: int, moved: float) -> bool:
+        if not 0 < span_ns <= 10**8 or self.travelled < 1.0:
+            return False
+        span = span_ns * 1e-9
+        tau = max(span, 5e-3)
+        most = max(
+            0.02, 40.0 * self.band, 2.5 * self.fastest * tau, 10.0 * self.hardest * tau * tau
+        )
+        return abs(moved - self.velocity * span) > most
+
+    def reach(self, span: float) -> float:
+        return max(0.02, 2.0 * self.band, 2.0 * self.fastest * span)
+
+
+@dataclass
+class Track:
+    """(C1) and (C6)."""
+
+    n: float = 0.0
+    angle: float = 0.0
+    speed: float = 0.0
+    acceleration: float = 0.0
+    begun: float = 0.0
+    since: float = 0.0
+    chord: float = 0.0
+    length: float = 0.0
+    fastest: float = 0.0
+    hardest: float = 0.0
+    moves: bool = False
+
+    def at(self, dt: float, reading: float, bandwidth: float, band: float, adaptive: bool) -> float:
+        angle = self.angle + self.speed * dt + 0.5 * self.acceleration * dt * dt
+        if self.n == 0.0 or dt * bandwidth > 1.0 or not abs(angle) < 1e15:
+            self.n, self.angle, self.begun = 1.0, reading, reading
+            self.speed = self.acceleration = self.since = self.length = 0.0
+            return reading
+        if adaptive and band > 0.0:
+            bandwidth = self.adapted(dt, reading, bandwidth, band)
+        n = self.n + 1.0
+        self.n = min(n, 1e6)
+        theta = exp(-2.0 * pi * bandwidth * dt)
+        fresh, many = 1.0 - theta, n * (n + 1.0) * (n + 2.0)
+        g = max(1.0 - theta * theta * theta, 3.0 * (3.0 * n * n - 3.0 * n + 2.0) / many)
+        h = max(1.5 * (fresh * fresh) * (1.0 + theta), 18.0 * (2.0 * n - 1.0) / many)
+        k = max(fresh * fresh * fresh, 60.0 / many)
+        if n < 3.0:
+            h, k = 1.0, 0.0
+        off = reading - angle
+        self.speed = self.speed + self.acceleration * dt + h * off / dt
+        self.acceleration = self.acceleration + k * off / (dt * dt)
+        angle += min(g, 1.0) * off
+        self.angle = min(max(angle, reading - band), reading + band)
+        return self.angle
+
+    def adapted(self, dt: float, reading: float, bandwidth: float, band: float) -> float:
+        self.since += dt
+        length, turned = self.since, reading - self.begun
+        moved = max(abs(turned) - 2.0 * band, 0.0)
+        self.moves = self.moves or moved > 0.0
+        if length >= 0.03:
+            kept, chord = exp(-length / 2.0), turned / length
+            if self.length > 0.0:
+                change = max(abs(chord - self.chord) - 4.0 * band / length, 0.0)
+                self.hardest = max(2.0 * change / (length + self.length), self.hardest * kept)
+            self.fastest = max(moved / length, self.fastest * kept)
+            self.moves, self.chord, self.length = moved > 0.0, chord, length
+            self.begun, self.since = reading, 0.0
+        if not self.moves or self.fastest == 0.0:
+            return bandwidth
+        jerk = self.hardest * self.hardest / self.fastest
+        spread = band * band / 3.0 * dt
+        best = (6.0 / 2.0625 * (jerk * jerk) / spread) ** (1.0 / 7.0) / (2.0 * pi)
+        return max(bandwidth, min(best, 0.077 / dt))
+
+
+@dataclass
+class Doubt:
+    after_ns: int
+    until_ns: float = inf
+
+
+@dataclass
+class Channel:
+    axis: Motor | Joint
+    bandwidth: float
+    adaptive: bool
+    motion: Motion = field(init=False)
+    track: Track = field(default_factory=Track)
+    last_ns: int = -1
+    last: float = 0.0
+    readings: deque[tuple[int, float, float]] = field(default_factory=deque)
+    recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
+    reading: float | None = None
+    turns: int = 0
+    near: float | None = None
+    before: tuple[int, float | None, int] | None = None
+    usual_ns: int = 0
+    held: list[tuple[int, float]] = field(default_factory=list)
+    resumed: float = 0.0
+    leap: tuple[int, float, float, float] | None = None
+    agreeing: int = 0
+    refused: tuple[int, float] = (-1, 0.0)
+    step: float = 0.0
+    displaced: float = 0.0
+    stepped: bool = False
+    doubt: Doubt | None = None
+    left_behind_ns: int = -1
+    stragglers: int = 0
+
+    def __post_init__(self) -> None:
+        sensor = self.axis.sensor
+        own = abs(sensor.scale) * hypot(sensor.resolution / sqrt(12.0), sensor.noise)
+        self.negligible = max(own, 2e-5)
+        self.motion = Motion(error_of(sensor), self.negligible)
+        joint = isinstance(self.axis, Joint)
+        self.lower, self.upper = (self.axis.lower, self.axis.upper) if joint else (-inf, inf)  # type: ignore[union-attr]
+
+    def in_range(self, angle: float) -> bool:
+        return self.lower - MARGIN <= angle <= self.upper + MARGIN
+
+    def turns_at(self, reading: float) -> int:
+        sensor = self.axis.sensor
+        if sensor.period == inf:
+            return 0
+        if self.reading is not None:
+            return self.turns + round((self.reading - reading) / sensor.period)
+        wanted = self.axis.reference_angle if self.near is None else self.near
+        turns = ((wanted - sensor.offset) / sensor.scale - reading) / sensor.period
+        if not abs(turns) < LARGEST:
+            return 0
+        turn = round(turns)
+        for one in (turn, turn - 1, turn + 1):
+            if self.in_range(sensor.scale * (reading + sensor.period * one) + sensor.offset):
+                return one
+        return turn
+
+    def angle_at(self, reading: float) -> float:
+        sensor = self.axis.sensor
+        if sensor.period != inf:
+            reading = reading + sensor.period * self.turns_at(reading)
+        if sensor.scale != 1.0 or sensor.offset != 0.0:
+            reading = sensor.scale * reading + sensor.offset
+        if sensor.corrected_at:
+            reading += float(np.interp(reading, sensor.corrected_at, sensor.correction))
+        return reading
+
+    def complaint(self, stamp: int, reading: float) -> str:
+        if not -LARGEST <= reading <= LARGEST:
+            return "implausible" if self.upper == inf else "out_of_range"
+        angle, ahead = self.angle_at(reading), stamp - self.last_ns
+        if not self.in_range(angle):
+            return "out_of_range"
+        fast = abs(angle - self.last) > self.axis.max_speed * (ahead * 1e-9)
+        return "implausible" if self.last_ns >= 0 and ahead > 0 and fast else ""
+
+    def timing(self, stamp: int, newest_ns: int) -> str:
+        ahead = stamp - self.last_ns
+        if self.last_ns < 0:
+            if self.left_behind_ns < 0 or abs(stamp - self.left_behind_ns) > GAP_NS:
+                return ""
+            if self.stragglers >= STRAGGLERS or stamp - newest_ns <= GAP_NS:
+                return ""
+            self.stragglers += 1
+            return "late"
+        if ahead == 0:
+            return "repeated"
+        if 0 < ahead <= max(GAP_NS, 3 * self.usual_ns):
+            return ""
+        return "another time" if ahead > 0 or ahead < -GAP_NS or self.held else "late"
+
+    def follows(self, stamp: int) -> bool:
+        before = self.held[-2][0] if len(self.held) > 1 else self.last_ns
+        interval = self.held[-1][0] - before
+        return 0 < stamp - self.held[-1][0] <= max(GAP_NS, 2 * interval)
+
+    def is_regular(self) -> bool:
+        if self.usual_ns or len(self.held) < 2:
+            return False
+        stamps = [self.last_ns, *(stamp for stamp, _ in self.held)]
+        intervals = [after - before for before, after in pairwise(stamps)]
+        return 0 < max(intervals) < 2 * min(intervals)
+
+    def note_implausible(self, stamp: int, reading: float) -> None:
+        if not abs(reading) <= LARGEST:
+            self.agreeing = 0
+            return
+        angle, (at, before) = self.angle_at(reading), self.refused
+        if not (
+            self.agreeing and abs(angle - before) <= self.axis.max_speed * ((stamp - at) * 1e-9)
+        ):
+            self.agreeing, self.step = 0, angle - self.last
+        self.agreeing += 1
+        self.refused = stamp, angle
+
+    def has_stepped(self, stamp: int, angle: float) -> bool:
+        """Whether an accepted angle confirms a step."""
+        by = None
+        if self.last_ns < 0:
+            return False
+        if self.leap is not None:
+            at, before, after, velocity = self.leap
+            there = angle - velocity * ((stamp - at) * 1e-9)
+            glitch = abs(there - before) < abs(there - after)
+            motion = abs(there - after) > 0.5 * abs(after - before)
+            lasts = stamp - at >= 50_000_000
+            if glitch or motion or lasts:
+                self.leap = None
+            if lasts and not (glitch or motion):
+                by = after - before
+        elif self.agreeing:
+            beyond = abs(angle - self.refused[1]) < abs(angle - self.last)
+            least = self.motion.reach((stamp - self.last_ns) * 1e-9)
+            if beyond and (self.agreeing >= CONFIRMATIONS or abs(self.step) > least):
+                by = self.step
+        elif self.motion.leaps(stamp - self.last_ns, angle - self.last):
+            self.leap = stamp, self.last, angle, self.motion.velocity
+        self.agreeing = 0
+        if by is not None:
+            self.displaced, self.stepped = self.displaced + by, True
+        return by is not None
+
+
+class Reference:
+    """As ``Conditioner``, for the same robot."""
+
+    def __init__(self, robot: Robot, mode: str = "wait") -> None:
+        self.robot, self.predicts, self.tracking = robot, mode == "predict", None
+        self.refused = dict.fromkeys(REFUSALS, 0)
+        self.accepted = self.elsewhere = self.clock_jumps = self.gaps = self.steps = 0
+        self.crowded = self.lag_ns = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self.channels = [self._channel(axis) for axis in (*self.robot.motors, *self.robot.joints)]
+        self.doubts: list[Doubt] = []
+        self.resumed_ns = self.passed_over_ns = self.given_out_ns = -1
+        self.ahead_ns = self.ahead_from_ns = -1
+
+    def _channel(self, axis: Motor | Joint) -> Channel:
+        sensor, tracking = axis.sensor, self.tracking
+        chosen = tracking is not None and error_of(sensor) > 0.0
+        bandwidth = tracking if chosen else sensor.tracking_bandwidth
+        return Channel(axis, bandwidth, tracking is None and sensor.tracking == "adaptive")  # type: ignore[arg-type]
+
+    # --- what is kept -----------------------------------------------------------------------------
+
+    def reset(self, keep_turns: bool = False) -> None:
+        before = self.channels
+        self._begin()
+        for channel, old in zip(self.channels, before, strict=True):
+            self._drop_held(old)
+            if keep_turns:
+                channel.turns, channel.reading = old.turns, old.reading
+                channel.motion = old.motion.elsewhen()
+            elif old.last_ns >= 0:
+                channel.before = old.last_ns, old.reading, old.turns
+
+    def memory(self) -> dict[str, np.ndarray]:
+        rows = [
+            (*(getattr(c.motion, name) for name in LASTING), c.displaced) for c in self.channels
+        ]
+        stepped = [float(channel.stepped) for channel in self.channels]
+        return {"axes": np.array(rows), "stepped": np.array(stepped)}
+
+    def recall(self, memory: Mapping[str, np.ndarray]) -> None:
+        for channel, row, stepped in zip(
+            self.channels, memory["axes"].tolist(), memory["stepped"].tolist(), strict=True
+        ):
+            for name, value in zip(LASTING, row, strict=False):
+                setattr(channel.motion, name, value)
+            channel.motion = channel.motion.elsewhen()
+            channel.displaced, channel.stepped = row[-1], stepped != 0.0
+
+    def expect(self, angles: np.ndarray, stamp: int) -> None:
+        self.resumed_ns = stamp
+        for channel, angle in zip(self.channels, angles.tolist(), strict=True):
+            channel.near = angle
+            channel.motion.take(stamp, angle)
+
+    def set_tracking(self, tracking: float | None) -> None:
+        self.tracking = tracking  # type: ignore[assignment]
+        for channel in self.channels:
+            fresh = self._channel(channel.axis)
+            channel.bandwidth, channel.adaptive = fresh.bandwidth, fresh.adaptive
+            channel.track = Track()
+
+    # --- gates ------------------------------------------------------------------------------------
+
+    def feed(
+        self, topic: str, stamp: int, names: Sequence[str], positions: Sequence[float]
+    ) -> list[Sample]:
+        if len(names) != len(positions) or not names or stamp <= 0:
+            whole = "malformed" if len(names) != len(positions) else "unstamped"
+            self.refused["empty" if not (names or positions) else whole] += 1
+            return []
+        motors = len(self.robot.motors)
+        index = {channel.axis.name: k for k, channel in enumerate(self.channels)}
+        news = False
+        for name, position in zip(names, positions, strict=True):
+            k = index.get(name)
+            if k is None:
+                self.refused["unknown_name"] += 1
+            elif topic != "both" and (k < motors) != (topic == "motors"):
+                self.elsewhere += 1
+            elif self._admit(k, stamp, position):
+                news = True
+        return self._samples() if news else []
+
+    def _admit(self, k: int, stamp: int, reading: float) -> bool:
+        channel = self.channels[k]
+        stamp += channel.axis.sensor.clock_offset_ns
+        if not isfinite(reading):
+            cause = "not_finite"
+        elif not 0 < stamp < END_NS:
+            cause = "late" if stamp <= 0 else "future"
+        else:
+            before, channel.before = channel.before, None
+            if before is not None and 0 < stamp - before[0] <= GAP_NS:
+                _, channel.reading, channel.turns = before
+            cause = channel.complaint(stamp, reading)
+            if cause != "out_of_range":
+                timing = channel.timing(stamp, max(one.last_ns for one in self.channels))
+                if timing == "another time":
+                    return self._hold(k, stamp, reading)
+                cause = timing or cause
+        if cause:
+            self._refuse(channel, cause, stamp, reading)
+            return False
+        self._drop_held(channel)
+        self._append(channel, stamp, reading)
+        return True
+
+    def _refuse(self, channel: Channel, cause: str, stamp: int, reading: float) -> None:
+        self.refused[cause] += 1
+        if cause == "implausible":
+            channel.note_implausible(stamp, reading)
+
+    def _drop_held(self, channel: Channel) -> None:
+        for stamp, _ in channel.held:
+            self.refused["future" if stamp > channel.last_ns else "late"] += 1
+        channel.held = []
+
+    def _hold(self, k: int, stamp: int, reading: float) -> bool:
+        channel = self.channels[k]
+        if channel.held and not channel.follows(stamp):
+            self._drop_held(channel)
+        channel.held.append((stamp, reading))
+        regular = channel.is_regular()
+        if len(channel.held) < CONFIRMATIONS and not regular:
+            return False
+        confirmed, channel.held = channel.held, []
+        if regular:
+            return self._append_all(channel, confirmed)
+        if confirmed[0][0] < channel.last_ns:
+            self._jump_back()
+            return self._append_all(self.channels[k], confirmed)
+        self.gaps += 1
+        if self.given_out_ns >= 0:
+            self.given_out_ns = max(self.given_out_ns, confirmed[0][0] - 1)
+        usual = channel.usual_ns
+        used = self._append_all(channel, confirmed[:1])
+        channel.usual_ns = usual
+        if used and self.given_out_ns >= 0:
+            channel.readings[-1] = (*channel.readings[-1][:2], 0.0)
+        return self._append_all(channel, confirmed[1:]) or used
+
+    def _jump_back(self) -> None:
+        self.clock_jumps += 1
+        before = self.channels
+        for old in before:
+            if old.held and old.held[0][0] >= old.last_ns:
+                self._drop_held(old)
+        self._begin()
+        for channel, old in zip(self.channels, before, strict=True):
+            channel.left_behind_ns, channel.motion = old.last_ns, old.motion.elsewhen()
+            channel.displaced, channel.stepped = old.displaced, old.stepped
+            self._append_all(channel, old.held)
+
+    def _append_all(self, channel: Channel, readings: Sequence[tuple[int, float]]) -> bool:
+        before = self.accepted
+        for stamp, reading in readings:
+            if cause := channel.complaint(stamp, reading):
+                self._refuse(channel, cause, stamp, reading)
+            else:
+                self._append(channel, stamp, reading)
+        return self.accepted > before
+
+    def _append(self, channel: Channel, stamp: int, reading: float) -> None:
+        value, turns = channel.angle_at(reading), channel.turns_at(reading)
+        self.steps += channel.has_stepped(stamp, value)
+        if channel.leap is not None or channel.stepped:
+            if channel.doubt is None:
+                channel.doubt = Doubt(channel.last_ns)
+                self.doubts.append(channel.doubt)
+        elif channel.doubt is not None:
+            channel.doubt.until_ns, channel.doubt = stamp, None
+        since, angle, motion = stamp - channel.last_ns, value, channel.motion
+        if channel.bandwidth > 0.0:
+            band = error_of(channel.axis.sensor)
+            numbers = since * 1e-9, value, channel.bandwidth, band, channel.adaptive
+            angle = min(max(channel.track.at(*numbers), channel.lower), channel.upper)
+        motion.take(stamp, value)
+        curvature = 0.0
+        if channel.last_ns >= 0:
+            curvature = motion.curvature(since)
+            channel.usual_ns = max(since, channel.usual_ns // 2)
+        elif 0 <= self.resumed_ns < stamp:
+            channel.resumed = motion.curvature(stamp - self.resumed_ns)
+        channel.last_ns, channel.last = stamp, value
+        channel.reading, channel.turns = reading, turns
+        channel.readings.append((stamp, angle, curvature))
+        if len(channel.readings) > WAITING:
+            channel.readings.popleft()
+            self.crowded += 1
+            if self.given_out_ns >= 0:
+                self.given_out_ns = max(self.given_out_ns, channel.readings[0][0])
+        channel.recent.append((stamp, angle))
+        while stamp - channel.recent[0][0] > 20_000_000 and len(channel.recent) > 2:
+            channel.recent.popleft()
+        self.accepted += 1
+
+    # --- time line --------------------------------------------------------------------------------
+
+    def _samples(self) -> list[Sample]:
+        stamps = [channel.last_ns for channel in self.channels]
+        until, newest = min(stamps), max(stamps)
+        if until < 0 or (until <= self.given_out_ns and not self.predicts):
+            return []
+        samples = self._interpolated(until)
+        if self.predicts and max(self.given_out_ns, self.ahead_ns) < newest <= until + HORIZON_NS:
+            lagging = [channel for channel in self.channels if channel.last_ns < newest]
+            known = all(c.last_ns != c.recent[0][0] and c.motion.knows(c.usual_ns) for c in lagging)
+            if known and self.given_out_ns >= 0:
+                samples.append(self._predicted(newest))
+        self.lag_ns = newest - max(self.given_out_ns, self.ahead_ns)
+        return samples
+
+    def _interpolated(self, until: int) -> list[Sample]:
+        began, samples = self.given_out_ns >= 0, []
+        last = max(self.given_out_ns, self.passed_over_ns)
+        if not began:
+            last = max(last, *(channel.readings[0][0] - 1 for channel in self.channels))
+        while last < until:
+            stamp = min(
+                next(at for at, _, _ in channel.readings if at > last) for channel in self.channels
+            )
+            angles, unseen = [], np.zeros((2, len(self.channels)))
+            for k, channel in enumerate(self.channels):
+                readings = channel.readings
+                while len(readings) > 1 and readings[1][0] <= stamp:
+                    readings.popleft()
+                before, angle, curvature = readings[0]
+                if before != stamp:
+                    after, following, curvature = readings[1]
+                    angle += (following - angle) * ((stamp - before) / (after - before))
+                    if curvature != 0.0:
+                        unseen[0, k] = curvature * (stamp - before) * (after - stamp)
+                angles.append(angle)
+                if began:
+                    unseen[1, k] = self._way(channel, curvature, stamp - last)
+                elif 0 <= self.resumed_ns < stamp:
+                    unseen[1, k] = self._way(channel, channel.resumed, stamp - self.resumed_ns)
+            last = stamp
+            if unseen[0].max() == inf:
+                self.passed_over_ns = stamp
+                continue
+            began = True
+            self.doubts = [doubt for doubt in self.doubts if doubt.until_ns > stamp]
+            doubtful = any(doubt.after_ns < stamp for doubt in self.doubts)
+            samples.append(
+                self._sample(stamp, angles, unseen, doubtful, silent=stamp <= self.ahead_ns)
+            )
+        if samples:
+            self.given_out_ns = self.ahead_from_ns = last
+        return samples
+
+    @staticmethod
+    def _way(channel: Channel, curvature: float, interval_ns: int) -> float:
+        """Standard deviation midway between two samples, (C3)."""
+        way = curvature * interval_ns * interval_ns * 0.25
+        return way if way > channel.negligible else 0.0
+
+    def _predicted(self, stamp: int) -> Sample:
+        angles, unseen = [], np.zeros((2, len(self.channels)))
+        for k, channel in enumerate(self.channels):
+            (begin, first), (_, angle) = channel.recent[0], channel.recent[-1]
+            span, horizon = channel.last_ns - begin, stamp - channel.last_ns
+            velocity = (angle - first) / span * 1e9 if span > 0 else 0.0
+            there = angle + velocity * (horizon * 1e-9)
+            angles.append(min(max(there, channel.lower), channel.upper))
+            if horizon == 0:
+                curvature = channel.readings[-1][2]
+                unseen[1, k] = self._way(channel, curvature, stamp - self.ahead_from_ns)
+            else:
+                deviation = channel.motion.ahead(horizon, span)
+                unseen[0, k] = deviation if deviation > channel.negligible else 0.0
+        self.ahead_ns = self.ahead_from_ns = stamp
+        doubtful = any(doubt.after_ns < stamp < doubt.until_ns for doubt in self.doubts)
+        return self._sample(stamp, angles, unseen, doubtful, predicted=True)
+
+    def _sample(
+        self, stamp: int, angles: list[float], unseen: np.ndarray, doubtful: bool, **how: bool
+    ) -> Sample:
+        values, motors = np.array(angles), len(self.robot.motors)
+        seen = not unseen.any()
+        return Sample(
+            stamp, values[:motors], values[motors:], ALL_SEEN if seen else unseen, doubtful, **how
+        )
