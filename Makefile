@@ -116,7 +116,7 @@ $(KERNELS): $(PACKAGE) $(MESSAGES)
 	@tools/build.sh kernels
 	@touch $@
 
-$(SANITIZED): $(VENV) tools/sanitize.sh setup.py $(CORE)
+$(SANITIZED): $(VENV) tools/sanitize.sh $(CORE)
 	@tools/sanitize.sh build
 	@touch $@
 

@@ -1,4 +1,4 @@
-"""Conditioning of readings in C++, compiled to the module `cdrj_ros._core`.
+"""Decoding of messages and conditioning of readings, in C++: the module `cdrj_ros._core`.
 
 Angles are in rad (in m for a sliding axis), stamps in ns since the clock's epoch.
 """
@@ -19,6 +19,31 @@ LARGEST: Final[float]
 """Bound on the magnitude of any reading [rad]."""
 WAITING: Final[int]
 """Greatest number of readings that a channel keeps for another channel."""
+
+class JointStateDecoder:
+    """Decodes JointState messages of one topic; its properties are those of the last good one."""
+
+    def __init__(self, efforts: bool = False) -> None:
+        """Start without a message.
+
+        Args:
+            efforts: whether messages with efforts for only some of their names are malformed.
+        """
+
+    def decode(self, payload: bytes) -> bool:
+        """Decode a message in plain CDR; False if it is malformed, which changes nothing."""
+
+    @property
+    def stamp_ns(self) -> int: ...
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """[rad], one per name."""
+
+    @property
+    def efforts(self) -> NDArray[np.float64]:
+        """[N m]; empty if the message has none."""
 
 class Topic:
     """What a topic carries."""
@@ -101,6 +126,9 @@ class Conditioner:
 
         ``unseen`` is None where it is empty.
         """
+
+    def feed_message(self, topic: Topic, message: JointStateDecoder) -> list[tuple[Any, ...]]:
+        """``feed`` the last message that was decoded."""
 
     def refuse(self, cause: str) -> None:
         """Count a message that is refused whole, by a cause of ``refused``."""

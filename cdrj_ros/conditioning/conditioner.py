@@ -23,6 +23,14 @@ Mode = Literal["wait", "predict"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 """How a lagging channel is handled: wait for it, or extrapolate it with its velocity meanwhile."""
 
+Kind = Literal["motors", "joints", "both"]
+TOPICS: Final[Mapping[Kind, _core.Topic]] = {
+    "motors": _core.Topic.MOTORS,
+    "joints": _core.Topic.JOINTS,
+    "both": _core.Topic.BOTH,
+}
+"""What a topic carries."""
+
 HORIZON_NS: Final = 20_000_000
 """A channel is predicted at most this far beyond its last reading [ns]."""
 
@@ -119,6 +127,10 @@ class Conditioner(_core.Conditioner):
     ) -> list[Sample]:
         """Take a message of motors and joints; returns the samples that are now complete."""
         return samples_of(self.feed(_core.Topic.BOTH, stamp_ns, names, positions))
+
+    def take(self, kind: Kind, message: _core.JointStateDecoder) -> list[Sample]:
+        """Take the last message of a decoder; returns the samples that are now complete."""
+        return samples_of(self.feed_message(TOPICS[kind], message))
 
 
 def samples_of(found: list[tuple[Any, ...]]) -> list[Sample]:

@@ -5,6 +5,7 @@
 
 namespace cdrj {
 
+void bind_messages(pybind11::module_& core);
 void bind_conditioning(pybind11::module_& core);
 void bind_laws(pybind11::module_& core);
 void bind_robot(pybind11::module_& core);

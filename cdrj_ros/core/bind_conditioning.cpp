@@ -94,6 +94,10 @@ py::list feed(
     return list_of(samples, conditioner.motors());
 }
 
+py::list feed_message(Conditioner& conditioner, Topic topic, const JointStateDecoder& decoder) {
+    return list_of(conditioner.take(topic, decoder.last()), conditioner.motors());
+}
+
 py::dict refused(const Conditioner& conditioner) {
     py::dict counts;
     for (std::size_t cause = 0; cause < CAUSES; ++cause) {
@@ -267,6 +271,7 @@ void bind_conditioner(py::module_& core) {
             py::arg("axes"), py::arg("motors"), py::arg("predict"), py::arg("horizon_ns"))
         .def("feed", &feed, py::arg("topic"), py::arg("stamp_ns"), py::arg("names"),
              py::arg("positions"))
+        .def("feed_message", &feed_message, py::arg("topic"), py::arg("message"))
         .def("refuse", &refuse, py::arg("cause"))
         .def("reset", &Conditioner::reset, py::arg("keep_turns") = false)
         .def("remembered", &memory)

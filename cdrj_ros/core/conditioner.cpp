@@ -55,6 +55,12 @@ std::vector<Sample> Conditioner::take(
     return time_line_.samples(axes_, channels_);
 }
 
+std::vector<Sample> Conditioner::take(Topic topic, const JointState& message) {
+    targets_.clear();
+    for (const std::string& name : message.names) targets_.push_back(find(topic, name));
+    return take(message.stamp_ns, targets_, message.positions);
+}
+
 /// Applies the gate; true if the reading, or a held one before it, joined the channel.
 bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading) {
     const Axis& axis = axes_[k];

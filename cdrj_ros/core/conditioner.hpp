@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "channel.hpp"
+#include "messages.hpp"
 #include "records.hpp"
 #include "time_line.hpp"
 
@@ -47,6 +48,9 @@ public:
     /// Takes a message, one target per position; returns the samples that are now complete.
     std::vector<Sample> take(
         Nanoseconds stamp_ns, std::span<const Target> targets, std::span<const double> positions);
+
+    /// Takes a message of a topic; returns the samples that are now complete.
+    std::vector<Sample> take(Topic topic, const JointState& message);
 
     /// Counts a message that is refused whole, or a reading.
     void refuse(Cause cause) { ++refused_[static_cast<std::size_t>(cause)]; }
@@ -95,6 +99,7 @@ private:
     std::vector<Channel> channels_;
     TimeLine time_line_;
     std::array<std::int64_t, CAUSES> refused_{};
+    std::vector<Target> targets_;  // of the message that is being taken
 };
 
 /// The angles that readings of an axis mean, whether or not they are acceptable.

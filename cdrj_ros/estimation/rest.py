@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.conditioning.limits import half_width
+from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.robot.description import Robot
 
 REST_NS: Final = 300_000_000

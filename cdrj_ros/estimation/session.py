@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.conditioner import Conditioner
+from cdrj_ros._core import JointStateDecoder
+from cdrj_ros.conditioning.conditioner import TOPICS, Conditioner, Kind, samples_of
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.ensemble import Spread
@@ -227,7 +228,7 @@ class LiveEstimator:
 
     def feed(
         self,
-        kind: str,
+        kind: Kind,
         stamp_ns: int,
         names: Sequence[str],
         positions: Sequence[float] | Vector,
@@ -243,14 +244,18 @@ class LiveEstimator:
         Returns:
             Whether the clock jumped back, and the estimates that the message completes.
         """
-        conditioner = self.conditioner
-        if kind == "motors":
-            samples = conditioner.feed_motors(stamp_ns, names, positions)
-        elif kind == "joints":
-            samples = conditioner.feed_joints(stamp_ns, names, positions)
-        else:
-            samples = conditioner.feed_both(stamp_ns, names, positions)
-        jumped = conditioner.clock_jumps != self._jumps
+        topic = TOPICS[kind]
+        return self._outputs_of(
+            samples_of(self.conditioner.feed(topic, stamp_ns, names, positions))
+        )
+
+    def feed_message(self, kind: Kind, message: JointStateDecoder) -> tuple[bool, list[Output]]:
+        """``feed`` the last message of a decoder."""
+        return self._outputs_of(self.conditioner.take(kind, message))
+
+    def _outputs_of(self, samples: list[Sample]) -> tuple[bool, list[Output]]:
+        """Whether the clock jumped back before these samples, and the estimates for them."""
+        jumped = self.conditioner.clock_jumps != self._jumps
         if jumped:
             self._restart(known=True)
         outputs = []

@@ -2,8 +2,8 @@
 
 A message of numbers and names has a *layout*: the offsets of its numbers, which are determined by
 the bytes that hold lengths and names.  Two payloads with equal such bytes have their numbers at the
-same offsets.  A layout is therefore parsed with all checks once (`read_layout`) and reused for
-every matching payload: for single messages by `JointStateDecoder`, in bulk by `cdrj_ros.bag`.
+same offsets.  A layout is therefore parsed with all checks once (`read_layout`), and `cdrj_ros.bag`
+reuses it for every matching payload.
 `Template` does the reverse: it encodes a message once and then patches its numbers.
 
 Numbers are aligned to their own size, counted from the end of the four encapsulation bytes.

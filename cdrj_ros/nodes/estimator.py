@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 
 from cdrj_ros.commands.compilation import COMPILING, compile_for_estimates
 from cdrj_ros.commands.parts import OF_ESTIMATES
+from cdrj_ros.conditioning.conditioner import Kind
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.output import Output
 from cdrj_ros.estimation.session import LiveEstimator
@@ -199,6 +200,7 @@ class EstimatorNode(Node):
     def _subscribe(self) -> None:
         layout = self.live.model.layout
         joints = tuple(joint.name for joint in self.live.model.robot.as_read.joints)
+        kinds: dict[str, tuple[Kind, tuple[str, ...]]]
         if not joints:
             kinds = {MOTOR_STATES: ("motors", layout.motors)}
         elif self.resolve_topic_name(MOTOR_STATES) == self.resolve_topic_name(JOINT_STATES):
@@ -277,7 +279,7 @@ class EstimatorNode(Node):
 
     # --- messages ---------------------------------------------------------------------------------
 
-    def _listener(self, kind: str, heard: TopicHeard | None = None) -> Callable[[bytes], None]:
+    def _listener(self, kind: Kind, heard: TopicHeard | None = None) -> Callable[[bytes], None]:
         """The callback of one topic: decodes, conditions, steps and publishes."""
         listener = Listener(
             kind,

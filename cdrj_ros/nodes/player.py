@@ -13,6 +13,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.task import Future
 
 from cdrj_ros.bag import RawMessage
+from cdrj_ros.conditioning.conditioner import Kind
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.replay_node import NoEstimatorError, ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest
@@ -295,16 +296,17 @@ class Player:
 
     def _routes(self, run: Run) -> Routes:
         """Build the routes of a run, see ``Routes``."""
-        node, topics, gate = self.node, self.node.wiring.topics, run.conditioner
+        node, topics = self.node, self.node.wiring.topics
         routes: Routes = {
             topic: [(publisher.publish, None)] for topic, publisher in node.extras.items()
         }
         shared = len(node.inputs) == 1
-        for topic, publisher, feed in (
-            (topics.motors, node.motors, gate.feed_motors),
-            (topics.joints, node.joints, gate.feed_joints),
+        kinds: tuple[Kind, Kind] = ("both", "both") if shared else ("motors", "joints")
+        for topic, publisher, kind in (
+            (topics.motors, node.motors, kinds[0]),
+            (topics.joints, node.joints, kinds[1]),
         ):
-            route = (publisher.publish, run.asker(gate.feed_both if shared else feed))
+            route = (publisher.publish, run.asker(kind))
             if not (shared and topics.motors == topics.joints and topic in routes):
                 routes.setdefault(topic, []).append(route)  # each message once per topic
         for topic in self.node.wiring.clock_topics & routes.keys():

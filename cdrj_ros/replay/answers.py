@@ -13,14 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.conditioning.conditioner import Conditioner, Mode
-from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros._core import JointStateDecoder
+from cdrj_ros.conditioning.conditioner import Conditioner, Kind, Mode
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages.cdr import (
     MessageError,
     read_layout,
 )
-from cdrj_ros.messages.decoders import JointStateDecoder
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.replay.heard import Floats, Heard, Tally
 from cdrj_ros.replay.line import FOLD, FORCES, KINDS, Line, names_of
@@ -67,24 +66,17 @@ class Run:
 
     # -- inputs --------------------------------------------------------------------------------
 
-    def asker(
-        self, feed: Callable[[int, Sequence[str], Floats], list[Sample]]
-    ) -> Callable[[bytes], None]:
-        """Function to call with every payload sent on one topic.
-
-        ``feed`` is a method of ``conditioner``.
-        """
-        decode = JointStateDecoder()
+    def asker(self, kind: Kind) -> Callable[[bytes], None]:
+        """Function to call with every payload sent on one topic, which carries ``kind``."""
+        message = JointStateDecoder()
 
         def ask(payload: bytes) -> None:
             self.sent += 1
             self._unanswerable += 1
-            try:
-                stamp, names, position = decode(payload)
-            except MessageError:
+            if not message.decode(payload):
                 self.conditioner.refuse("malformed")
                 return
-            for sample in feed(stamp, names, position):
+            for sample in self.conditioner.take(kind, message):
                 if sample.silent:
                     continue
                 self._unanswerable = 0

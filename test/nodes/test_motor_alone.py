@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from support.motor_alone import motion, truth_of, without_encoder
 
+from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.motor_alone import MotorAlone
 from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.decoders import JointStateDecoder
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 
@@ -71,10 +71,11 @@ def test_angles_are_published_while_efforts_are_heard_and_diagnostics_say_when_n
         ("joint_angles_stddev", expected.stddev),
     ):
         for k in (0, 1, COUNT - 1):
-            stamp, names, position = JointStateDecoder(False)(heard[topic][k])
-            assert stamp == samples.stamp_ns[k]
-            assert list(names) == ["elbow"]
-            assert position[0] == values[k, 0]
+            message = JointStateDecoder()
+            assert message.decode(heard[topic][k])
+            assert message.stamp_ns == samples.stamp_ns[k]
+            assert message.names == ("elbow",)
+            assert message.positions[0] == values[k, 0]
     later = int(samples.stamp_ns[-1]) + 10**9
     for k in range(3):
         motors.publish(UNTOLD.encode(later + k * 10**6, position=samples.motor_angle[-1]))

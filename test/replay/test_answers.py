@@ -37,10 +37,10 @@ class Bench:
     def __init__(self, model: Model, conditioning: Mode = "wait") -> None:
         self.model = model
         self.run = Run(model, conditioning)
-        gate, layout = self.run.conditioner, model.layout
+        layout = model.layout
         self._motor = Template(JOINT_STATE, layout.motors, ("position",))
         self._joint = Template(JOINT_STATE, layout.joints, ("position",))
-        self._ask = self.run.asker(gate.feed_motors), self.run.asker(gate.feed_joints)
+        self._ask = self.run.asker("motors"), self.run.asker("joints")
         self._encoder = EstimateEncoder(layout)
         self._hear = [self.run.listener(k) for k in range(3)]
         at = Sample(FIRST_NS, np.zeros(len(layout.motors)), np.zeros(len(layout.joints)))
