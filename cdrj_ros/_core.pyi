@@ -9,6 +9,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
+ALL_SEEN: Final[NDArray[np.float64]]
+"""What samples without deviations have as ``unseen``; shape (0, 0)."""
 MAX_GAP_NS: Final[int]
 """A stamp further than this from the last one needs confirmation by later readings [ns]."""
 CONFIRMATIONS: Final[int]
@@ -122,10 +124,7 @@ class Conditioner:
         names: Sequence[str],
         positions: Sequence[float] | NDArray[np.float64],
     ) -> list[tuple[Any, ...]]:
-        """Take a message; returns the fields of every ``Sample`` that is now complete.
-
-        ``unseen`` is None where it is empty.
-        """
+        """Take a message; returns the fields of every ``Sample`` that is now complete."""
 
     def feed_message(self, topic: Topic, message: JointStateDecoder) -> list[tuple[Any, ...]]:
         """``feed`` the last message that was decoded."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.conditioning.limits import axes_of
-from cdrj_ros.conditioning.samples import ALL_SEEN, Sample
+from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Robot
 
@@ -135,7 +135,4 @@ class Conditioner(_core.Conditioner):
 
 def samples_of(found: list[tuple[Any, ...]]) -> list[Sample]:
     """The samples whose fields the core returns."""
-    return [
-        Sample(stamp_ns, motor, joint, ALL_SEEN if unseen is None else unseen, *flags)
-        for stamp_ns, motor, joint, unseen, *flags in found
-    ]
+    return [Sample._make(fields) for fields in found]

@@ -8,9 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
+
 Vector = NDArray[np.float64]
 
-ALL_SEEN: Vector = np.empty((0, 0))
+ALL_SEEN: Vector = _core.ALL_SEEN
 """``Sample.unseen`` where every axis was read often enough: all deviations are zero."""
 
 ALL_SEEN_OVER_TIME: Vector = np.empty((0, 0, 0))

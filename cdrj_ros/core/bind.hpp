@@ -1,9 +1,15 @@
 // The parts of the Python module `cdrj_ros._core`; each is bound in a file of its own.
 #pragma once
 
+#include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 
+#include <span>
+
 namespace cdrj {
+
+/// A new array with these numbers.
+pybind11::array_t<double> copy_of(std::span<const double> numbers);
 
 void bind_messages(pybind11::module_& core);
 void bind_conditioning(pybind11::module_& core);

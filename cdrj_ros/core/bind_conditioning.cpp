@@ -1,5 +1,4 @@
 // Conditioning of readings, as `cdrj_ros.conditioning` uses it.
-#include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
 #include <memory>
@@ -63,14 +62,20 @@ std::vector<double> numbers_of(const py::sequence& positions) {
     return numbers;
 }
 
+/// `unseen` of every sample without deviations: always the same object, to be recognised by.
+const py::object& all_seen() {
+    static const auto* const empty = new py::object(py::array_t<double>(std::vector<py::ssize_t>{0, 0}));
+    return *empty;
+}
+
 py::tuple tuple_of(const Sample& sample, std::size_t motors) {
-    const std::size_t axes = sample.angle.size();
-    py::object unseen = py::none();
-    if (!sample.unseen.empty()) unseen = Numbers({std::size_t{2}, axes}, sample.unseen.data());
+    const auto angles = std::span(sample.angle);
+    py::object unseen = all_seen();
+    if (!sample.unseen.empty()) unseen = copy_of(sample.unseen).reshape({2, -1});
     return py::make_tuple(
         sample.stamp_ns,
-        Numbers(motors, sample.angle.data()),
-        Numbers(axes - motors, sample.angle.data() + motors),
+        copy_of(angles.first(motors)),
+        copy_of(angles.subspan(motors)),
         unseen,
         sample.doubtful,
         sample.predicted,
@@ -320,6 +325,7 @@ void bind_conditioner(py::module_& core) {
 }  // namespace
 
 void bind_conditioning(py::module_& core) {
+    core.attr("ALL_SEEN") = all_seen();
     core.attr("MAX_GAP_NS") = MAX_GAP_NS;
     core.attr("CONFIRMATIONS") = CONFIRMATIONS;
     core.attr("RANGE_MARGIN") = RANGE_MARGIN;

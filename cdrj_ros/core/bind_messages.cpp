@@ -1,6 +1,4 @@
 // Decoding of messages, as nodes and `cdrj_ros.replay` use it.
-#include <pybind11/numpy.h>
-
 #include "bind.hpp"
 #include "messages.hpp"
 
@@ -14,10 +12,6 @@ py::tuple names_of(const JointStateDecoder& decoder) {
     py::tuple found(names.size());
     for (std::size_t i = 0; i < names.size(); ++i) found[i] = py::str(names[i]);
     return found;
-}
-
-py::array_t<double> array_of(const std::vector<double>& numbers) {
-    return py::array_t<double>(static_cast<py::ssize_t>(numbers.size()), numbers.data());
 }
 
 }  // namespace
@@ -35,9 +29,9 @@ void bind_messages(py::module_& core) {
             "stamp_ns", [](const JointStateDecoder& d) { return d.last().stamp_ns; })
         .def_property_readonly("names", &names_of)
         .def_property_readonly(
-            "positions", [](const JointStateDecoder& d) { return array_of(d.last().positions); })
+            "positions", [](const JointStateDecoder& d) { return copy_of(d.last().positions); })
         .def_property_readonly(
-            "efforts", [](const JointStateDecoder& d) { return array_of(d.last().efforts); });
+            "efforts", [](const JointStateDecoder& d) { return copy_of(d.last().efforts); });
 }
 
 }  // namespace cdrj
