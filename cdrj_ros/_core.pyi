@@ -518,3 +518,101 @@ def shares_of_bound(
         hidden: slip that the sensors cannot resolve [m].
         pulleys: ``cable_records.PULLEY`` as numbers, shape (pulleys, fields).
     """
+
+def scan(
+    robot: Robot,
+    base: NDArray[np.float64],
+    direction: NDArray[np.float64],
+    drives: NDArray[np.float64],
+    joint_angle: NDArray[np.float64],
+    joint: int,
+    efforts: NDArray[np.float64],
+) -> None:
+    """Effort on a joint for many drives of the motors, without a state before.
+
+    Args:
+        robot: the robot.
+        base, direction: the motors have the angles base + direction * drive [rad], (motors,).
+        drives: [rad], shape (n,).
+        joint_angle: of all joints [rad] or [m], shape (joints,).
+        joint: index of the joint.
+        efforts: [N m], shape (n,), written.
+    """
+
+def balance(
+    robot: Robot,
+    state: NDArray[np.float64],
+    drive: float,
+    rising: float,
+    phase: int,
+    excused: bool,
+    joints: NDArray[np.float64],
+    torque: NDArray[np.float64],
+    dt: NDArray[np.float64],
+    motor_speed: float,
+    joint: int,
+    base: NDArray[np.float64],
+    direction: NDArray[np.float64],
+    offset: NDArray[np.float64],
+    happening: NDArray[np.bool_],
+    drives: NDArray[np.float64],
+    phases: NDArray[np.int64],
+    lacking: NDArray[np.float64],
+    estimates: NDArray[np.float64],
+) -> tuple[int, float, int, bool, float]:
+    """Drive the motors so that the cables balance one joint, n samples.
+
+    Args:
+        robot: the robot.
+        state: shape (state_size,), replaced.
+        drive: angle by which the motors are driven at first [rad].
+        rising: sign of the joint's effort over the drive.
+        phase: sample of the prescribed motion at first.
+        excused: whether the motors compensate a fault.
+        joints, torque, base: prescribed motion: angles of all joints, torque that the joint needs
+            [N m], angles of all motors [rad], one row a phase.
+        dt: time since the sample before [s], shape (n,).
+        motor_speed: largest speed of the drive; the joint waits for the motor [rad/s].
+        joint: index of the balanced joint.
+        direction: of the motors per unit of the drive, shape (motors,).
+        offset: of the motors by faults [rad], shape (n, motors).
+        happening: whether a fault happens, shape (n,).
+        drives, phases, lacking: drive [rad], phase and imbalance [N m] of every sample, written.
+        estimates: shape (n, estimate_size), written.
+
+    Returns:
+        Number of samples done, drive, phase, whether the motors compensate a fault, and the speed
+        required in the sample that could not be balanced [rad/s].
+    """
+
+def swing(
+    robot: Robot,
+    state: NDArray[np.float64],
+    course: NDArray[np.float64],
+    load: Sequence[float] | NDArray[np.float64],
+    joint: int,
+    effort_sign: float,
+    lower: float,
+    upper: float,
+    motors: NDArray[np.float64],
+    joints: NDArray[np.float64],
+    dt: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    estimates: NDArray[np.float64],
+) -> int:
+    """Integrate a free joint (trapezoidal rule); the number of steps within its range.
+
+    Args:
+        robot: the robot.
+        state: shape (state_size,), replaced.
+        course: angle, speed, acceleration and torque of the cables, updated.
+        load: inertia, times cos q, weight, times cos q, times cos 2q, damping; SI.
+        joint: index of the free joint.
+        effort_sign: +1 or -1, that of its efforts.
+        lower, upper: its range [rad] or [m].
+        motors: angles [rad], shape (n, motors).
+        joints: angles of all joints, shape (n, joints); the column of the free one is written.
+        dt: time since the step before [s], shape (n,).
+        residual: imbalance of torque [N m], shape (n,), written.
+        estimates: shape (n, estimate_size), written.
+    """

@@ -16,5 +16,6 @@ PYBIND11_MODULE(_core, core) {
     cdrj::bind_conditioning(core);
     cdrj::bind_laws(core);
     cdrj::bind_robot(core);
+    cdrj::bind_simulation(core);
     cdrj::bind_sliding(core);
 }

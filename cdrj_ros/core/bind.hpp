@@ -15,6 +15,7 @@ void bind_messages(pybind11::module_& core);
 void bind_conditioning(pybind11::module_& core);
 void bind_laws(pybind11::module_& core);
 void bind_robot(pybind11::module_& core);
+void bind_simulation(pybind11::module_& core);
 void bind_sliding(pybind11::module_& core);
 
 }  // namespace cdrj

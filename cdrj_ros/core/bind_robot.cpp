@@ -6,6 +6,7 @@
 
 #include "arrays.hpp"
 #include "bind.hpp"
+#include "bind_robot.hpp"
 #include "robot.hpp"
 
 namespace py = pybind11;
@@ -15,27 +16,6 @@ namespace {
 
 /// Samples between two checks for an interruption.
 constexpr py::ssize_t PIECE = 4096;
-
-/// A robot whose arrays stay alive with it.
-struct HeldRobot {
-    HeldRobot(Indices plan, Vector numbers)
-        : plan(std::move(plan)),
-          numbers(std::move(numbers)),
-          robot(this->plan.data(), this->numbers.data()) {
-        require(this->plan.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "plan is too short");
-    }
-
-    /// Angles of all motors and of all joints in one sample.
-    void require_angles(py::ssize_t motors, py::ssize_t joints) const {
-        require(
-            motors == robot.topology.sizes.motors && joints == robot.topology.sizes.joints,
-            "the angles are not those of this robot");
-    }
-
-    Indices plan;
-    Vector numbers;
-    Robot robot;
-};
 
 bool step(
     const HeldRobot& held, const Vector& before, const Given& motor_angle,

@@ -12,14 +12,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.model.mechanism import advance_all
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.rig.assembly import Rig, make_rig
 from cdrj_ros.rig.faults import Fault, wire
-from cdrj_ros.rig.forward import UNSOLVED, swing_steps
+from cdrj_ros.rig.forward import UNSOLVED
 from cdrj_ros.rig.live_faults import Breakable, FaultName, possible_faults
 from cdrj_ros.rig.load import WEIGHT, Load
 from cdrj_ros.rig.start import resting_start
@@ -35,7 +35,7 @@ LONGEST_PUSH: Final = 3600.0
 """Longest duration of a push [s]."""
 
 COURSE_ANGLE, COURSE_SPEED, COURSE_ACCELERATION, COURSE_TORQUE, COURSE_SIZE = range(5)
-"""Indices into the ``course`` array of ``swing_steps``."""
+"""Indices into the ``course`` array of ``_core.swing``."""
 
 
 @dataclass(frozen=True)
@@ -263,10 +263,9 @@ class LiveRig:
         if self.pushes:
             coefficients = coefficients.copy()
             coefficients[WEIGHT] -= self.push_torque
-        done = swing_steps(
-            fine.plan, fine.numbers, self._state, self._course, coefficients, settings.joint,
-            self._sign, self._effort_place, self.lower, self.upper, drums, self._joints, dt,
-            self._residual, self._estimates,
+        done = _core.swing(
+            fine.core, self._state, self._course, coefficients, settings.joint, self._sign,
+            self.lower, self.upper, drums, self._joints, dt, self._residual, self._estimates,
         )  # fmt: skip
         return bool(done == 1)
 
@@ -274,9 +273,7 @@ class LiveRig:
         """Hold the free joint at an angle for one step and set its speed to zero."""
         fine = self._rig.fine
         self._joints[0, self.settings.joint] = angle
-        advance_all(
-            fine.plan, fine.numbers, self._state, drums, self._joints, dt, self._estimates
-        )  # fmt: skip
+        fine.core.run(self._state, drums, self._joints, dt, self._estimates)
         torque = self._sign * float(self._estimates[0, self._effort_place])
         self._course[:] = (angle, 0.0, 0.0, torque)
 

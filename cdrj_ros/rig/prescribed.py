@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.compiled import ordinary
-from cdrj_ros.model.mechanism import advance_all
-from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.prepared import plain, prepare
 from cdrj_ros.rig.assembly import (
     BATCH,
     Kept,
@@ -102,10 +100,7 @@ def prescribe(
     for begin in range(0, n, BATCH):
         end = min(begin + BATCH, n)
         estimates = batch[: end - begin]
-        advance_all(
-            rig.fine.plan, rig.fine.numbers, state, drums[begin:end], joints[begin:end],
-            dt[begin:end], estimates,
-        )  # fmt: skip
+        rig.fine.core.run(state, drums[begin:end], joints[begin:end], dt[begin:end], estimates)
         require_taut(rig, time[begin:], joints[begin:end], estimates, allow_slack)
         kept.keep(begin, estimates)
         if progress is not None:
@@ -118,4 +113,4 @@ def columns(values: NDArray[np.float64], n: int, columns: int, name: str) -> Tab
     shaped = values[:, None] if values.ndim == 1 and columns == 1 else values
     if shaped.shape != (n, columns):
         raise UsageError(f"{name} must have the shape {(n, columns)}, got {values.shape}")
-    return ordinary(np.asarray(shaped, dtype=np.float64))
+    return plain(shaped)

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.mechanism import advance
 from cdrj_ros.rig.assembly import MotionError, Rig, make_rig
 from cdrj_ros.rig.load import LoadKind, make_load, weight
 from cdrj_ros.robot.description import Robot
@@ -48,7 +47,7 @@ def cable_torque(rig: Rig, drums: Vector, joints: Vector, joint: int) -> Callabl
     def torque(angle: float) -> float:
         pose = joints.copy()
         pose[joint] = angle
-        advance(rig.fine.plan, rig.fine.numbers, empty, drums, pose, 0.0, out)
+        rig.fine.core.step(empty, drums, pose, 0.0, out)
         return float(out[place] * sign)
 
     return torque

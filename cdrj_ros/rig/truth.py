@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.rig.assembly import (
     BATCH,
@@ -27,7 +28,6 @@ from cdrj_ros.rig.assembly import (
     read_out,
     require_taut,
 )
-from cdrj_ros.rig.balance import balance, scan
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.follow import follow_joints, pull_together
 from cdrj_ros.rig.prescribed import Progress, columns
@@ -103,16 +103,14 @@ def simulate(
     offset = rig.wiring.offset(time)
     happening = rig.wiring.during(time)
     base, direction, centre = _drive(rig, joints, joint)
-    place = fine.layout.joint_effort.start + joint
-    angle, rising = _start(rig, base[0] + offset[0], direction, centre, joints[0], torque[0], place)
+    angle, rising = _start(rig, base[0] + offset[0], direction, centre, joints[0], torque[0], joint)
     phase, excused = 0, False
     for begin in range(0, n, BATCH):
         end = min(begin + BATCH, n)
-        done, angle, phase, excused, asked = balance(
-            fine.plan, fine.numbers, state, angle, rising, phase, excused, joints, torque,
-            dt[begin:end], motor_speed, place, base, direction, offset[begin:end],
-            happening[begin:end], drive[begin:end], phases[begin:end], lacking[begin:end],
-            batch[: end - begin],
+        done, angle, phase, excused, asked = _core.balance(
+            fine.core, state, angle, rising, phase, excused, joints, torque, dt[begin:end],
+            motor_speed, joint, base, direction, offset[begin:end], happening[begin:end],
+            drive[begin:end], phases[begin:end], lacking[begin:end], batch[: end - begin],
         )  # fmt: skip
         estimates = batch[:done]
         require_taut(
@@ -185,15 +183,14 @@ def _start(
     centre: float,
     joint_angle: Vector,
     torque: float,
-    place: int,
+    joint: int,
 ) -> tuple[float, float]:
     """Drive that balances the joint without friction, and the sign of d(effort)/d(drive)."""
     searched = centre + np.linspace(-SEARCHED, SEARCHED, SEARCH_POINTS)
-    fine = rig.fine
     for reach in NEAR_FIRST:
         angles = searched[SEARCH_POINTS // 2 - reach : SEARCH_POINTS // 2 + reach + 1]
         efforts = np.empty(angles.size)
-        scan(fine.plan, fine.numbers, base, direction, angles, joint_angle, place, efforts)
+        _core.scan(rig.fine.core, base, direction, angles, joint_angle, joint, efforts)
         efforts -= torque
         crossings = np.flatnonzero(efforts[:-1] * efforts[1:] <= 0.0)
         if crossings.size:
