@@ -37,7 +37,7 @@ CORE := $(wildcard cdrj_ros/core/*)
 .PHONY: demo live test sanitize check style bench docs soak figures setup lock clean
 
 # The kernels that the demonstration does without are compiled while it plays.
-demo: $(MESSAGES)
+demo: $(PACKAGE)
 	@$(IN_ENV) python tools/demo.py
 
 live: setup
@@ -103,16 +103,15 @@ $(DOCS): $(VENV) requirements/docs.txt
 	@tools/setup_venv.sh docs
 	@touch $@
 
-# Compiles the core, without which no kernel can be compiled.
-$(PACKAGE): $(VENV) tools/build.sh package.xml setup.py setup.cfg $(CORE) $(INSTALLED)
-	@tools/build.sh cdrj_ros
-	@touch $@
-
-$(MESSAGES): $(VENV) tools/build.sh $(shell find msg_defs -print) | $(PACKAGE)
+$(MESSAGES): $(VENV) tools/build.sh $(shell find msg_defs -print)
 	@tools/build.sh cdrj_msgs
 	@touch $@
 
-$(KERNELS): $(PACKAGE) $(MESSAGES)
+$(PACKAGE): $(MESSAGES) package.xml setup.py setup.cfg $(CORE) $(INSTALLED)
+	@tools/build.sh cdrj_ros
+	@touch $@
+
+$(KERNELS): $(PACKAGE)
 	@tools/build.sh kernels
 	@touch $@
 

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import sysconfig
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from xml.etree import ElementTree
@@ -72,6 +73,17 @@ def core() -> Extension:
 
 class BuildExt(build_ext):
     """Compiles the files of the core side by side."""
+
+    def run(self):
+        """Run the command, unless it would put a module beside sources that have not changed."""
+        made = Path(PACKAGE) / f"_core{sysconfig.get_config_var('EXT_SUFFIX')}"
+        (ext,) = self.extensions
+        sources = [Path(name) for name in (*ext.sources, *ext.depends, __file__)]
+        if self.inplace and made.exists():
+            when = made.stat().st_mtime
+            if all(source.stat().st_mtime < when for source in sources):
+                return
+        super().run()
 
     def build_extension(self, ext):
         """Build an extension: compile its files, then link them."""

@@ -3,8 +3,9 @@
 #
 #   tools/build.sh cdrj_msgs | cdrj_ros | kernels
 #
-# The numerical kernels need neither ROS nor the messages. Those of every start are compiled beside the
-# sources while the messages are built, the others afterwards, or while `make demo` plays.
+# The numerical kernels need the core, but neither ROS nor the messages. The core is compiled first, beside the
+# sources, where the build of cdrj_ros finds it. The kernels of every start are compiled while the messages are
+# built, the others afterwards, or while `make demo` plays.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/say.sh
@@ -46,7 +47,8 @@ if [ "$1" != cdrj_msgs ]; then
     exit
 fi
 
-mkdir -p build
+build_core() { python setup.py build_ext --inplace --build-temp build/core; }
+stage build/core.log "Compiling the core" build_core
 compile_kernels --start >build/kernels.out 2>&1 &
 kernels=$!
 # The processes that it has started end with it.
