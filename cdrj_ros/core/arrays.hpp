@@ -24,6 +24,18 @@ std::span<const double> span_of(const Array& array) {
     return {array.data(), static_cast<std::size_t>(array.size())};
 }
 
+/// Row `k` of a table, which may have no columns: pybind11 refuses to index such a row.
+template <typename Array>
+std::span<const double> row_of(const Array& table, pybind11::ssize_t k) {
+    const pybind11::ssize_t width = table.shape(1);
+    return {table.data() + k * width, static_cast<std::size_t>(width)};
+}
+
+/// Where row `k` of a table begins; the table may have no columns.
+inline double* begin_of_row(Matrix& table, pybind11::ssize_t k) {
+    return table.mutable_data() + k * table.shape(1);
+}
+
 /// Refuse arguments that do not fit.
 inline void require(bool fits, const char* otherwise) {
     if (!fits) throw pybind11::value_error(otherwise);

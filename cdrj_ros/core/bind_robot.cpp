@@ -46,16 +46,14 @@ void run(
         "motor_angle, joint_angle, dt and estimates differ in their numbers of samples");
     std::vector<double> out(robot.out_size());
     double* now = state.mutable_data();
-    const std::size_t motors = motor_angle.shape(1), joints = joint_angle.shape(1);
     for (py::ssize_t begin = 0; begin < samples; begin += PIECE) {
         if (PyErr_CheckSignals() != 0) throw py::error_already_set();
         py::gil_scoped_release free;
         for (py::ssize_t k = begin; k < std::min(begin + PIECE, samples); ++k) {
             const bool solved = robot.advance(
-                now, {motor_angle.data(k, 0), motors}, {joint_angle.data(k, 0), joints},
-                dt.data()[k], out.data());
+                now, row_of(motor_angle, k), row_of(joint_angle, k), dt.data()[k], out.data());
             std::copy_n(out.data(), size, now);
-            std::copy_n(out.data() + size, wanted, estimates.mutable_data(k, 0));
+            std::copy_n(out.data() + size, wanted, begin_of_row(estimates, k));
             if (slipping && solved) robot.forget_drums(now);
         }
     }
@@ -92,18 +90,17 @@ py::ssize_t course(
     std::vector<double> scratch(Workspace::size(sizes), 0.0);
     State before(sizes, one.data()), after(sizes, other.data());
     Workspace work(sizes, scratch.data());
-    const std::size_t joints = joint_angle.shape(1);
     py::gil_scoped_release free;
     for (py::ssize_t k = 0; k < poses; ++k) {
-        if (!robot.shape({}, {joint_angle.data(k, 0), joints}, work)) return k;
+        if (!robot.shape({}, row_of(joint_angle, k), work)) return k;
         robot.follow_arcs(before, after, work);
         std::ranges::copy(work.middles, before.middles.begin());
         std::ranges::copy(after.track, before.track.begin());
-        std::ranges::copy(after.track, track.mutable_data(k, 0));
-        std::ranges::copy(work.element_length, length.mutable_data(k, 0));
-        std::ranges::copy(work.wrap, wrap.mutable_data(k, 0));
-        std::ranges::copy(work.arc, arc.mutable_data(k, 0));
-        std::copy_n(work.lever_arm.data, sizes.elements * sizes.joints, lever_arm.mutable_data(k, 0));
+        std::ranges::copy(after.track, begin_of_row(track, k));
+        std::ranges::copy(work.element_length, begin_of_row(length, k));
+        std::ranges::copy(work.wrap, begin_of_row(wrap, k));
+        std::ranges::copy(work.arc, begin_of_row(arc, k));
+        std::copy_n(work.lever_arm.data, sizes.elements * sizes.joints, begin_of_row(lever_arm, k));
     }
     return poses;
 }
