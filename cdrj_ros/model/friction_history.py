@@ -26,8 +26,8 @@ def impose_friction(
 ) -> None:
     """Impose a friction history on a robot that has just been started; keep the elongations.
 
-    It branches more than other kernels because the ratios of the tensions, their common factor and
-    the material all follow from one walk along each cable.
+    Longer than a screen because the ratios of the tensions, their common factor and the material
+    all follow from one walk along each cable.
 
     Args:
         plan, numbers: the prepared robot.
