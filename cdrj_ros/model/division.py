@@ -61,11 +61,14 @@ def _cells(cable: Cable, pulley: Pulley, wrap: float) -> int:
 
 
 def _stated(robot: Robot) -> dict[str, Any]:
-    """The robot's document with the cells of every pulley."""
+    """The robot's document with the cells of every pulley; it may have cables that it has not."""
     document: dict[str, Any] = dict(robot.document)
+    cables = {cable.name: cable for cable in robot.cables}
     document["cables"] = [
-        {**entry, "nodes": _nodes_with_cells(cable, entry["nodes"])}
-        for cable, entry in zip(robot.cables, document["cables"], strict=True)
+        {**entry, "nodes": _nodes_with_cells(cables[entry["name"]], entry["nodes"])}
+        if entry["name"] in cables
+        else entry
+        for entry in document["cables"]
     ]
     return document
 
