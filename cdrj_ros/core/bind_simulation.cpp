@@ -14,12 +14,9 @@ namespace {
 
 using Flags = py::array_t<bool, py::array::c_style>;
 
-std::span<double> row_of(Matrix& table, py::ssize_t row) {
-    return {table.mutable_data(row, 0), std::size_t(table.shape(1))};
-}
-
-std::span<const double> row_of(const Given& table, py::ssize_t row) {
-    return {table.data(row, 0), std::size_t(table.shape(1))};
+/// Row `k` of a table, to be written.
+std::span<double> written_row(Matrix& table, py::ssize_t k) {
+    return {begin_of_row(table, k), std::size_t(table.shape(1))};
 }
 
 void require_rows(const py::array& table, py::ssize_t rows, Index columns, const char* name) {
@@ -88,7 +85,7 @@ py::tuple balance(
         drives.mutable_data()[k] = balanced.drive;
         phases.mutable_data()[k] = balanced.phase;
         lacking.mutable_data()[k] = outcome.imbalance;
-        trials.keep(row_of(estimates, k));
+        trials.keep(written_row(estimates, k));
     }
     return py::make_tuple(samples, balanced.drive, balanced.phase, balanced.excused, 0.0);
 }
@@ -112,13 +109,13 @@ py::ssize_t swing(
     std::vector<double> pose(sizes.joints);
     py::gil_scoped_release free;
     for (py::ssize_t k = 0; k < steps; ++k) {
-        std::copy_n(joints.data(k, 0), pose.size(), pose.begin());
+        std::copy_n(begin_of_row(joints, k), pose.size(), pose.begin());
         const double excess =
             moving.step(trials, present, row_of(motors, k), pose, dt.data()[k]);
         if (!moving.is_in_range(pose[joint])) return k;
         *joints.mutable_data(k, joint) = pose[joint];
         residual.mutable_data()[k] = excess;
-        trials.keep(row_of(estimates, k));
+        trials.keep(written_row(estimates, k));
     }
     return steps;
 }
