@@ -88,6 +88,7 @@ class BuildExt(build_ext):
     def build_extension(self, ext):
         """Build an extension: compile its files, then link them."""
         files, ext.sources = ext.sources, []
+        ext.depends += files  # what is linked anew if a file has changed
 
         def compiled(file: str) -> list[str]:
             return self.compiler.compile(

@@ -422,6 +422,9 @@ def crept(
 def tolerance(elastic: tuple[float, float, float]) -> float:
     """Largest force imbalance of a solved contact [N]."""
 
+def acceptable(elastic: tuple[float, float, float]) -> float:
+    """Largest force imbalance of a usable sample; with a larger one it counts as unsolved [N]."""
+
 def element_tension(elastic: tuple[float, float, float], length: float, material: float) -> float:
     """(E1), (E21): tension of a segment from its length and its material [m] [N]."""
 

@@ -21,6 +21,10 @@ Law law_of(Index code) {
     return static_cast<Law>(code);
 }
 
+using Numbers3 = std::array<double, 3>;
+
+Elasticity law_of(const Numbers3& elastic) { return {elastic[0], elastic[1], elastic[2]}; }
+
 Stribeck form_of(Index code) {
     require(0 <= code && code <= Index(Stribeck::capstan), "stribeck is not the code of a form");
     return static_cast<Stribeck>(code);
@@ -31,7 +35,7 @@ py::tuple pair(const Loss& loss) { return py::make_tuple(loss.kinetic, loss.fadi
 /// A cable whose arrays stay alive with it.
 struct HeldCable {
     HeldCable(
-        const std::array<double, 3>& elastic, Index law, Matrix segments, Matrix contacts,
+        const Numbers3& elastic, Index law, Matrix segments, Matrix contacts,
         double first_flux, double last_flux, double dt)
         : segments(std::move(segments)), contacts(std::move(contacts)) {
         require(
@@ -40,7 +44,7 @@ struct HeldCable {
                 this->segments.shape(0) == this->contacts.shape(0) + 1,
             "segments and contacts have not the shapes of their records");
         cable = {
-            {elastic[0], elastic[1], elastic[2]},
+            law_of(elastic),
             law_of(law),
             first_flux,
             last_flux,
@@ -133,7 +137,7 @@ void bind_cable(py::module_& core) {
     py::class_<HeldCable>(core, "Cable")
         .def(
             py::init<
-                const std::array<double, 3>&, Index, Matrix, Matrix, double, double, double>(),
+                const Numbers3&, Index, Matrix, Matrix, double, double, double>(),
             "elastic"_a, "law"_a, "segments"_a.noconvert(), "contacts"_a.noconvert(),
             "first_flux"_a, "last_flux"_a, "dt"_a)
         .def(
@@ -144,12 +148,18 @@ void bind_cable(py::module_& core) {
             const Effort effort = held.cable.solve();
             return py::make_tuple(effort.iterations, effort.imbalance);
         });
-    core.def("tolerance", [](const std::array<double, 3>& elastic) {
-        return tolerance({elastic[0], elastic[1], elastic[2]});
-    }, "elastic"_a);
-    core.def("element_tension", [](const std::array<double, 3>& elastic, double length, double material) {
-        return tension_of({elastic[0], elastic[1], elastic[2]}, length, material);
-    }, "elastic"_a, "length"_a, "material"_a);
+    core.def(
+        "tolerance", [](const Numbers3& elastic) { return tolerance(law_of(elastic)); },
+        "elastic"_a);
+    core.def(
+        "acceptable", [](const Numbers3& elastic) { return acceptable(law_of(elastic)); },
+        "elastic"_a);
+    core.def(
+        "element_tension",
+        [](const Numbers3& elastic, double length, double material) {
+            return tension_of(law_of(elastic), length, material);
+        },
+        "elastic"_a, "length"_a, "material"_a);
 }
 
 }  // namespace

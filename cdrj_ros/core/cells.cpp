@@ -38,6 +38,9 @@ void divide_arcs(const Topology& topology, Workspace& work) {
             work.segments[topology.span_segment(c, k)].length =
                 work.element_length[cable.first_element + k];
         }
+        // cable on an end keeps the strain at which it was laid on
+        work.segments[topology.segments_of(c).first].length -= work.laid[2 * c];
+        work.segments[topology.segments_of(c).beyond - 1].length -= work.laid[2 * c + 1];
         for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
             const Index first = topology.pulleys[p].first_contact;
             const Index cells = topology.pulleys[p].cells;

@@ -14,7 +14,8 @@ double middle_to_outer(double arc, Index cells);
 
 /// Lengths of the segments from those of the elements: the arc of every pulley in equal cells.
 ///
-/// An element ends in the middle of an arc, its outer segment in the middle of the first cell.
+/// An element ends in the middle of an arc, its outer segment in the middle of the first cell, and
+/// has no part in what lies on an end.
 void divide_arcs(const Topology& topology, Workspace& work);
 
 /// Move the place of the middle of an arc along its path on the body (E26).

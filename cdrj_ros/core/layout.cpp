@@ -120,6 +120,7 @@ Workspace::Workspace(const Sizes& sizes, double* scratch) {
     direction = {parts.take<double>(sizes.elements * 3).data(), 3};
     wrap = parts.take<double>(sizes.pulleys);
     arc = parts.take<double>(sizes.pulleys);
+    laid = parts.take<double>(2 * sizes.cables);
     middle = parts.take<double>(sizes.pulleys);
     segments = parts.take<Segment>(sizes.segments());
     contacts = parts.take<Contact>(sizes.contacts);
@@ -136,7 +137,7 @@ Workspace::Workspace(const Sizes& sizes, double* scratch) {
 std::size_t Workspace::size(const Sizes& sizes) {
     const Index history = sizes.surfaces > 0 ? static_cast<Index>(State::size(sizes)) : 0;
     return static_cast<std::size_t>(
-        history + (4 + sizes.joints) * sizes.elements + 3 * sizes.pulleys +
+        history + (4 + sizes.joints) * sizes.elements + 3 * sizes.pulleys + 2 * sizes.cables +
         sizes.segments() * Index{sizeof(Segment) / 8} + sizes.contacts * Index{sizeof(Contact) / 8} +
         sizes.frames * Index{sizeof(Pose) / 8} +
         sizes.frames * sizes.joints * Index{sizeof(Twist) / 8} +

@@ -25,7 +25,7 @@ struct Sizes {
     Index terms;           // tabulated functions of a joint angle that are added to a span or a wrap
     Index spatial_frames;  // 0 for a robot described in the plane
     Index spatial_nodes;   // as `nodes`, or 0 for a robot described in the plane
-    Index drums;           // ends of cables that motors wind
+    Index drums;           // ends of cables that take up cable: drums and sectors
     Index surfaces;        // pulleys whose contact cells are fixed to their surface; 0 but for the
                            // simulated rig
 
@@ -119,7 +119,7 @@ struct State {
                                     // surface [m]
     std::span<double> angle;        // of motors, then joints [rad] or [m]
     std::span<double> bearing_friction;  // torques of motors, then joints [N m] or [N]
-    std::span<Drum> drums;          // of every end that a motor winds
+    std::span<Drum> drums;          // of every end that takes up cable
     std::span<ArcMiddle> middles;   // of every node of a robot described in space
 
     /// 1 + strain of a segment; 1 where it is slack.
@@ -160,6 +160,8 @@ struct Workspace {
     Table direction;                   // unit vectors of routed elements in the base
     std::span<double> wrap;            // of every pulley [rad]
     std::span<double> arc;             // length of cable on every pulley [m]
+    std::span<double> laid;            // cable that a turn of its frame or of its tangent has laid onto
+                                       // every end since the reference pose [m], two a cable
     std::span<double> middle;          // place of the middle of every arc along its body, up to a
                                        // constant and whole turns [m]; unused in space
     std::span<Segment> segments;

@@ -120,6 +120,7 @@ bool route_in_plane(
             const double turned = wrap_to_pi(angle - nodes[0].arc_reference);
             arcs = r1 * (nodes[0].arc_angle * nodes[0].turn + turned);
             arcs -= r1 * work.pose[f1].angle;
+            work.laid[2 * cable] = arcs;
         } else {
             const double turn = nodes[e].turn, radius = nodes[e].radius;
             const double expected = nodes[e].arc_angle;
@@ -136,8 +137,10 @@ bool route_in_plane(
         }
         if (e == last - 1) {
             const double arrival = wrap_to_pi(angle - nodes[last].arc_reference);
-            arcs += r2 * (nodes[last].arc_angle * nodes[last].turn - arrival);
-            arcs += r2 * work.pose[f2].angle;
+            double laid = r2 * (nodes[last].arc_angle * nodes[last].turn - arrival);
+            laid += r2 * work.pose[f2].angle;
+            work.laid[2 * cable + 1] = laid;
+            arcs += laid;
         }
         length[e] = span + arcs;  // (E6)
         for (Index j = 0; j < joints; ++j) {

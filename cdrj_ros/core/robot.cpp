@@ -48,9 +48,9 @@ void read_tables(
 }
 
 /// Add the arcs on the pulleys of one cable given by tables to the lengths.
-void add_arcs(
-    const Topology& topology, const Constants& constants, const CableTopology& cable,
-    Workspace& work) {
+void add_arcs(const Topology& topology, const Constants& constants, Index c, Workspace& work) {
+    work.laid[2 * c] = work.laid[2 * c + 1] = 0.0;
+    const CableTopology& cable = topology.cables[c];
     for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
         const double arc = constants.pulleys[p].radius * work.wrap[p];
         const Index element = topology.pulleys[p].element;
@@ -59,6 +59,15 @@ void add_arcs(
         work.arc[p] = arc;
         work.middle[p] = constants.pulleys[p].moved_after * arc;
     }
+}
+
+/// Angle through which an end has wound cable in: by its motor, its frame and its tangent (E3).
+double wound_angle(const Step& step, Index end, std::span<const double> motor_angle) {
+    const Index motor = step.topology.ends[end].motor;
+    const EndConstants& own = step.constants.ends[end];
+    double turned = 0.0;
+    if (motor >= 0) turned = motor_angle[motor] - step.constants.motors[motor].reference_angle;
+    return own.winding * turned + step.work.laid[end] / own.radius;
 }
 
 /// Start a cable without friction history: its material determines one tension throughout.
@@ -78,11 +87,10 @@ bool start_cable(const Step& step, Index c, std::span<const double> motor_angle)
         span += after.length[e];
     }
     for (Index end = 2 * c; end < 2 * c + 2; ++end) {
-        const auto [motor, drum] = topology.ends[end];
-        if (motor < 0) continue;
+        const Index drum = topology.ends[end].drum;
+        if (drum < 0) continue;
         const double rate = constants.ends[end].radius / stretch;
-        const double angle = constants.ends[end].winding *
-                             (motor_angle[motor] - constants.motors[motor].reference_angle);
+        const double angle = wound_angle(step, end, motor_angle);
         start_drum(after.drums[drum], angle, rate * angle, rate);
         total -= rate * angle;
     }
@@ -109,15 +117,14 @@ Fluxes turn_drums(const Step& step, Index c, std::span<const double> motor_angle
     const auto [first, beyond] = topology.segments_of(c);
     Fluxes fluxes{0.0, 0.0};
     for (const Index end : {Index{0}, Index{1}}) {
-        const auto [motor, number] = topology.ends[2 * c + end];
-        if (motor < 0) continue;
-        const EndConstants& drum = constants.ends[2 * c + end];
+        const Index number = topology.ends[2 * c + end].drum;
+        if (number < 0) continue;
         const double stretch = before.stretch(end == 0 ? first : beyond - 1);
         Drum& memory = after.drums[number];
         const double held = material_held(memory);
-        const double angle =
-            drum.winding * (motor_angle[motor] - constants.motors[motor].reference_angle);
-        const double wound = turn_drum(memory, angle, drum.radius / stretch);
+        const double angle = wound_angle(step, 2 * c + end, motor_angle);
+        const double wound =
+            turn_drum(memory, angle, constants.ends[2 * c + end].radius / stretch);
         (end == 0 ? fluxes.first : fluxes.last) = end == 0 ? held - wound : wound - held;
     }
     return fluxes;
@@ -215,8 +222,13 @@ bool Robot::shape(
     place_spatial_frames(topology, constants, joint_angle, work);
     for (Index c = 0; c < topology.sizes.cables; ++c) {
         const CableTopology& cable = topology.cables[c];
+        if (cable.routed != Route::space && !work.middles.empty()) {
+            std::ranges::fill(
+                work.middles.subspan(cable.first_node, cable.elements + 1),
+                ArcMiddle{ZERO, ZERO, 0.0});
+        }
         switch (cable.routed) {
-            case Route::tables: add_arcs(topology, constants, cable, work); break;
+            case Route::tables: add_arcs(topology, constants, c, work); break;
             case Route::plane:
                 possible = route_in_plane(topology, constants, c, work) && possible;
                 break;

@@ -343,10 +343,13 @@ bool route_in_space(
     bool possible = find_path(path, size);
     possible = measure_cable(path, own, work) && possible;
     double* length = work.element_length.data() + own.first_element;
-    for (const Index k : {Index{0}, last}) {
+    for (const Index end : {Index{0}, Index{1}}) {
+        const Index k = end * last;
+        double& laid = work.laid[2 * cable + end];
+        laid = 0.0;
         if (!path.winds(k)) continue;
-        const double wound = wound_angle(path.nodes[k], path.touches[k], k == 0);
-        length[std::min(k, last - 1)] += path.nodes[k].reel * wound;  // (G8)
+        laid = path.nodes[k].reel * wound_angle(path.nodes[k], path.touches[k], k == 0);  // (G8)
+        length[std::min(k, last - 1)] += laid;
     }
     for (Index k = 1; k < last; ++k) {
         const Touch& touch = path.touches[k];

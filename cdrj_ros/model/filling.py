@@ -87,7 +87,7 @@ def _sizes(robot: Robot) -> Sizes:
         spatial_frames=len(robot.spatial_frames),
         spatial_nodes=nodes if robot.spatial_frames else 0,
         terms=sum(1 for cable in cables for profile in _profiles(cable) if profile.joint),
-        drums=sum(isinstance(node, Winch) for cable in cables for node in _ends(cable)),
+        drums=sum(_takes_up(node) for cable in cables for node in _ends(cable)),
         surfaces=sum(pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys),
     )
 
@@ -95,6 +95,11 @@ def _sizes(robot: Robot) -> Sizes:
 def _ends(cable: Cable) -> tuple[Node, Node]:
     """The first and the last node of a cable."""
     return cable.nodes[0], cable.nodes[-1]
+
+
+def _takes_up(end: Node) -> bool:
+    """Whether an end takes up cable: a drum, or a sector on a frame that turns."""
+    return isinstance(end, Winch) or end.radius > 0.0
 
 
 def _profiles(cable: Cable) -> Iterator[Profile]:
@@ -209,11 +214,19 @@ class _Rows:
         )
         for end, node in enumerate(_ends(cable)):
             winch = node if isinstance(node, Winch) else None
-            motor, drum = (self._motors[winch.motor], self._drums) if winch else (-1, -1)
-            self._drums += winch is not None
-            _fill(self._plan.ends, 2 * c + end, motor=motor, drum=drum)
-            radius, winding = (winch.reel, winch.winding) if winch else (0.0, 0.0)
-            _fill(self._numbers.ends, 2 * c + end, radius=radius, winding=winding)
+            _fill(
+                self._plan.ends,
+                2 * c + end,
+                motor=self._motors[winch.motor] if winch else -1,
+                drum=self._drums if _takes_up(node) else -1,
+            )
+            self._drums += _takes_up(node)
+            _fill(
+                self._numbers.ends,
+                2 * c + end,
+                radius=winch.reel if winch else node.radius,
+                winding=winch.winding if winch else 0.0,
+            )
         stribeck = _stribeck(cable)
         for k, node in enumerate(cable.pulleys):
             self._pulley(cable, node, stribeck, pulley + k, element + k)

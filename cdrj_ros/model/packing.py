@@ -64,7 +64,7 @@ class Sizes(NamedTuple):
     spatial_nodes: int
     """As ``nodes``, or 0 for a robot described in the plane."""
     drums: int
-    """Ends of cables that motors wind."""
+    """Ends of cables that take up cable: drums and sectors."""
     surfaces: int = 0
     """Pulleys whose contact cells are fixed to their surface; 0 but for the simulated rig."""
 
@@ -92,7 +92,7 @@ class EndPlan:
     motor: int
     """Motor of its winch; -1 for an anchor."""
     drum: int
-    """Its memory among those of the state; -1 for an anchor."""
+    """Its memory among those of the state; -1 for a point."""
 
 
 class PulleyPlan:
@@ -147,12 +147,12 @@ class CableNumbers:
 
 
 class EndNumbers:
-    """Constants of one end of a cable; 0 for an anchor."""
+    """Constants of one end of a cable; 0 for a point."""
 
     radius: float
-    """Of the drum, from its axis to the cable's centre line [m]."""
+    """Cable per radian on a drum or a sector [m/rad]."""
     winding: float
-    """+1 where a positive motor angle winds the cable in, -1 where it pays it out."""
+    """+1 where a positive motor angle winds the cable in, -1 where it pays it out; 0 for sectors."""
 
 
 class ElementNumbers:

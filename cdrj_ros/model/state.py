@@ -69,7 +69,7 @@ class StateViews(NamedTuple):
     bearing_friction: Vector
     """Friction torques of motors, then joints [N m], of prismatic joints [N], shape (axes,)."""
     drums: Rows[Drum]
-    """Of every end that a motor winds, shape (drums,); see ``EndPlan.drum``."""
+    """Of every end that takes up cable, shape (drums,); see ``EndPlan.drum``."""
     middles: Rows[ArcMiddle]
     """Of every node of a robot described in space, shape (spatial_nodes,)."""
 
@@ -116,6 +116,9 @@ class ScratchViews(NamedTuple):
     """Of every pulley [rad], shape (pulleys,)."""
     arc: Vector
     """Length of cable on every pulley [m], shape (pulleys,)."""
+    laid: Vector
+    """Cable that a turn of its frame or of its tangent has laid onto every end since the reference
+    pose [m], shape (2 cables,)."""
     middle: Vector
     """Place of the middle of every arc along its body [m], up to a constant and whole turns, shape
     (pulleys,); unused where the cable runs in space."""
@@ -240,14 +243,15 @@ def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
 @usable_in_kernels
 def _scratch_ends(
     sizes: Sizes,
-) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
+) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
     """Where each part of the scratch ends, in the order of ``ScratchViews``."""
     element_length = sizes.elements
     lever_arm = element_length + sizes.elements * sizes.joints
     direction = lever_arm + 3 * sizes.elements
     wrap = direction + sizes.pulleys
     arc = wrap + sizes.pulleys
-    middle = arc + sizes.pulleys
+    laid = arc + 2 * sizes.cables
+    middle = laid + sizes.pulleys
     segments = middle + (sizes.contacts + sizes.cables) * _SEGMENT
     contacts = segments + sizes.contacts * _CONTACT
     pose = contacts + sizes.frames * _POSE
@@ -258,7 +262,7 @@ def _scratch_ends(
     middles = touches + sizes.spatial_nodes * _ARC_MIDDLE
     history = middles + (state_size(sizes) if sizes.surfaces > 0 else 0)
     return (
-        element_length, lever_arm, direction, wrap, arc, middle, segments, contacts, pose, twist,
+        element_length, lever_arm, direction, wrap, arc, laid, middle, segments, contacts, pose, twist,
         spatial_pose, spatial_twist, touches, middles, history,
     )  # fmt: skip
 
@@ -266,14 +270,14 @@ def _scratch_ends(
 @usable_in_kernels
 def scratch_size(sizes: Sizes) -> int:
     """Floats of the scratch."""
-    return _scratch_ends(sizes)[14]
+    return _scratch_ends(sizes)[15]
 
 
 @usable_in_kernels
 def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
     """Named views of the parts of the scratch, shape (scratch_size,)."""
     (
-        element_length, lever_arm, direction, wrap, arc, middle, segments, contacts, pose, twist,
+        element_length, lever_arm, direction, wrap, arc, laid, middle, segments, contacts, pose, twist,
         spatial_pose, spatial_twist, touches, middles, history,
     ) = _scratch_ends(sizes)  # fmt: skip
     return ScratchViews(
@@ -282,7 +286,8 @@ def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
         table(scratch, lever_arm, sizes.elements, 3),
         part(scratch, direction, wrap),
         part(scratch, wrap, arc),
-        part(scratch, arc, middle),
+        part(scratch, arc, laid),
+        part(scratch, laid, middle),
         rows(scratch, middle, segments, SEGMENT),
         rows(scratch, segments, contacts, CONTACT),
         rows(scratch, contacts, pose, POSE),

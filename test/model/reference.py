@@ -537,7 +537,10 @@ def _prepared(
     cable = robot.cables[c]
     elements, pulleys = parts(robot, c)
     own, touching = rows(robot, c)
+    laid = pose.laid[2 * c : 2 * c + 2]
     length = segments(cable, pose.length[elements], pose.arc[pulleys])
+    length[0] -= laid[0]  # what lies on an end keeps the strain at which it was laid on
+    length[-1] -= laid[1]
     stretch = 1 + strain_of(cable, cable.preload)
     wrap, shift = pose.wrap[pulleys], np.zeros(length.size - 1)
     if history is not None:
@@ -552,20 +555,23 @@ def _prepared(
     drums: list[Drum | None] = []
     given = [0.0, 0.0]
     for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
-        if not isinstance(node, Winch):
+        reel = node.reel if isinstance(node, Winch) else node.radius
+        if reel == 0.0:
             drums.append(None)
             continue
-        m = [motor.name for motor in robot.motors].index(node.motor)
-        angle = node.winding * (motor[m] - robot.motors[m].reference_angle)
+        angle = laid[end] / reel
+        if isinstance(node, Winch):
+            m = [motor.name for motor in robot.motors].index(node.motor)
+            angle = node.winding * (motor[m] - robot.motors[m].reference_angle) + angle
         if history is None:
-            rate = node.radius / stretch
+            rate = reel / stretch
             drums.append(Drum(np.array([angle]), np.array([rate * angle]), rate))
             given[end] = -rate * angle
         else:
             e, old = (own.start, own.stop - 1)[end], history.drums[2 * c + end]
             assert old is not None
             strained = max(history.length[e] / history.material[e], 1.0)
-            new = turn(old, angle, node.radius / strained)
+            new = turn(old, angle, reel / strained)
             drums.append(new)
             given[end] = old.material[-1] - new.material[-1]
     if history is None:

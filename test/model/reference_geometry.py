@@ -39,6 +39,9 @@ class Geometry:
     whole turns."""
     drum: Vector
     """Moment of a cable about the axis of either end, per newton [m], shape (2 cables,)."""
+    laid: Vector
+    """Cable that has come onto either end since the reference pose, its motor at rest [m], shape
+    (2 cables,)."""
 
 
 def plane(robot: Robot, q: Vector) -> Geometry:
@@ -49,7 +52,7 @@ def plane(robot: Robot, q: Vector) -> Geometry:
         else _tables(robot, cable, q.astype(complex))
         for cable in robot.cables
     ]
-    length, wrap, direction, middle = (
+    length, wrap, direction, middle, laid = (
         np.concatenate(part).real for part in zip(*parts, strict=True)
     )
     radius = np.array([pulley.radius for cable in robot.cables for pulley in cable.pulleys])
@@ -60,8 +63,9 @@ def plane(robot: Robot, q: Vector) -> Geometry:
         moved[j] += 1j * STEP
         arms[:, j] = np.concatenate([_frozen(robot, cable, q, moved) for cable in robot.cables])
     return Geometry(
-        length, arms, wrap, direction, radius * wrap, middle, np.array([end.radius for end in ends])
-    )
+        length, arms, wrap, direction, radius * wrap, middle,
+        np.array([end.radius for end in ends]), laid,
+    )  # fmt: skip
 
 
 def moved_middle(robot: Robot, before: Geometry, now: Geometry) -> Vector:
@@ -125,7 +129,8 @@ def _tables(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, ...]:
         way = {"before": -0.5, "both": 0.0, "after": 0.5}[pulley.moving_end]
         middle.append(way * pulley.radius * beta)
     direction = np.zeros((span.size, 3), complex)
-    return _with_arcs(cable, span, wrap), wrap, direction, np.array(middle, complex)
+    middles = np.array(middle, complex)
+    return _with_arcs(cable, span, wrap), wrap, direction, middles, np.zeros(2, complex)
 
 
 def _tables_alone(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex]:
@@ -176,13 +181,16 @@ def _positions(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, ...]:
     wrap = middle + _principal(turn[1:-1] * np.diff(angle) - middle)  # (E5)
     length = _with_arcs(cable, span, wrap)
     # an end with a radius: the whole arc, less the turn of its frame
-    length[0] += reach[0] * (_principal(angle[0] - angle_0[0]) - turned[0] + turned_0[0])
-    length[-1] -= reach[-1] * (_principal(angle[-1] - angle_0[-1]) - turned[-1] + turned_0[-1])
+    first = _principal(angle[0] - angle_0[0]) - turned[0] + turned_0[0]
+    last = _principal(angle[-1] - angle_0[-1]) - turned[-1] + turned_0[-1]
+    laid = np.array([reach[0] * first, -reach[-1] * last])
+    length[0] += laid[0]
+    length[-1] += laid[1]
     direction = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     # polar angle of the middle as the body sees it; the cable passes it in the sense of its turn
     enters = angle[:-1] - 0.5 * np.pi * turn[1:-1]
     polar = enters + 0.5 * turn[1:-1] * wrap - turned[1:-1]
-    return length, wrap, direction, reach[1:-1] * polar
+    return length, wrap, direction, reach[1:-1] * polar, laid
 
 
 def _tangents(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex, Complex]:

@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.core_laws import cable
 
 from bench.scaling import chain
+from cdrj_ros._core import acceptable, element_tension, tolerance
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, run, step
-from cdrj_ros.model import newton
-from cdrj_ros.model.balance import acceptable, balance, element_tension, tolerance
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT
-from cdrj_ros.model.drum import material_held
 from cdrj_ros.model.elasticity import Elasticity, elasticity_of
 from cdrj_ros.model.friction import ELASTOPLASTIC, LUGRE, NONE
 from cdrj_ros.model.prepared import Model, prepare
@@ -227,9 +226,9 @@ def test_material_is_conserved(variant: Variant, drive: Drive) -> None:
     samples = drive(time, np.zeros(time.size), 0.05 * np.sin(5.0 * time))
     start = run(model, initial_state(model), _part(samples, 0, 1))[0]
     end = run(model, start, _part(samples, 1, None))[0]
-    for cable in (slice(17, 25), slice(25, 33)):  # after the flag and 16 lengths
-        assert end.values[cable].sum() == pytest.approx(start.values[cable].sum(), rel=1e-13)
-        assert np.abs(end.values[cable] - start.values[cable]).max() > 1e-9
+    for part in (slice(17, 25), slice(25, 33)):  # after the flag and 16 lengths
+        assert end.values[part].sum() == pytest.approx(start.values[part].sum(), rel=1e-13)
+        assert np.abs(end.values[part] - start.values[part]).max() > 1e-9
 
 
 @pytest.mark.parametrize("cells", [1, 2, 3])
@@ -247,8 +246,8 @@ def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(
         loose += bool((estimate.tension <= 0.0).any())
         parts = state_views(model.sizes, state.values)
         material = parts.material.reshape(2, -1).sum(axis=1)
-        for cable in range(2):
-            total[k, cable] = material[cable] + material_held(parts.drums[cable])
+        for c, drum in enumerate(parts.drums):
+            total[k, c] = material[c] + drum.material[int(drum.points) - 1]
     assert loose > 1000
     np.testing.assert_allclose(total, np.broadcast_to(total[0], total.shape), rtol=0, atol=1e-12)
 
@@ -352,20 +351,17 @@ def _random_problem(seed: int, count: int, elastic: Elasticity = LINEAR) -> dict
 def _residual(problem: dict[str, Any], law: int, flux: np.ndarray) -> np.ndarray:
     work = problem["work"].copy()
     work["trial"] = flux
-    balance(problem["elastic"], problem["segments"].copy(), work, 1.0, 1e-6, -2e-6, law, 1e-3)
+    cable(problem["elastic"], problem["segments"].copy(), work, 1e-6, -2e-6, law, 1e-3).balance()
     return np.array(work["residual"])
 
 
 def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
     work, segments = problem["work"].copy(), problem["segments"].copy()
-    balance(problem["elastic"], segments, work, 1.0, 1e-6, -2e-6, law, 1e-3)
-    stiffness = [newton._segment_stiffness(problem["elastic"], segment) for segment in segments]
+    one = cable(problem["elastic"], segments, work, 1e-6, -2e-6, law, 1e-3)
+    one.balance()
     matrix = np.zeros((len(work), len(work) + 2))
-    for i, contact in enumerate(work):
-        pulled_after = segments[i + 1]["tension"] >= segments[i]["tension"]
-        matrix[i, i : i + 3] = newton._matrix_row(
-            contact, stiffness[i], stiffness[i + 1], pulled_after, 0.0
-        )
+    for i in range(len(work)):
+        matrix[i, i : i + 3] = one.matrix_row(i)
     return matrix[:, 1:-1]
 
 

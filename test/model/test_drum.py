@@ -5,14 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.model.drum import (
-    CAPACITY,
-    DRUM,
-    FIRST_SPACING,
-    material_held,
-    start_drum,
-    turn_drum,
-)
+from cdrj_ros._core import Drum
+from cdrj_ros.model.drum import CAPACITY, FIRST_SPACING
 
 RADIUS, STIFFNESS = 0.015, 6283.0
 
@@ -22,17 +16,15 @@ def rate(tension: float) -> float:
     return RADIUS / (1.0 + tension / STIFFNESS)
 
 
-def fresh(angle: float = 0.0, tension: float = 20.0) -> np.record:
-    memory = np.zeros(1, DRUM)[0]
-    start_drum(memory, angle, rate(tension) * angle, rate(tension))
-    return memory
+def fresh(angle: float = 0.0, tension: float = 20.0) -> Drum:
+    return Drum(angle, rate(tension) * angle, rate(tension))
 
 
-def turn(memory: np.record, begin: float, end: float, tension: float, steps: int = 200) -> float:
+def turn(memory: Drum, begin: float, end: float, tension: float, steps: int = 200) -> float:
     """Turn evenly from begin to end; returns the material held there."""
     for angle in np.linspace(begin, end, steps + 1)[1:]:
-        turn_drum(memory, angle, rate(tension))
-    return float(material_held(memory))
+        memory.turn(angle, rate(tension))
+    return memory.held
 
 
 def test_a_layer_takes_up_material_at_the_strain_of_the_moment() -> None:
@@ -59,12 +51,12 @@ def test_material_held_is_what_turning_has_returned() -> None:
     generator = np.random.default_rng(3)
     memory = fresh()
     for angle in np.cumsum(generator.normal(size=500)):
-        assert turn_drum(memory, angle, rate(generator.uniform(0, 90))) == material_held(memory)
+        assert memory.turn(angle, rate(generator.uniform(0, 90))) == memory.held
 
 
 def test_a_cycle_wound_tight_and_unwound_loose_returns_the_same_material_exactly() -> None:
     memory = fresh(angle=1.25)
-    begin = float(material_held(memory))
+    begin = memory.held
     rate_form = begin
     for _ in range(100):
         turn(memory, 1.25, 6.5, 60.0)
@@ -78,7 +70,7 @@ def test_a_drum_at_rest_keeps_its_material_to_the_bit() -> None:
     memory = fresh()
     held = turn(memory, 0.0, 2.345, 33.0)
     for tension in (0.0, 20.0, 90.0):
-        assert turn_drum(memory, 2.345, rate(tension)) == held
+        assert memory.turn(2.345, rate(tension)) == held
 
 
 def test_dithering_by_a_count_moves_no_material() -> None:
@@ -87,11 +79,11 @@ def test_dithering_by_a_count_moves_no_material() -> None:
     held = turn(memory, 0.0, 2.0, 50.0)
     rate_form = held
     for _ in range(20_000):
-        turn_drum(memory, 2.0 + count, rate(60.0))
-        turn_drum(memory, 2.0, rate(20.0))
+        memory.turn(2.0 + count, rate(60.0))
+        memory.turn(2.0, rate(20.0))
         rate_form += count * (rate(60.0) - rate(20.0))
     # bounded by one spacing laid at the other strain, for any number of repetitions
-    assert abs(float(material_held(memory)) - held) <= FIRST_SPACING * (rate(20.0) - rate(60.0))
+    assert abs(memory.held - held) <= FIRST_SPACING * (rate(20.0) - rate(60.0))
     assert abs(rate_form - held) > 5 * FIRST_SPACING * (rate(20.0) - rate(60.0))
 
 
@@ -110,7 +102,7 @@ def test_cycles_between_any_turning_points_do_not_drift() -> None:
 
 def test_below_the_start_lies_cable_of_the_first_strain() -> None:
     memory = fresh(angle=0.5, tension=20.0)
-    begin = float(material_held(memory))
+    begin = memory.held
     turn(memory, 0.5, 2.0, 80.0)
     assert begin - turn(memory, 2.0, -3.0, 70.0) == pytest.approx(3.5 * rate(20.0), rel=1e-12)
     assert turn(memory, -3.0, -1.0, 70.0) == pytest.approx(
@@ -121,10 +113,10 @@ def test_below_the_start_lies_cable_of_the_first_strain() -> None:
 def test_more_material_lies_on_the_drum_the_further_it_is_wound() -> None:
     generator = np.random.default_rng(5)
     memory = fresh()
-    angle, held = 0.0, float(material_held(memory))
+    angle, held = 0.0, memory.held
     for _ in range(5000):
         to = angle + generator.normal() * 10.0 ** generator.uniform(-4, 0.5)
-        now = float(turn_drum(memory, to, rate(generator.uniform(0, 100))))
+        now = memory.turn(to, rate(generator.uniform(0, 100)))
         assert (now - held) * (to - angle) >= 0.0
         slope = (now - held) / (to - angle)
         assert rate(100.0) * (1.0 - 1e-6) <= slope <= RADIUS * (1.0 + 1e-6)
@@ -140,13 +132,13 @@ def test_memory_stays_bounded_and_its_error_tiny_over_two_hundred_turns() -> Non
     exact = np.concatenate([[0.0], np.cumsum(np.diff(angles) * rates[1:])])
     spacings = set()
     for angle, laid in zip(angles[1:], rates[1:], strict=True):
-        turn_drum(memory, angle, laid)
+        memory.turn(angle, laid)
         spacings.add(float(memory.spacing))
         assert 1 <= memory.points <= CAPACITY
     assert len(spacings) > 5, "the memory was thinned out repeatedly"
-    assert material_held(memory) == pytest.approx(exact[-1], rel=1e-12)
+    assert memory.held == pytest.approx(exact[-1], rel=1e-12)
     errors = [
-        turn_drum(memory, angle, rate(0.0)) - wound
+        memory.turn(angle, rate(0.0)) - wound
         for angle, wound in zip(angles[::-1], exact[::-1], strict=True)
     ]
     # of 18.8 m on the drum; in tension that is EA * error / length

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import exp, log, pi, radians, sqrt
 
-import numba
 import numpy as np
 import pytest
 
@@ -159,7 +158,6 @@ def test_lugre_pre_sliding_closed_form() -> None:
     assert reached == pytest.approx(force, rel=1e-12)
 
 
-@numba.njit
 def _pulled_block(step: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Mass on a spring pulled at 0.1 m/s, implicit midpoint rule; x, v, z and the spring force."""
     mass, spring, pull = 1.0, 2.0, 0.1

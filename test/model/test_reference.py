@@ -139,7 +139,7 @@ def geometry(robot: Robot, model: Model, joint: Vector, motor: Vector, track: Ve
     found, views = placed(model, joint)
     given = Geometry(
         found.length, found.lever_arm, found.wrap, found.direction, views.arc, track,
-        drum_levers(robot, model, joint, motor),
+        drum_levers(robot, model, joint, motor), views.laid,
     )  # fmt: skip
     if robot.spatial_frames:
         return given

@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from support.core_laws import solve_cable
 
+from cdrj_ros._core import element_tension, tolerance
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.balance import element_tension, tolerance
-from cdrj_ros.model.cable import solve_cable
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT
 from cdrj_ros.model.elasticity import Elasticity
 from cdrj_ros.model.friction import NONE
