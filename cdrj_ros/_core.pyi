@@ -237,6 +237,179 @@ class TrackingFilter:
     def moves(self) -> bool:
         """Whether an adaptive filter sees the axis move."""
 
+MOVED: Final[float]
+"""If an axis moves further than this in a gap, the friction history is unknown [rad]."""
+
+class Ensemble:
+    """Robots that differ in all that is unknown, stepped along with the estimate.
+
+    Where not stated otherwise, functions take samples as ``Sample`` holds them, and raise TypeError
+    if an array is not contiguous or of another type, and ValueError if one is of another robot.
+    """
+
+    def __init__(
+        self,
+        plan: NDArray[np.int64],
+        nominal: NDArray[np.float64],
+        numbers: NDArray[np.float64],
+        friction_share: NDArray[np.float64],
+        slipping: NDArray[np.bool_],
+        reading_error: NDArray[np.float64],
+        unseen_share: NDArray[np.float64],
+        span: NDArray[np.float64],
+        place: NDArray[np.int64],
+        element: NDArray[np.int64],
+        unmodelled: NDArray[np.float64],
+    ) -> None:
+        """Copy all arrays.
+
+        Args:
+            plan, nominal: of the estimate's robot, see ``Robot``.
+            numbers: of every member's robot, shape (members, numbers).
+            friction_share: initial friction as a share of its bound, shape (members, pulleys).
+            slipping: whether a member's cables slip on their drums, shape (members,).
+            reading_error: rows used in turn [rad], shape (rows, axes).
+            unseen_share: xi of (U3), rows used in turn, shape (rows, members, axes).
+            span: range of all axes [rad], shape (2, axes).
+            place: of every quantity with a standard deviation in the estimate.
+            element: an element of that quantity's cable; -1 for efforts.
+            unmodelled: variance that no member shows, (U5), and magnitude where cables are slack,
+                (U6), shape (2, quantities).
+
+        Raises:
+            TypeError: an array is not contiguous or of another type.
+            ValueError: an array has not the shape of this robot's ensemble.
+        """
+
+    def step(
+        self,
+        before: NDArray[np.float64],
+        stamp_ns: int,
+        motor_angle: NDArray[np.float64],
+        joint_angle: NDArray[np.float64],
+        unseen: NDArray[np.float64],
+        dt: float,
+        at_once: bool,
+        out: NDArray[np.float64],
+        stddev: NDArray[np.float64],
+    ) -> bool:
+        """``Robot.step`` and ``update`` in one call."""
+
+    def update(
+        self,
+        stamp_ns: int,
+        motor_angle: NDArray[np.float64],
+        joint_angle: NDArray[np.float64],
+        unseen: NDArray[np.float64],
+        estimate: NDArray[np.float64],
+        least: int,
+        at_once: bool,
+        stddev: NDArray[np.float64],
+    ) -> None:
+        """Write the standard deviations at a sample and its estimate.
+
+        They are those after the sample before, unless more than one member is updated.  One member
+        may then wait to be updated, until ``finish`` or the next sample.
+
+        Args:
+            stamp_ns, motor_angle, joint_angle, unseen: the sample.
+            estimate: shape (estimate_size,).
+            least: number of members that are updated at least.
+            at_once: whether no member is left waiting.
+            stddev: shape (quantities,), written.
+        """
+
+    def predict(
+        self,
+        stamp_ns: int,
+        motor_angle: NDArray[np.float64],
+        joint_angle: NDArray[np.float64],
+        unseen: NDArray[np.float64],
+        estimate: NDArray[np.float64],
+        stddev: NDArray[np.float64],
+    ) -> None:
+        """``update`` at a predicted sample, which the ensemble forgets at the next other one."""
+
+    def follow(
+        self,
+        stamp_ns: NDArray[np.int64],
+        motor_angle: NDArray[np.float64],
+        joint_angle: NDArray[np.float64],
+        unseen: NDArray[np.float64],
+        estimates: NDArray[np.float64],
+        stddev: NDArray[np.float64],
+    ) -> None:
+        """``update``, at once, for many samples as ``Samples`` holds them, bit for bit.
+
+        Raises:
+            KeyboardInterrupt: between some thousand samples.
+        """
+
+    def roll_back(self) -> None:
+        """Forget what has been predicted."""
+
+    def finish(self) -> None:
+        """Update the member that waits, if there is one."""
+
+    def reset(self) -> None:
+        """Discard the history of all members; the next sample starts them anew."""
+
+    # views of the ensemble's memory, which may be written
+    @property
+    def numbers(self) -> NDArray[np.float64]: ...
+    @property
+    def friction_share(self) -> NDArray[np.float64]: ...
+    @property
+    def reading_error(self) -> NDArray[np.float64]: ...
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """Shape (members, state_size)."""
+
+    @property
+    def stamps(self) -> NDArray[np.int64]:
+        """Of every member's last update [ns], shape (members,)."""
+
+    @property
+    def progress(self) -> NDArray[np.int64]:
+        """Updates so far, last stamp [ns] or -1, whether the last estimate was not solved."""
+
+    @property
+    def angle(self) -> NDArray[np.float64]:
+        """Of all axes at the last sample [rad], shape (axes,)."""
+
+    @property
+    def unseen(self) -> NDArray[np.float64]:
+        """Standard deviations of these angles [rad], shape (axes,)."""
+
+    @property
+    def intervals(self) -> NDArray[np.int64]:
+        """Twice the number of past intervals without readings, plus one during one, (axes,)."""
+
+    @property
+    def deviation(self) -> NDArray[np.float64]:
+        """Of the members' quantities from the estimate's, shape (members, quantities)."""
+
+    @property
+    def variance(self) -> NDArray[np.float64]:
+        """Mean squares of these deviations (U1), shape (quantities,)."""
+
+def mark_unsure(
+    estimate: NDArray[np.float64],
+    preload: NDArray[np.float64],
+    stddev: NDArray[np.float64],
+    share: float,
+) -> None:
+    """See ``cdrj_ros.estimation.unsure``."""
+
+def mark_recording(
+    estimates: NDArray[np.float64],
+    preload: NDArray[np.float64],
+    stddev: NDArray[np.float64],
+    share: float,
+    doubtful: NDArray[np.bool_],
+) -> None:
+    """See ``cdrj_ros.estimation.unsure``."""
+
 class Robot:
     """A robot as ``cdrj_ros.model.packing`` packs it; it keeps its arrays alive."""
 
@@ -342,6 +515,13 @@ class Robot:
         Args:
             share: friction as a share of every pulley's bound, in [-1, 1], shape (pulleys,).
             out: what ``step`` wrote for the first sample; changed.
+        """
+
+    def forget_drums(self, state: NDArray[np.float64]) -> None:
+        """Give all cable on the drums the present strain, as of a cable that slips on its drum.
+
+        Args:
+            state: shape (state_size,) or longer; changed.
         """
 
 MINIMUM_TRANSMISSION: Final[float]

@@ -13,6 +13,7 @@ pybind11::array_t<double> copy_of(std::span<const double> numbers);
 
 void bind_messages(pybind11::module_& core);
 void bind_conditioning(pybind11::module_& core);
+void bind_ensemble(pybind11::module_& core);
 void bind_laws(pybind11::module_& core);
 void bind_robot(pybind11::module_& core);
 void bind_simulation(pybind11::module_& core);

@@ -111,6 +111,11 @@ void impose_friction(const HeldRobot& held, const Given& share, Vector& out) {
     held.robot.impose_friction(span_of(share), out.mutable_data());
 }
 
+void forget_drums(const HeldRobot& held, Vector& state) {
+    require(state.size() >= py::ssize_t(held.robot.state_size()), "state is too short");
+    held.robot.forget_drums(state.mutable_data());
+}
+
 }  // namespace
 
 void bind_robot(py::module_& core) {
@@ -152,7 +157,10 @@ void bind_robot(py::module_& core) {
         .def(
             "impose_friction", impose_friction, py::arg("share"),
             py::arg("out").noconvert(),
-            "Impose shares in [-1, 1] of the friction bounds after the first sample.");
+            "Impose shares in [-1, 1] of the friction bounds after the first sample.")
+        .def(
+            "forget_drums", forget_drums, py::arg("state").noconvert(),
+            "Give all cable on the drums the present strain, as of a cable that slips on its drum.");
 }
 
 }  // namespace cdrj

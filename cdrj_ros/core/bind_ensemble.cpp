@@ -1,0 +1,285 @@
+// The ensemble behind the standard deviations, as `cdrj_ros.estimation` uses it.
+#include <pybind11/numpy.h>
+
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "arrays.hpp"
+#include "bind.hpp"
+#include "ensemble.hpp"
+#include "unsure.hpp"
+
+namespace py = pybind11;
+
+namespace cdrj {
+namespace {
+
+/// Flags; bind them with `noconvert`.
+using Flags = py::array_t<bool, py::array::c_style>;
+
+/// Samples between two checks for an interruption.
+constexpr py::ssize_t PIECE = 2048;
+
+/// Contents of an array of a given shape.
+template <typename T>
+std::vector<T> taken(
+    const py::array_t<T, py::array::c_style>& array, std::vector<py::ssize_t> shape,
+    const char* name) {
+    if (!std::equal(shape.begin(), shape.end(), array.shape(), array.shape() + array.ndim())) {
+        throw py::value_error(std::string(name) + " has not the shape of this robot's ensemble");
+    }
+    return {array.data(), array.data() + array.size()};
+}
+
+std::unique_ptr<Ensemble> make_ensemble(
+    const Indices& plan, const Vector& nominal, const Matrix& numbers, const Matrix& friction_share,
+    const Flags& slipping, const Matrix& reading_error, const Matrix& unseen_share,
+    const Matrix& span, const Indices& place, const Indices& element, const Matrix& unmodelled) {
+    require(plan.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "plan is too short");
+    const Topology topology(plan.data());
+    const Sizes& sizes = topology.sizes;
+    const py::ssize_t members = slipping.size(), axes = sizes.axes(), quantities = place.size();
+    require(members > 0, "an ensemble needs members");
+    require(
+        numbers.ndim() == 2 && reading_error.ndim() == 2 && unseen_share.ndim() == 3 &&
+            span.ndim() == 2 && unmodelled.ndim() == 2,
+        "an array has not the axes of an ensemble's");
+    const py::ssize_t errors = reading_error.shape(0), paths = unseen_share.shape(0);
+    require(errors > 0 && paths > 0, "reading_error and unseen_share need at least one row");
+    const std::vector<double> lower_upper = taken(span, {2, axes}, "span");
+    Draws draws{
+        .numbers = taken(numbers, {members, nominal.size()}, "numbers"),
+        .friction_share = taken(friction_share, {members, sizes.pulleys}, "friction_share"),
+        .slipping = {slipping.data(), slipping.data() + members},
+        .reading_error = taken(reading_error, {errors, axes}, "reading_error"),
+        .unseen_share = taken(unseen_share, {paths, members, axes}, "unseen_share"),
+        .lower = {lower_upper.begin(), lower_upper.begin() + axes},
+        .upper = {lower_upper.begin() + axes, lower_upper.end()},
+        .reading_rows = errors,
+        .unseen_rows = paths,
+    };
+    const std::vector<Index> places = taken(place, {quantities}, "place");
+    const std::vector<Index> elements = taken(element, {quantities}, "element");
+    const std::vector<double> more = taken(unmodelled, {2, quantities}, "unmodelled");
+    const auto size = static_cast<Index>(Estimate::size(sizes));
+    std::vector<Quantity> rows;
+    for (py::ssize_t q = 0; q < quantities; ++q) {
+        require(
+            places[q] >= 0 && places[q] < size && elements[q] < sizes.elements,
+            "a quantity is not one of this robot's estimate");
+        rows.push_back({places[q], elements[q], more[q], more[quantities + q]});
+    }
+    return std::make_unique<Ensemble>(
+        taken(plan, {plan.size()}, "plan"), taken(nominal, {nominal.size()}, "nominal"),
+        std::move(rows), std::move(draws));
+}
+
+/// A sample of this ensemble's robot.
+SampleView view_of(
+    const Ensemble& ensemble, Nanoseconds stamp_ns, const Vector& motor_angle,
+    const Vector& joint_angle, const Matrix& unseen) {
+    const Sizes& sizes = ensemble.robot().topology.sizes;
+    require(
+        motor_angle.size() == sizes.motors && joint_angle.size() == sizes.joints &&
+            (unseen.size() == 0 || unseen.size() == 2 * sizes.axes()),
+        "the angles are not those of this robot");
+    return {stamp_ns, span_of(motor_angle), span_of(joint_angle), span_of(unseen)};
+}
+
+std::span<double> row_of_stddev(const Ensemble& ensemble, Vector& stddev) {
+    const auto quantities = ensemble.quantities.size();
+    require(
+        stddev.size() == py::ssize_t(quantities), "stddev has not one entry per quantity");
+    return {stddev.mutable_data(), quantities};
+}
+
+std::span<const double> estimate_of(const Ensemble& ensemble, const Vector& estimate) {
+    require(
+        estimate.size() == py::ssize_t(ensemble.robot().estimate_size()),
+        "the estimate is not one of this robot");
+    return span_of(estimate);
+}
+
+bool step(
+    Ensemble& ensemble, const Vector& before, Nanoseconds stamp_ns, const Vector& motor_angle,
+    const Vector& joint_angle, const Matrix& unseen, double dt, bool at_once, Vector& out,
+    Vector& stddev) {
+    const Robot& robot = ensemble.robot();
+    require(before.size() >= py::ssize_t(robot.state_size()), "before is too short");
+    require(out.size() >= py::ssize_t(robot.out_size()), "out is too short");
+    return ensemble.step(
+        before.data(), view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen), dt, at_once,
+        out.mutable_data(), row_of_stddev(ensemble, stddev));
+}
+
+void update(
+    Ensemble& ensemble, Nanoseconds stamp_ns, const Vector& motor_angle, const Vector& joint_angle,
+    const Matrix& unseen, const Vector& estimate, Index least, bool at_once, Vector& stddev) {
+    ensemble.update(
+        view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen),
+        estimate_of(ensemble, estimate), least, at_once, row_of_stddev(ensemble, stddev));
+}
+
+void predict(
+    Ensemble& ensemble, Nanoseconds stamp_ns, const Vector& motor_angle, const Vector& joint_angle,
+    const Matrix& unseen, const Vector& estimate, Vector& stddev) {
+    ensemble.predict(
+        view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen),
+        estimate_of(ensemble, estimate), row_of_stddev(ensemble, stddev));
+}
+
+/// `update` for many samples and their estimates.
+void follow(
+    Ensemble& ensemble, const Indices& stamp_ns, const Matrix& motor_angle,
+    const Matrix& joint_angle, const Matrix& unseen, const Matrix& estimates, Matrix& stddev) {
+    const Sizes& sizes = ensemble.robot().topology.sizes;
+    const py::ssize_t samples = stamp_ns.size();
+    const auto fits = [samples](const Matrix& one, std::size_t width) {
+        return one.size() == samples * py::ssize_t(width) && one.shape(0) == samples;
+    };
+    const std::size_t quantities = ensemble.quantities.size(), size = ensemble.robot().estimate_size();
+    const std::size_t motors = sizes.motors, joints = sizes.joints;
+    const std::size_t hidden = unseen.size() == 0 ? 0 : 2 * ensemble.axes();
+    require(
+        fits(motor_angle, motors) && fits(joint_angle, joints) && fits(estimates, size) &&
+            fits(stddev, quantities) && (hidden == 0 || fits(unseen, hidden)),
+        "samples, estimates and stddev have not the shapes of this robot's");
+    const Nanoseconds* stamps = stamp_ns.data();
+    const double *motor = motor_angle.data(), *joint = joint_angle.data(), *deviation = unseen.data();
+    const double* estimate = estimates.data();
+    double* written = stddev.mutable_data();
+    for (py::ssize_t begin = 0; begin < samples; begin += PIECE) {
+        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+        py::gil_scoped_release free;
+        for (py::ssize_t k = begin; k < std::min(begin + PIECE, samples); ++k) {
+            const SampleView sample{
+                stamps[k], {motor + k * motors, motors}, {joint + k * joints, joints},
+                {deviation + k * hidden, hidden}};
+            ensemble.update(
+                sample, {estimate + k * size, size}, 1, true, {written + k * quantities, quantities});
+        }
+    }
+}
+
+/// Memory of the ensemble as an array, which keeps the ensemble alive; by rows unless `rows` is 0.
+template <typename T>
+py::array_t<T> view(const py::object& ensemble, std::vector<T>& memory, Index rows = 0) {
+    const auto size = static_cast<py::ssize_t>(memory.size());
+    std::vector<py::ssize_t> shape{size};
+    if (rows > 0) shape = {rows, size / rows};
+    return py::array_t<T>(std::move(shape), memory.data(), ensemble);
+}
+
+/// A property that is a view of a vector in `Ensemble::draws` or `Ensemble::memory`.
+template <typename Whole, typename T>
+auto part(Whole Ensemble::*whole, std::vector<T> Whole::*vector, bool by_members = false) {
+    return [=](const py::object& self) {
+        auto& ensemble = self.cast<Ensemble&>();
+        return view(self, (ensemble.*whole).*vector, by_members ? ensemble.members() : 0);
+    };
+}
+
+py::array_t<double> view_of_reading_error(const py::object& self) {
+    Draws& draws = self.cast<Ensemble&>().draws;
+    return view(self, draws.reading_error, draws.reading_rows);
+}
+
+py::array_t<Index> view_of_progress(const py::object& self) {
+    Progress& progress = self.cast<Ensemble&>().memory.progress;
+    static_assert(sizeof(Progress) == 3 * sizeof(Index));
+    return py::array_t<Index>(3, &progress.updates, self);
+}
+
+void mark_one_unsure(
+    Vector& estimate, const Vector& preload, const Vector& stddev, double share) {
+    require(
+        estimate.size() >= 2 * preload.size() && stddev.size() >= preload.size(),
+        "an estimate or its standard deviations have too few elements");
+    mark_unsure(
+        {estimate.mutable_data(), static_cast<std::size_t>(estimate.size())}, span_of(preload),
+        span_of(stddev), share);
+}
+
+void mark_recording(
+    Matrix& estimates, const Vector& preload, const Matrix& stddev, double share,
+    const Flags& doubtful) {
+    require(estimates.ndim() == 2 && stddev.ndim() == 2, "estimates and stddev are not tables");
+    const py::ssize_t samples = estimates.shape(0), elements = preload.size();
+    const bool known = stddev.shape(0) > 0, doubts = doubtful.size() > 0;
+    require(
+        estimates.shape(1) >= 2 * elements &&
+            (!known || (stddev.shape(0) == samples && stddev.shape(1) >= elements)) &&
+            (!doubts || doubtful.size() == samples),
+        "estimates, stddev and doubtful differ in their numbers of samples or have too few elements");
+    const std::size_t size = estimates.shape(1), columns = stddev.shape(1);
+    double* first = estimates.mutable_data();
+    const py::gil_scoped_release free;
+    for (py::ssize_t k = 0; k < samples; ++k) {
+        const std::span<double> estimate(first + k * size, size);
+        if (known) {
+            mark_unsure(estimate, span_of(preload), {stddev.data() + k * columns, columns}, share);
+        }
+        if (doubts && doubtful.data()[k]) {
+            for (double& status : estimate.subspan(elements, elements)) doubt(status);
+        }
+    }
+}
+
+}  // namespace
+
+void bind_ensemble(py::module_& core) {
+    const auto stamp_ns = py::arg("stamp_ns");
+    const auto array = [](const char* name) { return py::arg(name).noconvert(); };
+    py::class_<Ensemble>(core, "Ensemble", "Robots that differ in all that is unknown.")
+        .def(
+            py::init(&make_ensemble), array("plan"), array("nominal"), array("numbers"),
+            array("friction_share"), array("slipping"), array("reading_error"),
+            array("unseen_share"), array("span"), array("place"), array("element"),
+            array("unmodelled"), "Copies all arrays.")
+        .def(
+            "step", step, array("before"), stamp_ns, array("motor_angle"), array("joint_angle"),
+            array("unseen"), py::arg("dt"), py::arg("at_once"), array("out"), array("stddev"),
+            "``Robot.step`` and ``update`` in one call.")
+        .def(
+            "update", update, stamp_ns, array("motor_angle"), array("joint_angle"),
+            array("unseen"), array("estimate"), py::arg("least"), py::arg("at_once"),
+            array("stddev"), "Write the standard deviations at a sample and its estimate.")
+        .def(
+            "predict", predict, stamp_ns, array("motor_angle"), array("joint_angle"),
+            array("unseen"), array("estimate"), array("stddev"),
+            "``update`` at a predicted sample, which the next call of another function forgets.")
+        .def(
+            "follow", follow, array("stamp_ns"), array("motor_angle"), array("joint_angle"),
+            array("unseen"), array("estimates"), array("stddev"),
+            "``update``, at once, for many samples and their estimates, one a row.")
+        .def("roll_back", &Ensemble::roll_back, "Forget what has been predicted.")
+        .def("finish", &Ensemble::finish, "Update the member that waits, if there is one.")
+        .def("reset", &Ensemble::reset, "Discard the history of all members.")
+        .def_property_readonly("numbers", part(&Ensemble::draws, &Draws::numbers, true))
+        .def_property_readonly(
+            "friction_share", part(&Ensemble::draws, &Draws::friction_share, true))
+        .def_property_readonly("reading_error", view_of_reading_error)
+        .def_property_readonly("states", part(&Ensemble::memory, &EnsembleMemory::states, true))
+        .def_property_readonly("stamps", part(&Ensemble::memory, &EnsembleMemory::stamps))
+        .def_property_readonly("angle", part(&Ensemble::memory, &EnsembleMemory::angle))
+        .def_property_readonly("unseen", part(&Ensemble::memory, &EnsembleMemory::unseen))
+        .def_property_readonly("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals))
+        .def_property_readonly(
+            "deviation", part(&Ensemble::memory, &EnsembleMemory::deviation, true))
+        .def_property_readonly("variance", part(&Ensemble::memory, &EnsembleMemory::variance))
+        .def_property_readonly("progress", view_of_progress);
+    core.attr("MOVED") = MOVED;
+    core.def(
+        "mark_unsure", mark_one_unsure, array("estimate"), array("preload"), array("stddev"),
+        py::arg("share"),
+        "Set ``UNSURE`` where the standard deviation is too large for tension and preload.");
+    core.def(
+        "mark_recording", mark_recording, array("estimates"), array("preload"), array("stddev"),
+        py::arg("share"), array("doubtful"),
+        "``mark_unsure`` for every estimate of a recording, and everywhere where it is doubtful.");
+}
+
+}  // namespace cdrj

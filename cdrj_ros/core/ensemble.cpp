@@ -1,0 +1,351 @@
+#include "ensemble.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "report.hpp"
+
+namespace cdrj {
+namespace {
+
+/// Steps in which a member takes a path of its own between two samples.
+///
+/// Nearly all motions turn back late on such a path; with two steps, members saw half of these
+/// reversals.
+constexpr int PARTS = 4;
+
+/// A longer time between two samples counts as a gap.
+constexpr Nanoseconds GAP_NS = 1'000'000'000;
+
+/// A member is updated at most this often: at 1 kHz at every second sample.
+constexpr Nanoseconds APART_NS = 1'500'000;
+
+/// Time within which all members are updated while an axis has no readings.
+constexpr Nanoseconds ROUND_NS = 4'000'000;
+
+/// Row `k` of a table of rows of `width` numbers.
+std::span<const double> row(const std::vector<double>& table, Index k, std::size_t width) {
+    return std::span(table).subspan(static_cast<std::size_t>(k) * width, width);
+}
+
+}  // namespace
+
+Ensemble::Ensemble(
+    std::vector<Index> plan, std::vector<double> numbers, std::vector<Quantity> of_quantities,
+    Draws of_members)
+    : quantities(std::move(of_quantities)),
+      draws(std::move(of_members)),
+      plan_(std::move(plan)),
+      numbers_(std::move(numbers)),
+      robot_(plan_.data(), numbers_.data()),
+      estimate_(robot_.estimate_size()),
+      out_(robot_.out_size()) {
+    const std::size_t members = draws.slipping.size();
+    const auto axes = static_cast<std::size_t>(robot_.topology.sizes.axes());
+    robots_.reserve(members);
+    for (std::size_t k = 0; k < members; ++k) {
+        robots_.emplace_back(robot_.topology, draws.numbers.data() + k * numbers_.size());
+    }
+    memory.states.resize(members * robot_.state_size());
+    memory.stamps.resize(members);
+    memory.deviation.resize(members * quantities.size());
+    memory.variance.resize(quantities.size());
+    memory.intervals.resize(axes);
+    for (std::vector<double>* one :
+         {&memory.angle, &memory.unseen, &angle_before_, &angle_, &unseen_, &midway_, &between_,
+          &reading_}) {
+        one->resize(axes);
+    }
+}
+
+// -------------------------------------------------------------------------------------------------
+// A sample
+
+bool Ensemble::step(
+    const double* before, const SampleView& sample, double dt, bool at_once, double* out,
+    std::span<double> stddev) {
+    const bool solved = robot_.advance(before, sample.motor_angle, sample.joint_angle, dt, out);
+    const std::span<const double> estimate(out + robot_.state_size(), robot_.estimate_size());
+    update(sample, estimate, 1, at_once, stddev);
+    return solved;
+}
+
+void Ensemble::update(
+    const SampleView& sample, std::span<const double> estimate, Index least, bool at_once,
+    std::span<double> stddev) {
+    roll_back();
+    finish();
+    begin(sample, estimate, least, stddev);
+    if (at_once) finish();
+}
+
+void Ensemble::predict(
+    const SampleView& sample, std::span<const double> estimate, std::span<double> stddev) {
+    if (!before_prediction_) {
+        finish();
+        before_prediction_ = memory;
+    }
+    begin(sample, estimate, 1, stddev);
+    waiting_ = false;
+}
+
+void Ensemble::roll_back() {
+    if (!before_prediction_) return;
+    memory = *before_prediction_;  // of the same sizes: the vectors stay where they are
+    before_prediction_.reset();
+}
+
+void Ensemble::finish() {
+    if (!std::exchange(waiting_, false)) return;
+    update_members(1, 0.0);
+}
+
+void Ensemble::reset() {
+    before_prediction_.reset();
+    waiting_ = false;
+    start_anew();
+    memory.progress.last_stamp = -1;
+    memory.progress.last_unsolved = 0;
+    std::ranges::fill(memory.unseen, 0.0);
+}
+
+void Ensemble::begin(
+    const SampleView& sample, std::span<const double> estimate, Index least,
+    std::span<double> stddev) {
+    std::ranges::copy(estimate, estimate_.begin());
+    const bool unknown = take_angles(sample);
+    if (unknown || moved_in_a_gap(sample.stamp_ns)) start_anew();
+    std::ranges::copy(angle_, memory.angle.begin());
+
+    const Nanoseconds passed = sample.stamp_ns - memory.progress.last_stamp;
+    const bool started = memory.progress.updates > 0;
+    Index count = least;
+    double part_s = 0.0;
+    if (passed != 0) {
+        const auto [inside, on_the_way] = count_intervals();
+        if (inside && started) {
+            const double share = static_cast<double>(passed) / static_cast<double>(ROUND_NS);
+            const double due = std::ceil(static_cast<double>(members()) * share);
+            count = std::max(count, std::min(members(), static_cast<Index>(due)));
+        }
+        if (on_the_way && started) {
+            count = members();
+            part_s = static_cast<double>(passed) * 1e-9 / PARTS;
+        }
+    }
+    const bool unsolved = is_invalid(estimate_, -1);
+    if (!started || (memory.progress.last_unsolved != 0 && !unsolved)) count = members();
+    memory.progress.last_stamp = sample.stamp_ns;
+    memory.progress.last_unsolved = unsolved ? 1 : 0;
+
+    if (count > 1) update_members(count, part_s);
+    std::ranges::copy(unseen_, memory.unseen.begin());
+    write_stddev(stddev);
+    waiting_ = count == 1 && is_due(sample.stamp_ns);
+}
+
+/// Take the angles of a sample and their deviations; whether the motion of an axis before it is
+/// unknown, which then counts as zero.
+bool Ensemble::take_angles(const SampleView& sample) {
+    const std::size_t axes = angle_.size();
+    std::ranges::copy(memory.angle, angle_before_.begin());
+    const auto end = std::ranges::copy(sample.motor_angle, angle_.begin()).out;
+    std::ranges::copy(sample.joint_angle, end);
+    bool unknown = false;
+    for (std::size_t a = 0; a < axes; ++a) {
+        unseen_[a] = sample.unseen.empty() ? 0.0 : sample.unseen[a];
+        midway_[a] = sample.unseen.empty() ? 0.0 : sample.unseen[axes + a];
+        if (midway_[a] == INFINITE) {
+            midway_[a] = 0.0;
+            unknown = true;
+        }
+    }
+    return unknown;
+}
+
+/// Whether a gap precedes this sample during which an axis moved.
+bool Ensemble::moved_in_a_gap(Nanoseconds stamp) const {
+    if (memory.progress.last_stamp < 0 || stamp - memory.progress.last_stamp <= GAP_NS) return false;
+    for (std::size_t a = 0; a < angle_.size(); ++a) {
+        if (std::abs(angle_[a] - angle_before_[a]) > MOVED) return true;
+    }
+    return false;
+}
+
+/// Count every axis's intervals without readings.
+///
+/// Returns whether an axis is in an interval now, and whether one may have moved unseen since the
+/// sample before.
+std::pair<bool, bool> Ensemble::count_intervals() {
+    bool inside = false, on_the_way = false;
+    for (std::size_t a = 0; a < unseen_.size(); ++a) {
+        Index& intervals = memory.intervals[a];
+        const bool moved = midway_[a] > 0.0;
+        on_the_way = on_the_way || moved;
+        if (unseen_[a] > 0.0) {
+            intervals |= 1;
+            inside = true;
+        } else {
+            intervals += intervals & 1;
+            if (moved) intervals += 2;
+        }
+    }
+    return {inside, on_the_way};
+}
+
+/// Whether the last update of a member was at least `APART_NS` ago.
+bool Ensemble::is_due(Nanoseconds stamp) const {
+    if (memory.progress.updates == 0) return true;
+    return stamp - memory.stamps[(memory.progress.updates - 1) % members()] >= APART_NS;
+}
+
+/// Reset all members, because their friction history is unknown.
+void Ensemble::start_anew() {
+    memory.progress.updates = 0;
+    for (std::vector<double>* one : {&memory.states, &memory.deviation, &memory.variance}) {
+        std::ranges::fill(*one, 0.0);
+    }
+    std::ranges::fill(memory.intervals, 0);
+}
+
+// -------------------------------------------------------------------------------------------------
+// Members
+
+void Ensemble::update_members(Index count, double part_s) {
+    for (Index k = 0; k < count; ++k) update_member(part_s);
+}
+
+/// Update the next member to the sample.
+///
+/// `part_s`: if an axis may have moved unseen since the sample before, the time since then divided
+/// by `PARTS` [s]: the member then takes a path of its own; otherwise 0.
+void Ensemble::update_member(double part_s) {
+    const Index member = memory.progress.updates % members();
+    const std::size_t axes = angle_.size();
+    const Index turn = memory.progress.updates % draws.reading_rows;
+    const std::span errors = row(draws.reading_error, turn, axes);
+    ++memory.progress.updates;
+    double* state = memory.states.data() + member * robot_.state_size();
+    double dt = static_cast<double>(memory.progress.last_stamp - memory.stamps[member]) * 1e-9;
+    if (part_s > 0.0 && *State(robot_.topology.sizes, state).started != 0.0) {
+        dt = walk(member, errors, dt, part_s);
+    }
+    for (std::size_t a = 0; a < axes; ++a) reading_[a] = angle_[a] + errors[a];
+    deviate(member, unseen_);
+    const bool solved = advance(member, dt);
+    if (draws.slipping[member] && solved) robots_[member].forget_drums(state);
+    memory.stamps[member] = memory.progress.last_stamp;
+    compare(member, solved && memory.progress.last_unsolved == 0);
+}
+
+/// Take a member along its path between two samples, but for the last of `PARTS`.
+///
+/// The angles follow a straight line, the deviations the parabola through those of both samples and
+/// the one midway between them, which is (C3) if all three lie in the same interval. Returns the time
+/// that is left until the sample [s].
+double Ensemble::walk(Index member, std::span<const double> errors, double dt, double part_s) {
+    dt -= (PARTS - 1) * part_s;
+    for (int p = 1; p < PARTS; ++p) {
+        const double share = static_cast<double>(p) / PARTS;
+        const double start = (1.0 - share) * (1.0 - 2.0 * share);
+        const double middle = 4.0 * share * (1.0 - share);
+        const double end = share * (2.0 * share - 1.0);
+        for (std::size_t a = 0; a < angle_.size(); ++a) {
+            const double angle = (1.0 - share) * angle_before_[a] + share * angle_[a];
+            const double deviation =
+                start * memory.unseen[a] + middle * midway_[a] + end * unseen_[a];
+            between_[a] = std::max(deviation, 0.0);
+            reading_[a] = angle + errors[a];
+        }
+        deviate(member, between_);
+        advance(member, dt);
+        dt = part_s;
+    }
+    return dt;
+}
+
+/// Shift a member's readings by its share of the angles' deviation (U3), within the axes' ranges.
+///
+/// A member keeps sign and size of its share throughout an interval between readings, so its path is
+/// smooth and cables slip along it as they would in a real motion.
+void Ensemble::deviate(Index member, std::span<const double> deviation) {
+    const auto axes = static_cast<Index>(reading_.size());
+    for (Index a = 0; a < axes; ++a) {
+        if (!(deviation[a] > 0.0)) continue;
+        const Index interval = (memory.intervals[a] >> 1) % draws.unseen_rows;
+        const double own = draws.unseen_share[(interval * members() + member) * axes + a];
+        const double low = std::min(draws.lower[a], reading_[a]);
+        const double high = std::max(draws.upper[a], reading_[a]);
+        reading_[a] = std::min(std::max(reading_[a] + deviation[a] * own, low), high);
+    }
+}
+
+/// Advance a member to its readings, or start it with its friction history; false: not solved.
+bool Ensemble::advance(Index member, double dt) {
+    const Robot& robot = robots_[member];
+    const Sizes& sizes = robot.topology.sizes;
+    const std::size_t size = robot.state_size();
+    double* state = memory.states.data() + member * size;
+    const std::span<const double> readings(reading_);
+    const auto motor_angle = readings.first(sizes.motors), joint_angle = readings.last(sizes.joints);
+    if (*State(sizes, state).started == 0.0) {
+        robot.advance(state, motor_angle, joint_angle, 0.0, out_.data());
+        if (*State(sizes, out_.data()).started == 0.0) return false;  // no such pose
+        const auto pulleys = static_cast<std::size_t>(sizes.pulleys);
+        robot.impose_friction(row(draws.friction_share, member, pulleys), out_.data());
+        std::copy_n(out_.data(), size, state);
+        dt = 0.0;
+    }
+    const bool solved = robot.advance(state, motor_angle, joint_angle, dt, out_.data());
+    std::copy_n(out_.data(), size, state);
+    return solved;
+}
+
+// -------------------------------------------------------------------------------------------------
+// Standard deviations
+
+/// Store a member's deviations from the estimate and their part of the variance (U1).
+///
+/// Quantities that are not solved in either keep their last deviation.
+void Ensemble::compare(Index member, bool all_solved) {
+    const auto own = std::span<const double>(out_).subspan(robot_.state_size(), estimate_.size());
+    const std::size_t width = quantities.size();
+    const auto count = static_cast<double>(members());
+    for (std::size_t q = 0; q < width; ++q) {
+        const auto& [place, element, unmodelled, slack] = quantities[q];
+        if (!all_solved && (is_invalid(estimate_, element) || is_invalid(own, element))) continue;
+        double& deviation = memory.deviation[member * width + q];
+        const double now = own[place] - estimate_[place];
+        memory.variance[q] += (now * now - deviation * deviation) / count;
+        deviation = now;
+    }
+    if (member + 1 < members()) return;
+    for (std::size_t q = 0; q < width; ++q) {  // so that rounding errors do not accumulate
+        double total = 0.0;
+        for (Index k = 0; k < members(); ++k) {
+            const double deviation = memory.deviation[k * width + q];
+            total += deviation * deviation;
+        }
+        memory.variance[q] = total / count;
+    }
+}
+
+/// Add what no member shows to the spread (U5), and widen it where cables are slack (U6).
+void Ensemble::write_stddev(std::span<double> stddev) const {
+    for (std::size_t q = 0; q < quantities.size(); ++q) {
+        const auto& [place, element, unmodelled, slack] = quantities[q];
+        double total = std::max(memory.variance[q], 0.0) + unmodelled;
+        if (std::abs(estimate_[place]) <= slack) total = std::max(total, slack * slack);
+        stddev[q] = std::sqrt(total);
+    }
+}
+
+/// Whether an element of an estimate is INVALID; for -1, whether any element is.
+bool Ensemble::is_invalid(std::span<const double> estimate, Index element) const {
+    const auto elements = static_cast<std::size_t>(robot_.topology.sizes.elements);
+    const std::span status = estimate.subspan(elements, elements);
+    const auto invalid = [](double flags) { return (static_cast<int>(flags) & INVALID) != 0; };
+    return element < 0 ? std::ranges::any_of(status, invalid) : invalid(status[element]);
+}
+
+}  // namespace cdrj

@@ -1,0 +1,157 @@
+// The ensemble of robots behind the standard deviations. docs/uncertainty.md.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "records.hpp"
+#include "robot.hpp"
+
+namespace cdrj {
+
+/// If an axis moves further than this in a gap, the friction history is unknown [rad].
+inline constexpr double MOVED = 0.01;
+
+/// A sample, as the ensemble takes it.
+struct SampleView {
+    Nanoseconds stamp_ns;
+    std::span<const double> motor_angle;  // [rad], of prismatic joints [m]
+    std::span<const double> joint_angle;
+    std::span<const double> unseen;       // as `Sample::unseen`
+};
+
+/// A quantity of the estimate that has a standard deviation.
+struct Quantity {
+    Index place;                 // in the estimate
+    Index element;               // an element of its cable; -1 for an effort, to which all contribute
+    double unmodelled_variance;  // what no member shows, (U5)
+    double slack;                // its magnitude where every cable has its slack tension, (U6)
+};
+
+/// What distinguishes the members, as `cdrj_ros.estimation` draws it. Tables are stored by rows.
+struct Draws {
+    std::vector<double> numbers;         // constants of every member's robot
+    std::vector<double> friction_share;  // by members and pulleys, see `Robot::impose_friction`
+    std::vector<char> slipping;          // whether a member's cables slip on their drums
+    std::vector<double> reading_error;   // of all axes, one row for every update in turn [rad]
+    std::vector<double> unseen_share;    // xi of (U3), by intervals in turn, members and axes
+    std::vector<double> lower;           // range of every axis [rad]
+    std::vector<double> upper;
+    Index reading_rows;                  // of `reading_error`
+    Index unseen_rows;                   // of `unseen_share`
+};
+
+/// How far an ensemble has come. Every field takes 8 bytes: Python reads it as an array.
+struct Progress {
+    Index updates = 0;            // of all members, since they were last started
+    Nanoseconds last_stamp = -1;  // of the last sample; -1 before the first
+    Index last_unsolved = 0;      // 1 if its estimate was not solved, otherwise 0
+};
+
+/// What an ensemble remembers from one sample to the next.
+struct EnsembleMemory {
+    std::vector<double> states;       // of all members
+    std::vector<Nanoseconds> stamps;  // of every member's last update
+    Progress progress;
+    std::vector<double> angle;        // of all axes at the last sample [rad]
+    std::vector<double> unseen;       // standard deviations of these angles [rad]
+    // of every axis, twice the number of its past intervals without readings, plus one during one
+    std::vector<Index> intervals;
+    std::vector<double> deviation;    // of every member's quantities from the estimate's
+    std::vector<double> variance;     // of every quantity, (U1)
+};
+
+/// Robots that differ in all that is unknown, and are stepped along with the estimate.
+///
+/// One member in turn is updated with a sample, in one step over all samples since its last update.
+/// All are: with the first sample, after a gap in which an axis moved, after estimates that were not
+/// solved, and where an axis may have moved unseen since the sample before (U3).
+class Ensemble {
+public:
+    /// `plan` and `numbers`: the robot of the estimate, see `cdrj_ros.model.packing`.
+    Ensemble(
+        std::vector<Index> plan, std::vector<double> numbers, std::vector<Quantity> quantities,
+        Draws draws);
+
+    // members view arrays of this object
+    Ensemble(const Ensemble&) = delete;
+    Ensemble& operator=(const Ensemble&) = delete;
+
+    /// One sample of the estimate and of the ensemble: `Robot::advance`, then `update`.
+    bool step(
+        const double* before, const SampleView& sample, double dt, bool at_once, double* out,
+        std::span<double> stddev);
+
+    /// Write the standard deviations at a sample and its estimate.
+    ///
+    /// They are those after the sample before, unless more than one member is updated. One member
+    /// then waits to be updated, until `finish` or the next sample; not if `at_once`, or if the last
+    /// update is too recent. `least`: number of members to be updated at least.
+    void update(
+        const SampleView& sample, std::span<const double> estimate, Index least, bool at_once,
+        std::span<double> stddev);
+
+    /// As `update` at a predicted sample, which the ensemble forgets again at the next call.
+    ///
+    /// Members are updated only where the prediction adds to their deviations.
+    void predict(
+        const SampleView& sample, std::span<const double> estimate, std::span<double> stddev);
+
+    /// Forget what has been predicted.
+    void roll_back();
+
+    /// Update the member that waits, if there is one.
+    void finish();
+
+    /// Discard the history of all members; the next sample starts them anew.
+    void reset();
+
+    Index members() const { return static_cast<Index>(robots_.size()); }
+    const Robot& robot() const { return robot_; }
+    std::size_t axes() const { return angle_.size(); }
+
+    const std::vector<Quantity> quantities;
+    Draws draws;
+    EnsembleMemory memory;  // Python holds views of it: its vectors are never moved
+
+private:
+    void begin(
+        const SampleView& sample, std::span<const double> estimate, Index least,
+        std::span<double> stddev);
+    bool take_angles(const SampleView& sample);
+    bool moved_in_a_gap(Nanoseconds stamp) const;
+    std::pair<bool, bool> count_intervals();
+    bool is_due(Nanoseconds stamp) const;
+    void start_anew();
+    void update_members(Index count, double part_s);
+    void update_member(double part_s);
+    double walk(Index member, std::span<const double> errors, double dt, double part_s);
+    void deviate(Index member, std::span<const double> deviation);
+    bool advance(Index member, double dt);
+    void compare(Index member, bool all_solved);
+    void write_stddev(std::span<double> stddev) const;
+    bool is_invalid(std::span<const double> estimate, Index element) const;
+
+    std::vector<Index> plan_;
+    std::vector<double> numbers_;
+    Robot robot_;                // of the estimate
+    std::vector<Robot> robots_;  // of the members
+    std::optional<EnsembleMemory> before_prediction_;
+    bool waiting_ = false;       // whether one member has yet to be updated to the last sample
+
+    // of the sample in progress, or of the last one
+    std::vector<double> estimate_;
+    std::vector<double> angle_before_;  // of the sample before [rad]
+    std::vector<double> angle_;         // [rad]
+    std::vector<double> unseen_;        // standard deviations of the angles [rad]
+    std::vector<double> midway_;        // those midway between the sample before and this one [rad]
+
+    // of the member in progress
+    std::vector<double> between_;  // deviations on its path between two samples [rad]
+    std::vector<double> reading_;  // its readings of all axes [rad]
+    std::vector<double> out_;      // of `Robot::advance`
+};
+
+}  // namespace cdrj
