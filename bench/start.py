@@ -27,10 +27,6 @@ FROM_NOTHING = 3
 """Rounds of first starts that compile."""
 NOTHING_S = 60.0
 """Time for them."""
-INCOMPLETE = b"still being compiled"
-"""In what the node logs, before it works, if standard deviations follow later."""
-COMPLETE = b"standard deviations from now on"
-"""What it logs when they do."""
 
 
 class Started(NamedTuple):
@@ -42,24 +38,15 @@ class Started(NamedTuple):
     """Time until its log reports that it works [s]."""
     memory_mb: float
     """Resident memory at that time [MB]."""
-    complete_s: float = 0.0
-    """Time until it also gives standard deviations [s], where it is waited for."""
 
 
-def started(
-    command: list[str],
-    said: bytes,
-    variables: Mapping[str, str] | None = None,
-    *,
-    complete: bool = False,
-) -> Started:
+def started(command: list[str], said: bytes, variables: Mapping[str, str] | None = None) -> Started:
     """Start a node, wait until it works and end it.
 
     Args:
         command: of the node.
         said: what it logs when it works.
         variables: of its environment.
-        complete: whether to wait for its standard deviations too, if they come later.
 
     Raises:
         RuntimeError: the process ended earlier.
@@ -67,20 +54,14 @@ def started(
     begin = perf_counter()
     environment = {**os.environ, **(variables or {})}
     process = subprocess.Popen(command, stderr=subprocess.PIPE, env=environment)
-    line_s, follows = 0.0, False
+    line_s = 0.0
     try:
         assert process.stderr is not None
         for line in process.stderr:
             now = perf_counter() - begin
             line_s = line_s or now
             if said in line:
-                ready = Started(line_s, now, _resident_mb(process.pid))
-                if not (complete and follows):
-                    return ready._replace(complete_s=now)
-            elif INCOMPLETE in line:
-                follows = True
-            elif COMPLETE in line:
-                return ready._replace(complete_s=now)
+                return Started(line_s, now, _resident_mb(process.pid))
         raise RuntimeError(f"{command[0]} ended early, exit code {process.wait()}")
     finally:
         with suppress(OSError):
@@ -116,7 +97,7 @@ def _first_starts() -> list[Row]:
         for _ in turns(rounds, limit_s):
             with TemporaryDirectory() as folder:
                 given = variables(Path(folder))
-                first = started(estimator, ready, given, complete=kind == "nothing")
+                first = started(estimator, ready, given)
                 pairs[kind].append((first, started(estimator, ready, given)))
     nothing = "first start without a compiled kernel"
     for kind, what, aim in (
@@ -125,9 +106,6 @@ def _first_starts() -> list[Row]:
     ):
         more = [first.ready_s - second.ready_s for first, second in pairs[kind]]
         rows.append(Row("start", what, "s", Spread.of(more), aim=aim))
-    complete = [first.complete_s - second.ready_s for first, second in pairs["nothing"]]
-    what = f"{nothing}, until its standard deviations: more than the second"
-    rows.append(Row("start", what, "s", Spread.of(complete)))
     lines = [first.line_s for first, _ in pairs["nothing"]]
     what = f"{nothing}, until its first line"
     rows.append(Row("start", what, "s", Spread.of(lines), aim="≤ 1"))

@@ -243,14 +243,13 @@ MOVED: Final[float]
 class Ensemble:
     """Robots that differ in all that is unknown, stepped along with the estimate.
 
-    Where not stated otherwise, functions take samples as ``Sample`` holds them, and raise TypeError
-    if an array is not contiguous or of another type, and ValueError if one is of another robot.
+    Where not stated otherwise, functions take samples as ``Sample`` holds them, in any layout, and
+    raise ValueError if an array is of another robot.
     """
 
     def __init__(
         self,
-        plan: NDArray[np.int64],
-        nominal: NDArray[np.float64],
+        robot: Robot,
         numbers: NDArray[np.float64],
         friction_share: NDArray[np.float64],
         slipping: NDArray[np.bool_],
@@ -264,7 +263,7 @@ class Ensemble:
         """Copy all arrays.
 
         Args:
-            plan, nominal: of the estimate's robot, see ``Robot``.
+            robot: of the estimate.
             numbers: of every member's robot, shape (members, numbers).
             friction_share: initial friction as a share of its bound, shape (members, pulleys).
             slipping: whether a member's cables slip on their drums, shape (members,).

@@ -18,7 +18,6 @@ from standard_errors import SECONDS, fitted_numbers, moved, recording, robot_fil
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.settings import Settings
@@ -43,7 +42,7 @@ def rig(document: Any, values: dict[str, float], seed: int, *, slips: bool) -> R
     angles = (motion.truth.motor_angle, motion.truth.joint_angle)
     samples = Samples(motion.stamp_ns, *map(np.ascontiguousarray, angles))
     fine = prepare(divide_contacts(robot, CELLS))
-    found = (run_slipping if slips else run)(fine, initial_state(fine), samples)[1].values
+    found = run(fine, initial_state(fine), samples, slipping=slips)[1].values
     tension = found[::2, fine.layout.tension]
     columns = {f"tension/{n}": t for n, t in zip(fine.layout.elements, tension.T, strict=True)}
     columns["effort/winch"] = found[::2, fine.layout.motor_effort][:, 0]

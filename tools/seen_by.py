@@ -20,7 +20,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import wrong_files
 
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.estimation.drums_without_memory import forget_drums
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
@@ -55,7 +54,7 @@ def readings_of(model: Model, wrong: wrong_files.Wrong, motion: Samples) -> Tabl
             zip(motion.stamp_ns.tolist(), motion.motor_angle, motion.joint_angle, strict=True)
         ):
             state, estimate = step(real, state, Sample(stamp, motor, joint))
-            forget_drums(real.plan, real.numbers, state.values)
+            real.core.forget_drums(state.values)
             rows[k] = estimate.values
     else:
         rows = run(real, initial_state(real), motion)[1].values

@@ -74,9 +74,9 @@ def estimated(model: Model, samples: Samples, kept: Kept) -> tuple[Table, Table]
     """Tensions and standard deviations [N] if only some quantities are unknown."""
     spread = Spread(model)
     if not kept.readings:
-        spread._members.reading_errors[:] = 0.0
+        spread.core.reading_error[:] = 0.0
     if not kept.history:
-        spread._members.shares[:] = 0.0
+        spread.core.friction_share[:] = 0.0
     if not kept.wound:
         cables: Any = number_views(model.sizes, spread.numbers).cables
         cables["wound_tension"] = cables["preload"]

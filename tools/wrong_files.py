@@ -28,7 +28,6 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.bag import Topics  # noqa: E402
 from cdrj_ros.conditioning.samples import Sample, Samples  # noqa: E402
-from cdrj_ros.estimation.drums_without_memory import forget_drums  # noqa: E402
 from cdrj_ros.estimation.ensemble import Spread  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run, step  # noqa: E402
 from cdrj_ros.estimation.options import Options  # noqa: E402
@@ -171,7 +170,7 @@ def true_readings(model: Model, wrong: Wrong, motion: Samples) -> Truth:
         zip(motion.stamp_ns.tolist(), motion.motor_angle, motion.joint_angle, strict=True)
     ):
         state, estimate = step(fine, state, Sample(stamp, motor, joint))
-        forget_drums(fine.plan, fine.numbers, state.values)
+        fine.core.forget_drums(state.values)
         rows[k], efforts[k] = estimate.tension, estimate.motor_effort
     return Truth(rows, efforts)
 

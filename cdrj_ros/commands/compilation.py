@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from cdrj_ros.commands.parts import IN_SPACE, OF_ESTIMATES, OF_EVERY_START, is_compiled
+from cdrj_ros.commands.parts import IN_SPACE, OF_EVERY_START, is_compiled
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.compiled import kernels_can_be_kept
 from cdrj_ros.model.loading import robot_path
@@ -24,11 +23,8 @@ _PROGRAM: Final = """
 import sys
 sys.path[:] = {path!r}
 from cdrj_ros.commands.compile_ahead import compile_part
-compile_part({part!r}, {niceness})
+compile_part({part!r})
 """
-
-WHILE_ESTIMATING: Final = 10
-"""Niceness of what compiles beside a running estimator."""
 
 
 def ensure_compilation(robot: str) -> None:
@@ -37,8 +33,7 @@ def ensure_compilation(robot: str) -> None:
     Args:
         robot: the robot file, or the name of an installed one.
     """
-    needed = OF_EVERY_START if missing(OF_ESTIMATES) else ()
-    compile_for_estimates(robot, needed, (), lambda: print(COMPILING, file=sys.stderr, flush=True))
+    compile_for_estimates(robot, lambda: print(COMPILING, file=sys.stderr, flush=True))
 
 
 def parts_of_file(robot: str) -> tuple[str, ...]:
@@ -70,39 +65,21 @@ def _is_in_space(robot: str) -> bool:
         return False
 
 
-def compile_for_estimates(
-    robot: str, needed: Iterable[str], later: Iterable[str], announce: Callable[[], object]
-) -> Compilation | None:
-    """Compile the kernels that a robot's estimates need, and begin with those that can follow.
+def compile_for_estimates(robot: str, announce: Callable[[], object]) -> None:
+    """Compile the kernels that a robot's estimates need.
 
     Several processes take half as long as one.  Where one of them fails or nothing can be kept,
     this process compiles what it needs when it needs it.
 
     Args:
         robot: the robot file, or the name of an installed one.
-        needed: parts of ``OF_EVERY_START`` that are compiled when this returns.
-        later: parts of it that can follow; they wait for a processor.
         announce: called before a wait.
-
-    Returns:
-        What is still being compiled; None if that is nothing.
     """
-    urgent, others = (*missing(needed), *parts_of_file(robot)), missing(later)
-    if not (urgent or others):
-        return None
-    kept = kernels_can_be_kept(shape, advance)
-    if urgent or not kept:
+    needed = (*missing(OF_EVERY_START), *parts_of_file(robot))
+    if needed:
         announce()
-    if not kept:
-        return None
-    at_once = len(os.sched_getaffinity(0)) > len(urgent)
-    rest = Compilation(others if at_once else (), quiet=True, niceness=WHILE_ESTIMATING)
-    if not compile_together(urgent, quiet=True) or missing(urgent):
-        rest.end()
-        return None
-    if not at_once:
-        rest = Compilation(others, quiet=True, niceness=WHILE_ESTIMATING)
-    return rest if rest.runs() else None
+        if kernels_can_be_kept(shape, advance):
+            compile_together(needed, quiet=True)
 
 
 def missing(parts: Iterable[str]) -> tuple[str, ...]:
@@ -127,13 +104,12 @@ def compile_together(parts: Iterable[str], *, quiet: bool = False) -> bool:
 class Compilation:
     """Processes that compile a part each; they end with this one at the latest."""
 
-    def __init__(self, parts: Iterable[str], *, quiet: bool = False, niceness: int = 0) -> None:
+    def __init__(self, parts: Iterable[str], *, quiet: bool = False) -> None:
         """Start the processes.
 
         Args:
             parts: keys of ``compile_ahead.PARTS``.
             quiet: whether the processes report nothing.
-            niceness: of the processes, in addition to that of this one.
         """
         self.parts = tuple(parts)
         path, silence = list(sys.path), subprocess.DEVNULL if quiet else None
@@ -141,7 +117,7 @@ class Compilation:
         self._failed = False
         try:
             for part in self.parts:
-                program = _PROGRAM.format(path=path, part=part, niceness=niceness)
+                program = _PROGRAM.format(path=path, part=part)
                 command = [sys.executable, "-c", program]
                 self._running.append(
                     subprocess.Popen(command, stdin=subprocess.PIPE, stdout=silence, stderr=silence)

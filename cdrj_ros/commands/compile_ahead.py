@@ -24,18 +24,15 @@ from numpy.typing import NDArray
 from cdrj_ros.commands.compilation import compile_together
 from cdrj_ros.commands.parts import IN_SPACE, INDEPENDENT, OF_EVERY_START, is_compiled
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.estimation.ensemble import Spread, find_kernels
 from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.member_records import no_members
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.estimation.slipping_drums import run_slipping
-from cdrj_ros.estimation.unsure import mark_recording, mark_unsure, preload_of_elements
 from cdrj_ros.messages import estimate_encoder
 from cdrj_ros.model.cable import compile_solve_cable
 from cdrj_ros.model.compiled import direct
 from cdrj_ros.model.friction import blended_loss
 from cdrj_ros.model.linked import compile_without_callees
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model, read_only
 from cdrj_ros.model.shape import shape
 from cdrj_ros.model.spatial_shape import shape_in_space
@@ -55,7 +52,8 @@ def _samples(model: Model) -> Samples:
 def _compile_step() -> None:
     """Compile the step, without the geometry and the solution of a cable, which it calls."""
     compile_without_callees()
-    find_entry()
+    vector = np.empty(0)
+    direct(advance, _plan(), read_only(vector), *3 * (vector,), 0.0, vector)
 
 
 def _compile_geometry() -> None:
@@ -65,13 +63,6 @@ def _compile_geometry() -> None:
     compile_solve_cable()
     blended_loss(0.5, 0.1, 0.1, 1.0, 0.0, 0)
     estimate_encoder.find_entry()
-
-
-def _compile_members() -> None:
-    """Compile the kernels of live standard deviations, without the step that they call."""
-    compile_without_callees()
-    mark_unsure(np.zeros(1), np.zeros(0), np.zeros(0), 1.0)
-    find_kernels(_plan(), read_only(np.empty(0)), no_members())
 
 
 def _compile_space() -> None:
@@ -90,11 +81,7 @@ def _compile_recordings() -> None:
     model = load_model(ROBOT)
     samples = _samples(model)
     LiveEstimator(model).take(samples.at(0))
-    _, estimates = run(model, initial_state(model), samples)
-    run_slipping(model, initial_state(model), samples)
-    preload = preload_of_elements(model.robot)
-    Spread(model).run(initial_state(model), samples)
-    mark_recording(estimates.values, preload, np.empty((0, 0)), 1.0, np.ones(2, dtype=np.bool_))
+    run(model, initial_state(model), samples)
 
 
 def _compile_motor_alone() -> None:
@@ -128,7 +115,6 @@ def _compile_rig() -> None:
 PARTS: Final[Mapping[str, Callable[[], None]]] = {
     "step": _compile_step,
     "geometry": _compile_geometry,
-    "members": _compile_members,
     IN_SPACE: _compile_space,
     "motor_alone": _compile_motor_alone,
     "recordings": _compile_recordings,
@@ -144,9 +130,8 @@ def compile_kernels(parts: Iterable[str]) -> bool:
     return compile_together(first) and compile_together(others)
 
 
-def compile_part(part: str, niceness: int = 0) -> None:
+def compile_part(part: str) -> None:
     """Compile a part in this process, which ends with the process that holds its standard input."""
-    os.nice(niceness)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # that process decides when to stop
     threading.Thread(target=_end_with_the_parent, name="parent", daemon=True).start()
     gc.set_threshold(100_000, 50, 100)  # little is garbage; saves 6 % of the time

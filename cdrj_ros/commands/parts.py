@@ -8,10 +8,7 @@ from typing import Final
 
 from cdrj_ros.model.compiled import kernels_are_compiled
 
-OF_ESTIMATES: Final = ("step", "geometry")
-"""Parts without which nothing is estimated.  They take equally long."""
-
-OF_EVERY_START: Final = (*OF_ESTIMATES, "members")
+OF_EVERY_START: Final = ("step", "geometry")
 """Parts that every start of the estimator uses; they do not depend on one another."""
 
 IN_SPACE: Final = "space"
@@ -28,23 +25,12 @@ OUTERMOST: Final[Mapping[str, tuple[str, ...]]] = {
         "model.friction.blended_loss",
         "messages.estimate_encoder.write_messages",
     ),
-    "members": (
-        "estimation.member_kernels.begin_sample",
-        "estimation.member_kernels.advance_with_members",
-        "estimation.member_steps.step_members",
-        "estimation.unsure.mark_unsure",
-    ),
     IN_SPACE: ("model.spatial_shape.shape_in_space",),
     "motor_alone": (
         "estimation.motor_alone_members.run_alone",
         "estimation.motor_alone_members.forget",
     ),
-    "recordings": (
-        "estimation.drums_without_memory.advance_slipping",
-        "estimation.member_kernels.follow_members",
-        "estimation.unsure.mark_recording",
-        "model.mechanism.advance_all",
-    ),
+    "recordings": ("model.mechanism.advance_all",),
     "rig": (
         "rig.balance.balance",
         "rig.balance.scan",

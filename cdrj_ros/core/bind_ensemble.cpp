@@ -9,6 +9,7 @@
 
 #include "arrays.hpp"
 #include "bind.hpp"
+#include "bind_robot.hpp"
 #include "ensemble.hpp"
 #include "unsure.hpp"
 
@@ -17,8 +18,11 @@ namespace py = pybind11;
 namespace cdrj {
 namespace {
 
+using Stamps = py::array_t<Nanoseconds, py::array::c_style | py::array::forcecast>;
+
 /// Flags; bind them with `noconvert`.
 using Flags = py::array_t<bool, py::array::c_style>;
+using GivenFlags = py::array_t<bool, py::array::c_style | py::array::forcecast>;
 
 /// Samples between two checks for an interruption.
 constexpr py::ssize_t PIECE = 2048;
@@ -35,12 +39,10 @@ std::vector<T> taken(
 }
 
 std::unique_ptr<Ensemble> make_ensemble(
-    const Indices& plan, const Vector& nominal, const Matrix& numbers, const Matrix& friction_share,
+    const HeldRobot& robot, const Matrix& numbers, const Matrix& friction_share,
     const Flags& slipping, const Matrix& reading_error, const Matrix& unseen_share,
     const Matrix& span, const Indices& place, const Indices& element, const Matrix& unmodelled) {
-    require(plan.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "plan is too short");
-    const Topology topology(plan.data());
-    const Sizes& sizes = topology.sizes;
+    const Sizes& sizes = robot.robot.topology.sizes;
     const py::ssize_t members = slipping.size(), axes = sizes.axes(), quantities = place.size();
     require(members > 0, "an ensemble needs members");
     require(
@@ -51,7 +53,7 @@ std::unique_ptr<Ensemble> make_ensemble(
     require(errors > 0 && paths > 0, "reading_error and unseen_share need at least one row");
     const std::vector<double> lower_upper = taken(span, {2, axes}, "span");
     Draws draws{
-        .numbers = taken(numbers, {members, nominal.size()}, "numbers"),
+        .numbers = taken(numbers, {members, robot.numbers.size()}, "numbers"),
         .friction_share = taken(friction_share, {members, sizes.pulleys}, "friction_share"),
         .slipping = {slipping.data(), slipping.data() + members},
         .reading_error = taken(reading_error, {errors, axes}, "reading_error"),
@@ -73,14 +75,14 @@ std::unique_ptr<Ensemble> make_ensemble(
         rows.push_back({places[q], elements[q], more[q], more[quantities + q]});
     }
     return std::make_unique<Ensemble>(
-        taken(plan, {plan.size()}, "plan"), taken(nominal, {nominal.size()}, "nominal"),
-        std::move(rows), std::move(draws));
+        taken(robot.plan, {robot.plan.size()}, "plan"),
+        taken(robot.numbers, {robot.numbers.size()}, "numbers"), std::move(rows), std::move(draws));
 }
 
 /// A sample of this ensemble's robot.
 SampleView view_of(
-    const Ensemble& ensemble, Nanoseconds stamp_ns, const Vector& motor_angle,
-    const Vector& joint_angle, const Matrix& unseen) {
+    const Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle,
+    const Given& joint_angle, const Given& unseen) {
     const Sizes& sizes = ensemble.robot().topology.sizes;
     require(
         motor_angle.size() == sizes.motors && joint_angle.size() == sizes.joints &&
@@ -96,7 +98,7 @@ std::span<double> row_of_stddev(const Ensemble& ensemble, Vector& stddev) {
     return {stddev.mutable_data(), quantities};
 }
 
-std::span<const double> estimate_of(const Ensemble& ensemble, const Vector& estimate) {
+std::span<const double> estimate_of(const Ensemble& ensemble, const Given& estimate) {
     require(
         estimate.size() == py::ssize_t(ensemble.robot().estimate_size()),
         "the estimate is not one of this robot");
@@ -104,8 +106,8 @@ std::span<const double> estimate_of(const Ensemble& ensemble, const Vector& esti
 }
 
 bool step(
-    Ensemble& ensemble, const Vector& before, Nanoseconds stamp_ns, const Vector& motor_angle,
-    const Vector& joint_angle, const Matrix& unseen, double dt, bool at_once, Vector& out,
+    Ensemble& ensemble, const Vector& before, Nanoseconds stamp_ns, const Given& motor_angle,
+    const Given& joint_angle, const Given& unseen, double dt, bool at_once, Vector& out,
     Vector& stddev) {
     const Robot& robot = ensemble.robot();
     require(before.size() >= py::ssize_t(robot.state_size()), "before is too short");
@@ -116,16 +118,16 @@ bool step(
 }
 
 void update(
-    Ensemble& ensemble, Nanoseconds stamp_ns, const Vector& motor_angle, const Vector& joint_angle,
-    const Matrix& unseen, const Vector& estimate, Index least, bool at_once, Vector& stddev) {
+    Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
+    const Given& unseen, const Given& estimate, Index least, bool at_once, Vector& stddev) {
     ensemble.update(
         view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen),
         estimate_of(ensemble, estimate), least, at_once, row_of_stddev(ensemble, stddev));
 }
 
 void predict(
-    Ensemble& ensemble, Nanoseconds stamp_ns, const Vector& motor_angle, const Vector& joint_angle,
-    const Matrix& unseen, const Vector& estimate, Vector& stddev) {
+    Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
+    const Given& unseen, const Given& estimate, Vector& stddev) {
     ensemble.predict(
         view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen),
         estimate_of(ensemble, estimate), row_of_stddev(ensemble, stddev));
@@ -133,11 +135,11 @@ void predict(
 
 /// `update` for many samples and their estimates.
 void follow(
-    Ensemble& ensemble, const Indices& stamp_ns, const Matrix& motor_angle,
-    const Matrix& joint_angle, const Matrix& unseen, const Matrix& estimates, Matrix& stddev) {
+    Ensemble& ensemble, const Stamps& stamp_ns, const Given& motor_angle,
+    const Given& joint_angle, const Given& unseen, const Given& estimates, Matrix& stddev) {
     const Sizes& sizes = ensemble.robot().topology.sizes;
     const py::ssize_t samples = stamp_ns.size();
-    const auto fits = [samples](const Matrix& one, std::size_t width) {
+    const auto fits = [samples](const auto& one, std::size_t width) {
         return one.size() == samples * py::ssize_t(width) && one.shape(0) == samples;
     };
     const std::size_t quantities = ensemble.quantities.size(), size = ensemble.robot().estimate_size();
@@ -194,7 +196,7 @@ py::array_t<Index> view_of_progress(const py::object& self) {
 }
 
 void mark_one_unsure(
-    Vector& estimate, const Vector& preload, const Vector& stddev, double share) {
+    Vector& estimate, const Given& preload, const Given& stddev, double share) {
     require(
         estimate.size() >= 2 * preload.size() && stddev.size() >= preload.size(),
         "an estimate or its standard deviations have too few elements");
@@ -204,8 +206,8 @@ void mark_one_unsure(
 }
 
 void mark_recording(
-    Matrix& estimates, const Vector& preload, const Matrix& stddev, double share,
-    const Flags& doubtful) {
+    Matrix& estimates, const Given& preload, const Given& stddev, double share,
+    const GivenFlags& doubtful) {
     require(estimates.ndim() == 2 && stddev.ndim() == 2, "estimates and stddev are not tables");
     const py::ssize_t samples = estimates.shape(0), elements = preload.size();
     const bool known = stddev.shape(0) > 0, doubts = doubtful.size() > 0;
@@ -235,25 +237,24 @@ void bind_ensemble(py::module_& core) {
     const auto array = [](const char* name) { return py::arg(name).noconvert(); };
     py::class_<Ensemble>(core, "Ensemble", "Robots that differ in all that is unknown.")
         .def(
-            py::init(&make_ensemble), array("plan"), array("nominal"), array("numbers"),
-            array("friction_share"), array("slipping"), array("reading_error"),
-            array("unseen_share"), array("span"), array("place"), array("element"),
-            array("unmodelled"), "Copies all arrays.")
+            py::init(&make_ensemble), py::arg("robot"), array("numbers"), array("friction_share"),
+            array("slipping"), array("reading_error"), array("unseen_share"), array("span"),
+            array("place"), array("element"), array("unmodelled"), "Copies all arrays.")
         .def(
-            "step", step, array("before"), stamp_ns, array("motor_angle"), array("joint_angle"),
-            array("unseen"), py::arg("dt"), py::arg("at_once"), array("out"), array("stddev"),
-            "``Robot.step`` and ``update`` in one call.")
+            "step", step, array("before"), stamp_ns, py::arg("motor_angle"),
+            py::arg("joint_angle"), py::arg("unseen"), py::arg("dt"), py::arg("at_once"),
+            array("out"), array("stddev"), "``Robot.step`` and ``update`` in one call.")
         .def(
-            "update", update, stamp_ns, array("motor_angle"), array("joint_angle"),
-            array("unseen"), array("estimate"), py::arg("least"), py::arg("at_once"),
+            "update", update, stamp_ns, py::arg("motor_angle"), py::arg("joint_angle"),
+            py::arg("unseen"), py::arg("estimate"), py::arg("least"), py::arg("at_once"),
             array("stddev"), "Write the standard deviations at a sample and its estimate.")
         .def(
-            "predict", predict, stamp_ns, array("motor_angle"), array("joint_angle"),
-            array("unseen"), array("estimate"), array("stddev"),
+            "predict", predict, stamp_ns, py::arg("motor_angle"), py::arg("joint_angle"),
+            py::arg("unseen"), py::arg("estimate"), array("stddev"),
             "``update`` at a predicted sample, which the next call of another function forgets.")
         .def(
-            "follow", follow, array("stamp_ns"), array("motor_angle"), array("joint_angle"),
-            array("unseen"), array("estimates"), array("stddev"),
+            "follow", follow, stamp_ns, py::arg("motor_angle"), py::arg("joint_angle"),
+            py::arg("unseen"), py::arg("estimates"), array("stddev"),
             "``update``, at once, for many samples and their estimates, one a row.")
         .def("roll_back", &Ensemble::roll_back, "Forget what has been predicted.")
         .def("finish", &Ensemble::finish, "Update the member that waits, if there is one.")
@@ -273,12 +274,12 @@ void bind_ensemble(py::module_& core) {
         .def_property_readonly("progress", view_of_progress);
     core.attr("MOVED") = MOVED;
     core.def(
-        "mark_unsure", mark_one_unsure, array("estimate"), array("preload"), array("stddev"),
+        "mark_unsure", mark_one_unsure, array("estimate"), py::arg("preload"), py::arg("stddev"),
         py::arg("share"),
         "Set ``UNSURE`` where the standard deviation is too large for tension and preload.");
     core.def(
-        "mark_recording", mark_recording, array("estimates"), array("preload"), array("stddev"),
-        py::arg("share"), array("doubtful"),
+        "mark_recording", mark_recording, array("estimates"), py::arg("preload"), py::arg("stddev"),
+        py::arg("share"), py::arg("doubtful"),
         "``mark_unsure`` for every estimate of a recording, and everywhere where it is doubtful.");
 }
 

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import State
-from cdrj_ros.estimation.member_turns import MOVED
 
 Vector = NDArray[np.float64]
 
@@ -39,4 +39,4 @@ class EarlierRun:
         ):
             if before is not None and before.shape == now.shape and now.size:
                 moved = max(moved, float(np.max(np.abs(now - before))))
-        return moved > MOVED and not 0 < sample.stamp_ns - self.state.stamp_ns <= UNWATCHED_NS
+        return moved > _core.MOVED and not 0 < sample.stamp_ns - self.state.stamp_ns <= UNWATCHED_NS

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +19,6 @@ from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
-from cdrj_ros.estimation.late_spread import LateSpread
 from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.other_numbers import preloads_of, reference_at, with_other_numbers
 from cdrj_ros.estimation.other_sensors import OtherSensors
@@ -74,8 +72,6 @@ class LiveEstimator:
         """Elements that are ``UNSURE`` whatever their standard deviation, shape (elements,); None
         for none.  The health monitor sets it."""
         self.spread: Spread | None = None
-        self._late: LateSpread | None = None
-        """What the ensemble has yet to be updated with, while its kernels are being compiled."""
         self.other_sensors: OtherSensors | None = None
         """Load cells and motors' efforts, if the options ask for them."""
         self.alone: LiveAlone | None = None
@@ -113,41 +109,9 @@ class LiveEstimator:
             else:
                 self.other_sensors.use(spread)
         self.model, self.spread = model, spread
-        if self._late is not None:
-            self._late.forget()
         self._ahead: State | None = None
         """The state after the last predicted sample, if one was taken since the last other one."""
         self._preload = preload_of_elements(model.robot)
-
-    def postpone_spread(self) -> None:
-        """Until ``add_spread``, estimate without the ensemble, whose kernels are being compiled.
-
-        Standard deviations are infinite and all elements ``UNSURE`` meanwhile.  What restarts the
-        estimate, or changes the robot's numbers, makes the ensemble begin with the sample after it.
-        Without effect where other sensors correct the ensemble, or where there is none.
-        """
-        if self.spread is not None and self.other_sensors is None:
-            self._late = LateSpread(self.spread.columns.size)
-
-    @property
-    def spread_is_late(self) -> bool:
-        """Whether the estimates are without the ensemble, see ``postpone_spread``."""
-        return self._late is not None
-
-    def add_spread(self, within_s: float = inf) -> bool:
-        """Update the ensemble with what it has missed, and then use it from now on.
-
-        Args:
-            within_s: time after which the rest is left to further calls [s].
-
-        Returns:
-            Whether the ensemble is used from now on, as it is where it was never postponed.
-        """
-        late, spread = self._late, self.spread
-        if late is not None and spread is not None and not late.update(spread, within_s):
-            return False
-        self._late = None
-        return True
 
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""
@@ -173,8 +137,6 @@ class LiveEstimator:
             self.alone.reset()
         if self.spread is not None:
             self.spread.reset()
-        if self._late is not None:
-            self._late.forget()
         if self.other_sensors is not None:
             self.other_sensors.restart(known=known)
 
@@ -301,14 +263,11 @@ class LiveEstimator:
         """The next estimate, and its standard deviations if they are wanted."""
         spread, others = self.spread, self.other_sensors
         if others is None:
-            if spread is not None and self._late is None:
+            if spread is not None:
                 self.state, estimate, stddev = spread.step(self.state, sample, at_once=False)
                 return estimate, stddev
             self.state, estimate = step(self.model, self.state, sample)
-            if self._late is None:
-                return estimate, None
-            self._late.note(sample, estimate)
-            return estimate, self._late.unknown
+            return estimate, None
         assert spread is not None
         model, untaught = self.model, self.state is self.unaided
         if self.state.stamp_ns == NEVER:
@@ -348,8 +307,7 @@ class LiveEstimator:
         self._ahead, estimate = step(self.model, self._ahead or self.state, sample)
         stddev = None
         if self.spread is not None:
-            late = self._late
-            stddev = late.unknown if late else self.spread.look_ahead(sample, estimate)
+            stddev = self.spread.look_ahead(sample, estimate)
             self._mark(estimate, stddev)
         self._mark_doubts(sample, estimate)
         if self.other_sensors is not None and self.other_sensors.fusion.contested:
@@ -357,11 +315,8 @@ class LiveEstimator:
         return Output(estimate, stddev)
 
     def _mark(self, estimate: Estimate, stddev: Vector) -> None:
-        """Set ``UNSURE`` where standard deviations are too large, or unknown."""
-        if self._late is not None:
-            mark_all_unsure(estimate.values, self._preload.size)
-        else:
-            mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
+        """Set ``UNSURE`` where standard deviations are too large."""
+        mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
 
     def _mark_doubts(self, sample: Sample, estimate: Estimate) -> None:
         """Set ``UNSURE`` where readings or the robot itself are in doubt."""

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import compiled, lean, usable_in_kernels
+from cdrj_ros import _core
 from cdrj_ros.model.status import INVALID, UNSURE
 from cdrj_ros.robot.description import Robot
 
@@ -27,7 +27,6 @@ def preload_of_elements(robot: Robot) -> Vector:
     )
 
 
-@lean
 def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -> None:
     """Set ``UNSURE`` where the standard deviation is too large for tension and preload.
 
@@ -37,21 +36,12 @@ def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -
         stddev: of the tensions, then the rest [N].
         share: see ``UNSURE_SHARE``.
     """
-    elements = preload.size
-    for e in range(elements):
-        if stddev[e] > share * max(values[e], preload[e]):
-            flags = int(values[elements + e])
-            if flags & INVALID == 0:
-                values[elements + e] = flags | UNSURE
+    _core.mark_unsure(values, preload, stddev, share)
 
 
-@usable_in_kernels
 def mark_all_unsure(values: Vector, elements: int) -> None:
     """Set ``UNSURE`` on every element of an estimate that is not ``INVALID``."""
-    for e in range(elements):
-        flags = int(values[elements + e])
-        if flags & INVALID == 0:
-            values[elements + e] = flags | UNSURE
+    mark_some_unsure(values, np.ones(elements, dtype=np.bool_))
 
 
 def mark_some_unsure(values: Vector, doubted: NDArray[np.bool_]) -> None:
@@ -66,7 +56,6 @@ def mark_some_unsure(values: Vector, doubted: NDArray[np.bool_]) -> None:
     status[:] = np.where(doubted & (flags & INVALID == 0), flags | UNSURE, flags)
 
 
-@compiled
 def mark_recording(
     values: Table, preload: Vector, stddev: Table, share: float, doubtful: NDArray[np.bool_]
 ) -> None:
@@ -79,8 +68,4 @@ def mark_recording(
         share: see ``mark_unsure``.
         doubtful: see ``Samples.doubtful``, shape (n,) or (0,).
     """
-    for k in range(values.shape[0]):
-        if stddev.shape[0]:
-            mark_unsure(values[k], preload, stddev[k], share)
-        if doubtful.shape[0] and doubtful[k]:
-            mark_all_unsure(values[k], preload.size)
+    _core.mark_recording(values, preload, stddev, share, doubtful)

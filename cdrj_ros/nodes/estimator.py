@@ -19,7 +19,6 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 
 from cdrj_ros.commands.compilation import COMPILING, compile_for_estimates
-from cdrj_ros.commands.parts import OF_ESTIMATES
 from cdrj_ros.conditioning.conditioner import Kind
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.output import Output
@@ -44,13 +43,11 @@ from cdrj_ros.nodes.estimator_services import EstimatorServices
 from cdrj_ros.nodes.health import HealthWatch
 from cdrj_ros.nodes.input_watch import InputWatch
 from cdrj_ros.nodes.inputs import InputTopic
-from cdrj_ros.nodes.late_kernels import LateKernels
 from cdrj_ros.nodes.listener import Listener
 from cdrj_ros.nodes.output_topics import OutputTopics
 from cdrj_ros.nodes.robot_description import robot_description
 from cdrj_ros.nodes.settings import (
     SIMULATED,
-    Started,
     changed_options,
     declare,
     in_force,
@@ -78,9 +75,6 @@ class EstimatorNode(Node):
 
     live: LiveEstimator
 
-    begins_at_once = True
-    """Whether estimates may begin before all kernels are compiled."""
-
     def __init__(self, state_file: Path | None = None, **options: Any) -> None:
         """Declare the parameters and start.
 
@@ -97,8 +91,6 @@ class EstimatorNode(Node):
         self.configured = False
         """Whether the robot is loaded, and outputs and services are open."""
         self._showing = self._simulated = False
-        self.late: LateKernels | None = None
-        """Kernels that are still being compiled."""
         super().__init__("estimator", namespace=NAMESPACE, **options)
         self._state_file = state_file
         self._start()
@@ -121,16 +113,12 @@ class EstimatorNode(Node):
         if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
         self.timeout_s, self.stamps = started.timeout_s, StampClock(started.same_clock_s)
-        needed, later = self._parts(started)
-        compilation = compile_for_estimates(
-            started.robot, needed, later, lambda: self.get_logger().info(COMPILING)
-        )
+        compile_for_estimates(started.robot, lambda: self.get_logger().info(COMPILING))
         with description_given(lambda: robot_description(self)):
             model = load_model(started.robot, started.preload)
         self.live = LiveEstimator(model, started.options)
         if started.friction:
             self.live.set_numbers(started.friction)
-        self.late = None if compilation is None else LateKernels(self, self.live, compilation)
         self._warm_up()
         watched = started.health and self.live.alone is None  # it needs the angle of every joint
         self.health = HealthWatch(self.live, marks_unsure=started.health_marks) if watched else None
@@ -163,14 +151,6 @@ class EstimatorNode(Node):
             f"{counted(len(layout.joints), 'joint')}, {counted(len(layout.elements), 'element')}, "
             f"{counted(len(layout.pulleys), 'pulley')}"
         )
-
-    def _parts(self, started: Started) -> tuple[list[str], list[str]]:
-        """Parts of the kernels without which no estimate is made, and those that can follow."""
-        options = started.options
-        spread = ["members"] if options.uncertainty else []
-        if self.begins_at_once and self._state_file is None and not options.corrects:
-            return [*OF_ESTIMATES], spread
-        return [*OF_ESTIMATES, *spread], []
 
     def _listen(self) -> None:
         """Subscribe to the inputs and check them regularly."""
@@ -261,12 +241,6 @@ class EstimatorNode(Node):
                 self.get_logger().info(words)
         except StateFileError as error:
             self.get_logger().warning(f"{error}; starting without it")
-
-    def destroy_node(self) -> None:
-        """Destroy the node, and end what it compiles."""
-        if self.late is not None:
-            self.late.end()
-        super().destroy_node()
 
     def write_state(self) -> None:
         """Write the state file, if there is one."""

@@ -79,7 +79,7 @@ class HealthWatch:
     def follow(self, output: Output) -> None:
         """Follow the estimator to its last sample; ``output`` is the estimate there."""
         live = self._live
-        if live.sample is None or live.spread_is_late:
+        if live.sample is None:
             return
         if self.monitor.model is not live.model:
             self.monitor = self._new()

@@ -42,8 +42,6 @@ class ManagedEstimator(EstimatorNode, LifecycleNodeMixin):
     - ``shutdown`` does both from any state.
     """
 
-    begins_at_once = False
-
     def _start(self) -> None:
         declare(self, fixed=False)
         self._watch_parameters()

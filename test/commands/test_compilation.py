@@ -30,14 +30,11 @@ def on_disk(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[tuple[str, 
     """Declare what is missing on disk; gives what is compiled instead, at once and afterwards."""
 
     class Noted(compilation.Compilation):
-        def __init__(self, parts: Iterable[str], *, quiet: bool, niceness: int = 0) -> None:
+        def __init__(self, parts: Iterable[str], *, quiet: bool) -> None:
             super().__init__((), quiet=quiet)
             self.parts = tuple(parts)
-            if self.parts:
-                assert bool(niceness) == ({"members"} >= set(self.parts))
-                asked.append(self.parts)
-                if not niceness:
-                    lacking.difference_update(self.parts)
+            asked.append(self.parts)
+            lacking.difference_update(self.parts)
 
         def runs(self) -> bool:
             return bool(self.parts)
@@ -79,8 +76,7 @@ def test_no_notice_is_printed_if_the_kernels_are_compiled(
         ("finger3d", "", None),
         ("finger3d", "space", ("space",)),
         ("finger3d", "step", ("step",)),
-        ("finger3d", "members", None),  # those of a live estimator only
-        ("finger3d", "step members space", ("step", "members", "space")),
+        ("finger3d", "step geometry space", ("step", "geometry", "space")),
         ("prototype", "space", None),
         ("prototype", "geometry space", ("geometry",)),
         ("/no/such.yaml", "space", None),
@@ -97,57 +93,6 @@ def test_commands_compile_what_is_missing_and_the_part_in_space_for_robots_that_
     compilation.ensure_compilation(robot)
     assert asked == ([] if compiled is None else [compiled])
     assert capsys.readouterr().err == ("" if compiled is None else compilation.COMPILING + "\n")
-
-
-@pytest.mark.parametrize(
-    ("processors", "absent", "in_turn", "announced"),
-    [
-        (2, "", [], False),
-        (2, "step geometry members", ["step geometry", "members"], True),
-        (4, "step geometry members", ["members", "step geometry"], True),
-        (2, "members", ["members"], False),
-        (2, "step members", ["members", "step"], True),
-        (1, "step geometry space", ["step geometry space"], True),
-    ],
-)
-def test_what_can_follow_waits_for_a_processor(
-    processors: int,
-    absent: str,
-    in_turn: list[str],
-    announced: bool,
-    monkeypatch: pytest.MonkeyPatch,
-    on_disk: Callable[[str], list[tuple[str, ...]]],
-) -> None:
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(processors))
-    asked, said = on_disk(absent), []
-    rest = compilation.compile_for_estimates(
-        "finger3d", compilation.OF_ESTIMATES, ("members",), lambda: said.append(True)
-    )
-    assert asked == [tuple(parts.split()) for parts in in_turn]
-    assert bool(said) == announced
-    later = tuple(part for part in ("members",) if part in absent)
-    assert (rest.parts if rest else ()) == later
-
-
-@pytest.mark.parametrize("absent", ["step members", "members"])
-@pytest.mark.parametrize("written", [True, False])
-def test_where_nothing_can_be_kept_nothing_follows_the_estimates(
-    absent: str,
-    written: bool,
-    monkeypatch: pytest.MonkeyPatch,
-    on_disk: Callable[[str], list[tuple[str, ...]]],
-) -> None:
-    """This process then compiles everything before it estimates, and says so."""
-    asked, said = on_disk(absent), []
-    monkeypatch.setattr(compilation, "kernels_can_be_kept", lambda *_: written)
-    if written:  # the disk is full, say
-        monkeypatch.setattr(compilation, "is_compiled", lambda part: part not in absent.split())
-    rest = compilation.compile_for_estimates(
-        "prototype", ["step"], ["members"], lambda: said.append(True)
-    )
-    assert (rest is None) == (not written or "step" in absent)
-    assert bool(said) == (not written or "step" in absent)
-    assert bool(asked) == written
 
 
 def test_a_robot_whose_urdf_is_still_to_come_is_in_space(
@@ -173,24 +118,12 @@ def _with_cache(folder: Path) -> list[int]:
 
 def test_parts_are_the_names_of_what_is_compiled() -> None:
     assert {*compilation.OF_EVERY_START, compilation.IN_SPACE} < set(compile_ahead.PARTS)
-    assert set(compilation.OF_ESTIMATES) < set(compilation.OF_EVERY_START)
-
-
-def test_a_process_is_as_nice_as_it_is_to_be(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    program = "import os; open({part!r}, 'w').write(str(os.nice(0) + {niceness}))"
-    monkeypatch.setattr(compilation, "_PROGRAM", program)
-    noted = tmp_path / "niceness"
-    with compilation.Compilation([str(noted)], niceness=7) as running:
-        assert running.succeeds()
-    assert noted.read_text() == str(os.nice(0) + 7)
 
 
 def test_a_part_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compilation, "_PROGRAM", "import sys; sys.exit({part!r} == 'geometry')")
-    assert compilation.compile_together(["step", "members"])
-    assert not compilation.compile_together(["step", "geometry", "members"])
+    assert compilation.compile_together(["step", "space"])
+    assert not compilation.compile_together(["step", "geometry", "space"])
 
 
 def test_where_no_process_can_be_started_this_one_compiles(
@@ -200,14 +133,11 @@ def test_where_no_process_can_be_started_this_one_compiles(
     monkeypatch.setattr(compilation, "is_compiled", lambda _: False)
     assert not compilation.compile_together(["step"])
     compilation.ensure_compilation("prototype")  # leaves it to the first use
-    for needed in ["step"], []:
-        rest = compilation.compile_for_estimates("prototype", needed, ["members"], lambda: None)
-        assert rest is None
 
 
 def test_a_compilation_ends_when_it_is_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compilation, "_PROGRAM", "import sys; sys.stdin.read()  # {path} {part}")
-    with compilation.Compilation(["step", "members"], quiet=True) as running:
+    with compilation.Compilation(["step", "space"], quiet=True) as running:
         assert running.runs()
         running.end()
         assert not running.runs()

@@ -147,11 +147,11 @@ def test_only_parts_that_are_not_on_disk_are_compiled(monkeypatch: pytest.Monkey
         return True
 
     monkeypatch.setattr(compile_ahead, "compile_together", note)
-    monkeypatch.setattr(compile_ahead, "is_compiled", lambda part: part not in ("rig", "members"))
+    monkeypatch.setattr(compile_ahead, "is_compiled", lambda part: part not in ("rig", "geometry"))
     for arguments in (["--missing"], ["--missing", "--start"], []):
         monkeypatch.setattr(sys, "argv", ["compile_ahead", *arguments])
         assert compile_ahead.main() == 0
-    assert asked[:4] == [["members"], ["rig"], ["members"], []]
+    assert asked[:4] == [["geometry"], ["rig"], ["geometry"], []]
     assert sorted(asked[4] + asked[5]) == sorted(PARTS)
 
 

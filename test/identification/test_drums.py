@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from math import log
 from pathlib import Path
 
@@ -13,9 +14,7 @@ from support.made_up import recording
 
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.estimation.drums_without_memory import forget_drums
 from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.slipping_drums import run_slipping
 from cdrj_ros.identification.drums import CERTAIN, finding
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
@@ -48,7 +47,7 @@ def samples_of(recorded: Recorded) -> Samples:
 def with_cells(document: Document, recorded: Recorded, *, slips: bool) -> Recorded:
     """The recording with references of the rig, which has four contact cells per pulley."""
     fine = prepare(divide_contacts(build_robot(document, "rig"), 4))
-    advance = run_slipping if slips else run
+    advance = partial(run, slipping=slips)
     values = advance(fine, initial_state(fine), samples_of(recorded))[1].values
     tension = values[:, fine.layout.tension]
     names = fine.layout.elements
@@ -120,7 +119,7 @@ def slipping_by_steps(model: Model, samples: Samples) -> np.ndarray:
     state, rows = initial_state(model), []
     for k in range(samples.stamp_ns.size):
         state, estimate = step(model, state, samples.at(k))
-        forget_drums(model.plan, model.numbers, state.values)
+        model.core.forget_drums(state.values)
         rows.append(estimate.values)
     return np.array(rows)
 
@@ -128,13 +127,13 @@ def slipping_by_steps(model: Model, samples: Samples) -> np.ndarray:
 def test_slipping_drums_forget_after_every_sample_and_in_chunks(fresh: Document) -> None:
     model = prepare(build_robot(fresh, "test"))
     samples = samples_of(recording(fresh, 2.0, frequency=0.5))
-    _, whole = run_slipping(model, initial_state(model), samples)
+    _, whole = run(model, initial_state(model), samples, slipping=True)
     assert np.array_equal(whole.values, slipping_by_steps(model, samples))
     state, parts = initial_state(model), []
     for part in (slice(0, 150), slice(150, None)):
         chunk = Samples(
             samples.stamp_ns[part], samples.motor_angle[part], samples.joint_angle[part]
         )
-        state, found = run_slipping(model, state, chunk)
+        state, found = run(model, state, chunk, slipping=True)
         parts.append(found.values)
     assert np.array_equal(whole.values, np.concatenate(parts))

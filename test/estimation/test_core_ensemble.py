@@ -1,0 +1,75 @@
+"""The ensemble of the core is what docs/uncertainty.md describes, with robots stepped one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdrj_ros import _core
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.estimator import initial_state
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+
+MEMBERS = 8
+COUNT = 60
+APART_NS = 2_000_000
+
+
+def _motion(model: Model) -> Samples:
+    robot = model.robot
+    swing = 0.05 * np.sin(0.1 * np.arange(COUNT))[:, None]
+    motor = np.array([one.reference_angle for one in robot.motors]) + swing
+    joint = np.array([one.reference_angle for one in robot.joints]) + 0.3 * swing
+    return Samples(1_000_000_000 + APART_NS * np.arange(COUNT), motor, joint)
+
+
+def _differences(model: Model, spread: Spread, samples: Samples, values: np.ndarray) -> np.ndarray:
+    """Every member's differences from the estimate after every sample, (count, members, columns)."""
+    robots = [_core.Robot(model.plan, numbers.copy()) for numbers in spread.numbers]
+    errors, shares = spread.core.reading_error, spread.core.friction_share
+    angle = np.concatenate([samples.motor_angle, samples.joint_angle], axis=1)
+    motors = samples.motor_angle.shape[1]
+    out = np.zeros((MEMBERS, model.out_size))
+    last = np.zeros(MEMBERS, dtype=np.int64)
+    found, updates = np.zeros((COUNT, MEMBERS, spread.columns.size)), 0
+    for k in range(COUNT):
+        found[k] = found[k - 1]
+        for _ in range(1 if k else MEMBERS):  # one in turn; with the first sample, all
+            member = updates % MEMBERS
+            reading = angle[k] + errors[updates % len(errors)]
+            updates += 1
+            read, own, dt = (reading[:motors], reading[motors:]), robots[member], 0.0
+            if k == 0:
+                own.step(out[member, : model.state_size].copy(), *read, 0.0, out[member])
+                own.impose_friction(shares[member], out[member])
+            else:
+                dt = (k - last[member]) * APART_NS * 1e-9
+            own.step(out[member, : model.state_size].copy(), *read, dt, out[member])
+            last[member] = k
+            estimate = out[member, model.estimate_part]
+            found[k, member] = estimate[spread.columns] - values[k, spread.columns]
+    return found
+
+
+@pytest.mark.parametrize("name", ["prototype_positions", "finger", "davinci_jaw"])
+def test_deviations_are_those_of_robots_that_take_turns_and_stddev_their_root_mean_square(
+    name: str,
+) -> None:
+    model = load_model(name)
+    spread = Spread(model, MEMBERS, seed=3)
+    samples = _motion(model)
+    if model.robot.uncertainty is not None:
+        slipping = not model.robot.uncertainty.drums_hold
+    else:
+        slipping = False
+    assert not slipping, "members whose drums slip are not followed here"
+    _, estimates = spread.run(initial_state(model), samples)
+    assert estimates.stddev is not None
+    found = _differences(model, spread, samples, estimates.values)
+    np.testing.assert_array_equal(spread.deviation, found[-1])
+    # a sample's standard deviations are those before its member is updated; (U5) and (U6) add more
+    shown = (found**2).mean(axis=1)
+    assert (estimates.stddev[1:] ** 2 >= shown[:-1] * (1.0 - 1e-9)).all()
+    np.testing.assert_allclose(spread.variance, shown[-1], rtol=1e-6, atol=1e-12)
