@@ -1,0 +1,140 @@
+// Joints without encoder in one sample, from the angles and efforts of the motors.
+//
+// The angles are predicted from the cables and the loads (M1), then corrected by the measured efforts
+// (M2). At the start, or where a joint is lost, they are searched over their ranges first.
+// docs/motor_alone.md.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "normal_equations.hpp"
+#include "robot.hpp"
+
+namespace cdrj {
+
+/// A joint without encoder, and what is known of it.
+struct EncoderlessJoint {
+    Index joint;        // its index among all joints of the robot
+    double lower;       // ends of its range [rad] or [m]
+    double upper;
+    double start;       // angle from which the first search begins [rad] or [m]
+    double load_drift;  // standard deviation of its load's change in 1 s [N m]; 0 where unknown
+
+    double range() const { return upper - lower; }
+
+    /// Difference by which derivatives are taken.
+    double difference() const { return 1e-4 * range(); }
+
+    /// Variance per second of its departure from the motion that its cables impose.
+    double wander() const { return (0.04 * range()) * (0.04 * range()); }
+
+    /// Variance of an angle that is only known to be in its range.
+    double variance() const { return range() * range() / 12.0; }
+};
+
+/// What a robot remembers of its u joints without encoder, beside its state.
+struct EncoderlessMemory {
+    explicit EncoderlessMemory(std::size_t joints)
+        : angle(joints, 0.0), load(joints, 0.0), covariance(joints, joints) {}
+
+    bool started = false;        // whether there has been a sample
+    double lost = 0.0;           // time since which the efforts have not been explained [s]
+    std::vector<double> angle;   // [rad] or [m]
+    std::vector<double> load;    // efforts of these joints [N m] or [N]
+    DenseMatrix covariance;      // of the angles, shape (u, u)
+};
+
+/// One robot, its history and the readings of a sample.
+struct EncoderlessSample {
+    const Robot& robot;
+    std::span<const double> share;           // see `Robot::impose_friction`
+    std::span<double> state;                 // before the sample; `solve` replaces it
+    EncoderlessMemory& memory;               // alike
+    std::span<const double> motor_angle;     // [rad]
+    std::span<const double> measured_angle;  // of the joints that have an encoder [rad] or [m]
+    std::span<const double> effort;          // of the motors [N m]; NaN where none was heard
+    double dt;                               // time since the last update [s]; 0 at the first one
+};
+
+/// Finds the angles of the joints without encoder in one sample.
+class EncoderlessSolver {
+public:
+    /// `effort_noise`: standard deviation of the measured effort of every motor [N m].
+    EncoderlessSolver(
+        const Robot& robot, std::vector<EncoderlessJoint> joints, std::vector<double> effort_noise);
+    EncoderlessSolver(const EncoderlessSolver&) = delete;  // views of its own numbers
+    EncoderlessSolver& operator=(const EncoderlessSolver&) = delete;
+
+    /// Find the angles; state and memory become those after the sample.
+    ///
+    /// Where the robot is impossible in every pose that was tried at the start, they stay as if
+    /// there had been no sample.
+    void solve(const EncoderlessSample& sample);
+
+    /// The estimate of the last sample.
+    std::span<const double> estimate() const {
+        return std::span(out_).subspan(state_size_, estimate_size_);
+    }
+
+    std::size_t joints() const { return joints_.size(); }
+    std::size_t measured_joints() const { return measured_.size(); }
+
+private:
+    /// Most Gauss-Newton steps of a prediction or a correction.
+    static constexpr int STEPS = 6;
+
+    /// Solve the first sample, without and then with friction.
+    void start(const EncoderlessSample& sample);
+
+    /// Take the present angles and what was evaluated there.
+    void accept(const EncoderlessSample& sample);
+
+    // Evaluation at the present angles; whether all cables could be solved.
+    bool evaluate(const EncoderlessSample& sample);       // efforts and loads
+    bool differentiate(const EncoderlessSample& sample);  // and their derivatives
+
+    // Prediction (M1), and its parts.
+    void predict(const EncoderlessSample& sample);
+    void turn_with_cables(const EncoderlessSample& sample);
+    double elongation(const EncoderlessSample& sample, Index cable);
+    void weigh_prediction(const EncoderlessSample& sample);
+    void widen(const EncoderlessSample& sample, bool loads_known);
+
+    // Correction (M2).
+    void correct(const EncoderlessSample& sample);
+    void weigh_correction(const EncoderlessSample& sample);
+    double misfit(const EncoderlessSample& sample) const;
+
+    // Search over the ranges of the joints.
+    void search(const EncoderlessSample& sample);
+    void search_along(const EncoderlessSample& sample, std::size_t joint);
+
+    /// Make the present angles the predicted ones.
+    void aim();
+
+    /// Solve the normal equations and change the angles, within limits; whether they have arrived.
+    bool move();
+
+    double& angle_of(std::size_t a) { return angle_[joints_[a].joint]; }
+
+    std::vector<EncoderlessJoint> joints_;  // u joints
+    std::vector<Index> measured_;           // indices of the other joints
+    std::vector<double> effort_noise_;      // [N m]
+    bool any_load_known_;                   // whether anything is known of a load
+
+    std::size_t state_size_;
+    std::size_t estimate_size_;
+    std::vector<double> out_;    // what `Robot::advance` wrote last
+    Estimate estimate_;          // parts of it
+    Workspace work_;
+    std::vector<double> angle_;  // present angles of all joints [rad] or [m]
+    DenseMatrix by_effort_;      // derivatives of the motors' efforts, shape (motors, u)
+    DenseMatrix by_load_;        // derivatives of the loads, shape (u, u)
+    std::vector<double> arms_;   // by how much a cable gets longer per unit of each angle
+    std::vector<double> target_;  // predicted angles: q0 of (M1), then q1 of (M2)
+    DenseMatrix information_;    // inverse of the predicted covariance, P^-1 of (M2)
+    NormalEquations equations_;
+};
+
+}  // namespace cdrj

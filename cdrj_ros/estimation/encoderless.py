@@ -1,0 +1,246 @@
+"""Joints without encoder, estimated from the angles and efforts of the motors.
+
+A joint without encoder is found at every sample by two least-squares steps: a prediction, in which
+the cables turn the joint with the winches and its load changes little, and a correction by the
+measured efforts.  Every member of an ensemble, with parameters, friction history and error of the
+effort of its own, does the same; the spread gives the standard deviations.  The core solves them;
+see docs/motor_alone.md.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros import _core
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.discrepancy import unmodelled
+from cdrj_ros.estimation.ensemble import MEMBERS, spread_columns
+from cdrj_ros.estimation.estimator import Angles, Estimates
+from cdrj_ros.estimation.members import friction_shares, reading_errors, wind_differently
+from cdrj_ros.estimation.parameter_draws import draw_numbers
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.model.prepared import Model, read_only
+from cdrj_ros.robot.description import Joint
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+KEPT: Final = 1_000
+"""Efforts of a motor that are kept for samples that wait for a slower topic."""
+
+LARGEST: Final = 1e9
+"""Efforts of larger magnitude are refused [N m]."""
+
+HEARD_NS: Final = 100_000_000
+"""An effort is used for samples at most this much later or earlier [ns]."""
+
+
+class EncoderlessEstimator:
+    """The estimate of a robot some of whose joints have no encoder."""
+
+    def __init__(self, model: Model, members: int = MEMBERS, seed: int = 0) -> None:
+        """Draw the members.
+
+        Args:
+            model: the prepared robot, with at least one joint without encoder.
+            members: number of members, even; 0 for no ensemble, whose standard deviations are then
+                those of the efforts' noise alone.
+            seed: seed of the draws.
+
+        Raises:
+            ValueError: every joint has an encoder, or the number of members is odd or negative.
+        """
+        if not model.robot.unmeasured:
+            raise ValueError(f"every joint of {model.robot.name} has an encoder")
+        if members < 0 or members % 2:
+            raise ValueError(f"members must be even and at least 0, got {members}")
+        self.model = model
+        self.names = tuple(model.layout.joints[j] for j in model.robot.unmeasured)
+        self._columns = spread_columns(model.layout)
+        self._core = _new_core(model, members, self._columns, np.random.default_rng(seed))
+
+    @property
+    def state(self) -> Vector:
+        """The robot's state after the last sample, shape (state_size,)."""
+        return self._core.state
+
+    def reset(self) -> None:
+        """Discard the history; the next effort starts anew."""
+        self._core.forget()
+
+    def look_ahead(self) -> None:
+        """Note the history, to which ``look_back`` returns from predicted samples."""
+        self._core.look_ahead()
+
+    def look_back(self) -> None:
+        """Undo everything since ``look_ahead``; without effect if it was not called."""
+        self._core.look_back()
+
+    def run(self, samples: Samples, efforts: Table) -> Estimates:
+        """Estimate samples that follow those of the call before.
+
+        Args:
+            samples: n samples, with the angles of the motors and of the joints with encoders.
+            efforts: of the motors [N m], shape (n, motors); NaN where none was heard.
+
+        Returns:
+            The estimates, with the angles of the joints without encoder.  Where no effort was heard
+            all numbers are NaN and all elements ``INVALID``.
+
+        Raises:
+            ValueError: samples or efforts are not those of this robot.
+        """
+        n, count = samples.stamp_ns.size, len(self.names)
+        if efforts.shape != samples.motor_angle.shape:
+            raise ValueError(
+                f"efforts must have shape {samples.motor_angle.shape}, got {efforts.shape}"
+            )
+        values = np.empty((n, self.model.layout.size))
+        stddev = np.empty((n, self._columns.size))
+        angle, angle_stddev = np.empty((n, count)), np.empty((n, count))
+        self._core.run(
+            np.ascontiguousarray(samples.stamp_ns),
+            np.ascontiguousarray(samples.motor_angle, dtype=np.float64),
+            np.ascontiguousarray(samples.joint_angle, dtype=np.float64),
+            np.ascontiguousarray(efforts, dtype=np.float64),
+            values,
+            stddev,
+            angle,
+            angle_stddev,
+        )
+        angles = Angles(self.names, angle, angle_stddev)
+        return Estimates(samples.stamp_ns, values, self.model.layout, stddev, angles)
+
+
+class HeardEfforts:
+    """The latest efforts of the motors, for the samples of a live estimator."""
+
+    def __init__(self, motors: tuple[str, ...]) -> None:
+        """Begin without any; ``motors`` are the names in the robot's order."""
+        self._index = {name: m for m, name in enumerate(motors)}
+        self._heard: list[deque[tuple[int, float]]] = [deque(maxlen=KEPT) for _ in motors]
+
+    def clear(self) -> None:
+        """Forget all of them."""
+        for heard in self._heard:
+            heard.clear()
+
+    def add(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector) -> None:
+        """Take the efforts of a message [N m]; unknown names and impossible numbers are ignored."""
+        for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
+            m = self._index.get(name)
+            if m is None or not abs(effort) <= LARGEST:
+                continue
+            heard = self._heard[m]
+            if heard and stamp_ns <= heard[-1][0]:
+                continue
+            heard.append((stamp_ns, float(effort)))
+
+    def at(self, stamp_ns: int) -> Vector:
+        """Efforts at a stamp, as of ``efforts_at``, shape (motors,)."""
+        return np.array([_effort_at(heard, stamp_ns) for heard in self._heard])
+
+
+def _effort_at(heard: deque[tuple[int, float]], stamp_ns: int) -> float:
+    """One motor's effort at a stamp, interpolated; NaN where none is within ``HEARD_NS``."""
+    after: tuple[int, float] | None = None
+    for one in reversed(heard):
+        if one[0] > stamp_ns:
+            after = one
+            continue
+        nearest = (
+            stamp_ns - one[0] if after is None else min(stamp_ns - one[0], after[0] - stamp_ns)
+        )
+        if nearest > HEARD_NS:
+            return np.nan
+        if after is None:
+            return one[1]
+        return one[1] + (after[1] - one[1]) * ((stamp_ns - one[0]) / (after[0] - one[0]))
+    return after[1] if after is not None and after[0] - stamp_ns <= HEARD_NS else np.nan
+
+
+def efforts_at(
+    stamp_ns: NDArray[np.int64], motors: tuple[str, ...], recorded: Mapping[str, Series]
+) -> Table:
+    """Efforts of the motors at some stamps, interpolated between recorded ones.
+
+    Args:
+        stamp_ns: increasing [ns], shape (n,).
+        motors: names, in the robot's order.
+        recorded: efforts by motor [N m], where there are any.
+
+    Returns:
+        Shape (n, motors); NaN where no effort is within ``HEARD_NS``.
+    """
+    found = np.full((stamp_ns.size, len(motors)), np.nan)
+    for m, name in enumerate(motors):
+        series = recorded.get(name)
+        usable = np.isfinite(series.value) if series is not None else np.zeros(0, dtype=bool)
+        if series is None or not usable.any():
+            continue
+        stamps, value = series.stamp_ns[usable], series.value[usable]
+        begin = int(stamps[0])
+        after = np.minimum(np.searchsorted(stamps, stamp_ns), stamps.size - 1)
+        before = np.maximum(after - 1, 0)
+        gap = np.minimum(np.abs(stamps[after] - stamp_ns), np.abs(stamps[before] - stamp_ns))
+        at = np.interp(
+            (stamp_ns - begin).astype(np.float64), (stamps - begin).astype(np.float64), value
+        )
+        found[:, m] = np.where(gap <= HEARD_NS, at, np.nan)
+    return found
+
+
+def _new_core(
+    model: Model, members: int, columns: NDArray[np.int64], generator: np.random.Generator
+) -> _core.EncoderlessEstimator:
+    """The estimate and its members before their first sample."""
+    robot = model.robot
+    rows, motors = 1 + members, len(robot.motors)
+    numbers = np.repeat(model.numbers[None, :], rows, axis=0)
+    shares = np.zeros((rows, sum(len(cable.pulleys) for cable in robot.cables)))
+    errors = np.zeros((rows, motors))
+    if members:
+        drawn = draw_numbers(model, members, generator).numbers.copy()
+        wind_differently(model, drawn, generator)
+        numbers[1:] = drawn
+        shares[1:] = np.concatenate(
+            [friction_shares(members, len(c.pulleys), generator) for c in robot.cables], axis=1
+        )
+        half = generator.standard_normal((members // 2, motors)) * _effort_errors(model)
+        errors[1:] = np.concatenate([half, -half])
+    return _core.EncoderlessEstimator(
+        plan=model.plan,
+        numbers=read_only(numbers),
+        share=shares,
+        effort_error=errors,
+        reading_error=reading_errors(robot.as_read, generator),
+        columns=columns,
+        slack=np.ascontiguousarray(unmodelled(model)[1]),
+        joints=[_joint(j, robot.joints[j]) for j in robot.unmeasured],
+        effort_noise=[motor.effort_noise for motor in robot.motors],
+    )
+
+
+def _joint(index: int, joint: Joint) -> _core.EncoderlessJoint:
+    """What the core knows of a joint without encoder."""
+    return _core.EncoderlessJoint(
+        joint=index,
+        lower=joint.lower,
+        upper=joint.upper,
+        start=joint.reference_angle,
+        load_drift=joint.load_drift,
+    )
+
+
+def _effort_errors(model: Model) -> Vector:
+    """Lasting error of the motors' efforts, those of the model included [N m], shape (motors,)."""
+    known = model.robot.uncertainty
+    given = dict(known.model_error) if known is not None else {}
+    return np.array(
+        [given.get(f"effort/{motor.name}", motor.effort_noise) for motor in model.robot.motors]
+    )
