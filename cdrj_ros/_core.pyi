@@ -798,3 +798,96 @@ def swing(
         residual: imbalance of torque [N m], shape (n,), written.
         estimates: shape (n, estimate_size), written.
     """
+
+class EncoderlessJoint:
+    """A joint without encoder, and what is known of it."""
+
+    def __init__(
+        self, *, joint: int, lower: float, upper: float, start: float, load_drift: float
+    ) -> None:
+        """Keep the numbers.
+
+        Args:
+            joint: its index among all joints of the robot.
+            lower, upper: ends of its range [rad] or [m].
+            start: angle from which the first search begins [rad] or [m].
+            load_drift: standard deviation of the change of its load in 1 s [N m]; 0 where nothing
+                is known of it.
+        """
+
+class EncoderlessEstimator:
+    """The estimate of a robot with u joints without encoder, and its ensemble."""
+
+    def __init__(
+        self,
+        *,
+        plan: NDArray[np.int64],
+        numbers: NDArray[np.float64],
+        share: NDArray[np.float64],
+        effort_error: NDArray[np.float64],
+        reading_error: NDArray[np.float64],
+        columns: NDArray[np.int64],
+        slack: NDArray[np.float64],
+        joints: Sequence[EncoderlessJoint],
+        effort_noise: Sequence[float],
+    ) -> None:
+        """Take the nominal robot, row 0 of what has one row a robot, and the members, the others.
+
+        Args:
+            plan: connections of the robot's parts; not copied.
+            numbers: constants of the robots; not copied.
+            share: friction before the start as a share of its bound, shape (robots, pulleys).
+            effort_error: lasting errors of the efforts [N m], shape (robots, motors); 0 in row 0.
+            reading_error: rows of errors of the angles of motors and measured joints [rad], which
+                the members use in turn.
+            columns: places in the estimate of the quantities that have a standard deviation.
+            slack: standard deviation that a quantity has at least where it does not exceed it (U6),
+                shape (columns,).
+            joints: those without encoder, in the robot's order.
+            effort_noise: standard deviation of the measured effort of every motor [N m].
+
+        Raises:
+            TypeError: an array is not contiguous or of another type.
+            ValueError: the arrays do not fit each other.
+        """
+
+    def run(
+        self,
+        stamp_ns: NDArray[np.int64],
+        motor_angle: NDArray[np.float64],
+        measured_angle: NDArray[np.float64],
+        effort: NDArray[np.float64],
+        estimates: NDArray[np.float64],
+        stddevs: NDArray[np.float64],
+        angles: NDArray[np.float64],
+        angle_stddevs: NDArray[np.float64],
+    ) -> None:
+        """Estimate samples, one after the other; one or many at a time give the same bits.
+
+        Args:
+            stamp_ns: shape (n,).
+            motor_angle: [rad], shape (n, motors).
+            measured_angle: of the joints with encoder [rad] or [m], shape (n, joints - u).
+            effort: of the motors [N m], shape (n, motors); NaN where none was heard.
+            estimates: shape (n, estimate_size), written.
+            stddevs: shape (n, columns), written.
+            angles, angle_stddevs: of the joints without encoder [rad] or [m], (n, u), written.
+
+        Raises:
+            TypeError: an array is not contiguous or of another type.
+            ValueError: the arrays are not those of this robot.
+            KeyboardInterrupt: between some hundred samples.
+        """
+
+    def forget(self) -> None:
+        """Discard everything that was heard; the next effort starts anew."""
+
+    def look_ahead(self) -> None:
+        """Note the history, unless that has been done."""
+
+    def look_back(self) -> None:
+        """Return to the history that ``look_ahead`` noted; without effect if there is none."""
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """The nominal robot's state after the last sample, shape (state_size,), a copy."""

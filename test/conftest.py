@@ -119,10 +119,10 @@ def few_members(monkeypatch: pytest.MonkeyPatch) -> None:
 
     Drawing the 32 of a robot whose cables have a path in space takes up to 0.3 s.
     """
+    from cdrj_ros.estimation.encoderless import EncoderlessEstimator
     from cdrj_ros.estimation.ensemble import MEMBERS, Spread
-    from cdrj_ros.estimation.motor_alone import MotorAlone
 
-    for kind in (Spread, MotorAlone):
+    for kind in (Spread, EncoderlessEstimator):
         assert kind.__init__.__defaults__[0] == MEMBERS
         defaults = (8, *kind.__init__.__defaults__[1:])
         monkeypatch.setattr(kind.__init__, "__defaults__", defaults)

@@ -84,18 +84,6 @@ def _compile_recordings() -> None:
     run(model, initial_state(model), samples)
 
 
-def _compile_motor_alone() -> None:
-    """Compile the kernels of joints without encoder, without the step that they call."""
-    from cdrj_ros.estimation.motor_alone_members import forget, run_alone
-    from cdrj_ros.estimation.motor_alone_records import Recorded, no_rows
-
-    compile_without_callees()
-    table = np.empty((0, 0))
-    samples = Recorded(np.empty(0, dtype=np.int64), *7 * (table,))
-    direct(run_alone, _plan(), no_rows(), samples)
-    direct(forget, no_rows())
-
-
 def _compile_rig() -> None:
     """Compile the kernels of the simulated rig: live, following, and balanced by its motors."""
     from cdrj_ros.rig.follow import follow_joints
@@ -116,7 +104,6 @@ PARTS: Final[Mapping[str, Callable[[], None]]] = {
     "step": _compile_step,
     "geometry": _compile_geometry,
     IN_SPACE: _compile_space,
-    "motor_alone": _compile_motor_alone,
     "recordings": _compile_recordings,
     "rig": _compile_rig,
 }

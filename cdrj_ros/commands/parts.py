@@ -14,7 +14,7 @@ OF_EVERY_START: Final = ("step", "geometry")
 IN_SPACE: Final = "space"
 """Part that only robots described in space need."""
 
-INDEPENDENT: Final = (*OF_EVERY_START, IN_SPACE, "motor_alone")
+INDEPENDENT: Final = (*OF_EVERY_START, IN_SPACE)
 """Parts that are compiled first, at once; the others use them."""
 
 OUTERMOST: Final[Mapping[str, tuple[str, ...]]] = {

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.encoderless import EncoderlessEstimator, HeardEfforts
 from cdrj_ros.estimation.estimator import Angles, Estimate, State
-from cdrj_ros.estimation.motor_alone import HeardEfforts, MotorAlone
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID
 
@@ -17,7 +17,7 @@ Vector = NDArray[np.float64]
 
 
 class LiveAlone:
-    """``MotorAlone``, sample by sample, and the efforts heard so far."""
+    """``EncoderlessEstimator``, sample by sample, and the efforts heard so far."""
 
     def __init__(self, model: Model, before: LiveAlone | None = None) -> None:
         """Prepare.
@@ -26,7 +26,7 @@ class LiveAlone:
             model: the prepared robot, with at least one joint without encoder.
             before: the estimate with other numbers of the same robot, whose efforts are kept.
         """
-        self.solver = MotorAlone(model)
+        self.solver = EncoderlessEstimator(model)
         motors = model.robot.motors
         self.heard: HeardEfforts = before.heard if before else HeardEfforts(model.layout.motors)
         """The latest efforts of the motors."""

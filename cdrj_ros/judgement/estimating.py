@@ -10,9 +10,9 @@ import numpy as np
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned
+from cdrj_ros.estimation.encoderless import EncoderlessEstimator, Table
 from cdrj_ros.estimation.ensemble import Spread, spread_columns
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
-from cdrj_ros.estimation.motor_alone import MotorAlone, Table
 from cdrj_ros.estimation.unsure import UNSURE_SHARE, mark_recording, preload_of_elements
 from cdrj_ros.judgement.pulley_friction import BLOCK
 from cdrj_ros.model.prepared import Model
@@ -74,7 +74,7 @@ def pieces_alone(model: Model, samples: Samples, efforts: Table) -> Iterator[Est
         samples: of one pass, with the joints that have encoders.
         efforts: of the motors [N m], shape (n, motors); NaN where none was heard.
     """
-    alone, preload = MotorAlone(model), preload_of_elements(model.robot)
+    alone, preload = EncoderlessEstimator(model), preload_of_elements(model.robot)
     for begin in range(0, samples.stamp_ns.size, AT_ONCE):
         piece = samples.part(slice(begin, begin + AT_ONCE))
         estimates = alone.run(piece, efforts[begin : begin + AT_ONCE])

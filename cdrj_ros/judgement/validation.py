@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from cdrj_ros.bag import Recording, Series
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned
+from cdrj_ros.estimation.encoderless import efforts_at
 from cdrj_ros.estimation.estimator import Angles, Estimates
-from cdrj_ros.estimation.motor_alone import efforts_at
 from cdrj_ros.health.recorded import RecordedHealth
 from cdrj_ros.judgement.angles import telling_angles
 from cdrj_ros.judgement.channels import (

@@ -32,19 +32,14 @@ event.register("numba:compile", Names())
 """
 
 USING = """
-from copy import deepcopy
-
 import numpy as np
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.ensemble import Spread
 from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.motor_alone import MotorAlone
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.live import LiveRig, LiveSettings
 from cdrj_ros.rig.prescribed import follow
-from cdrj_ros.robot.reader import build_robot
 
 for robot in ("prototype", "parallel", "finger3d"):
     model = load_model(robot)
@@ -57,14 +52,6 @@ for robot in ("prototype", "parallel", "finger3d"):
     run(model, initial_state(model), samples)
     Spread(model).run(initial_state(model), samples)
 model = load_model("prototype")
-document = deepcopy(dict(model.robot.document))
-for joint in document["joints"]:
-    joint["measured"] = False
-alone = MotorAlone(prepare(build_robot(document, "prototype")), members=2)
-read = Samples(stamps, np.zeros((5, 1)), np.zeros((5, 0)))
-for efforts in (np.zeros((5, 1)), np.full((5, 1), np.nan)):
-    alone.run(read, efforts)
-alone.reset()
 follow(model.robot, np.arange(5) * 1e-3, np.zeros((5, 1)), cells=2)
 for robot in ("prototype", "parallel", "finger3d"):
     rig = LiveRig(load_model(robot).robot, LiveSettings(cells=2))

@@ -19,8 +19,8 @@ from support.motor_alone import (
 )
 
 from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.encoderless import HEARD_NS, EncoderlessEstimator, HeardEfforts, efforts_at
 from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.motor_alone import HEARD_NS, HeardEfforts, MotorAlone, efforts_at
 from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.output import OutputAlone
 from cdrj_ros.estimation.session import LiveEstimator
@@ -50,7 +50,7 @@ def test_efforts_give_the_angle_of_a_joint_without_encoder(
     model = without_encoder(name, *joints)
     samples = motion(model)
     truth, efforts = truth_of(model, samples)
-    estimates = MotorAlone(model, members=8).run(only_measured(model, samples), efforts)
+    estimates = EncoderlessEstimator(model, members=8).run(only_measured(model, samples), efforts)
     angles = estimates.angles
     assert angles is not None
     assert angles.names == joints
@@ -68,8 +68,8 @@ def test_one_sample_at_a_time_gives_the_same_bits(prototype: Model) -> None:
     samples = motion(prototype, 60)
     _, efforts = truth_of(prototype, samples)
     read = only_measured(prototype, samples)
-    whole = MotorAlone(prototype, members=8).run(read, efforts)
-    single = MotorAlone(prototype, members=8)
+    whole = EncoderlessEstimator(prototype, members=8).run(read, efforts)
+    single = EncoderlessEstimator(prototype, members=8)
     for k in range(60):
         one = single.run(read.part(slice(k, k + 1)), efforts[k : k + 1])
         assert one.values.tobytes() == whole.values[k : k + 1].tobytes()
@@ -86,13 +86,13 @@ def test_without_efforts_there_are_no_numbers_and_the_next_effort_starts_anew(
     _, efforts = truth_of(prototype, samples)
     efforts[20:40] = np.nan
     read = only_measured(prototype, samples)
-    found = MotorAlone(prototype, members=8).run(read, efforts)
+    found = EncoderlessEstimator(prototype, members=8).run(read, efforts)
     layout = prototype.layout
     assert np.all(np.isnan(found.values[20:40, layout.tension]))
     assert np.all(found.values[20:40, layout.status] == INVALID)
     assert found.angles is not None
     assert np.all(np.isnan(found.angles.value[20:40]))
-    again = MotorAlone(prototype, members=8).run(read.part(slice(40, 60)), efforts[40:])
+    again = EncoderlessEstimator(prototype, members=8).run(read.part(slice(40, 60)), efforts[40:])
     assert found.values[40:].tobytes() == again.values.tobytes()
 
 
@@ -103,7 +103,7 @@ def test_a_lost_joint_is_found_again(prototype: Model) -> None:
     far = samples.motor_angle.copy()
     far[200:] += 20.0  # a slip of the encoder by three turns: the cables cannot explain the efforts
     read = Samples(samples.stamp_ns, far, joint[:, :0])
-    found = MotorAlone(prototype, members=0).run(read, efforts)
+    found = EncoderlessEstimator(prototype, members=0).run(read, efforts)
     assert found.angles is not None
     lower, upper = prototype.robot.joints[0].lower, prototype.robot.joints[0].upper
     assert np.all((found.angles.value >= lower) & (found.angles.value <= upper))
@@ -120,7 +120,7 @@ def test_the_live_estimator_gives_what_a_recording_gives(prototype: Model) -> No
         stamp = int(samples.stamp_ns[k])
         live.feed_efforts(stamp, ["winch"], efforts[k])
         outputs += live.feed("motors", stamp, ["winch"], samples.motor_angle[k])[1]
-    whole = MotorAlone(prototype).run(only_measured(prototype, samples), efforts)
+    whole = EncoderlessEstimator(prototype).run(only_measured(prototype, samples), efforts)
     assert whole.angles is not None
     assert [output.estimate.stamp_ns for output in outputs] == samples.stamp_ns.tolist()
     for k, output in enumerate(outputs):
@@ -171,12 +171,12 @@ def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:
 
 def test_bad_arguments_are_refused(prototype: Model) -> None:
     with pytest.raises(ValueError, match="has an encoder"):
-        MotorAlone(load_model(str(ROBOTS / "prototype.yaml")))
+        EncoderlessEstimator(load_model(str(ROBOTS / "prototype.yaml")))
     with pytest.raises(ValueError, match="even"):
-        MotorAlone(prototype, members=3)
+        EncoderlessEstimator(prototype, members=3)
     samples = only_measured(prototype, motion(prototype, 5))
     with pytest.raises(ValueError, match="shape"):
-        MotorAlone(prototype, members=0).run(samples, np.zeros((5, 2)))
+        EncoderlessEstimator(prototype, members=0).run(samples, np.zeros((5, 2)))
 
 
 def test_slopes_are_those_of_the_model_without_friction(prototype: Model) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from support.motor_alone import motion, truth_of, without_encoder
 
 from cdrj_ros._core import JointStateDecoder
-from cdrj_ros.estimation.motor_alone import MotorAlone
+from cdrj_ros.estimation.encoderless import EncoderlessEstimator
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
@@ -64,7 +64,7 @@ def test_angles_are_published_while_efforts_are_heard_and_diagnostics_say_when_n
         motors.publish(TOLD.encode(stamp, position=angle, effort=efforts[k]))
     assert until(node, lambda: min(map(len, heard.values())) == COUNT)
     read = type(samples)(samples.stamp_ns, samples.motor_angle, np.empty((COUNT, 0)))
-    expected = MotorAlone(model).run(read, efforts).angles
+    expected = EncoderlessEstimator(model).run(read, efforts).angles
     assert expected is not None
     for topic, values in (
         ("joint_angles", expected.value),
