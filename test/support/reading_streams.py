@@ -14,6 +14,7 @@ from support.wound import robot_of
 MS = 1_000_000
 SECOND = 1_000_000_000
 END_OF_TIME_NS = 2**31 * SECOND
+LAST = 2**63 - 1
 WRONG = (0.2, 3.0, 1e13, 1e12, 1e308, np.nan, np.inf, -np.inf)
 
 
@@ -83,6 +84,8 @@ class Sender:
         self.amplitude = random.choice((0.01, 0.3, 0.6))
         self.shift = 0
         """By which the clock has been set [ns]."""
+        self.shift_of = [0] * len(rates)
+        """The same for the messages of each topic, some of which are still under way."""
         self.silent_until = [-1] * len(rates)
         self.steps: dict[str, float] = {}
 
@@ -105,14 +108,17 @@ class Sender:
             return None
         topic, names = self.topics[which]
         positions = tuple(self._reading(name, time) for name in names)
-        return self._spoiled(topic, max(time + self.shift, -5), list(names), list(positions))
+        if random.random() < 0.2:
+            self.shift_of[which] = self.shift
+        stamp = max(time + self.shift_of[which], -5)
+        return self._spoiled(topic, stamp, list(names), list(positions))
 
     def _reading(self, name: str, time: int) -> float:
         random = self.random
         (sensor,) = (axis.sensor for axis in self.robot.axes if axis.name == name)
         value = self.amplitude * np.sin(self.speed * (time - self.begin) * 1e-9) / sensor.scale
         if random.random() < 0.002:
-            self.steps[name] = random.choice((0.0, 0.3, -0.05))
+            self.steps[name] = random.choice((0.0, 0.3, random.uniform(-0.1, 0.1)))
         value += self.steps.get(name, 0.0)
         if random.random() < 0.05:
             value += random.choice((1e-3, 0.012))
@@ -138,7 +144,7 @@ class Sender:
         elif fault < 0.04:
             stamp += random.choice((-5 * MS, -1, 1, 6 * SECOND, -6 * SECOND))
         elif fault < 0.045:
-            stamp = random.choice((0, -SECOND, END_OF_TIME_NS - 1, END_OF_TIME_NS + 5, 1))
+            stamp = random.choice((0, -SECOND, END_OF_TIME_NS - 1, END_OF_TIME_NS + 5, 1, LAST))
         elif fault < 0.05:
             topic = random.choice(("motors", "joints", "both"))
         return Message(topic, stamp, tuple(names), tuple(positions))
