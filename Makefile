@@ -26,7 +26,6 @@ DOCS := .venv/.docs-is-ready
 MESSAGES := install/.cdrj_msgs-is-built
 PACKAGE := install/.cdrj_ros-is-built
 SANITIZED := build/sanitized/.is-built
-KERNELS := install/.kernels-are-compiled
 IN_ENV := . tools/env.sh &&
 
 # The Python files are linked, not copied, so that a change in them needs no build. Other installed
@@ -36,14 +35,13 @@ CORE := $(wildcard cdrj_ros/core/*)
 
 .PHONY: demo live test sanitize check style bench docs soak figures setup lock clean
 
-# The kernels that the demonstration does without are compiled while it plays.
 demo: $(PACKAGE)
 	@$(IN_ENV) python tools/demo.py
 
 live: setup
 	@$(IN_ENV) python tools/live.py
 
-# Tests of one file share processes and compiled state, so they run in one worker. Those of nodes
+# Tests of one file share processes, so they run in one worker. Those of nodes
 # wait for messages a good part of the time, so there is a worker more than processors. Files start
 # in the order of test/conftest.py. The types are checked beside the tests, and what is said of them
 # follows; the test of import directions is among the tests.
@@ -88,7 +86,7 @@ figures: setup
 	@$(IN_ENV) python tools/figures.py $(if $(DAVINCI),--davinci $(DAVINCI))
 	@$(IN_ENV) python tools/view_figures.py
 
-setup: $(KERNELS)
+setup: $(PACKAGE)
 
 $(VENV): requirements/constraints.txt requirements/ros.txt requirements/build.txt \
 		requirements/runtime.txt requirements/dev.txt tools/setup_venv.sh tools/mend_wheels.py
@@ -109,10 +107,6 @@ $(MESSAGES): $(VENV) tools/build.sh $(shell find msg_defs -print)
 
 $(PACKAGE): $(MESSAGES) package.xml setup.py setup.cfg $(CORE) $(INSTALLED)
 	@tools/build.sh cdrj_ros
-	@touch $@
-
-$(KERNELS): $(PACKAGE)
-	@tools/build.sh kernels
 	@touch $@
 
 $(SANITIZED): $(VENV) tools/sanitize.sh $(CORE)

@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
 from setuptools.command.develop import develop
-from setuptools.command.install import install
 from setuptools.command.install_scripts import install_scripts
 
 PACKAGE = "cdrj_ros"
@@ -124,44 +123,8 @@ def blocking(script: str) -> str:
     return first + newline + rest if fits and can_block() else script
 
 
-def compile_kernels(folder: Path) -> None:
-    """Compile the numerical kernels of the package in `folder`, so that no start has to.
-
-    They are kept beside the sources, for this machine's processor. Without them everything works:
-    the first start compiles. If the environment has ``CDRJ_KERNELS=later``, this is left to the
-    caller.
-    """
-    if os.environ.get("CDRJ_KERNELS") == "later":
-        return
-    paths = [str(folder), *filter(None, [os.environ.get("PYTHONPATH")])]
-    done = subprocess.run(
-        [sys.executable, "-m", f"{PACKAGE}.commands.compile_ahead", "--missing"],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-        check=False,
-    )
-    if done.returncode != 0:
-        sys.stderr.write("the kernels could not be compiled: the first start will do it\n")
-
-
-class Install(install):
-    """Installs, then compiles the kernels, except into a package for other machines."""
-
-    def run(self) -> None:
-        """Run the command."""
-        super().run()
-        if not self.root:
-            compile_kernels(Path(self.install_lib).resolve())
-
-
 class Develop(develop):
     """Installs the executables with links to the source, as colcon does on request."""
-
-    def run(self) -> None:
-        """Run the command, then compile the kernels beside the source."""
-        super().run()
-        if not self.uninstall:
-            compile_kernels(Path(PACKAGE).resolve().parent)
 
     def write_script(self, script_name, contents, *arguments, **options):
         """Write an executable."""
@@ -228,10 +191,6 @@ setup(
         ],
     },
     cmdclass={"build_ext": BuildExt}
-    | (
-        {}
-        if AS_WHEEL
-        else {"develop": Develop, "install": Install, "install_scripts": InstallScripts}
-    ),
+    | ({} if AS_WHEEL else {"develop": Develop, "install_scripts": InstallScripts}),
     zip_safe=False,
 )

@@ -1,23 +1,13 @@
 #!/usr/bin/env bash
-# Build one of the two packages with colcon into install/, or compile the kernels. Called by `make`.
+# Build one of the two packages with colcon into install/. Called by `make`.
 #
-#   tools/build.sh cdrj_msgs | cdrj_ros | kernels
+#   tools/build.sh cdrj_msgs | cdrj_ros
 #
-# The numerical kernels need the core, but neither ROS nor the messages. The core is compiled first, beside the
-# sources, where the build of cdrj_ros finds it. The kernels of every start are compiled while the messages are
-# built, the others afterwards, or while `make demo` plays.
+# The core is compiled first, beside the sources, where the build of cdrj_ros finds it.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/say.sh
 . tools/env.sh
-
-later() { printf 'What needs the kernels compiles them.\n'; }
-compile_kernels() { python -m cdrj_ros.commands.compile_ahead --missing "$@"; }
-
-if [ "$1" = kernels ]; then
-    stage build/kernels.log "Compiling the other numerical kernels" compile_kernels || later
-    exit
-fi
 
 # Remove files that are no longer among the sources.
 rm -rf "install/$1"
@@ -41,25 +31,7 @@ build() {
         "-DPython3_EXECUTABLE=$VIRTUAL_ENV/bin/python"
 }
 
-export CDRJ_KERNELS=later
-if [ "$1" != cdrj_msgs ]; then
-    stage "build/colcon-$1.log" "Building $1" build "$1"
-    exit
-fi
-
 build_core() { python setup.py build_ext --inplace --build-temp build/core; }
-stage build/core.log "Compiling the core" build_core
-compile_kernels --start >build/kernels.out 2>&1 &
-kernels=$!
-# The processes that it has started end with it.
-trap 'kill "$kernels" 2>/dev/null || true' EXIT
 
-rest_of_kernels() {
-    local failed=0
-    wait "$kernels" || failed=$?
-    cat build/kernels.out
-    return "$failed"
-}
-
+if [ "$1" = cdrj_ros ]; then stage build/core.log "Compiling the core" build_core; fi
 stage "build/colcon-$1.log" "Building $1" build "$1"
-stage build/kernels.log "Compiling the numerical kernels of every start" rest_of_kernels || later

@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -18,11 +17,7 @@ EXECUTABLES = ROOT / "install" / "cdrj_ros" / "lib" / "cdrj_ros"
 ROBOT = "config/robots/prototype.yaml"
 BAG = "bags/prototype_preload_36_26"
 REPORT = "report.html"
-LOG = "build/kernels.log"
 MEASURED = ROOT / "docs" / "demo.json"
-
-KERNELS = ["nice", "-n", "19", sys.executable, "-m", "cdrj_ros.commands.compile_ahead", "--missing"]
-"""Compiles what the demonstration does without, in time that it leaves."""
 
 POLL_S = 0.2
 PATIENCE_S = 10.0
@@ -50,30 +45,12 @@ def main() -> int:
     """Run the demonstration and keep its errors; returns the replay's exit code."""
     for end_by in (signal.SIGTERM, signal.SIGHUP):  # no node is left behind
         signal.signal(end_by, signal.default_int_handler)
-    with tempfile.TemporaryDirectory() as folder, (ROOT / LOG).open("w") as log:
-        compiling = subprocess.Popen(KERNELS, cwd=ROOT, stdout=log, stderr=log)
-        try:
-            figures = Path(folder) / "figures.json"
-            code = play(figures)
-            if code == 0:
-                keep(figures)
-                wait_for(compiling)
-            return code
-        finally:
-            end(compiling)
-
-
-def wait_for(compiling: "subprocess.Popen[bytes]") -> None:
-    """Wait for the other kernels; what needs them compiles them if this fails."""
-    begin = time.monotonic()
-    print("Compiling the other numerical kernels ... ", end="", flush=True)
-    said = f"failed, see {LOG}"
-    try:
-        if compiling.wait() == 0:
-            said = f"{time.monotonic() - begin:.0f} s"
-    except KeyboardInterrupt:
-        said = "interrupted"
-    print(said, flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        figures = Path(folder) / "figures.json"
+        code = play(figures)
+        if code == 0:
+            keep(figures)
+        return code
 
 
 def play(figures: Path) -> int:

@@ -11,7 +11,6 @@ from typing import Final
 
 from cdrj_ros.commands.check_robot_json import json_text
 from cdrj_ros.commands.check_robot_text import print_inspection
-from cdrj_ros.commands.compilation import ensure_compilation
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, write_text
@@ -74,7 +73,6 @@ def _body(argv: Sequence[str]) -> int:
         },
         [robot_path(arguments.robot), *([arguments.poses] if arguments.poses else [])],
     )
-    ensure_compilation(arguments.robot)
     model = load_model(arguments.robot, arguments.preload)
     told = []
     if arguments.poses:

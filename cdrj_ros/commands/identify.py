@@ -10,7 +10,6 @@ from pathlib import Path
 from time import perf_counter
 
 from cdrj_ros.bag import Recording, Topics
-from cdrj_ros.commands.compilation import ensure_compilation
 from cdrj_ros.commands.identify_fits import compared, cross_validated, fit, validated
 from cdrj_ros.commands.identify_model_error import model_errors
 from cdrj_ros.commands.identify_options import parser
@@ -55,7 +54,6 @@ def _body(argv: Sequence[str]) -> int:
 def _identified(arguments: argparse.Namespace, task: Task, pool: Pool | None) -> int:
     """Fit, compare with the bags, write and print."""
     begin = perf_counter()
-    ensure_compilation(str(task.path))
     model = prepare(build_robot(task.document, task.source))
     recordings = _read(task.bags, task.topics, model)
     left: Moved = {}

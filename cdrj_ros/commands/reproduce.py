@@ -10,7 +10,6 @@ from pathlib import Path
 from time import monotonic
 from typing import Final
 
-from cdrj_ros.commands.compilation import ensure_compilation
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
@@ -61,7 +60,6 @@ def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     folder = _output_folder(Path(arguments.out), arguments.force)
     begin = monotonic()
-    ensure_compilation("prototype")
     robot = load_model("prototype").robot
     motion, cells = QUICK if arguments.quick else WHOLE
     with progress_bar("running the rig", 1.0) as report:

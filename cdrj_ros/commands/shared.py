@@ -78,7 +78,7 @@ def topics_of(arguments: argparse.Namespace) -> Topics:
 def versions() -> dict[str, str]:
     """Versions of the software that produced the results."""
     named = {"cdrj_ros": __version__, "Python": platform.python_version()}
-    for package in ("numpy", "scipy", "numba", "rosbags", "mcap"):
+    for package in ("numpy", "scipy", "rosbags", "mcap"):
         named[package] = metadata.version(package)
     return named
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.bag import BagWriter, Topics
-from cdrj_ros.commands.compilation import ensure_compilation
 from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.commands.simulate_motion import (
     TRUTH_RATE,
@@ -55,7 +54,6 @@ def _body(argv: Sequence[str]) -> int:
     arguments = parser().parse_args(argv)
     check_ranges(arguments)
     _check_output(Path(arguments.out))
-    ensure_compilation(arguments.robot)
     model = load_model(arguments.robot, arguments.preload)
     read = sensors(arguments)
     plan, truth, reason = _simulated(model, arguments)

@@ -19,7 +19,6 @@ from cdrj_ros.campaign.tasks import (
     processors,
     reason_of,
 )
-from cdrj_ros.commands.compilation import ensure_compilation
 from cdrj_ros.commands.running import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
@@ -202,7 +201,6 @@ def _body(argv: Sequence[str]) -> int:
     _check_files(arguments)
     limits = load_limits(arguments.limits) if arguments.limits else None
     preloads = _preloads(arguments)
-    ensure_compilation(arguments.robot)
     model = prepared_model(arguments.robot, preloads[0])
     tasks = _tasks(arguments, model.robot)
     for task in tasks:

@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from cdrj_ros.commands.compilation import ensure_compilation
 from cdrj_ros.commands.running import CommandParser, run_command
 from cdrj_ros.commands.shared import add_robot_option, add_topic_options, topics_of
 from cdrj_ros.foundation.errors import UsageError
@@ -63,7 +62,6 @@ def body(argv: Sequence[str]) -> int:
     from cdrj_ros.view.player import Player
     from cdrj_ros.view.plots import TimeAxis
 
-    ensure_compilation(arguments.robot)
     model = load_model(arguments.robot, arguments.preload)
     recording = read_inputs(arguments.bag, topics_of(arguments), model)
     conditioned = condition_recording(model, recording)

@@ -37,9 +37,6 @@ from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model
 from cdrj_ros.robot.description import Uncertainty
 
-_empty: Final = np.empty
-_tuple: Final = tuple.__new__
-
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
@@ -149,8 +146,6 @@ class Spread:
         """Their mean squares (U1), shape (columns,)."""
         self.variance_is_old = False
         """Whether ``deviation`` has changed, so that ``renew_variance`` is to be called."""
-        self._of_step = (*model.parts[2:], self._width, self.core.step)
-        """What ``step`` reads, in one place."""
         self.generator = generator
 
     @property
@@ -244,13 +239,13 @@ class Spread:
         """
         stamp, motor_angle, joint_angle, unseen = sample[:4]
         before, whole, _ = state
-        size, state_part, estimate_part, layout, width, advance = self._of_step
-        out, stddev = _empty(size), _empty(width)
+        model, core = self.model, self.core
+        out, stddev = np.empty(model.out_size), np.empty(self._width)
         dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
-        solved = advance(whole, stamp, motor_angle, joint_angle, unseen, dt, at_once, out, stddev)
+        solved = core.step(whole, stamp, motor_angle, joint_angle, unseen, dt, at_once, out, stddev)
         return (
-            _tuple(State, (stamp, out, state_part)),
-            _tuple(Estimate, (stamp, out, layout, solved, estimate_part)),
+            State(stamp, out, model.state_part),
+            Estimate(stamp, out, model.layout, solved, model.estimate_part),
             stddev,
         )
 
@@ -264,7 +259,7 @@ class Spread:
         Raises:
             ValueError: the sample or the estimate is of another robot.
         """
-        stddev = _empty(self._width)
+        stddev = np.empty(self._width)
         self.core.update(*sample[:4], estimate.values, 1, at_once, stddev)
         return stddev
 
@@ -273,7 +268,7 @@ class Spread:
 
         Members are updated only where the prediction adds to their deviations.
         """
-        stddev = _empty(self._width)
+        stddev = np.empty(self._width)
         self.core.predict(*sample[:4], estimate.values, stddev)
         return stddev
 
@@ -285,7 +280,7 @@ class Spread:
         """Update all members to ``sample``, the last one given to ``update``."""
         self.finish()
         if not (self.stamps == sample.stamp_ns).all():
-            everyone, stddev = len(self.states), _empty(self._width)
+            everyone, stddev = len(self.states), np.empty(self._width)
             self.core.update(*sample[:4], estimate.values, everyone, False, stddev)
 
     def run(self, state: State, samples: Samples) -> tuple[State, Estimates]:

@@ -12,18 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.model.prepared import Layout, Model, plain
+from cdrj_ros.model.prepared import Layout, Model
 
 Vector = NDArray[np.float64]
 
 NEVER: Final = -1
 """Stamp of a state before its first sample."""
 
-
-FLOAT: Final = np.dtype(np.float64)
 EVERYTHING: Final = slice(None)
-
-as_plain = plain
 
 
 class State(NamedTuple):

@@ -1,8 +1,8 @@
 """Handling of Ctrl-C: a command ends within two seconds, with one line and exit code 130.
 
 Python runs signal handlers only between two bytecode instructions of the main thread.  An interrupt
-during a kernel, a compilation or the wait for a thread pool would therefore be handled late, and
-one during an import would print a traceback.  A watcher thread receives the signal immediately
+during a call of a compiled library or the wait for a thread pool would therefore be handled late,
+and one during an import would print a traceback.  A watcher thread receives the signal immediately
 through the wakeup file descriptor and ends the process if the main thread has not ended in time.
 The installed executables start with SIGINT blocked, so that an interrupt while Python itself starts
 waits until ``run_interruptibly`` can handle it.
@@ -26,9 +26,6 @@ INTERRUPTED: Final = 130
 BLAS_THREADS: Final = "OPENBLAS_NUM_THREADS"
 """Environment variable with the number of threads of one operation of linear algebra."""
 
-COVERAGE: Final = "coverage"
-"""Package that measures which lines of a program have run."""
-
 GRACE_S: Final = 1.0
 """Time for the main thread to end by itself after Ctrl-C [s]."""
 
@@ -51,10 +48,6 @@ class _Phase:
         """Whether an interrupt has been raised as KeyboardInterrupt."""
         self.deferred = 0
         """Nesting depth of ``deferring``."""
-        self.held = 0
-        """Nesting depth of ``holding``."""
-        self.waiting = False
-        """Whether an interrupt waits for the end of ``holding``."""
         self.over = False
         """The command has ended; only its exit code is still to be returned."""
         self.restore: Callable[[], None] | None = None
@@ -82,8 +75,7 @@ def announce_interruption(name: str) -> None:
 def was_interrupted() -> bool:
     """Whether Ctrl-C has been pressed; an error after it may be its consequence.
 
-    A library may catch KeyboardInterrupt, as numba's compiler does, and fail later for the lack of
-    what it was about to make.
+    A library may catch KeyboardInterrupt and fail later for the lack of what it was about to make.
     """
     return _PHASE.interrupted
 
@@ -96,27 +88,6 @@ def deferring() -> Iterator[None]:
         yield
     finally:
         _PHASE.deferred -= 1
-
-
-@contextmanager
-def holding() -> Iterator[None]:
-    """Raise KeyboardInterrupt for an interrupt within the block at its end.
-
-    For foreign code that calls Python and does not survive an exception there, as LLVM while it
-    loads machine code.  A block of more than ``GRACE_S`` does not delay the end of the command.
-    Without effect in other threads than the main one, which signals do not interrupt.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    _PHASE.held += 1
-    try:
-        yield
-    finally:
-        _PHASE.held -= 1
-    if _PHASE.waiting and not _PHASE.held:
-        _PHASE.waiting = False
-        raise KeyboardInterrupt
 
 
 @contextmanager
@@ -147,9 +118,6 @@ def run_interruptibly(
         if _PHASE.loading:
             _end(name)
         _PHASE.interrupted = True
-        if _PHASE.held:
-            _PHASE.waiting = True
-            return
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGINT, on_interrupt)
@@ -184,27 +152,10 @@ def _loaded(load: Callable[[], Callable[[], int]]) -> Callable[[], int]:
     os.environ.setdefault(BLAS_THREADS, "1")
     gc.disable()
     try:
-        with _without_coverage():
-            return load()
+        return load()
     finally:
         gc.freeze()
         gc.enable()
-
-
-@contextmanager
-def _without_coverage() -> Iterator[None]:
-    """Let numba not import coverage, a fifteenth of the start, unless it measures this process.
-
-    numba imports it wherever it is installed, and colcon installs it.
-    """
-    if COVERAGE in sys.modules:
-        yield
-        return
-    sys.modules[COVERAGE] = None  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        del sys.modules[COVERAGE]
 
 
 def _end(name: str) -> NoReturn:

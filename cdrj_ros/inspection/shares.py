@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.inspection.ranges import following_motors
-from cdrj_ros.model.mechanism import advance_all
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
@@ -136,8 +135,5 @@ def _tensions(model: Model, motors: Table, joints: Table) -> Table:
     """Tensions along the motion [N], shape (samples, elements)."""
     estimates = np.empty((len(joints), model.layout.size))
     dt = np.full(len(joints), DURATION_S / len(joints))
-    advance_all(
-        model.plan, model.numbers, np.zeros(model.state_size), np.ascontiguousarray(motors),
-        np.ascontiguousarray(joints), dt, estimates,
-    )  # fmt: skip
+    model.core.run(np.zeros(model.state_size), motors, joints, dt, estimates)
     return estimates[:, model.layout.tension]

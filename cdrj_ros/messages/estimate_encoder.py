@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.estimator import FLOAT, Estimate, as_plain
+from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     ENCAPSULATION,
@@ -20,103 +20,32 @@ from cdrj_ros.messages.cdr import (
 from cdrj_ros.messages.conversions import FORCES
 from cdrj_ros.messages.frames import BEFORE, Frame, word_of, words_of
 from cdrj_ros.messages.templates import Template
-from cdrj_ros.model.compiled import direct, lean
 from cdrj_ros.model.prepared import Layout
-from cdrj_ros.model.records import Rows, record_type
-from cdrj_ros.model.views import is_dense
 
 Vector = NDArray[np.float64]
-Words = NDArray[np.int64]
+Places = NDArray[np.intp]
 
 END_OF_TIME_NS: Final = 2**31 * 1_000_000_000
 """The stamp of a header, whose seconds have 32 bits with a sign, is below this [ns]."""
 
-NO_STDDEV: Final = np.empty(0)
+
+class Copied(NamedTuple):
+    """Numbers that are copied into the messages from an estimate or its standard deviations."""
+
+    to: Places
+    """Words in the messages."""
+    source: Places
+    """Places among the estimate's values, or among the standard deviations."""
 
 
-class CopiedRecord:
-    """Numbers that are copied from an estimate or its standard deviations into a message."""
+class Flags(NamedTuple):
+    """Status in the messages: the union of the flags of two elements, which may be the same."""
 
-    to: int
-    """Word of the first one in the messages."""
-    begin: int
-    """Place of the first one among the estimate's values, or among the standard deviations."""
-    count: int
-    deviation: int
-    """Whether they are standard deviations."""
-
-
-class FlagRecord:
-    """One status in a message: the union of the flags of two elements, which may be the same."""
-
-    to: int
-    """Byte in the messages."""
-    one: int
+    to: Places
+    """Bytes in the messages."""
+    one: Places
     """Places of the elements' status among the estimate's values."""
-    other: int
-
-
-COPIED: Final = record_type(CopiedRecord)
-FLAG: Final = record_type(FlagRecord)
-
-
-class Places(NamedTuple):
-    """What goes where in the messages."""
-
-    copied: Rows[CopiedRecord]
-    flags: Rows[FlagRecord]
-    stamps: Words
-    """Words of the stamps."""
-
-
-class Memory(NamedTuple):
-    """The messages, one frame after the other: the same memory as integers, floats and bytes."""
-
-    words: Words
-    numbers: Vector
-    octets: NDArray[np.uint8]
-
-
-@lean
-def write_messages(
-    stamp: int, values: Vector, stddev: Vector, places: Places, memory: Memory
-) -> bool:
-    """Write an estimate into messages; False where a vector is not contiguous.
-
-    Args:
-        stamp: [ns], not negative.
-        values: of the estimate.
-        stddev: its standard deviations, in the order of ``spread_columns``, or shape (0,).
-        places: what goes where.
-        memory: written.
-    """
-    if not (is_dense(values) and is_dense(stddev)):
-        return False
-    second = 1_000_000_000
-    for k in range(places.stamps.size):
-        memory.words[places.stamps[k]] = stamp // second | (stamp % second) << 32
-    for r in range(len(places.copied)):
-        row = places.copied[r]
-        source = stddev if row.deviation else values
-        for k in range(row.count):
-            memory.numbers[row.to + k] = source[row.begin + k]
-    for r in range(len(places.flags)):
-        flag = places.flags[r]
-        memory.octets[flag.to] = np.uint8(int(values[flag.one]) | int(values[flag.other]))
-    return True
-
-
-def find_entry() -> Any:
-    """Entry point of ``write_messages``, compiled or from the disk."""
-    vector, words = np.zeros(0), np.zeros(0, dtype=np.int64)
-    copied: Any = np.zeros(0, dtype=COPIED)
-    flags: Any = np.zeros(0, dtype=FLAG)
-    places, memory = Places(copied, flags, words), _memory_of(words)
-    return direct(write_messages, 1, vector, vector, places, memory)
-
-
-def _memory_of(words: Words) -> Memory:
-    return Memory(words, words.view(np.float64), words.view(np.uint8))
+    other: Places
 
 
 class Encoded(NamedTuple):
@@ -159,19 +88,18 @@ class EstimateEncoder:
         )
         lengths = [words_of(len(template.payload)) for template in templates]
         begins = [sum(lengths[:k]) for k in range(len(lengths) + 1)]
-        self._memory = _memory_of(np.zeros(begins[-1], dtype=np.int64))
+        self._words = np.zeros(begins[-1], dtype=np.int64)
+        """The messages, one frame after the other; the same memory as integers, floats and bytes"""
+        self._numbers, self._bytes = self._words.view(np.float64), self._words.view(np.uint8)
         self._payloads = []
         for template, begin, length in zip(templates, begins, lengths, strict=False):
-            frame = Frame(len(template.payload), self._memory.words[begin : begin + length])
+            frame = Frame(len(template.payload), self._words[begin : begin + length])
             frame.payload[:] = template.payload
             self._payloads.append(frame.payload)
         spans = [template.spans for template in templates]
-        self._places = Places(
-            _copied(layout, spans, begins),
-            _flags(layout, spans, begins),
-            np.array(begins[:-1], dtype=np.int64) + word_of(ENCAPSULATION),
-        )
-        self._entry = find_entry()
+        self._values, self._stddevs = _copied(layout, spans, begins)
+        self._flags = _flags(layout, spans, begins)
+        self._stamps = np.array(begins[:-1], dtype=np.intp) + word_of(ENCAPSULATION)
 
     def encode(self, estimate: Estimate, stddev: Vector | None = None) -> Encoded:
         """Encode all three messages.
@@ -185,15 +113,20 @@ class EstimateEncoder:
                 or none where they are, or a stamp that no header can hold.
         """
         stamp, values = estimate.stamp_ns, estimate.values
-        deviations = NO_STDDEV if stddev is None else stddev
-        if values.size != self._layout.size or deviations.size != self._width:
+        if (
+            values.size != self._layout.size
+            or (stddev.size if stddev is not None else 0) != self._width
+        ):
             raise self._mismatch(values, stddev)
         if not 0 <= stamp < END_OF_TIME_NS:
             raise MessageError(f"stamp {stamp} ns does not fit a ROS header")
-        if not values.dtype is deviations.dtype is FLOAT:  # which the entry point does not check
-            values, deviations = as_plain(values), as_plain(deviations)
-        while not self._entry(stamp, values, deviations, self._places, self._memory):
-            values, deviations = as_plain(values), as_plain(deviations)
+        second, nanosecond = divmod(stamp, 1_000_000_000)
+        self._words[self._stamps] = second | nanosecond << 32
+        self._numbers[self._values.to] = values[self._values.source]
+        if stddev is not None:
+            self._numbers[self._stddevs.to] = stddev[self._stddevs.source]
+        one, other = values[self._flags.one], values[self._flags.other]
+        self._bytes[self._flags.to] = one.astype(np.uint8) | other.astype(np.uint8)
         tensions, forces, efforts = self._payloads
         if not estimate.solved:
             return Encoded(bytes(tensions), bytes(forces), self._no_efforts.encode(stamp))
@@ -213,39 +146,40 @@ class EstimateEncoder:
         )
 
 
-def _copied(layout: Layout, spans: Sequence[Mapping[str, Span]], begins: Sequence[int]) -> Any:
-    """Rows of ``CopiedRecord`` for tensions, nodal forces and efforts.
+def _copied(
+    layout: Layout, spans: Sequence[Mapping[str, Span]], begins: Sequence[int]
+) -> tuple[Copied, Copied]:
+    """What is copied from the estimate's values, and from its standard deviations.
 
     Args:
         layout: of the estimates.
         spans: of every message.
         begins: first word of every message.
     """
-    rows = [(0, "tension", layout.tension.start, 0)]
-    rows += [(1, name, getattr(layout, name).start, 0) for name in FORCES]
-    rows += [(2, "effort", layout.motor_effort.start, 0)]
-    if "stddev" in spans[0]:
-        rows += [(0, "stddev", 0, 1), (1, "stddev", len(layout.elements), 1)]
-    return np.array(
-        [
-            (begins[k] + word_of(spans[k][name].offset), begin, spans[k][name].count, deviation)
-            for k, name, begin, deviation in rows
-        ],
-        dtype=COPIED,
+    values = [(0, "tension", layout.tension.start)]
+    values += [(1, name, getattr(layout, name).start) for name in FORCES]
+    values += [(2, "effort", layout.motor_effort.start)]
+    stddevs = (
+        [(0, "stddev", 0), (1, "stddev", len(layout.elements))] if "stddev" in spans[0] else []
     )
 
+    def places(parts: Sequence[tuple[int, str, int]]) -> Copied:
+        to, source = np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+        for message, name, begin in parts:
+            span = spans[message][name]
+            numbers = np.arange(span.count)
+            to = np.append(to, begins[message] + word_of(span.offset) + numbers)
+            source = np.append(source, begin + numbers)
+        return Copied(to, source)
 
-def _flags(layout: Layout, spans: Sequence[Mapping[str, Span]], begins: Sequence[int]) -> Any:
-    """Rows of ``FlagRecord`` for tensions and nodal forces; arguments as of ``_copied``."""
-    begin = layout.status.start
-    pairs = [(0, e, e) for e in range(len(layout.elements))]
-    pairs += [(1, e, e + 1) for e in layout.element_before.tolist()]
+    return places(values), places(stddevs)
+
+
+def _flags(layout: Layout, spans: Sequence[Mapping[str, Span]], begins: Sequence[int]) -> Flags:
+    """The status of elements and pulleys; arguments as of ``_copied``."""
+    elements, before = np.arange(len(layout.elements)), layout.element_before
     first = [8 * begins[k] + BEFORE + spans[k]["status"].offset for k in (0, 1)]
-    first[1] -= len(layout.elements)
-    return np.array(
-        [
-            (first[k] + place, begin + one, begin + other)
-            for place, (k, one, other) in enumerate(pairs)
-        ],
-        dtype=FLAG,
-    )
+    to = np.concatenate([first[0] + elements, first[1] + np.arange(before.size)])
+    one = layout.status.start + np.concatenate([elements, before])
+    other = layout.status.start + np.concatenate([elements, before + 1])
+    return Flags(to, one, other)

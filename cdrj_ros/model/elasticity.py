@@ -18,8 +18,6 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.compiled import usable_in_kernels
-
 Numeric = TypeVar("Numeric", float, NDArray[np.float64])
 
 UNUSED_TENSION = 1.0
@@ -53,7 +51,6 @@ class ElasticNumbers(Protocol):
         """T_b [N]."""
 
 
-@usable_in_kernels
 def elasticity_of(cable: ElasticNumbers) -> Elasticity:
     """The law of a cable of a robot, or of a row of ``packing.CableNumbers``."""
     return Elasticity(cable.axial_stiffness, cable.bedding_strain, cable.bedding_tension)
@@ -64,7 +61,6 @@ def elasticities(rows: Any) -> Elasticity:
     return Elasticity(*(rows[name] for name in Elasticity._fields))
 
 
-@usable_in_kernels
 def strain_at(law: Elasticity, tension: Numeric) -> Numeric:
     """(E21): strain at a tension [-].
 
@@ -79,7 +75,6 @@ def strain_at(law: Elasticity, tension: Numeric) -> Numeric:
     return found
 
 
-@usable_in_kernels
 def modulus_at(law: Elasticity, tension: Numeric) -> Numeric:
     """dT / d(strain) at a tension [N]: EA for a linear cable, otherwise less, and rising to EA.
 
@@ -101,7 +96,6 @@ def secant_at(law: Elasticity, tension: Numeric) -> Numeric:
     return found
 
 
-@usable_in_kernels
 def stiffened_tension(law: Elasticity, strain: float) -> float:
     """(E22): (E21) solved for the tension at a strain that is not negative [N].
 

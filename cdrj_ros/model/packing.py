@@ -1,9 +1,8 @@
 """A prepared robot as two flat vectors, and named views of their parts.
 
 ``plan`` holds integers: the numbers of all parts and their connections.  ``numbers`` holds reals;
-the members of an ensemble differ only in ``numbers`` and share one plan.  A kernel with only two
-such arguments is cheap to call.  ``plan_views`` and ``number_views`` return the named views, in
-kernels and in Python alike.
+the members of an ensemble differ only in ``numbers`` and share one plan.  The compiled core reads
+the same two vectors; ``plan_views`` and ``number_views`` return their named views in Python.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.cable_records import PULLEY, PulleyNumbers
-from cdrj_ros.model.compiled import usable_in_kernels
 from cdrj_ros.model.geometry import (
     CUBIC,
     FRAME,
@@ -27,6 +25,7 @@ from cdrj_ros.model.geometry import (
     NodeNumbers,
     NodePlan,
 )
+from cdrj_ros.model.parts import rows
 from cdrj_ros.model.records import Rows, record_type, words
 from cdrj_ros.model.spatial_records import (
     SPATIAL_FRAME,
@@ -38,7 +37,6 @@ from cdrj_ros.model.spatial_records import (
     SpatialNodeNumbers,
     SpatialNodePlan,
 )
-from cdrj_ros.model.views import rows
 from cdrj_ros.robot.description import TABLE_INTERVALS
 
 Vector = NDArray[np.float64]
@@ -152,7 +150,7 @@ class EndNumbers:
     radius: float
     """Cable per radian on a drum or a sector [m/rad]."""
     winding: float
-    """+1 where a positive motor angle winds the cable in, -1 where it pays it out; 0 for sectors."""
+    """+1 where a positive motor angle winds cable in, -1 where it pays it out; 0 for sectors."""
 
 
 class ElementNumbers:
@@ -263,7 +261,6 @@ class Numbers(NamedTuple):
     spatial_nodes: Rows[SpatialNodeNumbers]
 
 
-@usable_in_kernels
 def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int]:
     """Where each part of a plan ends, in the order of ``Plan``."""
     cables = _SIZES + sizes.cables * _CABLE_PLAN
@@ -277,7 +274,6 @@ def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int]:
     return cables, ends, pulleys, frames, nodes, terms, spatial_frames, spatial_nodes
 
 
-@usable_in_kernels
 def plan_views(plan: Indices) -> Plan:
     """Named views of the parts of a plan."""
     sizes = Sizes(
@@ -298,7 +294,6 @@ def plan_views(plan: Indices) -> Plan:
     )
 
 
-@usable_in_kernels
 def _number_ends(
     sizes: Sizes,
 ) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int]:
@@ -322,7 +317,6 @@ def _number_ends(
     )  # fmt: skip
 
 
-@usable_in_kernels
 def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
     """Named views of the parts of the numbers.
 

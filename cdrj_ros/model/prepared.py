@@ -112,18 +112,11 @@ class Model:
     state_part: slice
     estimate_part: slice
     """This slice and ``state_part`` locate estimate and state in the kernel's output."""
-    parts: tuple[NDArray[np.int64], Vector, int, slice, slice, Layout] = field(init=False)
-    """What a step reads, in one place: plan, numbers, ``out_size``, both slices and the layout."""
     core: _core.Robot = field(init=False, compare=False, repr=False)
     """The robot as the compiled core reads it, from ``plan`` and ``numbers``."""
 
     def __post_init__(self) -> None:
-        """Collect ``parts``, and hand the robot to the core."""
-        parts = (
-            self.plan, self.numbers, self.out_size, self.state_part, self.estimate_part,
-            self.layout,
-        )  # fmt: skip
-        object.__setattr__(self, "parts", parts)
+        """Hand the robot to the core."""
         object.__setattr__(self, "core", _core.Robot(self.plan, self.numbers))
 
 
@@ -239,11 +232,6 @@ def read_only(array: Vector) -> Vector:
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def plain(values: Vector) -> Vector:
-    """The array, or a copy, as contiguous floats: what the compiled core takes."""
-    return np.ascontiguousarray(values, dtype=np.float64)
 
 
 def _model(robot: Robot) -> Model:

@@ -1,8 +1,8 @@
 """Rows of structured arrays whose fields have names: ``pulleys[p].mu_c``.
 
 A record is declared as a class whose annotated fields are the fields of the row.  ``record_type``
-turns it into a structured type, which NumPy stores and numba compiles.  The class itself is never
-instantiated; type checkers read field names from it.
+turns it into a structured type, which NumPy stores and the compiled core reads.  The class itself
+is never instantiated; type checkers read field names from it.
 """
 
 from __future__ import annotations

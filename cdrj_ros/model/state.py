@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT, Contact, Segment
-from cdrj_ros.model.compiled import usable_in_kernels
 from cdrj_ros.model.drum import DRUM, Drum
 from cdrj_ros.model.geometry import POSE, TWIST, Pose, Twist
 from cdrj_ros.model.packing import Sizes
+from cdrj_ros.model.parts import grid, part, rows, table
 from cdrj_ros.model.records import Grid, Rows, words
 from cdrj_ros.model.spatial_records import (
     ARC_MIDDLE,
@@ -27,7 +27,6 @@ from cdrj_ros.model.spatial_records import (
     SpatialTwist,
     Touch,
 )
-from cdrj_ros.model.views import grid, part, rows, table
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -142,7 +141,6 @@ class ScratchViews(NamedTuple):
     unless some of them are fixed to the surface of a body."""
 
 
-@usable_in_kernels
 def _state_ends(
     sizes: Sizes,
 ) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int]:
@@ -167,13 +165,11 @@ def _state_ends(
     )  # fmt: skip
 
 
-@usable_in_kernels
 def state_size(sizes: Sizes) -> int:
     """Floats of the state."""
     return _state_ends(sizes)[12]
 
 
-@usable_in_kernels
 def state_views(sizes: Sizes, state: Vector) -> StateViews:
     """Named views of the parts of a state.
 
@@ -204,14 +200,12 @@ def state_views(sizes: Sizes, state: Vector) -> StateViews:
     )
 
 
-@usable_in_kernels
 def estimate_size(sizes: Sizes) -> int:
     """Floats of the estimate."""
     per_axis = sizes.motors + sizes.joints
     return 2 * sizes.elements + 6 * sizes.pulleys + per_axis + 2 * sizes.cables
 
 
-@usable_in_kernels
 def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
     """Named views of the parts of an estimate, shape (estimate_size,) or longer."""
     status = 2 * sizes.elements
@@ -240,7 +234,6 @@ def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
     )
 
 
-@usable_in_kernels
 def _scratch_ends(
     sizes: Sizes,
 ) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
@@ -262,23 +255,21 @@ def _scratch_ends(
     middles = touches + sizes.spatial_nodes * _ARC_MIDDLE
     history = middles + (state_size(sizes) if sizes.surfaces > 0 else 0)
     return (
-        element_length, lever_arm, direction, wrap, arc, laid, middle, segments, contacts, pose, twist,
-        spatial_pose, spatial_twist, touches, middles, history,
+        element_length, lever_arm, direction, wrap, arc, laid, middle, segments, contacts,
+        pose, twist, spatial_pose, spatial_twist, touches, middles, history,
     )  # fmt: skip
 
 
-@usable_in_kernels
 def scratch_size(sizes: Sizes) -> int:
     """Floats of the scratch."""
     return _scratch_ends(sizes)[15]
 
 
-@usable_in_kernels
 def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
     """Named views of the parts of the scratch, shape (scratch_size,)."""
     (
-        element_length, lever_arm, direction, wrap, arc, laid, middle, segments, contacts, pose, twist,
-        spatial_pose, spatial_twist, touches, middles, history,
+        element_length, lever_arm, direction, wrap, arc, laid, middle, segments, contacts,
+        pose, twist, spatial_pose, spatial_twist, touches, middles, history,
     ) = _scratch_ends(sizes)  # fmt: skip
     return ScratchViews(
         part(scratch, 0, element_length),

@@ -8,7 +8,6 @@ from pathlib import Path
 from time import monotonic, time_ns
 from typing import Any, Final
 
-import numpy as np
 from cdrj_msgs.msg import CableTensions
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
@@ -18,9 +17,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 
-from cdrj_ros.commands.compilation import COMPILING, compile_for_estimates
 from cdrj_ros.conditioning.conditioner import Kind
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.output import Output
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
@@ -113,13 +110,11 @@ class EstimatorNode(Node):
         if not started.robot:
             raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
         self.timeout_s, self.stamps = started.timeout_s, StampClock(started.same_clock_s)
-        compile_for_estimates(started.robot, lambda: self.get_logger().info(COMPILING))
         with description_given(lambda: robot_description(self)):
             model = load_model(started.robot, started.preload)
         self.live = LiveEstimator(model, started.options)
         if started.friction:
             self.live.set_numbers(started.friction)
-        self._warm_up()
         watched = started.health and self.live.alone is None  # it needs the angle of every joint
         self.health = HealthWatch(self.live, marks_unsure=started.health_marks) if watched else None
         if self._state_file is not None:
@@ -222,18 +217,6 @@ class EstimatorNode(Node):
         if not self._simulated:  # the same time; rclpy's clock takes 3 us or more
             return time_ns()
         return int(self.get_clock().now().nanoseconds)
-
-    def _warm_up(self) -> None:
-        """Compile or load the kernels before the first message arrives."""
-        robot = self.live.model.robot
-        reference = Sample(
-            1_000_000_000,
-            np.array([motor.reference_angle for motor in robot.motors]),
-            np.array([joint.reference_angle for joint in robot.as_read.joints]),
-        )
-        self.live.take(reference)
-        self.live.take(reference._replace(stamp_ns=1_001_000_000))
-        self.live.reset()
 
     def _read_state(self, path: Path) -> None:
         try:

@@ -17,7 +17,6 @@ import numpy as np
 from rclpy.experimental import EventsExecutor
 
 from cdrj_ros.bag import RawMessage, Recording, Topics, read_recording
-from cdrj_ros.commands.compilation import ensure_compilation
 from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.commands.shared import print_results, topics_of, write_files
 from cdrj_ros.foundation.errors import UsageError
@@ -346,7 +345,6 @@ def _body(argv: Sequence[str]) -> int:
             raise UsageError(f"--rate: {error}") from None
     if arguments.passes < 1:
         raise UsageError(f"--passes must be at least 1, got {arguments.passes}")
-    ensure_compilation(arguments.robot)
     model = load_model(arguments.robot, arguments.preload)
     topics = topics_of(arguments)
     overrides = {}

@@ -1,7 +1,8 @@
 """Division of contacts: every pulley gets many contact cells, each with its own bristle.
 
 The estimator's cells are equal parts of an arc and move with it.  Where an end of an arc moves on
-its body, the rig's cells are fixed to the body's surface instead: see ``cdrj_ros.model.surface``.
+its body, the rig's cells are fixed to the body's surface instead: see ``Surfaces`` of the compiled
+core.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.prepared import plain, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.assembly import (
     BATCH,
     Kept,
@@ -113,4 +113,4 @@ def columns(values: NDArray[np.float64], n: int, columns: int, name: str) -> Tab
     shaped = values[:, None] if values.ndim == 1 and columns == 1 else values
     if shaped.shape != (n, columns):
         raise UsageError(f"{name} must have the shape {(n, columns)}, got {values.shape}")
-    return plain(shaped)
+    return np.ascontiguousarray(shaped, dtype=np.float64)

@@ -74,7 +74,7 @@ run_interruptibly("blocked", lambda: print)
     "failure", ["RobotFileError('no object')", "OSError('no object')", "KeyError(1)"]
 )
 def test_an_error_after_a_swallowed_interrupt_counts_as_the_interrupt(failure: str) -> None:
-    """numba's compiler catches KeyboardInterrupt; the use of what it did not make fails later."""
+    """A library may catch KeyboardInterrupt; the use of what it did not make fails later."""
     script = f"""
 import os, signal
 from cdrj_ros.commands.running import run_command
@@ -116,35 +116,6 @@ run_interruptibly("failing", lambda: lambda: run_command("failing", body, []))
     assert (done.returncode, done.stderr) == (2, "failing: \n")
 
 
-def test_an_interrupt_within_a_held_block_comes_at_its_end() -> None:
-    script = """
-import os, signal, threading
-from cdrj_ros.foundation.interruption import holding, run_interruptibly
-
-def in_another_thread():
-    with holding():
-        os.write(1, b"thread ")
-
-def main():
-    with holding():
-        with holding():
-            os.kill(os.getpid(), signal.SIGINT)
-            thread = threading.Thread(target=in_another_thread)
-            thread.start()
-            thread.join()
-        os.write(1, b"whole")
-    os.write(1, b" too far")
-
-run_interruptibly("held", lambda: main)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S,
-        check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (130, "thread whole")
-    assert done.stderr == "held: interrupted\n"
-
-
 @pytest.mark.parametrize(("last", "code"), [("pass", 0), ("raise KeyboardInterrupt", 130)])
 def test_an_interrupt_after_the_end_of_a_command_changes_nothing(last: str, code: int) -> None:
     script = f"""
@@ -170,38 +141,6 @@ interruption.run_interruptibly("late", lambda: main)
         check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (code, "late: interrupted\n" if code else "")
-
-
-def test_a_kernel_is_loaded_whole_before_an_interrupt() -> None:
-    """An exception in LLVM's callbacks, which are Python, would end the process with a signal."""
-    script = """
-import os, signal
-from cdrj_ros.foundation.interruption import run_interruptibly
-from cdrj_ros.model.friction import capstan_transmission
-from cdrj_ros.model.kernel_cache import LaterCache
-
-load = LaterCache.load_overload
-
-def interrupted(*arguments):
-    os.kill(os.getpid(), signal.SIGINT)
-    found = load(*arguments)
-    os.write(1, b"loaded")
-    return found
-
-LaterCache.load_overload = interrupted
-
-def main():
-    capstan_transmission(0.1, 1.0)
-    os.write(1, b" too far")
-
-run_interruptibly("loading", lambda: main)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S,
-        check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (130, "loaded")
-    assert done.stderr == "loading: interrupted\n"
 
 
 def test_only_what_is_imported_is_left_out_of_the_search_for_garbage() -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from support.warm import Programs, warm_programs
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.robot.description import Cable, Pulley, Robot
@@ -20,13 +19,6 @@ EPOCH_NS = 1_700_000_000_000_000_000
 
 Variant = Callable[..., Robot]
 Drive = Callable[..., Samples]
-
-
-@pytest.fixture(scope="session")
-def warm() -> Iterator[Programs]:
-    """Runs short programs that compile kernels."""
-    with warm_programs() as programs:
-        yield programs
 
 
 @pytest.fixture(scope="session")

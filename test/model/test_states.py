@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from cdrj_ros.estimation.estimator import initial_state
-from cdrj_ros.model.mechanism import advance
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -48,7 +47,7 @@ def written(model: Model, filler: float) -> np.ndarray:
     before = initial_state(model).values
     for k in range(2):
         out = np.full(model.out_size, filler)
-        assert advance(model.plan, model.numbers, before, motor + 1e-3 * k, joint, 1e-3 * k, out)
+        assert model.core.step(before, motor + 1e-3 * k, joint, 1e-3 * k, out)
         before = out
     return before[: model.estimate_part.stop]
 

@@ -127,24 +127,3 @@ def test_a_node_takes_the_description_of_its_parameter(
     node, joints = make(name, {"robot": str(robot_file), "robot_description": URDF})
     node.destroy_node()
     assert joints == ("abduction", "mcp", "pip")
-
-
-@pytest.mark.parametrize("named", [True, False])
-def test_the_estimator_compiles_the_kernel_in_space_for_such_a_robot_only(
-    named: bool, ros: None, robot_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from rclpy.parameter import Parameter
-
-    from cdrj_ros.commands import compilation
-    from cdrj_ros.nodes import estimator
-
-    asked: list[tuple[str, ...]] = []
-    monkeypatch.setattr(compilation, "is_compiled", lambda part: part != "space")
-    monkeypatch.setattr(
-        compilation, "compile_together", lambda parts, **_: asked.append(parts) or True
-    )
-    robot = str(robot_file) if named else "prototype"
-    given = {"robot": robot, "robot_description": URDF}
-    options = [Parameter(key, value=value) for key, value in given.items()]
-    estimator.EstimatorNode(parameter_overrides=options).destroy_node()
-    assert asked == ([("space",)] if named else [])

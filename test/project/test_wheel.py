@@ -102,10 +102,6 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Installation:
         env={key: value for key, value in os.environ.items() if key != "PYTHONPATH"},
         check=True,
     )  # fmt: skip
-    for file in (ROOT / "cdrj_ros").rglob("*.nb[ic]"):  # compiled kernels of the same sources
-        beside = site / file.relative_to(ROOT).parent
-        beside.mkdir(exist_ok=True)
-        shutil.copy(file, beside)
     return Installation(wheel, folder, work / "elsewhere")
 
 
