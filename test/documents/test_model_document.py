@@ -16,7 +16,7 @@ SOURCES = sorted(
     path
     for folder in ("model", "conditioning", "estimation", "identification")
     for path in (ROOT / "cdrj_ros" / folder).rglob("*.py")
-)
+) + sorted((ROOT / "cdrj_ros" / "core").glob("*.?pp"))
 CITATION = re.compile(r"\((E?)(\d{1,2})\)(?:\s?[-–]\s?\(E?(\d{1,2})\))?")
 
 
@@ -28,8 +28,10 @@ def equations(text: str) -> set[str]:
     return found
 
 
-def docstrings(path: Path) -> str:
-    """All docstrings of modules, classes, functions and fields."""
+def remarks(path: Path) -> str:
+    """All docstrings of modules, classes, functions and fields, or all comments in C++."""
+    if path.suffix != ".py":
+        return "\n".join(re.findall(r"//.*", path.read_text(encoding="utf-8")))
     tree = ast.parse(path.read_text(encoding="utf-8"))
     return "\n".join(
         node.value.value
@@ -38,6 +40,15 @@ def docstrings(path: Path) -> str:
         and isinstance(node.value, ast.Constant)
         and isinstance(node.value.value, str)
     )
+
+
+def remarks_on(name: str) -> str:
+    """What is said about a function, or in a file of the core, such as ``core/cable.hpp``."""
+    if "/" in name:
+        return remarks(ROOT / "cdrj_ros" / name)
+    found = resolved(name)
+    assert callable(found)
+    return inspect.getdoc(found) or ""
 
 
 def resolved(name: str) -> object:
@@ -62,13 +73,8 @@ def computed() -> dict[str, list[str]]:
         cells = line.split("|")
         if line.startswith("| ("):
             for number in equations(cells[1]):
-                table.setdefault(number, []).extend(re.findall(r"`([\w.]+)`", cells[2]))
+                table.setdefault(number, []).extend(re.findall(r"`([\w./]+)`", cells[2]))
     return table
-
-
-@pytest.mark.parametrize("name", sorted({n for names in computed().values() for n in names}))
-def test_the_function_of_an_equation_exists(name: str) -> None:
-    assert callable(resolved(name))
 
 
 def test_every_equation_has_a_function_and_every_function_an_equation() -> None:
@@ -83,21 +89,19 @@ def test_every_equation_has_a_function_and_every_function_an_equation() -> None:
 
 @pytest.mark.parametrize(("number", "names"), sorted(computed().items()))
 def test_a_function_of_an_equation_cites_it(number: str, names: list[str]) -> None:
-    found = [resolved(name) for name in names]
-    functions = [getattr(one, "py_func", one) for one in found]
-    assert number in equations("".join(inspect.getdoc(one) or "" for one in functions))
+    assert number in equations("\n".join(map(remarks_on, names)))
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
 def test_every_equation_cited_in_the_code_is_in_the_document(path: Path) -> None:
-    assert equations(docstrings(path)) <= equations(DOCUMENT)
+    assert equations(remarks(path)) <= equations(DOCUMENT)
 
 
 def test_every_name_in_the_document_is_in_the_code() -> None:
     code = "\n".join(
         path.read_text(encoding="utf-8")
         for path in (ROOT / "cdrj_ros").rglob("*")
-        if path.suffix in (".py", ".json")
+        if path.suffix in (".py", ".json", ".hpp", ".cpp")
     )
     words = set(re.findall(r"\w+", code))
     missing = []
