@@ -144,7 +144,7 @@ def test_stribeck_bearings_and_drum_are_found_from_slow_and_fast_motion(rubbing:
     off = (found.values - truth) / found.stddev
     assert np.all(np.abs(off) < 3.0), dict(zip([u.name for u in found.unknowns], off, strict=True))
     assert np.sqrt(np.mean(off**2)) < 2.0
-    assert np.all(found.stddev < 0.05 * truth), "the standard errors themselves are small"
+    assert np.all(found.stddev < 0.06 * truth), "the standard errors themselves are small"
 
 
 def test_slow_motion_alone_does_not_determine_the_stribeck_speed_and_a_note_says_so(
@@ -175,7 +175,7 @@ def test_a_fit_to_mostly_noise_does_not_stop_short_of_its_own_accuracy(
     fit = "friction.mu_c,friction.mu_s,friction.stribeck_speed"
     start = {name: FRICTION_AND_DRUM[name] for name in fit.split(",")}
     noisy = [recording(rubbing, 60.0, noise=1.0)]
-    monkeypatch.setattr("cdrj_ros.identification.fit.COARSE_STEPS", 4)  # stops the rounds short
+    monkeypatch.setattr("cdrj_ros.identification.fit.COARSE_STEPS", 2)  # stops the rounds short
     settled = found_from(rubbing, fit, start, noisy)
     assert left[0].max() > 0.3
     assert left[-1].max() < 0.1
