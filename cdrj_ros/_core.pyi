@@ -1,4 +1,4 @@
-"""Decoding of messages and conditioning of readings, in C++: the module `cdrj_ros._core`.
+"""The step of every sample and all that runs with it, in C++: the module `cdrj_ros._core`.
 
 Angles are in rad (in m for a sliding axis), stamps in ns since the clock's epoch.
 """
@@ -606,6 +606,18 @@ def acceptable(elastic: tuple[float, float, float]) -> float:
 
 def element_tension(elastic: tuple[float, float, float], length: float, material: float) -> float:
     """(E1), (E21): tension of a segment from its length and its material [m] [N]."""
+
+def tangent(
+    first: tuple[float, float, float], second: tuple[float, float, float]
+) -> tuple[float, float]:
+    """(E4): directed common tangent of two circles in the plane.
+
+    Args:
+        first, second: centre [m] and radius [m], negative where the cable goes round clockwise.
+
+    Returns:
+        Its length between the circles [m], NaN where there is none, and its direction [rad].
+    """
 
 class Drum:
     """What a winch drum holds (E3): cable comes off at the strain at which it went on."""

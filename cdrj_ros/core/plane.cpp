@@ -8,18 +8,14 @@
 namespace cdrj {
 namespace {
 
-struct Point {
-    double x, y;
-};
+/// Centre of a node in the base [m].
+Point centre_of(const NodeConstants& node, const Pose& pose) {
+    const double c = std::cos(pose.angle), s = std::sin(pose.angle);
+    return {pose.x + c * node.x - s * node.y, pose.y + s * node.x + c * node.y};
+}
 
-/// Directed common tangent of two circles.
-struct Tangent {
-    double length;  // between the tangent points [m]; NaN where there is none
-    double angle;   // its direction [rad]
-};
+}  // namespace
 
-/// (E4): with h = sigma2 r2 - sigma1 r1 and u at the angle phi + gamma, where phi is the direction of
-/// the line of centres, sin gamma = -h / D and length^2 = D^2 - h^2.
 Tangent tangent(const Point& a, double signed_radius_a, const Point& b, double signed_radius_b) {
     const double dx = b.x - a.x, dy = b.y - a.y;
     const double h = signed_radius_b - signed_radius_a;
@@ -31,14 +27,6 @@ Tangent tangent(const Point& a, double signed_radius_a, const Point& b, double s
     const double length = std::sqrt(square);
     return {length, std::atan2(dy, dx) - std::atan2(h, length)};
 }
-
-/// Centre of a node in the base [m].
-Point centre_of(const NodeConstants& node, const Pose& pose) {
-    const double c = std::cos(pose.angle), s = std::sin(pose.angle);
-    return {pose.x + c * node.x - s * node.y, pose.y + s * node.x + c * node.y};
-}
-
-}  // namespace
 
 void place_frames(
     const Topology& topology, const Constants& constants, std::span<const double> joint_angle,

@@ -11,6 +11,20 @@
 
 namespace cdrj {
 
+struct Point {
+    double x, y;
+};
+
+/// Directed common tangent of two circles.
+struct Tangent {
+    double length;  // between the tangent points [m]; NaN where there is none
+    double angle;   // its direction [rad]
+};
+
+/// (E4): with h = sigma2 r2 - sigma1 r1 and u at the angle phi + gamma, where phi is the direction of
+/// the line of centres, sin gamma = -h / D and length^2 = D^2 - h^2.
+Tangent tangent(const Point& a, double signed_radius_a, const Point& b, double signed_radius_b);
+
 /// Pose of every frame of a robot in the plane, and its velocity per joint.
 ///
 /// A rolling frame follows two equal circles of radius R: its origin lies at 2R (cos q, sin q), it

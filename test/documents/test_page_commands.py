@@ -104,7 +104,7 @@ def test_validations_of_the_pages_run(
     if "--html" in words:
         page = (lab / words[words.index("--html") + 1]).read_text()
         assert page.count("recorded and estimated over") == 2 * 3, "pictures of two channels"
-        assert page.count("Not drawn") == 30
+        assert page.count("Not drawn") == 44
         for shown in ("tension/upper/8: rec", "Friction loop", 'class="drawing"', "own rig</th>"):
             assert shown in page
     assert ("outside the limits" if "--limits" in words else "Tension") in said.out + said.err

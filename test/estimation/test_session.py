@@ -106,7 +106,7 @@ def test_load_cells_at_the_ends_find_a_lost_preload_in_every_element(
     course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
     half = len(course.error) // 2
     assert np.abs(course.error[0]).max() > 10.0
-    assert np.abs(course.error[half:]).mean(axis=0).max() < 0.15
+    assert np.abs(course.error[half:]).mean(axis=0).max() < 0.2
     assert (np.abs(course.error[half:]) < 2.0 * course.stddev[half:]).mean() > 0.9
 
 
