@@ -10,21 +10,22 @@ from tempfile import TemporaryDirectory
 from bench.figures import ROOT, Row, Spread, additions
 from bench.making import Said, make
 
-MESSAGES = ("Building cdrj_msgs", "Compiling the numerical kernels of every start")
-PACKAGE = ("Building cdrj_ros",)
-"""Beginnings of the lines that `make` ends when stages end."""
+MESSAGES = "Building cdrj_msgs"
+CORE = "Compiling the core"
+PACKAGE = "Building cdrj_ros"
+"""Beginnings of the lines that `make` ends when a stage ends, in order."""
 
 
-def end_of(said: list[Said], stages: tuple[str, ...]) -> float:
-    """When the last line of some stages was complete [s].
+def end_of(said: list[Said], stage: str) -> float:
+    """When the line of a stage was complete [s].
 
     Raises:
         RuntimeError: there is none.
     """
-    ends = [after_s for after_s, line in said if line.startswith(stages)]
-    if not ends:
-        raise RuntimeError(f"make did not say {' or '.join(stages)}")
-    return max(ends)
+    for after_s, line in said:
+        if line.startswith(stage):
+            return after_s
+    raise RuntimeError(f"make did not say {stage}")
 
 
 def measure() -> list[Row]:
@@ -36,12 +37,14 @@ def measure() -> list[Row]:
         speed = [additions()]
         said = make(clone, "demo")
         speed.append(additions())
-    messages, package, whole = end_of(said, MESSAGES), end_of(said, PACKAGE), said[-1].after_s
+    messages, core, package = (end_of(said, stage) for stage in (MESSAGES, CORE, PACKAGE))
+    whole = said[-1].after_s
     rows = {
         "make demo from nothing, packages installed": [whole],
-        "of this, the messages and the kernels of every start": [messages],
-        "of this, the package": [package - messages],
-        "of this, the demonstration and the other kernels": [whole - package],
+        "of this, the messages": [messages],
+        "of this, the core": [core - messages],
+        "of this, the package": [package - core],
+        "of this, the demonstration": [whole - package],
         "ten million additions in Python, before and after": speed,
     }
     first, *others = (Row("demo", what, "s", Spread.of(times)) for what, times in rows.items())

@@ -8,8 +8,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
-OF_MAKE = ("MAKEFLAGS", "MAKELEVEL", "MFLAGS", "NUMBA_CACHE_DIR")
-"""Variables of `make bench` itself, and the one that would name another place for kernels."""
+OF_MAKE = ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")
+"""Variables of `make bench` itself."""
 
 READY = tuple(f".venv/.{flavour}-is-ready" for flavour in ("wheels", "system"))
 """Files that `make` takes for up to date: the environment is there and is not made anew."""

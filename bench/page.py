@@ -10,7 +10,7 @@ from bench.figures import Row, Spread
 BEGIN = "<!-- Written by `make bench`; changes are lost. -->"
 END = "<!-- End of what `make bench` writes. -->"
 
-COMPARED = ("numpy", "numba", "rclpy", "mujoco", "exudyn", "opensim", "rosbags", "mcap")
+COMPARED = ("numpy", "rclpy", "mujoco", "exudyn", "opensim", "rosbags", "mcap")
 
 NODE = (
     "the interpreter's part of the callbacks, which take up to three times as long between other "
@@ -18,50 +18,26 @@ NODE = (
 )
 LIMITS = {
     "one update, 2 cables": "the call from Python and its results; see the update in bulk",
-    "one update with": (
-        "the step of a member, at every second sample, and a call from Python with all 24 arrays "
-        "of the members"
-    ),
+    "one update with": "the step of a member, at every second sample",
     "1 kHz, until": NODE,
     "processor time": NODE,
     "sustained rate, no": "the node's processor time per sample, see above",
-    "validate as a command": (
-        "imports take 27 % of the time, estimating and comparing 38 %, reading and conditioning "
-        "13 %, the robot file and loading the kernels 8 %, the end of the interpreter 7 %, the "
-        "printed table 4 %"
-    ),
     "validate, 6 bags": (
-        "of 4.8 s, imports take the first 0.46 s, the first bag of each process 1.47 s, in which "
-        "it loads robot and kernels, every other one 1.3 s (1.25 s on one processor), tables and "
-        "end 0.15 s; a command of its own on each processor, in the row below, shows what the "
-        "machine gives"
+        "imports, and a first bag for which every process loads the robot itself; a command of its "
+        "own on each processor, in the row below, shows what the machine gives"
     ),
-    "second start of the estimator: more": (
-        "importing numba and the package takes two thirds of it, the robot file and loading the "
-        "kernels the rest; a machine on which the bare node starts in 0.17 s needs 0.30 s more"
+    "start of the estimator: more": (
+        "the modules of the package, the robot file, and more publishers, subscriptions and "
+        "services than a bare node has"
     ),
-    "first start without a compiled kernel, until it estimates": (
-        "compilation of the step in one process, and of the geometry in the plane and the solution "
-        "of a cable in another: 9 s of processor time in all on a machine that adds ten million "
-        "numbers in 0.36 s, 60 % of it numba's analysis in Python; see below; `colcon build` and "
-        "`make demo` do it in advance"
-    ),
-    "first start without a compiled kernel, until its first": (
-        "the start of Python and the imports of rclpy and numba; a bare node is not ready sooner "
-        "than in half of this"
-    ),
-    "memory of the estimator: more": (
-        "LLVM's library takes 70 MB, of which 23 MB are for the run-time system that numba "
-        "compiles at every start; all of its pages can be discarded and read again"
-    ),
+    "memory of the estimator: more": "the modules of the package and what they import",
     "make demo from": (
-        "of the processor time the kernels take two fifths and the messages a quarter, two thirds "
-        "of that for their generation in Python; the demonstration alone, 90 000 messages to "
-        "another process and the answers, takes three tenths, half of it in rclpy and the "
-        "middleware below"
+        "the core takes some 30 s to compile on two processors; two thirds of the time of the "
+        "messages go to their generation in Python, and half of that of the demonstration, 90 000 "
+        "messages to another process and the answers, to rclpy and the middleware below"
     ),
     "make test, whole": (
-        "4700 tests that take 500 to 600 s of processor time on a machine that adds ten million "
+        "4800 tests that take 500 to 600 s of processor time on a machine that adds ten million "
         "numbers in 0.3 s, three quarters of it in the processes of the tests themselves, and no "
         "test with more than 4 %; a further worker gains nothing"
     ),

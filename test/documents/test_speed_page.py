@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bench import suite
-from bench.demonstration import MESSAGES, PACKAGE, end_of
+from bench.demonstration import CORE, MESSAGES, PACKAGE, end_of
 from bench.figures import Row, Spread, turns
 from bench.making import Said, make
 from bench.page import BEGIN, END, LIMITS, renewed, written
@@ -75,6 +75,7 @@ def test_rounds_end_when_the_time_is_used_up() -> None:
 RULES = """
 demo:
 \t@echo 'Building cdrj_msgs ... 1 s'
+\t@echo 'Compiling the core ... 2 s'
 \t@echo 'Building cdrj_ros ... 2 s'
 test:
 \t@echo '1 failed, 2 passed in 3.50s'
@@ -87,12 +88,14 @@ def test_lines_of_make_are_timed_and_its_failure_is_its_last_line(tmp_path: Path
     said = make(tmp_path, "demo")
     assert [line for _, line in said] == [
         "Building cdrj_msgs ... 1 s",
+        "Compiling the core ... 2 s",
         "Building cdrj_ros ... 2 s",
         "",
     ]
-    assert 0.0 < end_of(said, MESSAGES) <= end_of(said, PACKAGE) <= said[-1].after_s
-    with pytest.raises(RuntimeError, match="did not say Compiling"):
-        end_of(said, ("Compiling",))
+    ends = [end_of(said, stage) for stage in (MESSAGES, CORE, PACKAGE)]
+    assert 0.0 < ends[0] <= ends[1] <= ends[2] <= said[-1].after_s
+    with pytest.raises(RuntimeError, match="did not say Running"):
+        end_of(said, "Running")
     with pytest.raises(RuntimeError, match="make test: 1 failed, 2 passed"):
         make(tmp_path, "test")
 
