@@ -45,8 +45,6 @@ BEHIND = 500
 """Number of unanswered messages above which the sender waits."""
 
 PATIENCE_S = 60.0
-COMPILING_S = 600.0
-"""Time limit of the first start, which compiles the kernels [s]."""
 HOSTILE_EVERY = 997
 """Number of messages after which one that must be refused is sent."""
 
@@ -331,7 +329,7 @@ def main() -> int:
     rclpy.init(args=[])
     feeder = Feeder(arguments.rate)
     try:
-        if not feeder.wait_for(lambda: feeder.connected, process, COMPILING_S):
+        if not feeder.wait_for(lambda: feeder.connected, process, PATIENCE_S):
             print("soak: the estimator did not start", file=sys.stderr)
             return 2
         sleep(0.5)  # wait until both ends of every topic are matched

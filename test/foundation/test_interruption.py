@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -181,37 +180,3 @@ run_interruptibly("counting", load)
     done = subprocess.run([sys.executable, "-c", script], check=False, env=kept | chosen)
     watcher = 1  # waits for Ctrl-C
     assert done.returncode == 100 + min(threads, len(os.sched_getaffinity(0))) + watcher
-
-
-@pytest.mark.parametrize("measuring", [True, False])
-def test_a_start_imports_coverage_only_where_it_measures(tmp_path: Path, measuring: bool) -> None:
-    (tmp_path / "coverage.py").write_text("print('imported')\n", encoding="utf-8")
-    script = f"""
-import sys
-if {measuring}:
-    import coverage
-from cdrj_ros.foundation.interruption import run_interruptibly
-
-def load():
-    try:  # as numba does
-        import coverage
-    except ImportError:
-        print("absent")
-    else:
-        print("present")
-
-    def main():
-        import coverage
-        return 0
-
-    return main
-
-run_interruptibly("measured", load)
-"""
-    paths = os.pathsep.join([str(tmp_path), *sys.path])
-    done = subprocess.run(
-        [sys.executable, "-c", script], check=False, env={**os.environ, "PYTHONPATH": paths},
-        capture_output=True, text=True,
-    )  # fmt: skip
-    first, second = ("imported", "present") if measuring else ("absent", "imported")
-    assert done.stdout.split() == [first, second], done.stderr

@@ -129,7 +129,7 @@ def test_an_hour_at_1_khz_takes_less_than_a_gigabyte(
     monkeypatch.setattr(estimates_bag, "AT_ONCE", 512)
     model, recording = load_model(ROBOT), read_inputs(BAG, Topics(), load_model(ROBOT))
     peaks = []
-    for run, seconds in enumerate((1, *SPANS_S)):  # the first run loads the kernels
+    for run, seconds in enumerate((1, *SPANS_S)):  # the first run imports modules
         folder = tmp_path / f"{run}"
         bag = _part_of(recording, folder, seconds)
         task = BagTask(str(bag), Topics(), spread=True, written=str(folder / "estimates"))

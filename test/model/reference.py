@@ -1,7 +1,7 @@
 """One sample of a robot in plain NumPy, by the equation numbers of docs/model.md.
 
-The module follows that page and is compared with the compiled kernels.  It shares no code with
-them: derivatives are complex steps, and a dense Newton method solves the balance from another first
+The module follows that page and is compared with the compiled core.  It shares no code with it:
+derivatives are complex steps, and a dense Newton method solves the balance from another first
 guess.  The geometry is given; ``reference_geometry`` computes it in the plane.  Speed does not
 matter.
 """

@@ -1,6 +1,6 @@
 """Lengths, wraps and directions of cables in the plane, by section 3 of docs/model.md.
 
-In plain NumPy, without the compiled kernels.  A lever arm is the derivative of the distance of the
+In plain NumPy, without the compiled core.  A lever arm is the derivative of the distance of the
 two points between which a cable runs free, each of which rests in its body: a complex step.
 """
 

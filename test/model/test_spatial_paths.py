@@ -1,4 +1,4 @@
-"""Points of a cable for drawing lie where the kernels say that it runs."""
+"""Points of a cable for drawing lie where the core says that it runs."""
 
 from __future__ import annotations
 

@@ -139,7 +139,7 @@ def test_an_interrupt_at_a_random_moment_is_one_line_and_code_130(start: Start) 
 
 
 def test_an_interrupt_does_not_wait_for_threads(start: Start, wait_until: Any) -> None:
-    """``reproduce`` runs the rig in a pool of threads, whose kernels cannot be interrupted."""
+    """``reproduce`` runs the rig in a pool of threads, in the core, which cannot be interrupted."""
     process = start("reproduce", handles)
     wait_until(lambda: threads(process) > 2, PATIENCE_S)  # besides the main and the signal thread
     code, errors = interrupted(process)

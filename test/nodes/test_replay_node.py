@@ -33,8 +33,6 @@ SAMPLE = ROOT / "bags" / "prototype_preload_36_26"
 PATIENCE_S = 120.0
 LAST_WORDS_S = 30.0
 ASK_AGAIN_S = 5.0
-COMPILING_S = 600.0
-"""Timeout of a first start, which compiles the kernels [s]."""
 
 ANSWERED = r"[1-9]\d* answered"
 """Pattern of a progress line once estimates have been received."""
@@ -51,7 +49,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 def estimator(
     executables: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """One estimator for many replays, with compiled kernels; each replay resets it."""
+    """One estimator for many replays; each replay resets it."""
     log = tmp_path_factory.mktemp("estimator") / "log"
     with log.open("wb") as stream:
         process = subprocess.Popen(
@@ -59,7 +57,7 @@ def estimator(
             stdout=stream,
             stderr=stream,
         )
-    deadline = time.monotonic() + COMPILING_S
+    deadline = time.monotonic() + PATIENCE_S
     while " pulleys" not in log.read_text(errors="replace"):
         assert process.poll() is None, log.read_text(errors="replace")
         assert time.monotonic() < deadline, log.read_text(errors="replace")
@@ -531,10 +529,10 @@ def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
     ))  # fmt: skip
     mortal = start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}", *other)
     one = replay(
-        longer_bag, "--rate", "1", "--estimator", name, "--patience", f"{COMPILING_S}",
+        longer_bag, "--rate", "1", "--estimator", name, "--patience", f"{PATIENCE_S}",
         "--ros-args", *other[2:],
     )  # fmt: skip
-    one.wait_for(ANSWERED, COMPILING_S + PATIENCE_S)
+    one.wait_for(ANSWERED, 2 * PATIENCE_S)
     mortal.send_signal(signal.SIGINT)
     code, out = one.finish()
     assert code == 1, out

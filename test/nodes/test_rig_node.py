@@ -20,8 +20,6 @@ from cdrj_ros.model.status import SLACK
 PAGE = Path(__file__).parents[2] / "docs" / "rig_node.md"
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 60.0
-COMPILING_S = 600.0
-"""Timeout of a first start, which compiles the kernels [s]."""
 
 
 def overrides(**given: Any) -> list[Any]:
@@ -159,7 +157,7 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(start_node: Any, no
         # nothing slips before the first command, so the estimator knows the friction history
         commands = node.create_publisher(JointTrajectory, "/cdrj/motor_trajectory", 10)
         heard = commands.get_subscription_count
-        assert spin_until(executor, lambda: bool(truths and estimates and heard()), COMPILING_S)
+        assert spin_until(executor, lambda: bool(truths and estimates and heard()))
         first = max(truths)
         commands.publish(trajectory((0.8, 1.5), (2.0, -1.0), (2.4, -0.5)))
         wanted = first + 2_500_000_000
@@ -456,7 +454,7 @@ def test_an_invalid_parameter_is_refused_at_the_start(
 
 def test_the_command_names_a_missing_parameter_in_one_line(executables: Path) -> None:
     ended = subprocess.run(
-        [executables / "rig"], capture_output=True, text=True, check=False, timeout=COMPILING_S
+        [executables / "rig"], capture_output=True, text=True, check=False, timeout=PATIENCE_S
     )
     assert ended.returncode == 2
     last = ended.stderr.strip().splitlines()

@@ -215,13 +215,6 @@ def follow(model: Model) -> None:
         assert np.all(estimate.tension[known] >= 0.0)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _kernels() -> None:
-    """Compile the kernels before time is measured."""
-    for path in FILES:
-        follow(prepare(parse_robot(path.read_text("utf-8"), str(path))))
-
-
 def judge(text: str, source: str = "damaged") -> bool:
     """Whether the text is a valid robot; fails unless it is one or gives a one-line error."""
     begin = process_time()
