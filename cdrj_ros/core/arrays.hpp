@@ -19,6 +19,21 @@ using Indices = pybind11::array_t<Index, pybind11::array::c_style>;
 /// Numbers that are read only: other types and layouts are copied to a contiguous array.
 using Given = pybind11::array_t<double, pybind11::array::c_style | pybind11::array::forcecast>;
 
+/// An array of numbers as an argument of a function that is called for every sample.
+///
+/// Where type and layout fit, which is only looked at, this takes a third of the time of `Given` and
+/// `Vector`.
+inline Given quickly(const pybind11::object& given) {
+    if (Given::check_(given)) return pybind11::reinterpret_borrow<Given>(given);
+    return given.cast<Given>();
+}
+
+/// The same for an array that is written, which cannot be of another type or layout.
+inline Vector written(const pybind11::object& given, const char* otherwise) {
+    if (!Vector::check_(given)) throw pybind11::type_error(otherwise);
+    return pybind11::reinterpret_borrow<Vector>(given);
+}
+
 template <typename Array>
 std::span<const double> span_of(const Array& array) {
     return {array.data(), static_cast<std::size_t>(array.size())};

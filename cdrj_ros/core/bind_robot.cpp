@@ -18,14 +18,16 @@ namespace {
 constexpr py::ssize_t PIECE = 4096;
 
 bool step(
-    const HeldRobot& held, const Vector& before, const Given& motor_angle,
-    const Given& joint_angle, double dt, Vector& out) {
+    const HeldRobot& held, const py::object& before, const py::object& motor_angle,
+    const py::object& joint_angle, double dt, const py::object& out) {
     const Robot& robot = held.robot;
-    held.require_angles(motor_angle.size(), joint_angle.size());
-    require(before.size() >= py::ssize_t(robot.state_size()), "before is too short");
-    require(out.size() >= py::ssize_t(robot.out_size()), "out is too short");
+    const Given state = quickly(before), motor = quickly(motor_angle), joint = quickly(joint_angle);
+    Vector result = written(out, "out is not a contiguous array of floats");
+    held.require_angles(motor.size(), joint.size());
+    require(state.size() >= py::ssize_t(robot.state_size()), "before is too short");
+    require(result.size() >= py::ssize_t(robot.out_size()), "out is too short");
     return robot.advance(
-        before.data(), span_of(motor_angle), span_of(joint_angle), dt, out.mutable_data());
+        state.data(), span_of(motor), span_of(joint), dt, result.mutable_data());
 }
 
 /// Advance a state by many samples; `slipping`: the cables slip on their drums.
@@ -133,8 +135,8 @@ void bind_robot(py::module_& core) {
             "estimate_size", [](const HeldRobot& h) { return h.robot.estimate_size(); })
         .def_property_readonly("out_size", [](const HeldRobot& h) { return h.robot.out_size(); })
         .def(
-            "step", step, py::arg("before").noconvert(), py::arg("motor_angle"),
-            py::arg("joint_angle"), py::arg("dt"), py::arg("out").noconvert(),
+            "step", step, py::arg("before"), py::arg("motor_angle"), py::arg("joint_angle"),
+            py::arg("dt"), py::arg("out"),
             "One sample: (state, angles) -> (state, estimate, workspace) in ``out``.\n\n"
             "Angles in rad, of prismatic joints in m; ``dt``: time since the state [s], 0 for the\n"
             "first sample. Returns False where the geometry is impossible (the state is kept) or a\n"
