@@ -179,7 +179,7 @@ def _serve(connection: Connection, function: Callable[[Any, Progress], Any]) -> 
 
 
 def _end_with_the_parent() -> None:
-    """End this process when its parent ends, even while a kernel runs."""
+    """End this process when its parent ends, even while the core calculates."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])

@@ -27,7 +27,7 @@ class State(NamedTuple):
 
     stamp_ns: int
     whole: Vector
-    """The state, contiguous; from a step also all else that its kernel wrote, since two views of
+    """The state, contiguous; from a step also all else that the core wrote, since two views of
     it would take a tenth of the time of a step."""
     place: slice = EVERYTHING
     """Of the state in ``whole``."""
@@ -43,7 +43,7 @@ class Estimate(NamedTuple):
 
     stamp_ns: int
     whole: Vector
-    """The estimate; from a step also all else that its kernel wrote, see ``State.whole``."""
+    """The estimate; from a step also all else that the core wrote, see ``State.whole``."""
     layout: Layout
     solved: bool
     """False where some element is ``INVALID``."""

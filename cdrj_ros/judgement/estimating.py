@@ -56,7 +56,7 @@ def _estimated(model: Model, samples: Samples) -> Iterator[tuple[Samples, Estima
 def _ahead(items: Iterator[T]) -> Iterator[T]:
     """The items, each computed by another thread while the one before it is in use.
 
-    Estimates do not depend on standard deviations and comparisons, and kernels run without the
+    Estimates do not depend on standard deviations and comparisons, and the core runs without the
     interpreter's lock: with two processors, ``validate`` takes a quarter less time.
     """
     with ThreadPoolExecutor(1) as thread:

@@ -36,7 +36,7 @@ class Elasticity(NamedTuple):
 
 
 class ElasticNumbers(Protocol):
-    """A cable of a robot or of the kernels, or the rows of many."""
+    """A cable of a robot or of the core, or the rows of many."""
 
     @property
     def axial_stiffness(self) -> Any:

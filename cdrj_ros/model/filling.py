@@ -1,4 +1,4 @@
-"""Pack the description of a robot into ``plan`` and ``numbers``, the vectors of the kernels."""
+"""Pack the description of a robot into ``plan`` and ``numbers``, which the core reads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot prepared for the compiled kernels: two flat arrays and the layout of the results."""
+"""A robot prepared for the compiled core: two flat arrays and the layout of the results."""
 
 from __future__ import annotations
 
@@ -108,10 +108,10 @@ class Model:
     layout: Layout
     state_size: int
     out_size: int
-    """Floats of state, estimate and the kernel's scratch together."""
+    """Floats of state, estimate and the core's workspace together."""
     state_part: slice
     estimate_part: slice
-    """This slice and ``state_part`` locate estimate and state in the kernel's output."""
+    """This slice and ``state_part`` locate estimate and state in what the core writes."""
     core: _core.Robot = field(init=False, compare=False, repr=False)
     """The robot as the compiled core reads it, from ``plan`` and ``numbers``."""
 

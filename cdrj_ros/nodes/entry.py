@@ -1,4 +1,4 @@
-"""Entry points of the nodes, which handle Ctrl-C before they import ROS and the kernels."""
+"""Entry points of the nodes, which handle Ctrl-C before they import ROS."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ FURTHER: Final = {
 class ManagedEstimator(EstimatorNode, LifecycleNodeMixin):
     """An ``EstimatorNode`` whose states are those of a lifecycle node.
 
-    - ``configure`` reads the parameters and the robot file, prepares the kernels, and opens outputs
+    - ``configure`` reads the parameters and the robot file and opens outputs
       and services.  If the robot file is invalid, the node logs why and stays unconfigured.
     - ``activate`` subscribes to the inputs: every sample is estimated and published.
     - ``deactivate`` publishes the last estimate as STALE and closes the inputs.  The next
@@ -79,7 +79,7 @@ class ManagedEstimator(EstimatorNode, LifecycleNodeMixin):
     # --- transitions ------------------------------------------------------------------------------
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the robot and prepare the kernels."""
+        """Load the robot."""
         names = [one.name for one in settings() if one.changeable]
         self._given = {name: self.get_parameter_or(name).value for name in names}
         try:

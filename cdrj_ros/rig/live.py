@@ -1,6 +1,6 @@
 """The rig advanced step by step: motor angles in, truth out, with the physics of ``swing``.
 
-One joint moves by its dynamics under the cables; the others are held.  Every step runs the kernel
+One joint moves by its dynamics under the cables; the others are held.  Every step runs the function
 that ``swing`` runs over a whole recording, so the same motor angles give bit-identical results.
 """
 

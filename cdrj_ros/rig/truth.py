@@ -69,7 +69,7 @@ def simulate(
     A single motor turns freely.  Several motors follow the joints (``follow``), plus a common
     motion in the ratios in which they load the joint.  The other joints are held.  It takes 10
     arguments because each is an independent option, and is longer than a screen because the
-    kernel's state is carried from batch to batch.
+    robot's state is carried from batch to batch.
 
     Args:
         robot: at least one motor and one joint.

@@ -237,7 +237,7 @@ def test_an_estimate_that_was_predicted_is_expected_once(model: Model) -> None:
 def test_what_is_known_of_standard_deviations_counts_for_the_coverage(
     model: Model, recorded: Callable[[Model, int], Samples]
 ) -> None:
-    """A node has none for the first seconds of its first start."""
+    """As from a node that runs without them."""
     samples = recorded(model, 100)
     count, outcome = samples.stamp_ns.size, Outcome(model)
     estimates = run(model, initial_state(model), samples)[1]
