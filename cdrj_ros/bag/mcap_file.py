@@ -16,7 +16,7 @@ import struct
 import tempfile
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Final
@@ -40,6 +40,7 @@ from cdrj_ros.bag.mcap_chunk import (
     read_chunk,
 )
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.threads import thread_pool
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
@@ -88,7 +89,7 @@ class McapFile:
                 unpacked.add(stretch.size)
                 yield self._accept(self._load(stretch, unpacked))
             return
-        with ThreadPoolExecutor(workers) as pool:
+        with thread_pool(workers) as pool:
             ahead: deque[tuple[int, Future[Batch]]] = deque()
             waiting = 0
             for stretch in wanted:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
@@ -19,6 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.threads import thread_pool
 from cdrj_ros.identification.drums import DrumFinding, drums_in_doubt, judge_drums
 from cdrj_ros.identification.left_alone import LeftAlone
 from cdrj_ros.identification.observations import Recorded, samples_of
@@ -119,7 +119,7 @@ def identify(
     channels = chosen_channels(model.layout, recordings, settings.channels)
     sigmas = spreads(recordings, channels, settings.weights)
     sigmas |= given_sigmas(channels, settings.sigmas or {})
-    with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
+    with thread_pool(os.cpu_count() or 1) as threads:
         samples = tuple(threads.map(partial(samples_of, model), recordings))
         rounds = Rounds(
             document, source, tuple(unknowns), tuple(recordings), settings, model, samples, sigmas,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final, TypeVar
 
 import numpy as np
@@ -14,6 +13,7 @@ from cdrj_ros.estimation.encoderless import EncoderlessEstimator, Table
 from cdrj_ros.estimation.ensemble import Spread, spread_columns
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.unsure import UNSURE_SHARE, mark_recording, preload_of_elements
+from cdrj_ros.foundation.threads import thread_pool
 from cdrj_ros.judgement.pulley_friction import BLOCK
 from cdrj_ros.model.prepared import Model
 
@@ -59,7 +59,7 @@ def _ahead(items: Iterator[T]) -> Iterator[T]:
     Estimates do not depend on standard deviations and comparisons, and the core runs without the
     interpreter's lock: with two processors, ``validate`` takes a quarter less time.
     """
-    with ThreadPoolExecutor(1) as thread:
+    with thread_pool(1) as thread:
         coming = thread.submit(next, items, None)
         while (item := coming.result()) is not None:
             coming = thread.submit(next, items, None)

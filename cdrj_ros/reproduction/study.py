@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.threads import thread_pool
 from cdrj_ros.judgement.channels import Channel
 from cdrj_ros.judgement.metrics import ChannelError, channel_error, mean_over_channels
 from cdrj_ros.model.joint import RollingLoad
@@ -144,7 +144,7 @@ def work(robot: Robot, motion: Motion, *, cells: int, progress: Progress) -> Stu
         return report
 
     rigs = [with_friction(robot, preload=e.preload, rho=e.rho) for e in EXPERIMENTS]
-    with ThreadPoolExecutor(max_workers=2) as pool:
+    with thread_pool(2) as pool:
         recordings = [
             pool.submit(record, rig, motion, cells=cells, seed=k, progress=part(k))
             for k, rig in enumerate(rigs)
