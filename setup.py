@@ -1,7 +1,6 @@
 """Build and install the ament_python package `cdrj_ros`, with colcon or as a wheel."""
 
 import os
-import subprocess
 import sys
 import sysconfig
 from concurrent.futures import ThreadPoolExecutor
@@ -10,13 +9,8 @@ from xml.etree import ElementTree
 
 from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
-from setuptools.command.develop import develop
-from setuptools.command.install_scripts import install_scripts
 
 PACKAGE = "cdrj_ros"
-
-BLOCKING = ("/usr/bin/env", "-S", "--block-signal=INT")
-"""Runs a command with SIGINT blocked: a Ctrl-C waits until the command handles it."""
 
 
 def installed(folder: str, pattern: str = "**/*") -> list[tuple[str, list[str]]]:
@@ -104,41 +98,6 @@ class BuildExt(build_ext):
         ext.sources = files
 
 
-def can_block() -> bool:
-    """Whether this system's env takes the options of ``BLOCKING``, as GNU's does from 8.31 on."""
-    try:
-        return subprocess.run([*BLOCKING, "true"], capture_output=True, check=False).returncode == 0
-    except OSError:
-        return False
-
-
-def blocking(script: str) -> str:
-    """Start a script with SIGINT blocked, since Python prints a traceback while it starts.
-
-    ``cdrj_ros.foundation.interruption`` unblocks it again.
-    """
-    first, newline, rest = script.partition("\n")
-    first = first.replace("#!", f"#!{' '.join(BLOCKING)} ", 1)
-    fits = first.count(" ") == len(BLOCKING) and len(first) < 128  # limit of older Linux kernels
-    return first + newline + rest if fits and can_block() else script
-
-
-class Develop(develop):
-    """Installs the executables with links to the source, as colcon does on request."""
-
-    def write_script(self, script_name, contents, *arguments, **options):
-        """Write an executable."""
-        super().write_script(script_name, blocking(contents), *arguments, **options)
-
-
-class InstallScripts(install_scripts):
-    """Installs the executables."""
-
-    def write_script(self, script_name, contents, *arguments, **options):
-        """Write an executable."""
-        super().write_script(script_name, blocking(contents), *arguments, **options)
-
-
 # pip installs through a wheel, colcon does not.  The scripts of a wheel are on the path, where
 # `watch` would shadow the system's, and pip cannot install the ROS packages that the nodes import.
 AS_WHEEL = bool({"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv))
@@ -190,7 +149,6 @@ setup(
             *(scripts("commands", "view") if AS_WHEEL else scripts("nodes", *NODES)),
         ],
     },
-    cmdclass={"build_ext": BuildExt}
-    | ({} if AS_WHEEL else {"develop": Develop, "install_scripts": InstallScripts}),
+    cmdclass={"build_ext": BuildExt},
     zip_safe=False,
 )

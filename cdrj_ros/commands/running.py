@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, NoReturn
 
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption, was_interrupted
 from cdrj_ros.foundation.output import lasting_output
 from cdrj_ros.foundation.text import printable
 
@@ -44,16 +43,11 @@ def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[
         try:
             return body(sys.argv[1:] if argv is None else argv)
         except CdrjError as error:
-            words: str | None = str(error)
+            words = str(error)
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
             words = f"{where}{error.strerror or error}"
         except MemoryError as error:
             words = f"not enough memory: {error}" if str(error) else "not enough memory"
-        except KeyboardInterrupt:
-            words = None
-        if words is None or was_interrupted():
-            announce_interruption(name)
-            return INTERRUPTED
         print(printable(f"{name}: {words}"), file=sys.stderr)
         return BAD_INPUT

@@ -54,6 +54,9 @@ from cdrj_ros.replay.playback import (
 INCOMPLETE: Final = 1
 """Exit code: the bag was played, but estimates were lost or the estimator disappeared."""
 
+REPORT_S: Final = 1.5
+"""Time for the last answers and the report after Ctrl-C [s]."""
+
 _STAMP: Final = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
 
 
@@ -306,17 +309,20 @@ def _report(
 
 @contextmanager
 def _second_signal_aborts(stop: StopRequest) -> Iterator[None]:
-    """The first Ctrl-C ends the playback and leaves time for the report; a second exits at once."""
+    """The first Ctrl-C ends the playback and leaves ``REPORT_S``; a second one exits at once."""
 
     def on_signal(number: int, frame: FrameType | None) -> None:
         if stop:
             raise KeyboardInterrupt
         stop.ask(number, frame)
+        signal.setitimer(signal.ITIMER_REAL, REPORT_S)
 
     before = signal.signal(signal.SIGINT, on_signal)
+    signal.signal(signal.SIGALRM, on_signal)
     try:
         yield
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGINT, before)
 
 

@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from cdrj_ros.commands.running import DONE
 from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption, deferring
+from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
 from cdrj_ros.nodes.log_callers import introduce_log_callers
 from cdrj_ros.nodes.timer_threads import calm_timers
@@ -92,14 +92,13 @@ class StopRequest:
         then no longer publish.  On exit, both signals are ignored until the context is shut
         down, so that a second Ctrl-C does not interrupt the shutdown.
         """
-        with deferring():
+        for number in SIGNALS:
+            signal.signal(number, self.ask)
+        try:
+            yield
+        finally:
             for number in SIGNALS:
-                signal.signal(number, self.ask)
-            try:
-                yield
-            finally:
-                for number in SIGNALS:
-                    signal.signal(number, signal.SIG_IGN)
+                signal.signal(number, signal.SIG_IGN)
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> bool:

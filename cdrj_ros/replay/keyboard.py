@@ -14,8 +14,6 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any, Final
 
-from cdrj_ros.foundation.interruption import restoring
-
 SEQUENCES: Final = {
     b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
     b"\x1bOA": "up", b"\x1bOB": "down", b"\x1bOC": "right", b"\x1bOD": "left",
@@ -43,9 +41,8 @@ class Keyboard:
         continued = signal.signal(signal.SIGCONT, self._on_continue)
         stopped = signal.signal(signal.SIGTSTP, self._on_stop)
         try:
-            with restoring(self._restore):
-                tty.setcbreak(self._descriptor)
-                yield True
+            tty.setcbreak(self._descriptor)
+            yield True
         finally:
             signal.signal(signal.SIGTSTP, stopped)
             signal.signal(signal.SIGCONT, continued)

@@ -1,9 +1,8 @@
-"""The end of an interrupted command whose main thread does not end it."""
+"""The end of an interrupted command: one line and its exit code."""
 
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 
@@ -12,148 +11,95 @@ import pytest
 from cdrj_ros.foundation.interruption import BLAS_THREADS
 
 PATIENCE_S = 30.0
-WAITING = """
-import os, signal, time
-from cdrj_ros.foundation.interruption import deferring, restoring, run_interruptibly
-
-def main():
-    signal.signal(signal.SIGINT, lambda *_: None)  # only notes the request, as a node does
-    with {block}:
-        os.write(1, b"ready")
-        while True:  # a callback that never returns
-            time.sleep(60.0)
-
-run_interruptibly("waiting", lambda: main)
-"""
-
-
-@pytest.mark.parametrize(
-    ("block", "errors"),
-    [
-        ("deferring()", "waiting: interrupted\n"),
-        (
-            "deferring(), restoring(lambda: os.write(2, b'restored, '))",
-            "restored, waiting: interrupted\n",
-        ),
-    ],
-)
-def test_a_command_that_does_not_end_by_itself_is_ended(block: str, errors: str) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", WAITING.format(block=block)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stdout.read(5) == "ready"
-            process.send_signal(signal.SIGINT)
-            assert process.communicate(timeout=PATIENCE_S)[1] == errors
-            assert process.returncode == 130
-        finally:
-            process.kill()
-
-
-def test_an_interrupt_before_the_handler_is_installed_is_one_line() -> None:
-    script = """
-import os, signal
-signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # as the installed executables start
-os.kill(os.getpid(), signal.SIGINT)
-from cdrj_ros.foundation.interruption import run_interruptibly
-run_interruptibly("blocked", lambda: print)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S,
-        check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "blocked: interrupted\n")
-
-
-@pytest.mark.parametrize(
-    "failure", ["RobotFileError('no object')", "OSError('no object')", "KeyError(1)"]
-)
-def test_an_error_after_a_swallowed_interrupt_counts_as_the_interrupt(failure: str) -> None:
-    """A library may catch KeyboardInterrupt; the use of what it did not make fails later."""
-    script = f"""
-import os, signal
-from cdrj_ros.commands.running import run_command
-from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.foundation.interruption import run_interruptibly
-
-def body(_):
-    try:
-        os.kill(os.getpid(), signal.SIGINT)
-        sum(range(1000))
-    except BaseException:
-        pass
-    raise {failure}
-
-run_interruptibly("swallowing", lambda: lambda: run_command("swallowing", body, []))
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S,
-        check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "swallowing: interrupted\n")
-
-
-def test_without_an_interrupt_an_error_stays_an_error() -> None:
-    script = """
+PRELUDE = """
+import atexit, os, signal, threading, time
 from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import run_interruptibly
+from cdrj_ros.foundation.threads import thread_pool
 
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(1000):  # Python handles signals between instructions
+        pass
+"""
+
+
+def ended(program: str, closing: str = "") -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a program."""
+    done = subprocess.run(
+        ["bash", "-c", f'exec "$0" -c "$1" {closing}', sys.executable, PRELUDE + program],
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("code", [130, 0])
+def test_an_interrupt_of_an_import_ends_the_command_though_the_import_catches_it(code: int) -> None:
+    """A compiled module turns any exception during its import into an ImportError."""
+    program = f"""
+def load():
+    try:
+        interrupt()
+    except BaseException:
+        raise ImportError
+    return print
+
+run_interruptibly("importing", load, {code})
+"""
+    assert ended(program) == (code, "", "importing: interrupted\n")
+
+
+def test_an_interrupted_command_cleans_up_and_keeps_what_it_printed() -> None:
+    program = """
+def body(_):
+    try:
+        print("begun")
+        interrupt()
+    finally:
+        print("cleaned up")
+
+run_interruptibly("working", lambda: lambda: run_command("working", body, []))
+"""
+    assert ended(program) == (130, "begun\ncleaned up\n", "working: interrupted\n")
+
+
+def test_an_interrupted_command_does_not_wait_for_its_threads() -> None:
+    program = """
+def main():
+    with thread_pool(1) as pool:
+        never = pool.submit(threading.Event().wait)
+        pool.submit(os._exit, 1)  # has not begun, and is dropped
+        interrupt()
+
+run_interruptibly("waiting", lambda: main)
+"""
+    assert ended(program) == (130, "", "waiting: interrupted\n")
+
+
+def test_the_exit_code_does_not_depend_on_standard_error() -> None:
+    program = """
+run_interruptibly("silent", lambda: interrupt)
+"""
+    assert ended(program, "2>&-") == (130, "", "")
+
+
+def test_without_an_interrupt_an_error_stays_an_error() -> None:
+    program = """
 def body(_):
     raise UsageError("")
 
 run_interruptibly("failing", lambda: lambda: run_command("failing", body, []))
 """
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S,
-        check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (2, "failing: \n")
+    assert ended(program) == (2, "", "failing: \n")
 
 
-@pytest.mark.parametrize(("last", "code"), [("pass", 0), ("raise KeyboardInterrupt", 130)])
-def test_an_interrupt_after_the_end_of_a_command_changes_nothing(last: str, code: int) -> None:
-    script = f"""
-import os, signal, sys
-from cdrj_ros.foundation import interruption
-
-ignore = signal.signal
-
-def late(number, handler):
-    if handler is signal.SIG_IGN:
-        os.kill(os.getpid(), signal.SIGINT)
-    return ignore(number, handler)
-
-def main():
-    signal.signal = late
-    {last}
-    return 0
-
-interruption.run_interruptibly("late", lambda: main)
+def test_an_interrupt_after_the_end_of_a_command_changes_nothing() -> None:
+    program = """
+atexit.register(interrupt)
+run_interruptibly("late", lambda: lambda: 0)
 """
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S,
-        check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (code, "late: interrupted\n" if code else "")
-
-
-def test_only_what_is_imported_is_left_out_of_the_search_for_garbage() -> None:
-    script = """
-import gc
-from cdrj_ros.foundation.interruption import run_interruptibly
-
-def load():
-    assert not gc.isenabled()
-    return lambda: not (gc.isenabled() and gc.get_freeze_count() > 1000)
-
-run_interruptibly("loaded", load)
-"""
-    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+    assert ended(program) == (0, "", "")
 
 
 @pytest.mark.parametrize(("chosen", "threads"), [({}, 1), ({BLAS_THREADS: "2"}, 2)])
@@ -178,5 +124,4 @@ run_interruptibly("counting", load)
 """
     kept = {name: value for name, value in os.environ.items() if name != BLAS_THREADS}
     done = subprocess.run([sys.executable, "-c", script], check=False, env=kept | chosen)
-    watcher = 1  # waits for Ctrl-C
-    assert done.returncode == 100 + min(threads, len(os.sched_getaffinity(0))) + watcher
+    assert done.returncode == 100 + min(threads, len(os.sched_getaffinity(0)))

@@ -100,8 +100,7 @@ def _taken(handed: Any) -> int:
 
 
 def _execute(command: list[str], environment: Mapping[str, str], folder: str, output: int) -> None:
-    """Run the executable as its script does, which starts with SIGINT blocked."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """Run the executable as its script does."""
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)
