@@ -50,15 +50,16 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--json", metavar="FILE", help="write the figures as JSON, replacing the file"
     )
-    _add_number_options(parser.add_argument_group("numbers"))
-    _add_fit_options(parser.add_argument_group("fit"))
-    _add_bag_options(parser.add_argument_group("other bags"))
+    _add_number_options(parser)
+    _add_fit_options(parser)
+    _add_bag_options(parser)
     _add_machine_option(parser)
     add_topic_options(parser)
     return parser
 
 
-def _add_number_options(group: argparse._ArgumentGroup) -> None:
+def _add_number_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("numbers")
     for option, form, text in (
         ("--start", "NAME=VALUE", "starting value, or the value of a number that is not fitted"),
         ("--bounds", "NAME=LOW:HIGH", "bounds of a number; either may be omitted"),
@@ -69,7 +70,8 @@ def _add_number_options(group: argparse._ArgumentGroup) -> None:
         )
 
 
-def _add_fit_options(group: argparse._ArgumentGroup) -> None:
+def _add_fit_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("fit")
     group.add_argument(
         "--channels", default="", metavar="NAME,...",
         help="references to fit, wildcards allowed: 'tension/*/8,nodal_force/upper/3' (all)",
@@ -98,7 +100,8 @@ def _add_fit_options(group: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
 
 
-def _add_bag_options(group: argparse._ArgumentGroup) -> None:
+def _add_bag_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("other bags")
     group.add_argument(
         "--hold-out", action="append", nargs="+", default=[], metavar="BAG",
         help="bags that are not fitted, on which the result is evaluated",

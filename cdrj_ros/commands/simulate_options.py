@@ -39,19 +39,14 @@ def parser() -> argparse.ArgumentParser:
         "--duration", type=float, metavar="S", help="duration [s] (60; recorded: the bag's)"
     )
     made.add_argument("--seed", type=int, default=0, help="seed of all random numbers (0)")
-    _add_motion_options(made.add_argument_group("motion"))
-    _add_rig_options(made.add_argument_group("rig"))
-    _add_sensor_options(
-        made.add_argument_group(
-            "sensors",
-            "one number for all encoders, or two: MOTORS,JOINTS; by default, encoder readings are "
-            "quantised and have no other errors",
-        )
-    )
+    _add_motion_options(made)
+    _add_rig_options(made)
+    _add_sensor_options(made)
     return made
 
 
-def _add_motion_options(group: argparse._ArgumentGroup) -> None:
+def _add_motion_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("motion")
     group.add_argument(
         "--motion", choices=MOTIONS, default="sine", help="motion of the joint (sine)"
     )
@@ -89,7 +84,8 @@ def _add_motion_options(group: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
 
 
-def _add_rig_options(group: argparse._ArgumentGroup) -> None:
+def _add_rig_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("rig")
     group.add_argument(
         "--mode", choices=MODES,
         help="balance: motors turn so that the cables carry the joint's load (for one joint); "
@@ -138,7 +134,12 @@ def _add_rig_options(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def _add_sensor_options(group: argparse._ArgumentGroup) -> None:
+def _add_sensor_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "sensors",
+        "one number for all encoders, or two: MOTORS,JOINTS; by default, encoder readings are "
+        "quantised and have no other errors",
+    )
     group.add_argument("--motor-counts", type=int, default=MOTOR_ENCODER.counts, metavar="N",
                        help="counts per turn of motor encoders (%(default)s)")  # fmt: skip
     group.add_argument("--joint-counts", type=int, default=JOINT_ENCODER.counts, metavar="N",

@@ -39,7 +39,7 @@ from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of
 from cdrj_ros.nodes.estimator_services import EstimatorServices
 from cdrj_ros.nodes.health import HealthWatch
 from cdrj_ros.nodes.input_watch import InputWatch
-from cdrj_ros.nodes.inputs import InputTopic
+from cdrj_ros.nodes.inputs import InputTopic, reliability_parameter
 from cdrj_ros.nodes.listener import Listener
 from cdrj_ros.nodes.output_topics import OutputTopics
 from cdrj_ros.nodes.robot_description import robot_description
@@ -47,6 +47,7 @@ from cdrj_ros.nodes.settings import (
     SIMULATED,
     changed_options,
     declare,
+    given_parameter,
     in_force,
     meant,
     read,
@@ -88,6 +89,8 @@ class EstimatorNode(Node):
         self.configured = False
         """Whether the robot is loaded, and outputs and services are open."""
         self._showing = self._simulated = False
+        self._chosen: dict[str, bool] = {}
+        """Whether the user has chosen the reliability of an input, by topic."""
         super().__init__("estimator", namespace=NAMESPACE, **options)
         self._state_file = state_file
         self._start()
@@ -188,14 +191,24 @@ class EstimatorNode(Node):
         inputs = []
         for topic, (kind, axes) in kinds.items():
             heard = TopicHeard(self.resolve_topic_name(topic), axes)
-            inputs.append(InputTopic(self, JointState, topic, self._listener(kind, heard), heard))
+            chosen = self._has_chosen(heard.topic)
+            take = self._listener(kind, heard)
+            inputs.append(InputTopic(self, JointState, topic, take, heard, chosen=chosen))
         if self.live.options.tension_sensors:
             cells = TopicHeard(self.resolve_topic_name(TENSION_SENSORS))
+            chosen, take = self._has_chosen(cells.topic), self._on_tensions
             inputs.append(
-                InputTopic(self, CableTensions, TENSION_SENSORS, self._on_tensions, cells)
+                InputTopic(self, CableTensions, TENSION_SENSORS, take, cells, chosen=chosen)
             )
         self.inputs = inputs
         self.watch = InputWatch(self, self.live, inputs, self.silence, self._now_ns, self.stamps)
+
+    def _has_chosen(self, topic: str) -> bool:
+        """Whether the user has chosen a reliability; the first subscription declares a default."""
+        if topic not in self._chosen:
+            given = given_parameter(self, reliability_parameter(topic))
+            self._chosen[topic] = given.type_ != Parameter.Type.NOT_SET
+        return self._chosen[topic]
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *a: Any, **k: Any

@@ -13,6 +13,11 @@ from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.words import TopicHeard
 
 
+def reliability_parameter(topic: str) -> str:
+    """Name of the parameter by which the user may choose the reliability of a subscription."""
+    return f"qos_overrides.{topic}.subscription.reliability"
+
+
 class InputTopic:
     """One subscription, which is reliable until a best-effort publisher is found.
 
@@ -27,6 +32,8 @@ class InputTopic:
         topic: str,
         callback: Callable[[bytes], None],
         heard: TopicHeard,
+        *,
+        chosen: bool,
     ) -> None:
         """Subscribe.
 
@@ -36,9 +43,10 @@ class InputTopic:
             topic: relative name.
             callback: called with every serialised message.
             heard: updated by the callback; ``look`` updates its number of publishers.
+            chosen: whether the user has chosen the reliability, with ``reliability_parameter``.
         """
         self._node, self._message, self._topic, self._callback = node, message, topic, callback
-        self.heard = heard
+        self.heard, self._chosen = heard, chosen
         self._subscription = self._subscribe(
             default_profile(), qos_overriding_options=QoSOverridingOptions.with_default_policies()
         )
@@ -72,9 +80,9 @@ class InputTopic:
         }
         if not unreliable or self.reliability != ReliabilityPolicy.RELIABLE:
             return ""
-        name = f"qos_overrides.{self.heard.topic}.subscription.reliability"
+        name = reliability_parameter(self.heard.topic)
         who = f"{self.heard.topic}: the publisher in {', '.join(sorted(unreliable))} is best-effort"
-        if name in self._node._parameter_overrides:  # set by the user
+        if self._chosen:
             return (
                 f"{who}, but the parameter {name} requires reliable, so no messages arrive. Set "
                 "it to best_effort, or make the publisher reliable"

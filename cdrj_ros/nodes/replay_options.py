@@ -28,8 +28,8 @@ def replay_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
     add_robot_option(parser)
-    _add_time_options(parser.add_argument_group("time"))
-    _add_choice_options(parser.add_argument_group("played topics"))
+    _add_time_options(parser)
+    _add_choice_options(parser)
     group = parser.add_argument_group("estimator")
     group.add_argument(
         "--estimator", default=in_namespace("estimator"), metavar="NAME",
@@ -53,7 +53,8 @@ def replay_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_time_options(group: argparse._ArgumentGroup) -> None:
+def _add_time_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("time")
     group.add_argument(
         "-r", "--rate", type=float, metavar="X",
         help=f"rate as a multiple of real time, {MIN_RATE:g} to {MAX_RATE:g} "
@@ -101,7 +102,8 @@ def _add_time_options(group: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
 
 
-def _add_choice_options(group: argparse._ArgumentGroup) -> None:
+def _add_choice_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("played topics")
     group.add_argument(
         "--merge", action="store_true",
         help="play several bags as one, in order of time (default: one after the other)",

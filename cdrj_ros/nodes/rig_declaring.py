@@ -8,8 +8,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from cdrj_ros.nodes.parameters import Setting
-from cdrj_ros.nodes.settings import as_double
+from cdrj_ros.nodes.settings import declare_with_integers
 
 
 def declare_number(
@@ -22,18 +21,16 @@ def declare_number(
     changeable: bool = False,
 ) -> float:
     """Declare a number with its range; ``payload:=1`` means 1.0."""
-    _allow_whole(node, Setting(name, default, description, "", low, high))
     descriptor = ParameterDescriptor(
         description=description,
         read_only=not changeable,
         floating_point_range=[FloatingPointRange(from_value=low, to_value=high)],
     )
-    return float(node.declare_parameter(name, default, descriptor).value)
+    return float(declare_with_integers(node, name, default, descriptor).value)
 
 
 def declare_numbers(node: Node, name: str, description: str) -> list[float]:
     """Declare a read-only array of numbers; empty if it is not set."""
-    _allow_whole(node, Setting(name, None, description))
     return [float(one) for one in _array(node, name, Parameter.Type.DOUBLE_ARRAY, description)]
 
 
@@ -68,12 +65,4 @@ def declare_flag(node: Node, name: str, default: bool, description: str) -> bool
 
 def _array(node: Node, name: str, kind: Any, description: str) -> list[Any]:
     descriptor = ParameterDescriptor(description=description, read_only=True)
-    return list(node.declare_parameter(name, kind, descriptor).value or ())
-
-
-def _allow_whole(node: Node, setting: Setting) -> None:
-    """Convert a given integer to a double."""
-    overrides = node._parameter_overrides  # rclpy has no public access to the given values
-    given = overrides.get(setting.name)
-    if given is not None:
-        overrides[setting.name] = as_double(given, setting)
+    return list(declare_with_integers(node, name, kind, descriptor).value or ())

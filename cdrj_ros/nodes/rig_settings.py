@@ -11,7 +11,6 @@ from rclpy.parameter import Parameter
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.nodes.parameters import Setting
 from cdrj_ros.nodes.rig_declaring import (
     declare_count,
     declare_flag,
@@ -323,8 +322,5 @@ def _elements(node: Node, model: Model) -> tuple[int, ...]:
 def meant(changes: Sequence[Parameter]) -> list[Parameter]:
     """The changes with integers converted to doubles: a payload of 1 means 1.0."""
     return [
-        as_double(change, Setting(change.name, 0.0, ""))
-        if change.name in LOAD_PARAMETERS
-        else change
-        for change in changes
+        as_double(change, 0.0) if change.name in LOAD_PARAMETERS else change for change in changes
     ]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -61,13 +62,8 @@ def declare(node: Node, *, fixed: bool = True) -> None:
         node: the node.
         fixed: whether those that cannot change while the estimator runs are read-only for ROS.
     """
-    overrides = node._parameter_overrides  # rclpy has no public access to the given values
     for setting in settings():
-        given = overrides.get(setting.name)
-        if given is not None:
-            overrides[setting.name] = as_double(given, setting)
-        kind: Any = Parameter.Type.DOUBLE_ARRAY if setting.default is None else setting.default
-        node.declare_parameter(setting.name, kind, _descriptor(setting, fixed=fixed))
+        declare_with_integers(node, setting.name, _kind(setting), _descriptor(setting, fixed=fixed))
 
 
 def read(node: Node) -> Started:
@@ -110,6 +106,11 @@ def read(node: Node) -> Started:
     )
 
 
+def _kind(setting: Setting) -> Any:
+    """The default, or the type of a setting without one."""
+    return Parameter.Type.DOUBLE_ARRAY if setting.default is None else setting.default
+
+
 def _descriptor(setting: Setting, *, fixed: bool) -> ParameterDescriptor:
     limits = [FloatingPointRange(from_value=setting.low, to_value=setting.high)]
     return ParameterDescriptor(
@@ -119,12 +120,42 @@ def _descriptor(setting: Setting, *, fixed: bool) -> ParameterDescriptor:
     )
 
 
-def as_double(given: Parameter, setting: Setting) -> Parameter:
-    """The parameter with integers converted to doubles: ``timeout:=1`` means 1.0."""
-    wants_array = setting.default is None
-    if setting.bounded and given.type_ == Parameter.Type.INTEGER:
+def declare_with_integers(
+    node: Node, name: str, kind: Any, descriptor: ParameterDescriptor
+) -> Parameter:
+    """Declare a parameter; integers are given for doubles, too: ``timeout:=1`` means 1.0.
+
+    Args:
+        node: the node.
+        name: of the parameter.
+        kind: its default, or its type if it has none.
+        descriptor: its description and range.
+
+    Raises:
+        ParameterException: the given value has another type, or is out of range.
+    """
+    try:
+        return node.declare_parameter(name, kind, descriptor)
+    except InvalidParameterTypeException:
+        given = given_parameter(node, name)
+        double = as_double(given, kind)
+        if double is given:
+            raise
+        return node.declare_parameter(name, double.value, descriptor, ignore_override=True)
+
+
+def given_parameter(node: Node, name: str) -> Parameter:
+    """A parameter that is not declared, as given at the start; of type NOT_SET if it was not."""
+    given = node.declare_parameter(name, None, ParameterDescriptor(dynamic_typing=True))
+    node.undeclare_parameter(name)
+    return given
+
+
+def as_double(given: Parameter, kind: Any) -> Parameter:
+    """The parameter with integers converted to doubles, if its default or type is of doubles."""
+    if isinstance(kind, float) and given.type_ == Parameter.Type.INTEGER:
         return Parameter(given.name, value=float(given.value))
-    if wants_array and given.type_ == Parameter.Type.INTEGER_ARRAY:
+    if kind == Parameter.Type.DOUBLE_ARRAY and given.type_ == Parameter.Type.INTEGER_ARRAY:
         return Parameter(given.name, value=[float(value) for value in given.value])
     return given
 
@@ -181,7 +212,7 @@ def meant(live: LiveEstimator | None, changes: Sequence[Parameter]) -> list[Para
     found = []
     for change in changes:
         setting = by_name.get(change.name)
-        one = change if setting is None else as_double(change, setting)
+        one = change if setting is None else as_double(change, _kind(setting))
         unset = one.name.startswith("friction.") and one.value == UNSET
         if live is not None and unset and setting is not None:
             one = Parameter(

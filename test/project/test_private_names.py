@@ -1,0 +1,95 @@
+"""The package uses the public names of other libraries only."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FILES = sorted(
+    path for folder in ("cdrj_ros", "bench", "tools") for path in (ROOT / folder).rglob("*.py")
+)
+
+PUBLIC = {"_asdict", "_fields", "_make", "_replace", "_exit"}
+"""Documented names that begin with an underscore: those of named tuples, and ``os._exit``."""
+
+WITHOUT_A_PUBLIC_NAME = {
+    ("cdrj_ros/nodes/managed.py", "_state_machine"),
+    ("cdrj_ros/nodes/managed.py", "_service_change_state"),
+}
+"""rclpy's lifecycle node tells neither its state nor its transitions, and ends the process when it
+is asked for a transition that its state does not have."""
+
+
+def private(name: str) -> bool:
+    return name.startswith("_") and not name.startswith("__")
+
+
+def defined(tree: ast.Module) -> set[str]:
+    """Names that a module defines: functions, classes, and what it assigns or annotates."""
+    names = set()
+    for node in ast.walk(tree):
+        match node:
+            case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
+                names.add(name)
+            case ast.ClassDef(name=name):
+                names.add(name)
+            case ast.Name(id=name, ctx=ast.Store()):
+                names.add(name)
+            case ast.Attribute(value=ast.Name(id="self" | "cls"), attr=name, ctx=ast.Store()):
+                names.add(name)
+    return names
+
+
+def foreign(tree: ast.Module, own: set[str]) -> list[tuple[str, int]]:
+    """Private names that are used, but not defined by the package, with their lines."""
+    found = []
+    for node in ast.walk(tree):
+        match node:
+            case ast.Attribute(attr=name) if private(name) and name not in own:
+                found.append((name, node.lineno))
+            case ast.Import(names=aliases):
+                parts = {part for one in aliases for part in one.name.split(".")}
+                found += [(part, node.lineno) for part in parts if private(part)]
+            case ast.ImportFrom(module=module, names=aliases) if not of_the_package(module):
+                parts = {*(module or "").split("."), *(one.name for one in aliases)}
+                found += [(part, node.lineno) for part in parts if private(part)]
+    return found
+
+
+def of_the_package(module: str | None) -> bool:
+    return (module or "").split(".")[0] == "cdrj_ros"
+
+
+TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+OWN = PUBLIC.union(*map(defined, TREES.values()))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_only_public_names_of_other_libraries_are_used(path: Path) -> None:
+    name = str(path.relative_to(ROOT))
+    used = foreign(TREES[path], OWN)
+    found = [one for one in used if (name, one[0]) not in WITHOUT_A_PUBLIC_NAME]
+    assert not found, ", ".join(f"line {line}: {word}" for word, line in found)
+
+
+def test_every_exception_is_still_needed() -> None:
+    used = {
+        (str(path.relative_to(ROOT)), word)
+        for path, tree in TREES.items()
+        for word, _ in foreign(tree, OWN)
+    }
+    assert used == WITHOUT_A_PUBLIC_NAME
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "node._parameter_overrides", "rclpy.node._thing()", "from numpy import _core",
+        "import numpy._core", "from numpy._core import multiarray", "from argparse import _Group",
+    ],
+)  # fmt: skip
+def test_a_private_name_is_found(line: str) -> None:
+    assert foreign(ast.parse(line), OWN)
