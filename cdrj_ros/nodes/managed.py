@@ -32,8 +32,8 @@ FURTHER: Final = {
 class ManagedEstimator(EstimatorNode, LifecycleNodeMixin):
     """An ``EstimatorNode`` whose states are those of a lifecycle node.
 
-    - ``configure`` reads the parameters and the robot file and opens outputs
-      and services.  If the robot file is invalid, the node logs why and stays unconfigured.
+    - ``configure`` reads the parameters and the robot file and opens outputs and services.  If the
+      robot file is invalid, the node logs why and stays unconfigured.
     - ``activate`` subscribes to the inputs: every sample is estimated and published.
     - ``deactivate`` publishes the last estimate as STALE and closes the inputs.  The next
       activation continues as a new process with the same state file does.
