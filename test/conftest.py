@@ -42,6 +42,7 @@ gc.disable()
 os.environ["ROS_DOMAIN_ID"] = str(_domain())
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.setdefault(BLAS_THREADS, "1")
+os.environ["TERM"] = "xterm"  # what the terminals are that tests open
 
 settings.register_profile(
     "steady", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
