@@ -1,7 +1,7 @@
 """Handling of Ctrl-C: a command ends within two seconds, with one line and exit code 130.
 
 Python raises ``KeyboardInterrupt`` between two instructions of the main thread, and the compiled
-core looks for it between some hundred samples.  Kernels in other threads are not waited for.
+core looks for it between some hundred samples.  Work in other threads is not waited for.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def run_interruptibly(
     def end(_number: int = signal.SIGINT, _frame: FrameType | None = None) -> NoReturn:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         announce_interruption(name)
-        os._exit(interrupted)  # without waiting for kernels in other threads
+        os._exit(interrupted)  # without waiting for work in other threads
 
     # Compiled modules turn a KeyboardInterrupt during their import into an ImportError.
     signal.signal(signal.SIGINT, end)
