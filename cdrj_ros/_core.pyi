@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 ALL_SEEN: Final[NDArray[np.float64]]
 """What samples without deviations have as ``unseen``; shape (0, 0)."""
+END_OF_TIME_NS: Final[int]
+"""The stamp of a header, whose seconds have 32 bits with a sign, is below this [ns]."""
 MAX_GAP_NS: Final[int]
 """A stamp further than this from the last one needs confirmation by later readings [ns]."""
 CONFIRMATIONS: Final[int]
@@ -46,6 +48,39 @@ class JointStateDecoder:
     @property
     def efforts(self) -> NDArray[np.float64]:
         """[N m]; empty if the message has none."""
+
+class MessageEncoder:
+    """A message whose names and array sizes stay the same, in plain CDR, little-endian."""
+
+    def __init__(
+        self,
+        blank: bytes,
+        values: Sequence[tuple[int, int, int]],
+        stddevs: Sequence[tuple[int, int, int]],
+        flags: Sequence[tuple[int, int, int]],
+    ) -> None:
+        """Prepare the message.
+
+        Args:
+            blank: the message with any numbers.
+            values: which numbers are copied from the values: offset of the first one in the
+                message [bytes], its index among the values, their count.
+            stddevs: the same for the standard deviations.
+            flags: bytes of status: offset in the message [bytes], then the indices of two values,
+                which may be the same, whose flags it unites.
+
+        Raises:
+            IndexError: a field is outside of the message.
+        """
+
+    def encode(
+        self, stamp_ns: int, values: NDArray[np.float64], stddevs: NDArray[np.float64]
+    ) -> bytes:
+        """Encode the message with this stamp and these numbers.
+
+        Raises:
+            ValueError: a stamp that no header can hold, or fewer numbers than are copied.
+        """
 
 class Topic:
     """What a topic carries."""

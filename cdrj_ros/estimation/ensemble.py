@@ -238,11 +238,12 @@ class Spread:
             ValueError: the angles are not those of this robot.
         """
         stamp, motor_angle, joint_angle, unseen = sample[:4]
-        before, whole, _ = state
-        model, core = self.model, self.core
+        model, core, before = self.model, self.core, state.stamp_ns
         out, stddev = np.empty(model.out_size), np.empty(self._width)
         dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
-        solved = core.step(whole, stamp, motor_angle, joint_angle, unseen, dt, at_once, out, stddev)
+        solved = core.step(
+            state.whole, stamp, motor_angle, joint_angle, unseen, dt, at_once, out, stddev
+        )
         return (
             State(stamp, out, model.state_part),
             Estimate(stamp, out, model.layout, solved, model.estimate_part),

@@ -19,41 +19,41 @@ Vector = NDArray[np.float64]
 NEVER: Final = -1
 """Stamp of a state before its first sample."""
 
-EVERYTHING: Final = slice(None)
 
-
-class State(NamedTuple):
+@dataclass(slots=True)
+class State:
     """History-dependent state of the cables; opaque, never changed in place."""
 
-    stamp_ns: int
-    whole: Vector
+    stamp_ns: Final[int]
+    whole: Final[Vector]
     """The state, contiguous; from a step also all else that the core wrote, since two views of
     it would take a tenth of the time of a step."""
-    place: slice = EVERYTHING
-    """Of the state in ``whole``."""
+    place: Final[slice | None] = None
+    """Of the state in ``whole``; None: all of it."""
 
     @property
     def values(self) -> Vector:
         """The state alone, shape (state_size,)."""
-        return self.whole[self.place]
+        return self.whole if self.place is None else self.whole[self.place]
 
 
-class Estimate(NamedTuple):
+@dataclass(slots=True)
+class Estimate:
     """All estimated quantities at one time, as views of one vector."""
 
-    stamp_ns: int
-    whole: Vector
+    stamp_ns: Final[int]
+    whole: Final[Vector]
     """The estimate; from a step also all else that the core wrote, see ``State.whole``."""
-    layout: Layout
-    solved: bool
+    layout: Final[Layout]
+    solved: Final[bool]
     """False where some element is ``INVALID``."""
-    place: slice = EVERYTHING
-    """Of the estimate in ``whole``."""
+    place: Final[slice | None] = None
+    """Of the estimate in ``whole``; None: all of it."""
 
     @property
     def values(self) -> Vector:
         """All quantities in the order of ``layout``, shape (layout.size,)."""
-        return self.whole[self.place]
+        return self.whole if self.place is None else self.whole[self.place]
 
     @property
     def tension(self) -> Vector:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.estimator import EVERYTHING, Estimate
+from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     ENCAPSULATION,
@@ -34,7 +35,7 @@ def marked_stale(estimate: Estimate) -> Estimate:
     values = estimate.values.copy()
     status = values[estimate.layout.status]
     status[:] = status.astype(np.uint8) | STALE
-    return estimate._replace(whole=values, place=EVERYTHING)
+    return replace(estimate, whole=values, place=None)
 
 
 class AnswerReader:

@@ -1,51 +1,31 @@
-"""Encoding of estimates as messages, all three of a sample at once."""
+"""Encoding of estimates as messages."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros._core import END_OF_TIME_NS, MessageEncoder
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
-    ENCAPSULATION,
     JOINT_STATE,
     NODAL_FORCES,
     MessageError,
-    Span,
+    MessageType,
 )
 from cdrj_ros.messages.conversions import FORCES
-from cdrj_ros.messages.frames import BEFORE, Frame, word_of, words_of
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Layout
 
 Vector = NDArray[np.float64]
-Places = NDArray[np.intp]
 
-END_OF_TIME_NS: Final = 2**31 * 1_000_000_000
-"""The stamp of a header, whose seconds have 32 bits with a sign, is below this [ns]."""
-
-
-class Copied(NamedTuple):
-    """Numbers that are copied into the messages from an estimate or its standard deviations."""
-
-    to: Places
-    """Words in the messages."""
-    source: Places
-    """Places among the estimate's values, or among the standard deviations."""
-
-
-class Flags(NamedTuple):
-    """Status in the messages: the union of the flags of two elements, which may be the same."""
-
-    to: Places
-    """Bytes in the messages."""
-    one: Places
-    """Places of the elements' status among the estimate's values."""
-    other: Places
+NONE_KNOWN: Final = np.empty(0)
+"""Standard deviations for messages without them."""
 
 
 class Encoded(NamedTuple):
@@ -63,7 +43,7 @@ class Encoded(NamedTuple):
 
 
 class EstimateEncoder:
-    """Encodes estimates of one robot as messages, reusing its memory."""
+    """Encodes estimates of one robot as messages."""
 
     def __init__(self, layout: Layout, frame_id: str = "", uncertain: bool = False) -> None:
         """Prepare the messages; their names are fixed.
@@ -73,33 +53,23 @@ class EstimateEncoder:
             frame_id: frame of the headers.
             uncertain: whether the messages include standard deviations.
         """
-        more = ("stddev",) if uncertain else ()
-        axes = layout.motors + layout.joints
         self._layout = layout
-        self._axes_begin = len(layout.elements) + len(layout.pulleys)
-        """Place of the first effort among the standard deviations."""
-        self._width = self._axes_begin + len(axes) if uncertain else 0
-        self._no_efforts = Template(JOINT_STATE, axes, (), frame_id)
-        self._efforts_stddev = Template(JOINT_STATE, axes, ("effort",), frame_id)
-        templates = (
-            Template(CABLE_TENSIONS, layout.elements, ("tension", "status", *more), frame_id),
-            Template(NODAL_FORCES, layout.pulleys, (*FORCES, "status", *more), frame_id),
-            Template(JOINT_STATE, axes, ("effort",), frame_id),
+        elements, pulleys = len(layout.elements), len(layout.pulleys)
+        axes = layout.motors + layout.joints
+        self._width = elements + pulleys + len(axes) if uncertain else 0
+        of_elements = [(k, k) for k in range(elements)]
+        of_pulleys = [(int(k), int(k) + 1) for k in layout.element_before]
+        begins = (0, elements, elements + pulleys) if uncertain else (None, None, None)
+        prepare = _Preparation(layout, frame_id)
+        self._tensions = prepare.message(
+            CABLE_TENSIONS, layout.elements, ("tension",), begins[0], beside=of_elements
         )
-        lengths = [words_of(len(template.payload)) for template in templates]
-        begins = [sum(lengths[:k]) for k in range(len(lengths) + 1)]
-        self._words = np.zeros(begins[-1], dtype=np.int64)
-        """The messages, one frame after the other; the same memory as integers, floats and bytes"""
-        self._numbers, self._bytes = self._words.view(np.float64), self._words.view(np.uint8)
-        self._payloads = []
-        for template, begin, length in zip(templates, begins, lengths, strict=False):
-            frame = Frame(len(template.payload), self._words[begin : begin + length])
-            frame.payload[:] = template.payload
-            self._payloads.append(frame.payload)
-        spans = [template.spans for template in templates]
-        self._values, self._stddevs = _copied(layout, spans, begins)
-        self._flags = _flags(layout, spans, begins)
-        self._stamps = np.array(begins[:-1], dtype=np.intp) + word_of(ENCAPSULATION)
+        self._nodal_forces = prepare.message(
+            NODAL_FORCES, layout.pulleys, FORCES, begins[1], beside=of_pulleys
+        )
+        self._efforts = prepare.message(JOINT_STATE, axes, ("effort",))
+        self._no_efforts = prepare.message(JOINT_STATE, axes)
+        self._efforts_stddev = prepare.message(JOINT_STATE, axes, (), begins[2], "effort")
 
     def encode(self, estimate: Estimate, stddev: Vector | None = None) -> Encoded:
         """Encode all three messages.
@@ -113,73 +83,69 @@ class EstimateEncoder:
                 or none where they are, or a stamp that no header can hold.
         """
         stamp, values = estimate.stamp_ns, estimate.values
-        if (
-            values.size != self._layout.size
-            or (stddev.size if stddev is not None else 0) != self._width
-        ):
-            raise self._mismatch(values, stddev)
+        stddevs = NONE_KNOWN if stddev is None else stddev
+        if values.size != self._layout.size or stddevs.size != self._width:
+            raise MessageError(
+                f"the messages take {self._layout.size} values and {self._width} standard "
+                f"deviations, got {values.size} and {stddevs.size}"
+            )
         if not 0 <= stamp < END_OF_TIME_NS:
             raise MessageError(f"stamp {stamp} ns does not fit a ROS header")
-        second, nanosecond = divmod(stamp, 1_000_000_000)
-        self._words[self._stamps] = second | nanosecond << 32
-        self._numbers[self._values.to] = values[self._values.source]
-        if stddev is not None:
-            self._numbers[self._stddevs.to] = stddev[self._stddevs.source]
-        one, other = values[self._flags.one], values[self._flags.other]
-        self._bytes[self._flags.to] = one.astype(np.uint8) | other.astype(np.uint8)
-        tensions, forces, efforts = self._payloads
-        if not estimate.solved:
-            return Encoded(bytes(tensions), bytes(forces), self._no_efforts.encode(stamp))
-        return Encoded(bytes(tensions), bytes(forces), bytes(efforts))
+        efforts = self._efforts if estimate.solved else self._no_efforts
+        return Encoded(
+            self._tensions.encode(stamp, values, stddevs),
+            self._nodal_forces.encode(stamp, values, stddevs),
+            efforts.encode(stamp, values, stddevs),
+        )
 
     def efforts_stddev(self, estimate: Estimate, stddev: Vector) -> bytes:
         """Encode sensor_msgs/JointState with the standard deviations of the efforts [N m]."""
-        if not estimate.solved:
-            return self._no_efforts.encode(estimate.stamp_ns)
-        return self._efforts_stddev.encode(estimate.stamp_ns, effort=stddev[self._axes_begin :])
+        encoder = self._efforts_stddev if estimate.solved else self._no_efforts
+        return encoder.encode(estimate.stamp_ns, estimate.values, stddev)
 
-    def _mismatch(self, values: Vector, stddev: Vector | None) -> MessageError:
-        given = "no" if stddev is None else str(stddev.size)
-        return MessageError(
-            f"the messages take {self._layout.size} values and {self._width} standard deviations, "
-            f"got {values.size} and {given}"
+
+@dataclass(frozen=True)
+class _Preparation:
+    """Prepares the messages of one robot."""
+
+    layout: Layout
+    frame_id: str
+
+    def message(
+        self,
+        message: MessageType,
+        names: tuple[str, ...],
+        values: Sequence[str] = (),
+        first_stddev: int | None = None,
+        stddev: str = "stddev",
+        beside: Sequence[tuple[int, int]] = (),
+    ) -> MessageEncoder:
+        """Prepare a message.
+
+        Args:
+            message: its type.
+            names: its names.
+            values: its arrays that are copied from the estimate.
+            first_stddev: index of its first standard deviation; None: it has none.
+            stddev: its array that holds the standard deviations.
+            beside: for a message with status, the elements beside each of its names.
+        """
+        uncertain = first_stddev is not None
+        arrays = (*values, *(("status",) if beside else ()), *((stddev,) if uncertain else ()))
+        blank = Template(message, names, arrays, self.frame_id)
+        at = {array: span.offset for array, span in blank.spans.items()}
+        status = self.layout.status.start
+        return MessageEncoder(
+            blank.payload,
+            values=[(at[one], self._first(one), len(names)) for one in values],
+            stddevs=[(at[stddev], first_stddev, len(names))] if first_stddev is not None else [],
+            flags=[
+                (at["status"] + k, status + before, status + after)
+                for k, (before, after) in enumerate(beside)
+            ],
         )
 
-
-def _copied(
-    layout: Layout, spans: Sequence[Mapping[str, Span]], begins: Sequence[int]
-) -> tuple[Copied, Copied]:
-    """What is copied from the estimate's values, and from its standard deviations.
-
-    Args:
-        layout: of the estimates.
-        spans: of every message.
-        begins: first word of every message.
-    """
-    values = [(0, "tension", layout.tension.start)]
-    values += [(1, name, getattr(layout, name).start) for name in FORCES]
-    values += [(2, "effort", layout.motor_effort.start)]
-    stddevs = (
-        [(0, "stddev", 0), (1, "stddev", len(layout.elements))] if "stddev" in spans[0] else []
-    )
-
-    def places(parts: Sequence[tuple[int, str, int]]) -> Copied:
-        to, source = np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-        for message, name, begin in parts:
-            span = spans[message][name]
-            numbers = np.arange(span.count)
-            to = np.append(to, begins[message] + word_of(span.offset) + numbers)
-            source = np.append(source, begin + numbers)
-        return Copied(to, source)
-
-    return places(values), places(stddevs)
-
-
-def _flags(layout: Layout, spans: Sequence[Mapping[str, Span]], begins: Sequence[int]) -> Flags:
-    """The status of elements and pulleys; arguments as of ``_copied``."""
-    elements, before = np.arange(len(layout.elements)), layout.element_before
-    first = [8 * begins[k] + BEFORE + spans[k]["status"].offset for k in (0, 1)]
-    to = np.concatenate([first[0] + elements, first[1] + np.arange(before.size)])
-    one = layout.status.start + np.concatenate([elements, before])
-    other = layout.status.start + np.concatenate([elements, before + 1])
-    return Flags(to, one, other)
+    def _first(self, array: str) -> int:
+        """Index of the first number of a message's array among the estimate's values."""
+        part = self.layout.motor_effort if array == "effort" else getattr(self.layout, array)
+        return int(part.start)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -88,22 +90,22 @@ def test_vectors_that_are_not_contiguous_are_copied(layout: Layout) -> None:
     encoder = EstimateEncoder(layout, uncertain=True)
     estimate, stddev = some_estimate(layout, 3), np.arange(spread_columns(layout).size) * 0.5
     spread = np.repeat(stddev, 2)[::2]
-    apart = estimate._replace(whole=np.repeat(estimate.values, 2)[::2])
+    apart = replace(estimate, whole=np.repeat(estimate.values, 2)[::2])
     assert encoder.encode(apart, spread) == encoder.encode(estimate, stddev)
 
 
 def test_vectors_of_other_types_are_converted(layout: Layout) -> None:
     encoder = EstimateEncoder(layout, uncertain=True)
     estimate, stddev = some_estimate(layout, 3), np.arange(spread_columns(layout).size)
-    rounded = estimate._replace(whole=estimate.values.astype(np.float32))
-    exact = estimate._replace(whole=rounded.whole.astype(np.float64))
+    rounded = replace(estimate, whole=estimate.values.astype(np.float32))
+    exact = replace(estimate, whole=rounded.whole.astype(np.float64))
     assert encoder.encode(rounded, stddev) == encoder.encode(exact, 1.0 * stddev)
 
 
 def test_vectors_of_another_robot_are_refused(layout: Layout) -> None:
     certain, uncertain = EstimateEncoder(layout), EstimateEncoder(layout, uncertain=True)
     estimate, stddev = some_estimate(layout, 0), np.zeros(spread_columns(layout).size)
-    short = estimate._replace(whole=estimate.values[:-1])
+    short = replace(estimate, whole=estimate.values[:-1])
     for encoder, *wrong in (
         (certain, estimate, stddev),
         (uncertain, estimate, None),
@@ -116,6 +118,6 @@ def test_vectors_of_another_robot_are_refused(layout: Layout) -> None:
 
 @pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 1_000_000_000])
 def test_stamps_that_no_header_can_hold_are_refused(layout: Layout, stamp_ns: int) -> None:
-    estimate = some_estimate(layout, 0)._replace(stamp_ns=stamp_ns)
+    estimate = replace(some_estimate(layout, 0), stamp_ns=stamp_ns)
     with pytest.raises(MessageError, match=f"stamp {stamp_ns} ns does not fit"):
         EstimateEncoder(layout).encode(estimate)

@@ -56,7 +56,7 @@ class Bench:
 
     def answer(self, *numbers: int, topics: tuple[int, ...] = (0, 1, 2)) -> None:
         for number in numbers:
-            estimate = self._estimate._replace(stamp_ns=FIRST_NS + number * MS)
+            estimate = replace(self._estimate, stamp_ns=FIRST_NS + number * MS)
             messages = self._encoder.encode(estimate)
             for topic in topics:
                 self._hear[topic](messages[topic])
@@ -152,7 +152,7 @@ def test_an_estimator_of_another_robot_is_noticed(bench: Bench) -> None:
     names = tuple(name.replace("upper", "left") for name in layout.elements)
     encoder = EstimateEncoder(replace(layout, elements=names))
     bench.send(0)
-    bench.run.listener(0)(encoder.encode(bench._estimate._replace(stamp_ns=FIRST_NS)).tensions)
+    bench.run.listener(0)(encoder.encode(replace(bench._estimate, stamp_ns=FIRST_NS)).tensions)
     assert isinstance(bench.run.trouble, AnotherRobotError)
     assert "tensions are of left/1" in str(bench.run.trouble)
     assert "expected upper/1" in str(bench.run.trouble)
@@ -204,7 +204,7 @@ def test_equal_passes_do_not_differ_and_are_counted(model: Model) -> None:
 def test_a_pass_that_differs_is_noted(model: Model) -> None:
     outcome = _heard(model, range(5))
     again = Bench(model)
-    again._estimate = again._estimate._replace(whole=again._estimate.whole + 0.25)
+    again._estimate = replace(again._estimate, whole=again._estimate.whole + 0.25)
     again.send(*range(5))
     again.answer(*range(5))
     outcome.add(again.run.finish(), whole=True)
@@ -215,7 +215,7 @@ def test_a_pass_that_differs_is_noted(model: Model) -> None:
 def test_where_runs_overlap_the_later_one_counts(model: Model) -> None:
     outcome = _heard(model, range(5))
     again = Bench(model)
-    again._estimate = again._estimate._replace(whole=again._estimate.whole + 1.0)
+    again._estimate = replace(again._estimate, whole=again._estimate.whole + 1.0)
     again.send(*range(3, 8))
     again.answer(*range(3, 8))
     outcome.add(again.run.finish(), whole=False)

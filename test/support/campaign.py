@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -275,7 +275,7 @@ def _try_tare(live: LiveEstimator) -> None:
 def _moved(output: Output, by: int) -> Output:
     """The output with its stamp converted back to the course's clock."""
     estimate = output.estimate
-    return output._replace(estimate=estimate._replace(stamp_ns=estimate.stamp_ns - by))
+    return output._replace(estimate=replace(estimate, stamp_ns=estimate.stamp_ns - by))
 
 
 @dataclass(frozen=True)
