@@ -1,13 +1,11 @@
-"""Time of an update with positions in the plane and in space, and of MuJoCo's evaluation."""
+"""Time of an update with positions, and of MuJoCo's evaluation of a model in space."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from bench.figures import ROBOT, Row, compared, in_turn
@@ -27,36 +25,6 @@ STEPS = 5_000
 ROUNDS = 9
 HEIGHT = 0.004
 """Distance from the plane of the sites between MuJoCo's pulleys [m]."""
-
-
-def in_space(document: dict[str, Any]) -> dict[str, Any]:
-    """The same robot with positions in space: z = 0, every axis normal to the plane."""
-
-    def lifted(entry: dict[str, Any]) -> dict[str, Any]:
-        return {
-            key: [*value, 0] if key in ("position_mm", "origin_mm") else value
-            for key, value in entry.items()
-        }
-
-    def node(entry: dict[str, Any]) -> dict[str, Any]:
-        round_an_axis = {"axis": [0, 0, 1]} if "turn" in entry else {}
-        return {**lifted(entry), **round_an_axis}
-
-    frames = [{**lifted(frame), "axis": [0, 0, 1]} for frame in document["frames"]]
-    for frame in frames:
-        if frame["motion"] == "rolling":
-            del frame["axis"]
-    cables = [
-        {**cable, "nodes": [node(entry) for entry in cable["nodes"]]}
-        for cable in document["cables"]
-    ]
-    return {**document, "frames": frames, "cables": cables}
-
-
-def spatial(path: Path) -> Model:
-    """Model of a planar robot file after its conversion to positions in space."""
-    document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    return prepare(parse_robot(yaml.safe_dump(in_space(document))))
 
 
 def imported(text: str) -> Model:
@@ -93,8 +61,8 @@ def beside_mujoco(stamp_ns: NDArray[np.int64], poses: Poses) -> Row:
 
 
 def measure() -> list[Row]:
-    """Microseconds per sample: tables, positions in the plane and in space, MuJoCo's model."""
-    models = load_model(str(ROBOT)), load_model(str(PLANAR)), spatial(PLANAR)
+    """Microseconds per sample: tables, positions, MuJoCo's model."""
+    models = load_model(str(ROBOT)), load_model(str(PLANAR))
     recorded = recorded_motion(models[0])
     joint = models[1].robot.joints[0]
     motion = Samples(
@@ -102,18 +70,14 @@ def measure() -> list[Row]:
         recorded.motor_angle,
         np.clip(recorded.joint_angle, joint.lower, joint.upper),
     )
-    tables, plane, space = (
+    tables, positions = (
         np.array(times) * 1e6 / STEPS
         for times in in_turn(ROUNDS, *(stepping(model, motion, STEPS) for model in models))
     )
     return [
         compared(
-            "space", "one update, prototype by positions in the plane", "µs",
-            plane, "the prototype by tables", tables,
-        ),
-        compared(
-            "space", "one update, the same fourteen pulleys in space", "µs",
-            space, "positions in the plane", plane, "≤ 2",
+            "space", "one update, prototype by positions", "µs",
+            positions, "the prototype by tables", tables,
         ),
         beside_mujoco(recorded.stamp_ns, poses_of(motion, STEPS)),
     ]  # fmt: skip

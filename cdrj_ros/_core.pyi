@@ -642,18 +642,6 @@ def acceptable(elastic: tuple[float, float, float]) -> float:
 def element_tension(elastic: tuple[float, float, float], length: float, material: float) -> float:
     """(E1), (E21): tension of a segment from its length and its material [m] [N]."""
 
-def tangent(
-    first: tuple[float, float, float], second: tuple[float, float, float]
-) -> tuple[float, float]:
-    """(E4): directed common tangent of two circles in the plane.
-
-    Args:
-        first, second: centre [m] and radius [m], negative where the cable goes round clockwise.
-
-    Returns:
-        Its length between the circles [m], NaN where there is none, and its direction [rad].
-    """
-
 class Drum:
     """What a winch drum holds (E3): cable comes off at the strain at which it went on."""
 

@@ -7,7 +7,6 @@
 #include "drum.hpp"
 #include "friction.hpp"
 #include "laws.hpp"
-#include "plane.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -161,15 +160,6 @@ void bind_cable(py::module_& core) {
             return tension_of(law_of(elastic), length, material);
         },
         "elastic"_a, "length"_a, "material"_a);
-    core.def(
-        "tangent",
-        [](const Numbers3& first, const Numbers3& second) {
-            const auto [x1, y1, radius1] = first;
-            const auto [x2, y2, radius2] = second;
-            const auto [length, angle] = tangent({x1, y1}, radius1, {x2, y2}, radius2);
-            return std::pair(length, angle);
-        },
-        "first"_a, "second"_a);
 }
 
 }  // namespace

@@ -5,7 +5,7 @@
 
 #include "angles.hpp"
 #include "friction.hpp"
-#include "space.hpp"
+#include "route.hpp"
 
 namespace cdrj {
 
@@ -16,7 +16,7 @@ double middle_to_outer(double arc, Index cells) {
 
 bool touches_anew(
     const CableTopology& cable, Index k, const State& before, const Workspace& work) {
-    if (cable.routed != Route::space) return false;
+    if (cable.routed == Route::tables) return false;
     const Vector3& tangent = before.middles[cable.first_node + 1 + k].tangent;
     const bool missed = tangent.x == 0.0 && tangent.y == 0.0 && tangent.z == 0.0;
     return missed && work.wrap[cable.first_pulley + k] > 0.0;
@@ -61,10 +61,10 @@ void follow_arc(
     const CableTopology& own = topology.cables[cable];
     const Index p = own.first_pulley + k;
     double moved;
-    if (own.routed == Route::space) {
+    if (own.routed == Route::positions) {
         const Index node = own.first_node + 1 + k;
         moved = motion_along(
-            constants.spatial_nodes[node].radius, before.middles[node], work.middles[node]);
+            constants.nodes[node].radius, before.middles[node], work.middles[node]);
     } else {
         moved = work.middle[p] - before.track[p];
         const double half_turn = PI * constants.pulleys[p].radius;

@@ -20,13 +20,13 @@ struct Meeting {
 /// A kind of guide.
 struct GuideKind {
     /// Find where the cable touches the guide, from `before` and `after`.
-    Meeting (*meet)(const SpatialNodeConstants& node, Touch& touch);
+    Meeting (*meet)(const NodeConstants& node, Touch& touch);
 
     /// Write angle, length and wrap of the arc from the points of contact.
-    void (*measure)(const SpatialNodeConstants& node, Touch& touch);
+    void (*measure)(const NodeConstants& node, Touch& touch);
 
     /// Middle of the arc, from which its motion along the body follows (E26).
-    ArcMiddle (*middle)(const SpatialNodeConstants& node, const Touch& touch);
+    ArcMiddle (*middle)(const NodeConstants& node, const Touch& touch);
 };
 
 /// An eyelet or a sheath: the cable passes at points of its frame, which never move in it.

@@ -8,7 +8,7 @@
 namespace cdrj {
 namespace {
 
-Meeting meet(const SpatialNodeConstants& node, Touch& touch) {
+Meeting meet(const NodeConstants& node, Touch& touch) {
     const Vector3 &a = touch.before, &b = touch.after;
     const double radius = node.radius;
     const bool possible = touch_round(node, touch, {Z_AXIS, flat(a), flat(b), flat(touch.side)});
@@ -25,7 +25,7 @@ Meeting meet(const SpatialNodeConstants& node, Touch& touch) {
     return {possible, entry, exit};
 }
 
-void measure(const SpatialNodeConstants& node, Touch& touch) {
+void measure(const NodeConstants& node, Touch& touch) {
     touch.angle = arc_angle(touch.normal, touch.sense, touch.entry_normal, touch.exit_normal) +
                   2.0 * PI * node.turns;
     touch.wrap = touch.angle;
@@ -37,7 +37,7 @@ void measure(const SpatialNodeConstants& node, Touch& touch) {
     touch.arc *= stretch;
 }
 
-ArcMiddle middle(const SpatialNodeConstants& node, const Touch& touch) {
+ArcMiddle middle(const NodeConstants& node, const Touch& touch) {
     const Vector3 rise = combined(0.5, touch.entry + touch.exit, -1.0, touch.centre);
     const double height = dot(axis_of(touch.basis), rise);
     if (node.inside == 1.0) {

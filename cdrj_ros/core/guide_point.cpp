@@ -4,12 +4,12 @@
 namespace cdrj {
 namespace {
 
-Meeting meet(const SpatialNodeConstants&, Touch& touch) { return {true, touch.entry, touch.exit}; }
+Meeting meet(const NodeConstants&, Touch& touch) { return {true, touch.entry, touch.exit}; }
 
-void measure(const SpatialNodeConstants&, Touch&) {}
+void measure(const NodeConstants&, Touch&) {}
 
 /// A point of the body, which never moves in it.
-ArcMiddle middle(const SpatialNodeConstants&, const Touch&) { return {Z_AXIS, Z_AXIS, 0.0}; }
+ArcMiddle middle(const NodeConstants&, const Touch&) { return {Z_AXIS, Z_AXIS, 0.0}; }
 
 }  // namespace
 

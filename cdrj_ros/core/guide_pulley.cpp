@@ -9,7 +9,7 @@ namespace cdrj {
 namespace {
 
 /// Points of contact with a circle in the plane z = 0; impossible where a tangent does not exist.
-Meeting meet(const SpatialNodeConstants& node, Touch& touch) {
+Meeting meet(const NodeConstants& node, Touch& touch) {
     touch.sense = node.turn;
     const TangentPoint first = tangent_from(flat(touch.before), Z_AXIS, node.radius, node.turn);
     const TangentPoint last = tangent_from(flat(touch.after), Z_AXIS, node.radius, -node.turn);
@@ -23,7 +23,7 @@ Meeting meet(const SpatialNodeConstants& node, Touch& touch) {
 }
 
 /// The wrap is continuous within half a turn of that in the reference pose.
-void measure(const SpatialNodeConstants& node, Touch& touch) {
+void measure(const NodeConstants& node, Touch& touch) {
     const Vector3 &first = touch.entry_normal, &last = touch.exit_normal;
     const double angle =
         node.turn * std::atan2(dot(Z_AXIS, cross(first, last)), dot(first, last));
@@ -33,7 +33,7 @@ void measure(const SpatialNodeConstants& node, Touch& touch) {
     touch.arc = node.radius * touch.angle;
 }
 
-ArcMiddle middle(const SpatialNodeConstants&, const Touch& touch) {
+ArcMiddle middle(const NodeConstants&, const Touch& touch) {
     const double turned = touch.sense * (0.5 * touch.angle);
     const Vector3 normal = about(Z_AXIS, std::cos(turned), std::sin(turned), touch.entry_normal);
     return {normal, touch.sense * cross(Z_AXIS, normal), 0.0};

@@ -6,7 +6,7 @@ namespace cdrj {
 namespace {
 
 /// Contact of a cable that runs through the inside of the body (G6).
-void touch_inside(const SpatialNodeConstants& node, Touch& touch, const ArcPlane& plane) {
+void touch_inside(const NodeConstants& node, Touch& touch, const ArcPlane& plane) {
     const RingPoint ring = point_inside(plane.a, plane.b, plane.axis, node.radius);
     touch.touching = ring.touching ? 1.0 : 0.0;
     touch.sense = 1.0;
@@ -20,7 +20,7 @@ void touch_inside(const SpatialNodeConstants& node, Touch& touch, const ArcPlane
 
 }  // namespace
 
-bool touch_round(const SpatialNodeConstants& node, Touch& touch, const ArcPlane& plane) {
+bool touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& plane) {
     const auto& [axis, a, b, side] = plane;
     const double radius = node.radius;
     if (!(dot(a, a) > radius * radius && dot(b, b) > radius * radius)) {
@@ -47,7 +47,7 @@ bool touch_round(const SpatialNodeConstants& node, Touch& touch, const ArcPlane&
     return true;
 }
 
-Vector3 direction_through_ring(const SpatialNodeConstants& node, const Touch& touch, double height) {
+Vector3 direction_through_ring(const NodeConstants& node, const Touch& touch, double height) {
     Vector3 point = node.radius * touch.entry_normal;
     point.z += height;
     const Vector3 came = point - touch.before, goes = touch.after - point;

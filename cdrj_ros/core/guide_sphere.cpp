@@ -11,7 +11,7 @@ namespace {
 /// Sine below which two directions count as parallel.
 constexpr double PARALLEL = 1e-12;
 
-Meeting meet(const SpatialNodeConstants& node, Touch& touch) {
+Meeting meet(const NodeConstants& node, Touch& touch) {
     const Vector3 &a = touch.before, &b = touch.after;
     Vector3 axis = cross(a, b);
     const double size = norm(axis);
@@ -27,14 +27,14 @@ Meeting meet(const SpatialNodeConstants& node, Touch& touch) {
     return {possible, node.radius * touch.entry_normal, node.radius * touch.exit_normal};
 }
 
-void measure(const SpatialNodeConstants& node, Touch& touch) {
+void measure(const NodeConstants& node, Touch& touch) {
     touch.angle = arc_angle(touch.normal, touch.sense, touch.entry_normal, touch.exit_normal) +
                   2.0 * PI * node.turns;
     touch.wrap = touch.angle;
     touch.arc = node.radius * touch.angle;
 }
 
-ArcMiddle middle(const SpatialNodeConstants& node, const Touch& touch) {
+ArcMiddle middle(const NodeConstants& node, const Touch& touch) {
     if (node.inside == 1.0) {
         return {touch.entry_normal, direction_through_ring(node, touch, 0.0), 0.0};
     }

@@ -9,7 +9,7 @@ namespace cdrj {
 namespace {
 
 /// Its plane contains the axis z, along which the cable enters at the origin, and the point b.
-Meeting meet(const SpatialNodeConstants& node, Touch& touch) {
+Meeting meet(const NodeConstants& node, Touch& touch) {
     const Vector3& b = touch.after;
     const double radius = node.radius;
     const double out = std::hypot(b.x, b.y);
@@ -24,13 +24,13 @@ Meeting meet(const SpatialNodeConstants& node, Touch& touch) {
         length > 0.0 && out > 0.0, ZERO, {aside.x, aside.y, radius * std::sin(touch.angle)}};
 }
 
-void measure(const SpatialNodeConstants& node, Touch& touch) {
+void measure(const NodeConstants& node, Touch& touch) {
     touch.wrap = touch.angle;
     touch.arc = node.radius * touch.angle;
 }
 
 /// In the plane of the pulley, which swivels with it.
-ArcMiddle middle(const SpatialNodeConstants&, const Touch& touch) {
+ArcMiddle middle(const NodeConstants&, const Touch& touch) {
     const double half = 0.5 * touch.angle;
     const double c = std::cos(half), s = std::sin(half);
     return {{-c, s, 0.0}, {s, c, 0.0}, 0.0};

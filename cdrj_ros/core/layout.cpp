@@ -35,11 +35,9 @@ Topology::Topology(const Index* plan) : sizes(*reinterpret_cast<const Sizes*>(pl
     cables = parts.take<const CableTopology>(sizes.cables);
     ends = parts.take<const EndTopology>(2 * sizes.cables);
     pulleys = parts.take<const PulleyTopology>(sizes.pulleys);
+    terms = parts.take<const TermTopology>(sizes.terms);
     frames = parts.take<const FrameTopology>(sizes.frames);
     nodes = parts.take<const NodeTopology>(sizes.nodes);
-    terms = parts.take<const TermTopology>(sizes.terms);
-    spatial_frames = parts.take<const SpatialFrameTopology>(sizes.spatial_frames);
-    spatial_nodes = parts.take<const SpatialNodeTopology>(sizes.spatial_nodes);
 }
 
 Constants::Constants(const Sizes& sizes, const double* numbers) {
@@ -49,14 +47,12 @@ Constants::Constants(const Sizes& sizes, const double* numbers) {
     pulleys = parts.take<const PulleyConstants>(sizes.pulleys);
     elements = parts.take<const ElementConstants>(sizes.elements);
     segments = parts.take<const SegmentConstants>(sizes.segments());
-    frames = parts.take<const FrameConstants>(sizes.frames);
-    nodes = parts.take<const NodeConstants>(sizes.nodes);
     motors = parts.take<const MotorConstants>(sizes.motors);
     joints = parts.take<const JointConstants>(sizes.joints);
     axes = parts.take<const AxisConstants>(sizes.axes());
     tables = parts.take<const Cubic>(sizes.terms * TABLE_INTERVALS);
-    spatial_frames = parts.take<const SpatialFrameConstants>(sizes.spatial_frames);
-    spatial_nodes = parts.take<const SpatialNodeConstants>(sizes.spatial_nodes);
+    frames = parts.take<const FrameConstants>(sizes.frames);
+    nodes = parts.take<const NodeConstants>(sizes.nodes);
 }
 
 State::State(const Sizes& sizes, double* state) : started(state) {
@@ -73,13 +69,13 @@ State::State(const Sizes& sizes, double* state) : started(state) {
     angle = parts.take<double>(sizes.axes());
     bearing_friction = parts.take<double>(sizes.axes());
     drums = parts.take<Drum>(sizes.drums);
-    middles = parts.take<ArcMiddle>(sizes.spatial_nodes);
+    middles = parts.take<ArcMiddle>(sizes.nodes);
 }
 
 std::size_t State::size(const Sizes& sizes) {
     const Index words = 1 + 3 * sizes.segments() + 4 * sizes.contacts + sizes.pulleys + sizes.surfaces +
                         2 * sizes.axes() + sizes.drums * Index{sizeof(Drum) / 8} +
-                        sizes.spatial_nodes * Index{sizeof(ArcMiddle) / 8};
+                        sizes.nodes * Index{sizeof(ArcMiddle) / 8};
     return static_cast<std::size_t>(words);
 }
 
@@ -126,11 +122,8 @@ Workspace::Workspace(const Sizes& sizes, double* scratch) {
     contacts = parts.take<Contact>(sizes.contacts);
     pose = parts.take<Pose>(sizes.frames);
     twist = {parts.take<Twist>(sizes.frames * sizes.joints).data(), sizes.joints};
-    spatial_pose = parts.take<SpatialPose>(sizes.spatial_frames);
-    spatial_twist = {
-        parts.take<SpatialTwist>(sizes.spatial_frames * sizes.joints).data(), sizes.joints};
-    touches = parts.take<Touch>(sizes.spatial_nodes);
-    middles = parts.take<ArcMiddle>(sizes.spatial_nodes);
+    touches = parts.take<Touch>(sizes.nodes);
+    middles = parts.take<ArcMiddle>(sizes.nodes);
     history = parts.next();
 }
 
@@ -141,9 +134,7 @@ std::size_t Workspace::size(const Sizes& sizes) {
         sizes.segments() * Index{sizeof(Segment) / 8} + sizes.contacts * Index{sizeof(Contact) / 8} +
         sizes.frames * Index{sizeof(Pose) / 8} +
         sizes.frames * sizes.joints * Index{sizeof(Twist) / 8} +
-        sizes.spatial_frames * Index{sizeof(SpatialPose) / 8} +
-        sizes.spatial_frames * sizes.joints * Index{sizeof(SpatialTwist) / 8} +
-        sizes.spatial_nodes * Index{(sizeof(Touch) + sizeof(ArcMiddle)) / 8});
+        sizes.nodes * Index{(sizeof(Touch) + sizeof(ArcMiddle)) / 8});
 }
 
 }  // namespace cdrj

@@ -20,11 +20,9 @@ struct Sizes {
     Index elements;
     Index pulleys;
     Index contacts;        // contact cells of all pulleys
-    Index frames;
-    Index nodes;
+    Index frames;          // 0 for a robot without positions
+    Index nodes;           // of all cables; 0 for a robot without positions
     Index terms;           // tabulated functions of a joint angle that are added to a span or a wrap
-    Index spatial_frames;  // 0 for a robot described in the plane
-    Index spatial_nodes;   // as `nodes`, or 0 for a robot described in the plane
     Index drums;           // ends of cables that take up cable: drums and sectors
     Index surfaces;        // pulleys whose contact cells are fixed to their surface; 0 but for the
                            // simulated rig
@@ -58,11 +56,9 @@ struct Topology {
     std::span<const CableTopology> cables;
     std::span<const EndTopology> ends;  // cable c has its first end at 2 c and its last at 2 c + 1
     std::span<const PulleyTopology> pulleys;
-    std::span<const FrameTopology> frames;
-    std::span<const NodeTopology> nodes;  // of all cables
     std::span<const TermTopology> terms;
-    std::span<const SpatialFrameTopology> spatial_frames;
-    std::span<const SpatialNodeTopology> spatial_nodes;
+    std::span<const FrameTopology> frames;
+    std::span<const NodeTopology> nodes;
 
     /// First segment of a cable, and the one after its last.
     struct Segments {
@@ -90,14 +86,12 @@ struct Constants {
     std::span<const PulleyConstants> pulleys;
     std::span<const ElementConstants> elements;
     std::span<const SegmentConstants> segments;
-    std::span<const FrameConstants> frames;
-    std::span<const NodeConstants> nodes;
     std::span<const MotorConstants> motors;
     std::span<const JointConstants> joints;
     std::span<const AxisConstants> axes;  // all motors, then all joints
     std::span<const Cubic> tables;        // TABLE_INTERVALS cubics for every term
-    std::span<const SpatialFrameConstants> spatial_frames;
-    std::span<const SpatialNodeConstants> spatial_nodes;
+    std::span<const FrameConstants> frames;
+    std::span<const NodeConstants> nodes;
 };
 
 /// State of a robot between two samples.
@@ -120,7 +114,7 @@ struct State {
     std::span<double> angle;        // of motors, then joints [rad] or [m]
     std::span<double> bearing_friction;  // torques of motors, then joints [N m] or [N]
     std::span<Drum> drums;          // of every end that takes up cable
-    std::span<ArcMiddle> middles;   // of every node of a robot described in space
+    std::span<ArcMiddle> middles;   // of every node
 
     /// 1 + strain of a segment; 1 where it is slack.
     double stretch(Index segment) const;
@@ -163,15 +157,13 @@ struct Workspace {
     std::span<double> laid;            // cable that a turn of its frame or of its tangent has laid onto
                                        // every end since the reference pose [m], two a cable
     std::span<double> middle;          // place of the middle of every arc along its body, up to a
-                                       // constant and whole turns [m]; unused in space
+                                       // constant and whole turns [m]; only where it is given by tables
     std::span<Segment> segments;
     std::span<Contact> contacts;
     std::span<Pose> pose;              // of every frame
     Grid<Twist> twist;                 // of every frame by every joint
-    std::span<SpatialPose> spatial_pose;
-    Grid<SpatialTwist> spatial_twist;
-    std::span<Touch> touches;          // of every node of a robot described in space
-    std::span<ArcMiddle> middles;      // of the same nodes
+    std::span<Touch> touches;          // of every node
+    std::span<ArcMiddle> middles;      // of every node
     double* history;                   // the state before the sample, by the contact cells of this
                                        // sample; only where some are fixed to a surface
 };

@@ -12,12 +12,12 @@ namespace {
 /// the cable's two directions and y across it.
 Vector3 force_on_pulley(const Step& step, Index p, Route routed, double t_in, double t_out) {
     const Workspace& work = step.work;
-    if (routed != Route::tables) {
+    if (routed == Route::positions) {
         const Index e = step.topology.pulleys[p].element;
         const Table& u = work.direction;
-        const double z =
-            routed == Route::space ? t_out * u(e + 1, 2) - t_in * u(e, 2) : 0.0;
-        return {t_out * u(e + 1, 0) - t_in * u(e, 0), t_out * u(e + 1, 1) - t_in * u(e, 1), z};
+        return {
+            t_out * u(e + 1, 0) - t_in * u(e, 0), t_out * u(e + 1, 1) - t_in * u(e, 1),
+            t_out * u(e + 1, 2) - t_in * u(e, 2)};
     }
     double along = step.constants.pulleys[p].half_sine;
     double across = step.constants.pulleys[p].half_cosine;
@@ -32,8 +32,8 @@ Vector3 force_on_pulley(const Step& step, Index p, Route routed, double t_in, do
 double drum_lever(const Step& step, Index c, Index end) {
     const CableTopology& cable = step.topology.cables[c];
     const Index node = cable.first_node + end * cable.elements;
-    if (cable.routed == Route::space &&
-        step.topology.spatial_nodes[node].kind == Guide::pulley) {
+    if (cable.routed == Route::positions &&
+        step.topology.nodes[node].kind == Guide::pulley) {
         return step.work.touches[node].lever;
     }
     return step.constants.ends[2 * c + end].radius;

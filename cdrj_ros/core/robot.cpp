@@ -6,9 +6,9 @@
 #include "cable.hpp"
 #include "cells.hpp"
 #include "drum.hpp"
-#include "plane.hpp"
+#include "frames.hpp"
 #include "report.hpp"
-#include "space.hpp"
+#include "route.hpp"
 #include "surface.hpp"
 
 namespace cdrj {
@@ -51,6 +51,11 @@ void read_tables(
 void add_arcs(const Topology& topology, const Constants& constants, Index c, Workspace& work) {
     work.laid[2 * c] = work.laid[2 * c + 1] = 0.0;
     const CableTopology& cable = topology.cables[c];
+    if (!work.middles.empty()) {  // of other cables, which are given by positions
+        std::ranges::fill(
+            work.middles.subspan(cable.first_node, cable.elements + 1),
+            ArcMiddle{ZERO, ZERO, 0.0});
+    }
     for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
         const double arc = constants.pulleys[p].radius * work.wrap[p];
         const Index element = topology.pulleys[p].element;
@@ -219,24 +224,13 @@ bool Robot::shape(
     bool possible = true;
     read_tables(topology, constants, joint_angle, work);
     place_frames(topology, constants, joint_angle, work);
-    place_spatial_frames(topology, constants, joint_angle, work);
     for (Index c = 0; c < topology.sizes.cables; ++c) {
         const CableTopology& cable = topology.cables[c];
-        if (cable.routed != Route::space && !work.middles.empty()) {
-            std::ranges::fill(
-                work.middles.subspan(cable.first_node, cable.elements + 1),
-                ArcMiddle{ZERO, ZERO, 0.0});
-        }
-        switch (cable.routed) {
-            case Route::tables: add_arcs(topology, constants, c, work); break;
-            case Route::plane:
-                possible = route_in_plane(topology, constants, c, work) && possible;
-                break;
-            case Route::space:
-                possible = route_in_space(
-                               topology, constants, c, motor_angle, joint_angle, work) &&
-                           possible;
-                break;
+        if (cable.routed == Route::tables) {
+            add_arcs(topology, constants, c, work);
+        } else {
+            possible =
+                route_cable(topology, constants, c, motor_angle, joint_angle, work) && possible;
         }
     }
     divide_arcs(topology, work);

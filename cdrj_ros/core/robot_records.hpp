@@ -13,8 +13,8 @@ namespace cdrj {
 
 using Index = std::int64_t;
 
-/// How the lengths of a cable are given: by tables, by positions in the plane or in space.
-enum class Route : std::int64_t { tables, plane, space };
+/// How the lengths of a cable are given.
+enum class Route : std::int64_t { tables, positions };
 
 /// Friction laws, in the order of the words of a robot file.
 enum class Law : std::int64_t { none, euler, steady, lugre, elastoplastic };
@@ -25,7 +25,7 @@ enum class Stribeck : std::int64_t { printed, capstan };
 /// Motion of a frame relative to its parent.
 enum class Motion : std::int64_t { fixed, revolute, prismatic, rolling };
 
-/// What a cable in space touches.
+/// What a cable given by positions touches.
 enum class Guide : std::int64_t { point, pulley, swivel, cylinder, sphere, sheath };
 
 /// Intervals of a tabulated function over its joint's range.
@@ -78,22 +78,10 @@ struct FrameTopology {
     Index joint;  // index of the joint that moves the frame; -1 for a fixed frame
 };
 
-/// Frame of a node.
-struct NodeTopology {
-    Index frame;  // -1 where the node has no position
-};
-
-/// Place of a frame in the tree of frames; parents come first.
-struct SpatialFrameTopology {
-    Index parent;  // index of the parent frame; -1 for the base
-    Motion motion;
-    Index joint;  // index of the joint that moves the frame; -1 for a fixed frame
-};
-
 /// Shape of a node and the frames that carry it.
-struct SpatialNodeTopology {
+struct NodeTopology {
     Guide kind;
-    Index frame;  // -1 where the node has no position in space
+    Index frame;  // -1 where the node has no position
     // frame of the far end of a sheath, or of the side point of a round body
     Index exit_frame;
 };
@@ -156,29 +144,6 @@ struct SegmentConstants {
     double material;  // unstretched length in the reference pose [m]
 };
 
-/// Pose of a frame in its parent at joint angle 0.
-struct FrameConstants {
-    double x;  // origin [m]
-    double y;  // origin [m]
-    double angle;  // [rad]
-    double direction_x;  // unit vector of a prismatic motion, in the frame [-]
-    double direction_y;  // unit vector of a prismatic motion, in the frame [-]
-    double rolling_radius;  // radius of both circles of a rolling joint [m]
-};
-
-/// Circle of a node in its frame, and the reference of its arc.
-struct NodeConstants {
-    double x;  // Centre [m]
-    double y;  // Centre [m]
-    double radius;  // [m]
-    double turn;  // sigma: +1 counter-clockwise, -1 clockwise, 0 for a point
-    double arc_reference;  // for an end: direction of its element in the reference pose [rad]
-    // for a pulley: wrap in the reference pose [rad]; the wrap is continuous within half a turn of
-    // it. For an end with a radius, which winds cable as its frame turns: angle of the frame in
-    // the reference pose [rad], with the sign that makes the arc 0 there
-    double arc_angle;
-};
-
 /// Constants of a motor.
 struct MotorConstants {
     double reference_angle;  // reading in the pose in which the preload was measured [rad]
@@ -208,7 +173,7 @@ struct Cubic {
 };
 
 /// Pose of a frame in its parent, and its motion.
-struct SpatialFrameConstants {
+struct FrameConstants {
     Vector3 origin;  // [m]
     Matrix3 rotation;  // orientation in the parent without motion, by rows
     Vector3 axis;  // unit vector of its motion, in the frame
@@ -218,7 +183,7 @@ struct SpatialFrameConstants {
 };
 
 /// A node in its frame.  The z axis of its own axes is the axis of a round body.
-struct SpatialNodeConstants {
+struct NodeConstants {
     Vector3 centre;  // Centre, point or entry [m]
     Matrix3 basis;  // unit vectors of its own axes, one by row
     // far end of a sheath, or the point on the side that the cable passes, in `exit_frame` [m]

@@ -68,26 +68,12 @@ struct Contact {
 
 /// Pose of a frame in the base.
 struct Pose {
-    double x;  // origin [m]
-    double y;  // origin [m]
-    double angle;  // [rad]
-};
-
-/// Velocity of a frame per unit of a joint's velocity.
-struct Twist {
-    double turn;  // angular velocity [-]
-    double x;  // velocity of the base's origin, as if it moved with the frame [m]
-    double y;  // velocity of the base's origin, as if it moved with the frame [m]
-};
-
-/// Pose of a frame in the base.
-struct SpatialPose {
     Matrix3 rotation;  // by rows
     Vector3 origin;  // [m]
 };
 
 /// Velocity of a frame per unit of a joint's velocity.
-struct SpatialTwist {
+struct Twist {
     Vector3 angular;  // [-]
     Vector3 linear;  // velocity of the base's origin, as if it moved with the frame [m]
 };

@@ -20,9 +20,8 @@ from cdrj_ros.model.friction import (
     STRIBECK_FORMS,
     blended_loss,
 )
+from cdrj_ros.model.in_space import frames_in_space, place_in_space
 from cdrj_ros.model.packing import (
-    PLANAR,
-    SPATIAL,
     Indices,
     Numbers,
     Plan,
@@ -35,7 +34,6 @@ from cdrj_ros.robot.description import (
     LAWS,
     TABLE_INTERVALS,
     Cable,
-    Frame,
     MovingEnd,
     Node,
     Profile,
@@ -43,7 +41,7 @@ from cdrj_ros.robot.description import (
     Robot,
     Winch,
 )
-from cdrj_ros.robot.space import CONTACT_KINDS, SpatialFrame
+from cdrj_ros.robot.space import CONTACT_KINDS
 
 Vector = NDArray[np.float64]
 
@@ -65,7 +63,6 @@ def pack(robot: Robot) -> tuple[Indices, Vector]:
     rows = _Rows(robot, plan_views(plan), number_views(sizes, numbers))
     rows.axes()
     rows.frames()
-    rows.spatial_frames()
     for c in range(len(robot.cables)):
         rows.cable(c)
     return plan, numbers
@@ -75,6 +72,7 @@ def _sizes(robot: Robot) -> Sizes:
     """How many of each thing the robot has."""
     cables = robot.cables
     nodes = sum(len(cable.nodes) for cable in cables)
+    frames = frames_in_space(robot)
     return Sizes(
         motors=len(robot.motors),
         joints=len(robot.joints),
@@ -82,10 +80,8 @@ def _sizes(robot: Robot) -> Sizes:
         elements=nodes - len(cables),
         pulleys=nodes - 2 * len(cables),
         contacts=sum(contact_cells(pulley) for cable in cables for pulley in cable.pulleys),
-        frames=len(robot.frames),
-        nodes=nodes,
-        spatial_frames=len(robot.spatial_frames),
-        spatial_nodes=nodes if robot.spatial_frames else 0,
+        frames=len(frames),
+        nodes=nodes if frames else 0,
         terms=sum(1 for cable in cables for profile in _profiles(cable) if profile.joint),
         drums=sum(_takes_up(node) for cable in cables for node in _ends(cable)),
         surfaces=sum(pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys),
@@ -125,9 +121,7 @@ class _Rows:
         self._robot, self._plan, self._numbers = robot, plan, numbers
         self._motors = {motor.name: k for k, motor in enumerate(robot.motors)}
         self._joints = {joint.name: k for k, joint in enumerate(robot.joints)}
-        names = [frame.name for frame in robot.frames]
-        names += [frame.name for frame in robot.spatial_frames]
-        self._frames = {name: k for k, name in enumerate(names)}
+        self._frames = {frame.name: k for k, frame in enumerate(frames_in_space(robot))}
         self._node = 0
         self._term = 0
         self._drums = 0
@@ -145,35 +139,18 @@ class _Rows:
             sign = axis.effort_sign
             _fill(self._numbers.axes, k, effort_sign=sign, **vars(axis.passive))
 
-    def _place_in_tree(self, frame: Frame | SpatialFrame) -> dict[str, int]:
-        """Plan of a frame: its parent, motion and joint."""
-        return {
-            "parent": self._frames[frame.parent] if frame.parent else -1,
-            "motion": geometry.MOTIONS.index(frame.motion),
-            "joint": self._joints[frame.joint] if frame.joint else -1,
-        }
-
     def frames(self) -> None:
-        """Fill the rows of planar frames, parents first."""
-        for k, frame in enumerate(self._robot.frames):
-            _fill(self._plan.frames, k, **self._place_in_tree(frame))
+        """Fill the rows of frames, parents first."""
+        for k, frame in enumerate(frames_in_space(self._robot)):
+            _fill(
+                self._plan.frames,
+                k,
+                parent=self._frames[frame.parent] if frame.parent else -1,
+                motion=geometry.MOTIONS.index(frame.motion),
+                joint=self._joints[frame.joint] if frame.joint else -1,
+            )
             _fill(
                 self._numbers.frames,
-                k,
-                x=frame.x,
-                y=frame.y,
-                angle=frame.angle,
-                direction_x=frame.direction[0],
-                direction_y=frame.direction[1],
-                rolling_radius=frame.rolling_radius,
-            )
-
-    def spatial_frames(self) -> None:
-        """Fill the rows of frames in space, parents first."""
-        for k, frame in enumerate(self._robot.spatial_frames):
-            _fill(self._plan.spatial_frames, k, **self._place_in_tree(frame))
-            _fill(
-                self._numbers.spatial_frames,
                 k,
                 origin=frame.origin,
                 rotation=frame.rotation,
@@ -198,7 +175,7 @@ class _Rows:
             contacts=sum(contact_cells(one) for one in cable.pulleys),
             first_node=self._node,
             law=LAWS.index(cable.law),
-            routed=SPATIAL if cable.spatial else PLANAR if cable.routed else 0,
+            routed=int(cable.spatial or cable.routed),
         )
         _fill(
             self._numbers.cables,
@@ -277,39 +254,23 @@ class _Rows:
         )
 
     def _add_node(self, node: Node) -> None:
-        """Fill frame and circle of a node; the arc angle is pi until the reference is known."""
-        place, k = node.place, self._node
-        self._node += 1
-        _fill(self._plan.nodes, k, frame=self._frames[place.frame] if place else -1)
-        if place:
-            _fill(
-                self._numbers.nodes,
-                k,
-                x=place.x,
-                y=place.y,
-                radius=node.radius,
-                turn=place.turn,
-                arc_reference=0.0,
-                arc_angle=pi,
-            )
-        if self._robot.spatial_frames:
-            self._add_spatial_node(k, node)
-
-    def _add_spatial_node(self, k: int, node: Node) -> None:
         """Fill the body of a node; a pulley's arc reference is pi until the pose is known."""
-        place = node.space
+        k, place = self._node, place_in_space(node)
+        self._node += 1
+        if not self._frames:
+            return
         if place is None:
-            _fill(self._plan.spatial_nodes, k, kind=0, frame=-1, exit_frame=-1)
+            _fill(self._plan.nodes, k, kind=0, frame=-1, exit_frame=-1)
             return
         _fill(
-            self._plan.spatial_nodes,
+            self._plan.nodes,
             k,
             kind=CONTACT_KINDS.index(place.kind),
             frame=self._frames[place.frame],
             exit_frame=self._frames[place.exit_frame],
         )
         _fill(
-            self._numbers.spatial_nodes,
+            self._numbers.nodes,
             k,
             centre=place.position,
             basis=_basis(place.axis),

@@ -1,8 +1,7 @@
-"""Lengths, wraps and directions at given joint angles: planar tangents and arcs, and tables.
+"""Records of the geometry: constants of frames and nodes, their values in a pose, and tables.
 
-A cable is a path of directed circles: radius r and turn sigma = +1 where the cable goes round it
-counter-clockwise on its way from the first node to the last, -1 clockwise.  Points are circles of
-radius 0.  See docs/model.md, section 3.
+Cables are described in space; those of a robot in the plane lie at z = 0, with all axes along z.
+See docs/geometry.md.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.model.records import record_type
 from cdrj_ros.robot.description import FrameMotion
+from cdrj_ros.robot.space import CONTACT_KINDS
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -21,7 +21,7 @@ Table = NDArray[np.float64]
 MOTIONS: Final[tuple[FrameMotion, ...]] = get_args(FrameMotion)
 """Types of a frame's motion relative to its parent, in the order of the codes."""
 
-FIXED, REVOLUTE, PRISMATIC, ROLLING = range(len(MOTIONS))
+POINT, PULLEY, SWIVEL, CYLINDER, SPHERE, SHEATH = range(len(CONTACT_KINDS))
 
 
 class FramePlan:
@@ -36,68 +36,146 @@ class FramePlan:
 
 
 class FrameNumbers:
-    """Pose of a frame in its parent at joint angle 0."""
+    """Pose of a frame in its parent, and its motion."""
 
-    x: float
-    """Origin [m]."""
-    y: float
-    """Origin [m]."""
-    angle: float
-    """[rad]."""
-    direction_x: float
-    """Unit vector of a prismatic motion, in the frame [-]."""
-    direction_y: float
-    """Unit vector of a prismatic motion, in the frame [-]."""
+    origin: Vector
+    """[m], shape (3,)."""
+    rotation: Vector
+    """Orientation in the parent without motion, by rows, shape (9,)."""
+    axis: Vector
+    """Unit vector of its motion, in the frame, shape (3,)."""
     rolling_radius: float
     """Radius of both circles of a rolling joint [m]."""
+    multiplier: float
+    """Its motion per motion of its joint [-]."""
+    offset: float
+    """Its motion at joint angle 0 [rad] or [m]."""
 
 
 class NodePlan:
-    """Frame of a node."""
+    """Shape of a node and the frames that carry it."""
 
+    kind: int
     frame: int
     """-1 where the node has no position."""
+    exit_frame: int
+    """Frame of the far end of a sheath, or of the side point of a round body."""
 
 
 class NodeNumbers:
-    """Circle of a node in its frame, and the reference of its arc."""
+    """A node in its frame.  The z axis of its own axes is the axis of a round body."""
 
-    x: float
-    """Centre [m]."""
-    y: float
-    """Centre [m]."""
+    centre: Vector
+    """Centre, point or entry [m], shape (3,)."""
+    basis: Vector
+    """Unit vectors of its own axes, one by row, shape (9,)."""
+    exit: Vector
+    """Far end of a sheath, or the point on the side that the cable passes, in ``exit_frame`` [m],
+    shape (3,)."""
+    sided: float
+    """1 where a side is given, otherwise 0."""
+    ignored_inside: float
+    """1 where a body does not touch the cable while a neighbouring point lies inside it; 0 where
+    such a pose is impossible."""
     radius: float
     """[m]."""
     turn: float
-    """sigma: +1 counter-clockwise, -1 clockwise, 0 for a point."""
+    """+1 counter-clockwise about the axis, -1 clockwise, 0 where it follows from the position."""
+    inside: float
+    """1 where the cable runs through the inside of a round body, as through a ring."""
+    turns: float
+    """Whole turns in addition to the wrap."""
+    lead: float
+    """Rise of a drum's groove along its axis per radian of cable wound in [m/rad]; 0 in the
+    reference pose, and for all other nodes."""
+    reel: float
+    """Cable on a drum or a sector per radian [m/rad]."""
+    length: float
+    """Length of a sheath [m]."""
     arc_reference: float
-    """For an end: direction of its element in the reference pose [rad]."""
-    arc_angle: float
     """For a pulley: wrap in the reference pose [rad]; the wrap is continuous within half a turn of
-    it.  For an end with a radius, which winds cable as its frame turns: angle of the frame in the
-    reference pose [rad], with the sign that makes the arc 0 there."""
+    it.  For an end that winds cable: angle of its tangent point in the reference pose, plus
+    ``turn_reference`` [rad]."""
+    turn_reference: float
+    """For an end: turn of its frame about its axis in the reference pose [rad]."""
 
 
 class Pose:
     """Pose of a frame in the base."""
 
-    x: float
-    """Origin [m]."""
-    y: float
-    """Origin [m]."""
-    angle: float
-    """[rad]."""
+    rotation: Vector
+    """By rows, shape (9,)."""
+    origin: Vector
+    """[m], shape (3,)."""
 
 
 class Twist:
     """Velocity of a frame per unit of a joint's velocity."""
 
-    turn: float
-    """Angular velocity [-]."""
-    x: float
-    """Velocity of the base's origin, as if it moved with the frame [m]."""
-    y: float
-    """Velocity of the base's origin, as if it moved with the frame [m]."""
+    angular: Vector
+    """[-], shape (3,)."""
+    linear: Vector
+    """Velocity of the base's origin, as if it moved with the frame [m], shape (3,)."""
+
+
+class Touch:
+    """Contact of a cable with a node in one pose."""
+
+    centre: Vector
+    """In the base [m], shape (3,)."""
+    basis: Vector
+    """Unit vectors of the node's own axes in the base, one by row, shape (9,)."""
+    entry: Vector
+    """First point of contact in the base [m], shape (3,)."""
+    exit: Vector
+    """Last point of contact in the base [m], shape (3,)."""
+    before: Vector
+    """Point from which the cable comes, in the node's own axes [m], shape (3,)."""
+    after: Vector
+    """Point to which the cable goes, in the node's own axes [m], shape (3,)."""
+    side: Vector
+    """Point on the side that the cable passes, in the node's own axes [m], shape (3,)."""
+    normal: Vector
+    """Axis of the arc in the node's own axes, shape (3,)."""
+    entry_normal: Vector
+    """Unit vector to the first point of contact, normal to the axis of the arc, shape (3,)."""
+    exit_normal: Vector
+    """Unit vector to the last point of contact, normal to the axis of the arc, shape (3,); for a
+    swivel pulley, the direction of its plane."""
+    before_length: float
+    """Free length before the contact, in the plane of the arc [m]."""
+    after_length: float
+    """Free length after the contact, in the plane of the arc [m]."""
+    sense: float
+    """+1: the cable goes round ``normal`` counter-clockwise, -1: clockwise."""
+    touching: float
+    """1 where the cable touches the node, otherwise 0."""
+    angle: float
+    """Angle of the arc about its axis [rad]."""
+    wrap: float
+    """Angle through which the cable turns at the node [rad]."""
+    arc: float
+    """Length of cable on the node [m]."""
+    share: float
+    """If the cable does not touch: position of the node along the straight line past it [-]."""
+    twisted: float
+    """Turn of the frame of an end about its axis by all joints [rad]."""
+    wound: float
+    """Angle of cable that the motor of an end has wound in since the reference pose [rad]."""
+    lever: float
+    """Of an end that winds cable: moment of the cable about its axis per newton [m], (E27)."""
+
+
+class ArcMiddle:
+    """Middle of an arc in the axes of its body, from which its motion along the cable follows."""
+
+    normal: Vector
+    """Unit vector from the axis, of a sphere from the centre, to the middle, shape (3,)."""
+    tangent: Vector
+    """Direction of the cable there, shape (3,): a unit vector, on a ring the mean of both units; 0
+    where the cable does not touch the body."""
+    height: float
+    """Along the axis of a cylinder [m]; 0 for other bodies."""
 
 
 class Cubic:
@@ -110,11 +188,25 @@ class Cubic:
 
 
 FRAME_PLAN: Final = record_type(FramePlan)
-FRAME: Final = record_type(FrameNumbers)
+FRAME: Final = record_type(FrameNumbers, origin=3, rotation=9, axis=3)
 NODE_PLAN: Final = record_type(NodePlan)
-NODE: Final = record_type(NodeNumbers)
-POSE: Final = record_type(Pose)
-TWIST: Final = record_type(Twist)
+NODE: Final = record_type(NodeNumbers, centre=3, basis=9, exit=3)
+POSE: Final = record_type(Pose, rotation=9, origin=3)
+TWIST: Final = record_type(Twist, angular=3, linear=3)
+TOUCH: Final = record_type(
+    Touch,
+    centre=3,
+    basis=9,
+    entry=3,
+    exit=3,
+    before=3,
+    after=3,
+    side=3,
+    normal=3,
+    entry_normal=3,
+    exit_normal=3,
+)
+ARC_MIDDLE: Final = record_type(ArcMiddle, normal=3, tangent=3)
 CUBIC: Final = record_type(Cubic)
 
 

@@ -27,16 +27,6 @@ from cdrj_ros.model.geometry import (
 )
 from cdrj_ros.model.parts import rows
 from cdrj_ros.model.records import Rows, record_type, words
-from cdrj_ros.model.spatial_records import (
-    SPATIAL_FRAME,
-    SPATIAL_FRAME_PLAN,
-    SPATIAL_NODE,
-    SPATIAL_NODE_PLAN,
-    SpatialFrameNumbers,
-    SpatialFramePlan,
-    SpatialNodeNumbers,
-    SpatialNodePlan,
-)
 from cdrj_ros.robot.description import TABLE_INTERVALS
 
 Vector = NDArray[np.float64]
@@ -54,13 +44,11 @@ class Sizes(NamedTuple):
     contacts: int
     """Contact cells of all pulleys."""
     frames: int
+    """0 for a robot without positions."""
     nodes: int
+    """Of all cables; 0 for a robot without positions."""
     terms: int
     """Tabulated functions of a joint angle that are added to a span or a wrap."""
-    spatial_frames: int
-    """0 for a robot described in the plane."""
-    spatial_nodes: int
-    """As ``nodes``, or 0 for a robot described in the plane."""
     drums: int
     """Ends of cables that take up cable: drums and sectors."""
     surfaces: int = 0
@@ -81,7 +69,7 @@ class CablePlan:
     law: int
     """Code of the friction law of all its pulleys."""
     routed: int
-    """``PLANAR`` or ``SPATIAL`` where lengths and wraps follow from positions, otherwise 0."""
+    """1 where lengths and wraps follow from positions, 0 where tables give them."""
 
 
 class EndPlan:
@@ -210,9 +198,6 @@ MOTOR: Final = record_type(MotorNumbers)
 JOINT: Final = record_type(JointNumbers)
 AXIS: Final = record_type(AxisNumbers)
 
-PLANAR: Final = 1
-SPATIAL: Final = 2
-
 _SIZES: Final = len(Sizes._fields)
 _CABLE_PLAN, _END_PLAN, _PULLEY_PLAN = words(CABLE_PLAN), words(END_PLAN), words(PULLEY_PLAN)
 _FRAME_PLAN, _NODE_PLAN, _TERM_PLAN = words(FRAME_PLAN), words(NODE_PLAN), words(TERM_PLAN)
@@ -220,8 +205,6 @@ _CABLE, _END, _PULLEY, _ELEMENT = words(CABLE), words(END), words(PULLEY), words
 _SEGMENT = words(SEGMENT_NUMBERS)
 _FRAME, _NODE, _MOTOR, _JOINT = words(FRAME), words(NODE), words(MOTOR), words(JOINT)
 _AXIS, _TABLE = words(AXIS), words(CUBIC) * TABLE_INTERVALS
-_SPATIAL_FRAME_PLAN, _SPATIAL_NODE_PLAN = words(SPATIAL_FRAME_PLAN), words(SPATIAL_NODE_PLAN)
-_SPATIAL_FRAME, _SPATIAL_NODE = words(SPATIAL_FRAME), words(SPATIAL_NODE)
 
 
 class Plan(NamedTuple):
@@ -232,12 +215,9 @@ class Plan(NamedTuple):
     ends: Rows[EndPlan]
     """Shape (2 cables,); cable c has its first end at 2 c and its last end at 2 c + 1."""
     pulleys: Rows[PulleyPlan]
+    terms: Rows[TermPlan]
     frames: Rows[FramePlan]
     nodes: Rows[NodePlan]
-    """Of all cables, shape (nodes,)."""
-    terms: Rows[TermPlan]
-    spatial_frames: Rows[SpatialFramePlan]
-    spatial_nodes: Rows[SpatialNodePlan]
 
 
 class Numbers(NamedTuple):
@@ -249,71 +229,59 @@ class Numbers(NamedTuple):
     pulleys: Rows[PulleyNumbers]
     elements: Rows[ElementNumbers]
     segments: Rows[SegmentNumbers]
-    frames: Rows[FrameNumbers]
-    nodes: Rows[NodeNumbers]
     motors: Rows[MotorNumbers]
     joints: Rows[JointNumbers]
     axes: Rows[AxisNumbers]
     """All motors, then all joints."""
     tables: Rows[Cubic]
     """``TABLE_INTERVALS`` cubics for every term, shape (terms * TABLE_INTERVALS,)."""
-    spatial_frames: Rows[SpatialFrameNumbers]
-    spatial_nodes: Rows[SpatialNodeNumbers]
+    frames: Rows[FrameNumbers]
+    nodes: Rows[NodeNumbers]
 
 
-def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int, int, int]:
+def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int]:
     """Where each part of a plan ends, in the order of ``Plan``."""
     cables = _SIZES + sizes.cables * _CABLE_PLAN
     ends = cables + 2 * sizes.cables * _END_PLAN
     pulleys = ends + sizes.pulleys * _PULLEY_PLAN
-    frames = pulleys + sizes.frames * _FRAME_PLAN
+    terms = pulleys + sizes.terms * _TERM_PLAN
+    frames = terms + sizes.frames * _FRAME_PLAN
     nodes = frames + sizes.nodes * _NODE_PLAN
-    terms = nodes + sizes.terms * _TERM_PLAN
-    spatial_frames = terms + sizes.spatial_frames * _SPATIAL_FRAME_PLAN
-    spatial_nodes = spatial_frames + sizes.spatial_nodes * _SPATIAL_NODE_PLAN
-    return cables, ends, pulleys, frames, nodes, terms, spatial_frames, spatial_nodes
+    return cables, ends, pulleys, terms, frames, nodes
 
 
 def plan_views(plan: Indices) -> Plan:
     """Named views of the parts of a plan."""
-    sizes = Sizes(
-        plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6], plan[7], plan[8], plan[9],
-        plan[10], plan[11], plan[12],
-    )  # fmt: skip
-    cables, ends, pulleys, frames, nodes, terms, spatial_frames, spatial_nodes = _plan_ends(sizes)
+    sizes = Sizes(*plan[:_SIZES].tolist())
+    cables, ends, pulleys, terms, frames, nodes = _plan_ends(sizes)
     return Plan(
         sizes,
         rows(plan, _SIZES, cables, CABLE_PLAN),
         rows(plan, cables, ends, END_PLAN),
         rows(plan, ends, pulleys, PULLEY_PLAN),
-        rows(plan, pulleys, frames, FRAME_PLAN),
+        rows(plan, pulleys, terms, TERM_PLAN),
+        rows(plan, terms, frames, FRAME_PLAN),
         rows(plan, frames, nodes, NODE_PLAN),
-        rows(plan, nodes, terms, TERM_PLAN),
-        rows(plan, terms, spatial_frames, SPATIAL_FRAME_PLAN),
-        rows(plan, spatial_frames, spatial_nodes, SPATIAL_NODE_PLAN),
     )
 
 
 def _number_ends(
     sizes: Sizes,
-) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int]:
+) -> tuple[int, int, int, int, int, int, int, int, int, int, int]:
     """Where each part of the numbers ends, in the order of ``Numbers``."""
     cables = sizes.cables * _CABLE
     ends = cables + 2 * sizes.cables * _END
     pulleys = ends + sizes.pulleys * _PULLEY
     elements = pulleys + sizes.elements * _ELEMENT
     segments = elements + (sizes.contacts + sizes.cables) * _SEGMENT
-    frames = segments + sizes.frames * _FRAME
-    nodes = frames + sizes.nodes * _NODE
-    motors = nodes + sizes.motors * _MOTOR
+    motors = segments + sizes.motors * _MOTOR
     joints = motors + sizes.joints * _JOINT
     axes = joints + (sizes.motors + sizes.joints) * _AXIS
     tables = axes + sizes.terms * _TABLE
-    spatial_frames = tables + sizes.spatial_frames * _SPATIAL_FRAME
-    spatial_nodes = spatial_frames + sizes.spatial_nodes * _SPATIAL_NODE
+    frames = tables + sizes.frames * _FRAME
+    nodes = frames + sizes.nodes * _NODE
     return (
-        cables, ends, pulleys, elements, segments, frames, nodes, motors, joints, axes, tables,
-        spatial_frames, spatial_nodes,
+        cables, ends, pulleys, elements, segments, motors, joints, axes, tables, frames, nodes,
     )  # fmt: skip
 
 
@@ -326,8 +294,7 @@ def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
             same first axis.
     """
     (
-        cables, ends, pulleys, elements, segments, frames, nodes, motors, joints, axes, tables,
-        spatial_frames, spatial_nodes,
+        cables, ends, pulleys, elements, segments, motors, joints, axes, tables, frames, nodes,
     ) = _number_ends(sizes)  # fmt: skip
     return Numbers(
         rows(numbers, 0, cables, CABLE),
@@ -335,14 +302,12 @@ def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
         rows(numbers, ends, pulleys, PULLEY),
         rows(numbers, pulleys, elements, ELEMENT),
         rows(numbers, elements, segments, SEGMENT_NUMBERS),
-        rows(numbers, segments, frames, FRAME),
-        rows(numbers, frames, nodes, NODE),
-        rows(numbers, nodes, motors, MOTOR),
+        rows(numbers, segments, motors, MOTOR),
         rows(numbers, motors, joints, JOINT),
         rows(numbers, joints, axes, AXIS),
         rows(numbers, axes, tables, CUBIC),
-        rows(numbers, tables, spatial_frames, SPATIAL_FRAME),
-        rows(numbers, spatial_frames, spatial_nodes, SPATIAL_NODE),
+        rows(numbers, tables, frames, FRAME),
+        rows(numbers, frames, nodes, NODE),
     )
 
 

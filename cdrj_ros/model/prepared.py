@@ -15,8 +15,6 @@ from cdrj_ros.model.division import divided
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.filling import pack
 from cdrj_ros.model.packing import (
-    PLANAR,
-    SPATIAL,
     Sizes,
     number_views,
     plan_views,
@@ -30,7 +28,7 @@ from cdrj_ros.model.state import (
     scratch_views,
     state_size,
 )
-from cdrj_ros.robot.description import Robot, Winch
+from cdrj_ros.robot.description import Node, Robot, Winch
 
 Vector = NDArray[np.float64]
 
@@ -182,8 +180,10 @@ def _at_rest(robot: Robot) -> tuple[Model, Shape]:
     rest, views = placed(model, reference)
     if not rest.possible:
         raise RobotFileError(_impossible(model, reference, rest))
-    if any(cable.routed or cable.spatial for cable in robot.cables):
-        _set_routed_references(model, views, reference)
+    for c, cable in enumerate(robot.cables):
+        if cable.routed or cable.spatial:
+            _set_references(model, c, views, reference)
+    if model.sizes.frames:
         rest = shape_at(model, reference)
     return model, rest
 
@@ -275,39 +275,22 @@ def _layout(robot: Robot, rows: Any, sizes: Sizes) -> Layout:
     )
 
 
-def _set_routed_references(model: Model, rest: ScratchViews, reference: Vector) -> None:
-    """Set the reference wraps of pulleys and the reference directions of ends of routed cables."""
-    plan, numbers = plan_views(model.plan), number_views(model.sizes, model.numbers)
-    for c in range(len(plan.cables)):
-        cable = plan.cables[c]
-        if cable.routed == SPATIAL:
-            _set_spatial_references(model, c, rest, reference)
-        if cable.routed != PLANAR:
-            continue
-        for k in range(cable.pulleys):
-            numbers.nodes[cable.first_node + 1 + k].arc_angle = rest.wrap[cable.first_pulley + k]
-        for k in (0, cable.elements):
-            node = cable.first_node + k
-            x, y, _ = rest.direction[cable.first_element + max(k - 1, 0)]
-            turned = rest.pose[plan.nodes[node].frame].angle
-            circle = numbers.nodes[node]
-            circle.arc_reference = np.arctan2(y, x)
-            circle.arc_angle = circle.turn * (turned if k == 0 else -turned)
+def _set_references(model: Model, c: int, rest: ScratchViews, reference: Vector) -> None:
+    """Set the wraps and angles in the reference pose of a cable given by positions.
 
-
-def _set_spatial_references(model: Model, c: int, rest: ScratchViews, reference: Vector) -> None:
-    """As ``_set_routed_references``, for one cable in space; then its drums begin to wander."""
+    Then its drums begin to wander.
+    """
     plan = plan_views(model.plan)
-    nodes: Any = number_views(model.sizes, model.numbers).spatial_nodes
+    nodes: Any = number_views(model.sizes, model.numbers).nodes
     touches: Any = rest.touches
-    twists: Any = rest.spatial_twist
+    twists: Any = rest.twist
     first = plan.cables[c].first_node
     last = first + plan.cables[c].elements
     inner = slice(first + 1, last)
     nodes["arc_reference"][inner] = touches["angle"][inner]
     for place, k in ((first, 0), (last, -1)):
         end = model.robot.cables[c].nodes[k]
-        angular = twists["angular"][plan.spatial_nodes[place].frame]
+        angular = twists["angular"][plan.nodes[place].frame]
         turn = float(reference @ (angular @ touches["basis"][place, 6:9]))
         nodes["turn_reference"][place] = turn
         nodes["arc_reference"][place] = touches["angle"][place] + turn
@@ -367,6 +350,8 @@ def _are_possible(model: Model, joint_angles: NDArray[np.float64]) -> NDArray[np
 def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
     """Error message of one line that names the impossible node or element and the joint angles."""
     robot, first_node = model.robot, 0
+    touches: Any = placed(model, angle)[1].touches
+    centres = touches["centre"]
     angles = [f"{joint.name} = {a:.4g}" for joint, a in zip(robot.joints, angle, strict=True)]
     more = ", ..." if len(angles) > NAMED_ANGLES else ""
     where = f" at {', '.join(angles[:NAMED_ANGLES])}{more}" if angles else ""
@@ -376,9 +361,10 @@ def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
             reason = spatial_reason(cable, k, first_node, placed(model, angle)[1])
             if reason:
                 return f"{reason}{where} ({robot.source})"
-        first_node += len(cable.nodes)
-        for e in range(len(cable.nodes) - 1):
-            if cable.routed and not np.all(np.isfinite(shape.direction[element + e])):
+        for e in range(len(cable.nodes) - 1 if cable.routed else 0):
+            if not _have_tangent(
+                cable.nodes[e], cable.nodes[e + 1], *centres[first_node + e :][:2]
+            ):
                 return (
                     f"cables[{k}].nodes[{e}] and nodes[{e + 1}] ({cable.name}) have no common "
                     f"tangent{where}: one circle lies inside the other, or both overlap where the "
@@ -399,6 +385,15 @@ def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
                     f"cables[{k}]: element {cable.name}/{e + 1} has the length {length:.4g} m"
                     f"{where}; it must be positive ({robot.source})"
                 )
+        first_node += len(cable.nodes)
         element += len(cable.nodes) - 1
         pulley += len(cable.nodes) - 2
     return f"the geometry is impossible{where} ({robot.source})"
+
+
+def _have_tangent(one: Node, other: Node, centre: Vector, other_centre: Vector) -> bool:
+    """Whether two nodes in the plane have a common tangent (E4)."""
+    assert one.place is not None
+    assert other.place is not None
+    offset = other.place.turn * other.radius - one.place.turn * one.radius
+    return float(np.linalg.norm(other_centre - centre)) > abs(offset)

@@ -13,27 +13,16 @@ from numpy.typing import NDArray
 
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT, Contact, Segment
 from cdrj_ros.model.drum import DRUM, Drum
-from cdrj_ros.model.geometry import POSE, TWIST, Pose, Twist
+from cdrj_ros.model.geometry import ARC_MIDDLE, POSE, TOUCH, TWIST, ArcMiddle, Pose, Touch, Twist
 from cdrj_ros.model.packing import Sizes
 from cdrj_ros.model.parts import grid, part, rows, table
 from cdrj_ros.model.records import Grid, Rows, words
-from cdrj_ros.model.spatial_records import (
-    ARC_MIDDLE,
-    SPATIAL_POSE,
-    SPATIAL_TWIST,
-    TOUCH,
-    ArcMiddle,
-    SpatialPose,
-    SpatialTwist,
-    Touch,
-)
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 _DRUM, _SEGMENT, _CONTACT = words(DRUM), words(SEGMENT), words(CONTACT)
-_POSE, _TWIST = words(POSE), words(TWIST)
-_SPATIAL_POSE, _SPATIAL_TWIST, _TOUCH = words(SPATIAL_POSE), words(SPATIAL_TWIST), words(TOUCH)
+_POSE, _TWIST, _TOUCH = words(POSE), words(TWIST), words(TOUCH)
 _ARC_MIDDLE = words(ARC_MIDDLE)
 
 
@@ -70,7 +59,7 @@ class StateViews(NamedTuple):
     drums: Rows[Drum]
     """Of every end that takes up cable, shape (drums,); see ``EndPlan.drum``."""
     middles: Rows[ArcMiddle]
-    """Of every node of a robot described in space, shape (spatial_nodes,)."""
+    """Of every node, shape (nodes,)."""
 
 
 class EstimateViews(NamedTuple):
@@ -120,7 +109,7 @@ class ScratchViews(NamedTuple):
     pose [m], shape (2 cables,)."""
     middle: Vector
     """Place of the middle of every arc along its body [m], up to a constant and whole turns, shape
-    (pulleys,); unused where the cable runs in space."""
+    (pulleys,); only where it is given by tables."""
     segments: Rows[Segment]
     contacts: Rows[Contact]
     """Of every pulley, shape (pulleys,)."""
@@ -128,12 +117,8 @@ class ScratchViews(NamedTuple):
     """Of every frame, shape (frames,)."""
     twist: Grid[Twist]
     """Of every frame by every joint, shape (frames, joints)."""
-    spatial_pose: Rows[SpatialPose]
-    """Of every frame in space, shape (spatial_frames,)."""
-    spatial_twist: Grid[SpatialTwist]
-    """Of every frame in space by every joint, shape (spatial_frames, joints)."""
     touches: Rows[Touch]
-    """Of every node of a robot described in space, shape (spatial_nodes,)."""
+    """Of every node, shape (nodes,)."""
     middles: Rows[ArcMiddle]
     """Of the same nodes."""
     history: Vector
@@ -158,7 +143,7 @@ def _state_ends(
     angle = covered + sizes.motors + sizes.joints
     bearing_friction = angle + sizes.motors + sizes.joints
     drums = bearing_friction + sizes.drums * _DRUM
-    middles = drums + sizes.spatial_nodes * _ARC_MIDDLE
+    middles = drums + sizes.nodes * _ARC_MIDDLE
     return (
         length, material, delayed, bristle, slip_speed, lagged_speed, place, track, covered,
         angle, bearing_friction, drums, middles,
@@ -236,7 +221,7 @@ def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
 
 def _scratch_ends(
     sizes: Sizes,
-) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
+) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
     """Where each part of the scratch ends, in the order of ``ScratchViews``."""
     element_length = sizes.elements
     lever_arm = element_length + sizes.elements * sizes.joints
@@ -249,27 +234,25 @@ def _scratch_ends(
     contacts = segments + sizes.contacts * _CONTACT
     pose = contacts + sizes.frames * _POSE
     twist = pose + sizes.frames * sizes.joints * _TWIST
-    spatial_pose = twist + sizes.spatial_frames * _SPATIAL_POSE
-    spatial_twist = spatial_pose + sizes.spatial_frames * sizes.joints * _SPATIAL_TWIST
-    touches = spatial_twist + sizes.spatial_nodes * _TOUCH
-    middles = touches + sizes.spatial_nodes * _ARC_MIDDLE
+    touches = twist + sizes.nodes * _TOUCH
+    middles = touches + sizes.nodes * _ARC_MIDDLE
     history = middles + (state_size(sizes) if sizes.surfaces > 0 else 0)
     return (
         element_length, lever_arm, direction, wrap, arc, laid, middle, segments, contacts,
-        pose, twist, spatial_pose, spatial_twist, touches, middles, history,
+        pose, twist, touches, middles, history,
     )  # fmt: skip
 
 
 def scratch_size(sizes: Sizes) -> int:
     """Floats of the scratch."""
-    return _scratch_ends(sizes)[15]
+    return _scratch_ends(sizes)[13]
 
 
 def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
     """Named views of the parts of the scratch, shape (scratch_size,)."""
     (
         element_length, lever_arm, direction, wrap, arc, laid, middle, segments, contacts,
-        pose, twist, spatial_pose, spatial_twist, touches, middles, history,
+        pose, twist, touches, middles, history,
     ) = _scratch_ends(sizes)  # fmt: skip
     return ScratchViews(
         part(scratch, 0, element_length),
@@ -283,9 +266,7 @@ def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
         rows(scratch, segments, contacts, CONTACT),
         rows(scratch, contacts, pose, POSE),
         grid(scratch, pose, sizes.frames, sizes.joints, TWIST),
-        rows(scratch, twist, spatial_pose, SPATIAL_POSE),
-        grid(scratch, spatial_pose, sizes.spatial_frames, sizes.joints, SPATIAL_TWIST),
-        rows(scratch, spatial_twist, touches, TOUCH),
+        rows(scratch, twist, touches, TOUCH),
         rows(scratch, touches, middles, ARC_MIDDLE),
         part(scratch, middles, history),
     )

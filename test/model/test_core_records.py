@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cdrj_ros.model import cable_records, drum, geometry, packing, spatial_records
+from cdrj_ros.model import cable_records, drum, geometry, packing
 
 CORE = Path(packing.__file__).parents[1] / "core"
 WORDS = {"Vector3": 3, "Matrix3": 9, "std::array<double, CAPACITY>": drum.CAPACITY}
@@ -20,8 +20,6 @@ RECORDS: dict[str, Any] = {
     "TermTopology": packing.TERM_PLAN,
     "FrameTopology": geometry.FRAME_PLAN,
     "NodeTopology": geometry.NODE_PLAN,
-    "SpatialFrameTopology": spatial_records.SPATIAL_FRAME_PLAN,
-    "SpatialNodeTopology": spatial_records.SPATIAL_NODE_PLAN,
     "CableConstants": packing.CABLE,
     "EndConstants": packing.END,
     "PulleyConstants": cable_records.PULLEY,
@@ -33,17 +31,13 @@ RECORDS: dict[str, Any] = {
     "JointConstants": packing.JOINT,
     "AxisConstants": packing.AXIS,
     "Cubic": geometry.CUBIC,
-    "SpatialFrameConstants": spatial_records.SPATIAL_FRAME,
-    "SpatialNodeConstants": spatial_records.SPATIAL_NODE,
     "Drum": drum.DRUM,
-    "ArcMiddle": spatial_records.ARC_MIDDLE,
+    "ArcMiddle": geometry.ARC_MIDDLE,
     "Segment": cable_records.SEGMENT,
     "Contact": cable_records.CONTACT,
     "Pose": geometry.POSE,
     "Twist": geometry.TWIST,
-    "SpatialPose": spatial_records.SPATIAL_POSE,
-    "SpatialTwist": spatial_records.SPATIAL_TWIST,
-    "Touch": spatial_records.TOUCH,
+    "Touch": geometry.TOUCH,
 }
 
 

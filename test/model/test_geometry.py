@@ -11,11 +11,12 @@ import pytest
 from model.element_law import law_and_measured
 from scipy.interpolate import PchipInterpolator
 
-from cdrj_ros._core import tangent
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, Shape, prepare, shape_at
 from cdrj_ros.robot.description import MovingEnd, Node, Pulley, Robot
 from cdrj_ros.robot.reader import parse_robot
+
+Circle = tuple[float, float, float]
 
 HEAD = """
 name: hand
@@ -38,6 +39,21 @@ def routed(nodes: str, joints: str = "", frames: str = "") -> Model:
 
 def still(nodes: str) -> Shape:
     return shape_at(routed(nodes), np.zeros(0))
+
+
+def tangent(one: Circle, other: Circle) -> tuple[float, float]:
+    """Length and direction of a cable from one sector to another, in the reference pose.
+
+    A circle has its centre and its radius [m], negative where the cable goes round clockwise.
+    """
+    sectors = []
+    for x, y, radius in (map(float, one), map(float, other)):
+        turn = "ccw" if radius > 0 else "cw"
+        sectors.append(
+            f"{{type: anchor, position: [{x}, {y}], radius: {abs(radius)}, turn: {turn}}}"
+        )
+    shape = still("\n".join(sectors))
+    return shape.length[0], atan2(shape.direction[0, 1], shape.direction[0, 0])
 
 
 def test_open_tangent_of_equal_circles_is_as_long_as_their_distance() -> None:
@@ -64,15 +80,25 @@ def test_a_tangent_touches_both_circles_at_right_angles() -> None:
     for _ in range(200):
         c1, c2 = generator.normal(size=2), generator.normal(size=2) + 6.0
         r1, r2 = generator.uniform(-1.5, 1.5, 2)
-        length, angle = tangent((c1[0], c1[1], r1), (c2[0], c2[1], r2))
+        length, angle = tangent((*c1, r1), (*c2, r2))
         along = np.array([cos(angle), sin(angle)])
         right = np.array([sin(angle), -cos(angle)])  # counter-clockwise: the centre is on the left
         np.testing.assert_allclose(c1 + r1 * right + length * along, c2 + r2 * right, atol=1e-12)
 
 
 @pytest.mark.parametrize("radii", [(1.0, 4.0), (-2.0, 1.5), (1.0, 4.2), (3.0, -0.001)])
-def test_circles_without_a_common_tangent_give_no_length(radii: tuple[float, float]) -> None:
-    assert np.isnan(tangent((0.0, 0.0, radii[0]), (3.0, 0.0, radii[1]))[0])
+def test_circles_without_a_common_tangent_are_refused(radii: tuple[float, float]) -> None:
+    with pytest.raises(RobotFileError, match="no common tangent"):
+        tangent((0.0, 0.0, radii[0]), (3.0, 0.0, radii[1]))
+
+
+def test_overlapping_circles_that_turn_alike_have_a_common_tangent() -> None:
+    generator = np.random.default_rng(2)
+    for _ in range(200):
+        r1, r2 = generator.uniform(0.5, 1.5, 2)
+        apart = abs(r2 - r1) + generator.uniform(0.01, 1.0) * (r1 + r2 - abs(r2 - r1))
+        length, _ = tangent((0.0, 0.0, r1), (apart, 0.0, r2))
+        assert length == pytest.approx(sqrt(apart**2 - (r2 - r1) ** 2), rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,17 @@
-// The path of one cable in space.
+// The path of one cable.
 //
 // The points of contact of neighbouring round bodies depend on each other. Sweeps along the cable
 // recompute each node from the points of its neighbours until no point moves any more. A point that
 // moves along a tangent does not move the tangent, so two circles in a plane converge quadratically.
 // The result depends on the pose alone, not on the samples before it. docs/geometry.md, section 3.
-#include "space.hpp"
+#include "route.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "angles.hpp"
+#include "frames.hpp"
 #include "guide.hpp"
 
 namespace cdrj {
@@ -28,18 +29,16 @@ constexpr double ACCEPTED = 1e-12;
 /// Smallest distance of neighbouring nodes along a line that misses some, over its length [-].
 constexpr double LEAST_SHARE = 1e-3;
 
+/// Sine of an angle between two axes that count as parallel.
+constexpr double PARALLEL = 1e-12;
+
 /// Chord of the unit circle below which two terms of a series give the arc to rounding.
 constexpr double SMALL_CHORD = 1e-4;
 
-/// Velocity of a point that moves with a frame; both vectors are in the base (G1).
-Vector3 velocity_of(const SpatialTwist& twist, const Vector3& point) {
-    return twist.linear + cross(twist.angular, point);
-}
-
 /// One cable with its nodes; the first and the last are its ends.
 struct Path {
-    std::span<const SpatialNodeTopology> plans;
-    std::span<const SpatialNodeConstants> nodes;
+    std::span<const NodeTopology> plans;
+    std::span<const NodeConstants> nodes;
     std::span<Touch> touches;
 
     Index last() const { return static_cast<Index>(nodes.size()) - 1; }
@@ -55,13 +54,36 @@ struct Path {
     bool winds(Index k) const { return plans[k].kind == Guide::pulley; }
 };
 
+/// (E4): where the common tangent of two pulleys with parallel axes leaves one and meets the other.
+///
+/// With h = sigma2 r2 - sigma1 r1, the line turns from that of the centres by -gamma, sin gamma = h / D.
+/// The points stay as they are where there is no such tangent.
+void start_on_tangent(
+    const NodeConstants& one, Touch& from, const NodeConstants& other, Touch& to) {
+    const Vector3 axis = axis_of(from.basis), far_axis = axis_of(to.basis);
+    if (norm(cross(axis, far_axis)) > PARALLEL) return;
+    const Vector3 way = to.centre - from.centre;
+    const Vector3 across = combined(1.0, way, -dot(way, axis), axis);
+    const double r1 = one.turn * one.radius;
+    const double r2 = other.turn * other.radius * (dot(axis, far_axis) > 0.0 ? 1.0 : -1.0);
+    const double h = r2 - r1, square = dot(across, across);
+    if (!(square > h * h)) return;
+    const double length = std::sqrt(square - h * h);
+    const Vector3 unit = combined(length / square, across, -h / square, cross(axis, across));
+    const Vector3 right = cross(unit, axis);
+    from.exit = from.centre + r1 * right;
+    to.entry = to.centre + r2 * right;
+}
+
 /// Place all nodes in the base, with contact at the centres; returns the cable's size [m].
-double place_nodes(const Path& path, std::span<const SpatialPose> poses) {
+///
+/// Neighbouring pulleys with parallel axes already have their points of contact.
+double place_nodes(const Path& path, std::span<const Pose> poses) {
     double size = 0.0;
     for (Index k = 0; k <= path.last(); ++k) {
-        const SpatialNodeTopology& plan = path.plans[k];
-        const SpatialNodeConstants& node = path.nodes[k];
-        const SpatialPose& pose = poses[plan.frame];
+        const NodeTopology& plan = path.plans[k];
+        const NodeConstants& node = path.nodes[k];
+        const Pose& pose = poses[plan.frame];
         Touch& touch = path.touches[k];
         const Vector3 centre = pose.origin + rotated(pose.rotation, node.centre);
         touch.centre = touch.entry = touch.exit = centre;
@@ -70,7 +92,7 @@ double place_nodes(const Path& path, std::span<const SpatialPose> poses) {
         touch.share = 0.0;
         touch.normal = Z_AXIS;
         if (plan.kind == Guide::sheath) {
-            const SpatialPose& far = poses[plan.exit_frame];
+            const Pose& far = poses[plan.exit_frame];
             touch.exit = far.origin + rotated(far.rotation, node.exit);
             touch.arc = node.length;
         } else if (plan.kind != Guide::point) {
@@ -83,24 +105,29 @@ double place_nodes(const Path& path, std::span<const SpatialPose> poses) {
                 touch.basis.row[3 * i + 2] = turned.z;
             }
             if (node.sided == 1.0) {
-                const SpatialPose& far = poses[plan.exit_frame];
+                const Pose& far = poses[plan.exit_frame];
                 const Vector3 point = far.origin + rotated(far.rotation, node.exit);
                 touch.side = rotated(touch.basis, point - centre);
             }
         }
-        if (k > 0) size += norm(centre - path.touches[k - 1].centre) + node.radius;
+        if (k == 0) continue;
+        Touch& before = path.touches[k - 1];
+        size += norm(centre - before.centre) + node.radius;
+        if (plan.kind == Guide::pulley && path.plans[k - 1].kind == Guide::pulley) {
+            start_on_tangent(path.nodes[k - 1], before, node, touch);
+        }
     }
     return size;
 }
 
 /// Turn of an end's frame about its axis by all joints [rad]; exact for parallel axes.
 double turn_of_frame(
-    Index frame, const Grid<SpatialTwist>& twists, const Touch& touch,
+    Index frame, const Grid<Twist>& twists, const Touch& touch,
     std::span<const double> joint_angle) {
     const Vector3 axis = axis_of(touch.basis);
     double turned = 0.0;
     for (std::size_t j = 0; j < joint_angle.size(); ++j) {
-        const SpatialTwist& twist = twists(frame, static_cast<Index>(j));
+        const Twist& twist = twists(frame, static_cast<Index>(j));
         turned += dot(axis, twist.angular) * joint_angle[j];
     }
     return turned;
@@ -109,7 +136,7 @@ double turn_of_frame(
 /// (G8): angle of cable that has come onto an end since the reference pose, its motor at rest [rad].
 ///
 /// `touch.twisted`, the turn of its frame, makes the result continuous over whole turns.
-double wound_angle(const SpatialNodeConstants& node, Touch& touch, bool first) {
+double wound_angle(const NodeConstants& node, Touch& touch, bool first) {
     const Vector3& normal = first ? touch.exit_normal : touch.entry_normal;
     touch.angle = std::atan2(normal.y, normal.x);
     double turned =
@@ -130,7 +157,7 @@ Sweep sweep(const Path& path) {
     const Index last = path.last();
     for (Index k = 0; k <= last; ++k) {
         if (is_fixed(path.plans[k].kind)) continue;
-        const SpatialNodeConstants& node = path.nodes[k];
+        const NodeConstants& node = path.nodes[k];
         Touch& touch = path.touches[k];
         const Vector3 centre = touch.centre;
         Vector3 came = k > 0 ? path.touches[path.neighbour(k, -1)].exit : centre;
@@ -235,93 +262,15 @@ bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) 
     return possible;
 }
 
-/// Add an angular velocity about a line in the base.
-void turn(SpatialTwist& twist, const Vector3& axis, const Vector3& origin) {
-    twist.angular = twist.angular + axis;
-    twist.linear = twist.linear + cross(origin, axis);
-}
-
-/// Turn a pose about a unit vector in its own axes.
-///
-/// Turning about the vector in the base would multiply rounding errors from joint to joint.
-void turn(SpatialPose& pose, const Vector3& axis, double angle) {
-    const double c = std::cos(angle), s = std::sin(angle);
-    const Vector3 first = rotated(pose.rotation, about(axis, c, s, {1.0, 0.0, 0.0}));
-    const Vector3 second = rotated(pose.rotation, about(axis, c, s, {0.0, 1.0, 0.0}));
-    const Vector3 third = rotated(pose.rotation, about(axis, c, s, {0.0, 0.0, 1.0}));
-    pose.rotation.row = {
-        first.x, second.x, third.x, first.y, second.y, third.y, first.z, second.z, third.z};
-}
-
-/// The product of two rotations.
-Matrix3 product(const Matrix3& left, const Matrix3& right) {
-    Matrix3 result{};
-    for (int i = 0; i < 3; ++i) {
-        for (int k = 0; k < 3; ++k) {
-            result.row[3 * i + k] = left.row[3 * i] * right.row[k] +
-                                    left.row[3 * i + 1] * right.row[3 + k] +
-                                    left.row[3 * i + 2] * right.row[6 + k];
-        }
-    }
-    return result;
-}
-
 }  // namespace
 
-void place_spatial_frames(
-    const Topology& topology, const Constants& constants, std::span<const double> joint_angle,
-    Workspace& work) {
-    for (Index f = 0; f < topology.sizes.spatial_frames; ++f) {
-        const SpatialFrameConstants& frame = constants.spatial_frames[f];
-        const auto [parent, motion, joint] = topology.spatial_frames[f];
-        SpatialPose& pose = work.spatial_pose[f];
-        Vector3 origin = frame.origin;
-        pose.rotation = frame.rotation;
-        if (parent >= 0) {
-            const SpatialPose& carrier = work.spatial_pose[parent];
-            pose.rotation = product(carrier.rotation, frame.rotation);
-            origin = carrier.origin + rotated(carrier.rotation, frame.origin);
-        }
-        for (Index j = 0; j < topology.sizes.joints; ++j) {
-            work.spatial_twist(f, j) =
-                parent >= 0 ? work.spatial_twist(parent, j) : SpatialTwist{ZERO, ZERO};
-        }
-        if (joint >= 0) {
-            const double q = frame.multiplier * joint_angle[joint] + frame.offset;
-            const Vector3 axis = rotated(pose.rotation, frame.axis);
-            const Vector3 rate = frame.multiplier * axis;
-            SpatialTwist& twist = work.spatial_twist(f, joint);
-            switch (motion) {
-                case Motion::fixed: break;
-                case Motion::revolute:
-                    turn(twist, rate, origin);
-                    turn(pose, frame.axis, q);
-                    break;
-                case Motion::prismatic:
-                    twist.linear = twist.linear + rate;
-                    origin = combined(1.0, origin, q, axis);
-                    break;
-                case Motion::rolling: {
-                    const Vector3 start = rotated(pose.rotation, {frame.rolling_radius, 0.0, 0.0});
-                    const Vector3 radius = about(axis, std::cos(q), std::sin(q), start);
-                    turn(twist, 2.0 * rate, origin + radius);
-                    origin = combined(1.0, origin, 2.0, radius);
-                    turn(pose, frame.axis, 2.0 * q);
-                    break;
-                }
-            }
-        }
-        pose.origin = origin;
-    }
-}
-
-bool route_in_space(
+bool route_cable(
     const Topology& topology, const Constants& constants, Index cable,
     std::span<const double> motor_angle, std::span<const double> joint_angle, Workspace& work) {
     const CableTopology& own = topology.cables[cable];
     const Path path{
-        topology.spatial_nodes.subspan(own.first_node, own.elements + 1),
-        constants.spatial_nodes.subspan(own.first_node, own.elements + 1),
+        topology.nodes.subspan(own.first_node, own.elements + 1),
+        constants.nodes.subspan(own.first_node, own.elements + 1),
         work.touches.subspan(own.first_node, own.elements + 1),
     };
     const Index last = path.last();
@@ -334,11 +283,11 @@ bool route_in_space(
             touch.wound = constants.ends[2 * cable + end].winding * turned;
         }
     }
-    const double size = place_nodes(path, work.spatial_pose);
+    const double size = place_nodes(path, work.pose);
     for (const Index k : {Index{0}, last}) {
         if (!path.winds(k)) continue;
         path.touches[k].twisted =
-            turn_of_frame(path.plans[k].frame, work.spatial_twist, path.touches[k], joint_angle);
+            turn_of_frame(path.plans[k].frame, work.twist, path.touches[k], joint_angle);
     }
     bool possible = find_path(path, size);
     possible = measure_cable(path, own, work) && possible;
@@ -370,13 +319,13 @@ bool route_in_space(
         // (E27): velocity along the cable of the point at which it arrives on a body, less that of the
         // point at which it has left one
         const Vector3 unit = along(e);
-        const SpatialNodeTopology& from = path.plans[e];
+        const NodeTopology& from = path.plans[e];
         const Index left = from.kind == Guide::sheath ? from.exit_frame : from.frame;
         for (Index j = 0; j < topology.sizes.joints; ++j) {
             const Vector3 arrives = velocity_of(
-                work.spatial_twist(path.plans[e + 1].frame, j), path.touches[e + 1].entry);
+                work.twist(path.plans[e + 1].frame, j), path.touches[e + 1].entry);
             const Vector3 leaves =
-                velocity_of(work.spatial_twist(left, j), path.touches[e].exit);
+                velocity_of(work.twist(left, j), path.touches[e].exit);
             work.lever_arm(own.first_element + e, j) = dot(unit, arrives - leaves);
         }
     }

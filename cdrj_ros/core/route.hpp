@@ -1,4 +1,6 @@
-// Lengths, wraps and lever arms of the cables in space. docs/geometry.md.
+// Lengths, wraps and lever arms of a cable given by positions. docs/geometry.md.
+//
+// A cable in the plane is one in space: its pulleys and drums lie at z = 0, their axes along z.
 #pragma once
 
 #include <span>
@@ -7,19 +9,11 @@
 
 namespace cdrj {
 
-/// Pose of every frame in space, and its velocity per joint (G1).
-///
-/// A rolling frame follows two equal circles as in the plane (5): it rolls about its z axis and
-/// starts on its x axis.
-void place_spatial_frames(
-    const Topology& topology, const Constants& constants, std::span<const double> joint_angle,
-    Workspace& work);
-
 /// Lengths, arcs, middles, directions and lever arms of one cable; false if its path is impossible.
 ///
 /// `motor_angle` [rad] may be empty, for drums at rest; only drums with a pitch depend on it. The
 /// wraps of sheaths are given, all others written.
-bool route_in_space(
+bool route_cable(
     const Topology& topology, const Constants& constants, Index cable,
     std::span<const double> motor_angle, std::span<const double> joint_angle, Workspace& work);
 
