@@ -25,7 +25,7 @@ from bench.processes import (
 )
 from bench.update import recorded_motion
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.estimation.ensemble import spread_columns
+from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.estimate_encoder import EstimateEncoder
@@ -164,7 +164,7 @@ def _write_answers(model: Model, folder: Path) -> None:
     )
     _, estimate = step(model, initial_state(model), reference)
     encoder = EstimateEncoder(model.layout, uncertain=True)
-    stddev = np.zeros(spread_columns(model.layout).size)
+    stddev = np.zeros(stddev_columns(model.layout).size)
     for name, message in encoder.encode(estimate, stddev)._asdict().items():
         (folder / name).write_bytes(message)
 

@@ -12,7 +12,7 @@ from bench.mjcf import mjcf
 from bench.reeving import lengths
 from cdrj_ros.bag import Topics
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.estimation.ensemble import Spread as Ensemble
+from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model

@@ -14,7 +14,7 @@ from friction_feedforward import FrictionFeedforward
 from keep_taut import KeepTaut
 from tension_limiter import TensionLimiter
 
-from cdrj_ros.estimation.other_numbers import with_other_numbers
+from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.rig.load import make_load
 

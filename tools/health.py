@@ -24,8 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.conditioning.samples import Sample  # noqa: E402
-from cdrj_ros.estimation.options import Options  # noqa: E402
-from cdrj_ros.estimation.session import LiveEstimator  # noqa: E402
+from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.health.monitor import HealthMonitor  # noqa: E402
 from cdrj_ros.model.joint import RollingLoad  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402

@@ -33,7 +33,7 @@ from standard_errors import (
 
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.settings import Settings
@@ -72,7 +72,7 @@ CAUSES: Final[Mapping[str, Kept]] = {
 
 def estimated(model: Model, samples: Samples, kept: Kept) -> tuple[Table, Table]:
     """Tensions and standard deviations [N] if only some quantities are unknown."""
-    spread = Spread(model)
+    spread = Ensemble(model)
     if not kept.readings:
         spread.core.reading_error[:] = 0.0
     if not kept.history:

@@ -31,7 +31,7 @@ sys.path.insert(0, str(ROOT))
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section  # noqa: E402
 from cdrj_ros.conditioning.samples import Samples  # noqa: E402
 from cdrj_ros.conditioning.whole_recording import condition  # noqa: E402
-from cdrj_ros.estimation.ensemble import Spread  # noqa: E402
+from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state  # noqa: E402
 from cdrj_ros.foundation.series import Series  # noqa: E402
 from cdrj_ros.identification.fit import Identification, identify  # noqa: E402
@@ -244,7 +244,7 @@ def estimated(
     robot = build_robot(with_numbers(document, values), "truth")
     generator = np.random.default_rng([seed, 1])
     motion = moved(robot, seed, OTHER_SECONDS, generator, OTHER_RATE)
-    _, estimates = Spread(model).run(initial_state(model), samples_of(model, motion))
+    _, estimates = Ensemble(model).run(initial_state(model), samples_of(model, motion))
     assert estimates.stddev is not None
     late = slice(round(START_SECONDS * OTHER_RATE), None)
     error = np.abs(estimates.values[:, model.layout.tension] - motion.truth.tension)[late]

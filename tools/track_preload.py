@@ -25,8 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.conditioning.samples import Sample  # noqa: E402
-from cdrj_ros.estimation.options import Options  # noqa: E402
-from cdrj_ros.estimation.session import LiveEstimator  # noqa: E402
+from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.model.joint import RollingLoad  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model  # noqa: E402
@@ -128,8 +127,8 @@ def friction_rows(model: Model) -> Iterator[str]:
             runs = [track(model, truth, friction, TRACKED, seed) for seed in SEEDS]
             cells.append(figures(runs, [-2 * CYCLE] * len(runs), 2 * CYCLE))
             for one in runs:
-                assert one.live.other_sensors is not None
-                found += list(one.live.other_sensors.fusion.motor_friction.values())
+                assert one.live.fusion is not None
+                found += list(one.live.fusion.motor_friction.values())
         mean, stddev = 1e3 * np.mean(found, axis=0)
         yield f"| {1e3 * friction:g} mN·m | {' | '.join(cells)} | {mean:.1f} ± {stddev:.1f} |"
 
@@ -159,8 +158,8 @@ def calm_rows(model: Model, cycles: int) -> Iterator[str]:
         runs = [track(model, moved(1.0, cycles, None), friction, TRACKED, seed) for seed in SEEDS]
         seen = 0
         for one in runs:
-            assert one.live.other_sensors is not None
-            seen += sum(health.changes for health in one.live.other_sensors.fusion.health.values())
+            assert one.live.fusion is not None
+            seen += sum(health.changes for health in one.live.fusion.health.values())
         cell = figures(runs, [4 * CYCLE] * len(runs), (cycles - 4) * CYCLE)
         yield f"| {1e3 * friction:g} mN·m | {cycles * len(runs)} | {seen} | {cell} |"
 

@@ -28,11 +28,9 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.bag import Topics  # noqa: E402
 from cdrj_ros.conditioning.samples import Sample, Samples  # noqa: E402
-from cdrj_ros.estimation.ensemble import Spread  # noqa: E402
+from cdrj_ros.estimation.ensemble import Ensemble, mark_unsure  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run, step  # noqa: E402
-from cdrj_ros.estimation.options import Options  # noqa: E402
-from cdrj_ros.estimation.session import LiveEstimator  # noqa: E402
-from cdrj_ros.estimation.unsure import mark_unsure  # noqa: E402
+from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.health.doubts import doubted_elements  # noqa: E402
 from cdrj_ros.health.monitor import HealthMonitor  # noqa: E402
 from cdrj_ros.judgement.inputs import condition_recording, read_inputs  # noqa: E402
@@ -188,7 +186,7 @@ def readings(model: Model, motion: Samples, zero: float) -> Samples:
 
 def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
     """Estimate from the readings and compare with the truth."""
-    spread = Spread(model, known=known)
+    spread = Ensemble(model, known=known)
     _, estimates = spread.run(initial_state(model), read)
     stddev = estimates.stddev
     assert stddev is not None
@@ -266,7 +264,7 @@ def heard(model: Model, read: Samples, truth: Truth, sensors: tuple[str, ...]) -
     inside, ok = [], []
     for k, stamp in enumerate(read.stamp_ns.tolist()):
         sample = Sample(stamp, read.motor_angle[k], read.joint_angle[k])
-        estimate, stddev = live.take(sample)
+        estimate, stddev, _ = live.take(sample)
         assert stddev is not None
         live.finish()
         error = np.abs(estimate.tension - truth.tension[k])
@@ -282,7 +280,7 @@ def heard(model: Model, read: Samples, truth: Truth, sensors: tuple[str, ...]) -
         if k % round(RATE) == 0:
             report = watch.report()
         doubted = doubted_elements(model.robot, watch.standing, corrected=False)
-        live.doubted = doubted if doubted.any() else None
+        live.always_unsure = doubted if doubted.any() else None
     good, misleads = np.array(ok), np.array(ok) & ~np.array(inside)
     return Heard(
         tuple(float(part.mean()) for part in np.array_split(good, 3)),

@@ -4,7 +4,7 @@ A joint without encoder is found at every sample by two least-squares steps: a p
 the cables turn the joint with the winches and its load changes little, and a correction by the
 measured efforts.  Every member of an ensemble, with parameters, friction history and error of the
 effort of its own, does the same; the spread gives the standard deviations.  The core solves them;
-see docs/motor_alone.md.
+see docs/encoderless.md.
 """
 
 from __future__ import annotations
@@ -17,15 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import _core
-from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.estimation.discrepancy import unmodelled
-from cdrj_ros.estimation.ensemble import MEMBERS, spread_columns
-from cdrj_ros.estimation.estimator import Angles, Estimates
-from cdrj_ros.estimation.members import friction_shares, reading_errors, wind_differently
-from cdrj_ros.estimation.parameter_draws import draw_numbers
+from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.draws import draw
+from cdrj_ros.estimation.ensemble import MEMBERS, stddev_columns
+from cdrj_ros.estimation.estimator import Angles, Estimate, Estimates, State
+from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.prepared import Model, read_only
-from cdrj_ros.robot.description import Joint
+from cdrj_ros.model.status import INVALID
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -36,7 +35,7 @@ KEPT: Final = 1_000
 LARGEST: Final = 1e9
 """Efforts of larger magnitude are refused [N m]."""
 
-HEARD_NS: Final = 100_000_000
+EFFORT_AGE_NS: Final = 100_000_000
 """An effort is used for samples at most this much later or earlier [ns]."""
 
 
@@ -61,8 +60,8 @@ class EncoderlessEstimator:
             raise ValueError(f"members must be even and at least 0, got {members}")
         self.model = model
         self.names = tuple(model.layout.joints[j] for j in model.robot.unmeasured)
-        self._columns = spread_columns(model.layout)
-        self._core = _new_core(model, members, self._columns, np.random.default_rng(seed))
+        self._columns = stddev_columns(model.layout)
+        self._core = _new_core(model, members, self._columns, seed)
 
     @property
     def state(self) -> Vector:
@@ -73,12 +72,12 @@ class EncoderlessEstimator:
         """Discard the history; the next effort starts anew."""
         self._core.forget()
 
-    def look_ahead(self) -> None:
-        """Note the history, to which ``look_back`` returns from predicted samples."""
+    def keep(self) -> None:
+        """Keep the history, to which ``roll_back`` returns from predicted samples."""
         self._core.look_ahead()
 
-    def look_back(self) -> None:
-        """Undo everything since ``look_ahead``; without effect if it was not called."""
+    def roll_back(self) -> None:
+        """Undo everything since ``keep``; without effect if it was not called."""
         self._core.look_back()
 
     def run(self, samples: Samples, efforts: Table) -> Estimates:
@@ -117,18 +116,18 @@ class EncoderlessEstimator:
         return Estimates(samples.stamp_ns, values, self.model.layout, stddev, angles)
 
 
-class HeardEfforts:
+class RecentEfforts:
     """The latest efforts of the motors, for the samples of a live estimator."""
 
     def __init__(self, motors: tuple[str, ...]) -> None:
         """Begin without any; ``motors`` are the names in the robot's order."""
         self._index = {name: m for m, name in enumerate(motors)}
-        self._heard: list[deque[tuple[int, float]]] = [deque(maxlen=KEPT) for _ in motors]
+        self._recent: list[deque[tuple[int, float]]] = [deque(maxlen=KEPT) for _ in motors]
 
     def clear(self) -> None:
         """Forget all of them."""
-        for heard in self._heard:
-            heard.clear()
+        for recent in self._recent:
+            recent.clear()
 
     def add(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector) -> None:
         """Take the efforts of a message [N m]; unknown names and impossible numbers are ignored."""
@@ -136,32 +135,91 @@ class HeardEfforts:
             m = self._index.get(name)
             if m is None or not abs(effort) <= LARGEST:
                 continue
-            heard = self._heard[m]
-            if heard and stamp_ns <= heard[-1][0]:
+            recent = self._recent[m]
+            if recent and stamp_ns <= recent[-1][0]:
                 continue
-            heard.append((stamp_ns, float(effort)))
+            recent.append((stamp_ns, float(effort)))
 
     def at(self, stamp_ns: int) -> Vector:
         """Efforts at a stamp, as of ``efforts_at``, shape (motors,)."""
-        return np.array([_effort_at(heard, stamp_ns) for heard in self._heard])
+        return np.array([_effort_at(recent, stamp_ns) for recent in self._recent])
 
 
-def _effort_at(heard: deque[tuple[int, float]], stamp_ns: int) -> float:
-    """One motor's effort at a stamp, interpolated; NaN where none is within ``HEARD_NS``."""
+def _effort_at(recent: deque[tuple[int, float]], stamp_ns: int) -> float:
+    """One motor's effort at a stamp, interpolated; NaN where none is within ``EFFORT_AGE_NS``."""
     after: tuple[int, float] | None = None
-    for one in reversed(heard):
+    for one in reversed(recent):
         if one[0] > stamp_ns:
             after = one
             continue
         nearest = (
             stamp_ns - one[0] if after is None else min(stamp_ns - one[0], after[0] - stamp_ns)
         )
-        if nearest > HEARD_NS:
+        if nearest > EFFORT_AGE_NS:
             return np.nan
         if after is None:
             return one[1]
         return one[1] + (after[1] - one[1]) * ((stamp_ns - one[0]) / (after[0] - one[0]))
-    return after[1] if after is not None and after[0] - stamp_ns <= HEARD_NS else np.nan
+    return after[1] if after is not None and after[0] - stamp_ns <= EFFORT_AGE_NS else np.nan
+
+
+class LiveEncoderless:
+    """``EncoderlessEstimator``, sample by sample, and the efforts heard so far."""
+
+    def __init__(self, model: Model, before: LiveEncoderless | None = None) -> None:
+        """Prepare.
+
+        Args:
+            model: the prepared robot, with at least one joint without encoder.
+            before: the estimate with other numbers of the same robot, whose efforts are kept.
+        """
+        self.solver = EncoderlessEstimator(model)
+        motors = model.robot.motors
+        self._efforts = before._efforts if before else RecentEfforts(model.layout.motors)
+        self.lacks_efforts: bool = before is not None and before.lacks_efforts
+        """Whether no effort was found for the last sample."""
+        self._clock_offset_ns = {motor.name: motor.sensor.clock_offset_ns for motor in motors}
+
+    def reset(self) -> None:
+        """Discard efforts and history."""
+        self._efforts.clear()
+        self.solver.reset()
+
+    def feed_efforts(
+        self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
+    ) -> None:
+        """Take measured efforts of motors [N m]; other names are ignored."""
+        for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
+            if name in self._clock_offset_ns:
+                self._efforts.add(stamp_ns + self._clock_offset_ns[name], (name,), (effort,))
+
+    def estimate(self, sample: Sample) -> tuple[Estimate, Vector, Angles | None]:
+        """Estimate a sample; a predicted one leaves the history as it is.
+
+        Returns:
+            The estimate, its standard deviations, and the angles of the joints without encoder, one
+            row; None where there is no effort.
+        """
+        if sample.predicted:
+            self.solver.keep()
+        else:
+            self.solver.roll_back()
+        efforts = self._efforts.at(sample.stamp_ns)
+        self.lacks_efforts = not bool(np.isfinite(efforts).any())
+        one = Samples(
+            np.array([sample.stamp_ns]), sample.motor_angle[None, :], sample.joint_angle[None, :]
+        )
+        found = self.solver.run(one, efforts[None, :])
+        assert found.stddev is not None
+        values, stddev = np.nan_to_num(found.values[0]), np.nan_to_num(found.stddev[0])
+        layout = found.layout
+        solved = not any(int(flag) & INVALID for flag in values[layout.status])
+        estimate = Estimate(sample.stamp_ns, values, layout, solved)
+        return estimate, stddev, None if self.lacks_efforts else found.angles
+
+    def state_at(self, stamp_ns: int) -> State:
+        """The robot's state after the last sample, whose stamp is given [ns]."""
+        return State(stamp_ns, self.solver.state)
 
 
 def efforts_at(
@@ -175,7 +233,7 @@ def efforts_at(
         recorded: efforts by motor [N m], where there are any.
 
     Returns:
-        Shape (n, motors); NaN where no effort is within ``HEARD_NS``.
+        Shape (n, motors); NaN where no effort is within ``EFFORT_AGE_NS``.
     """
     found = np.full((stamp_ns.size, len(motors)), np.nan)
     for m, name in enumerate(motors):
@@ -191,56 +249,37 @@ def efforts_at(
         at = np.interp(
             (stamp_ns - begin).astype(np.float64), (stamps - begin).astype(np.float64), value
         )
-        found[:, m] = np.where(gap <= HEARD_NS, at, np.nan)
+        found[:, m] = np.where(gap <= EFFORT_AGE_NS, at, np.nan)
     return found
 
 
 def _new_core(
-    model: Model, members: int, columns: NDArray[np.int64], generator: np.random.Generator
+    model: Model, members: int, columns: NDArray[np.int64], seed: int
 ) -> _core.EncoderlessEstimator:
     """The estimate and its members before their first sample."""
     robot = model.robot
-    rows, motors = 1 + members, len(robot.motors)
-    numbers = np.repeat(model.numbers[None, :], rows, axis=0)
-    shares = np.zeros((rows, sum(len(cable.pulleys) for cable in robot.cables)))
-    errors = np.zeros((rows, motors))
-    if members:
-        drawn = draw_numbers(model, members, generator).numbers.copy()
-        wind_differently(model, drawn, generator)
-        numbers[1:] = drawn
-        shares[1:] = np.concatenate(
-            [friction_shares(members, len(c.pulleys), generator) for c in robot.cables], axis=1
-        )
-        half = generator.standard_normal((members // 2, motors)) * _effort_errors(model)
-        errors[1:] = np.concatenate([half, -half])
+    draws = draw(model, members, seed)
+
+    def nominal_first(rows: Table) -> Table:
+        return np.concatenate([np.zeros((1, rows.shape[1])), rows])
+
     return _core.EncoderlessEstimator(
         plan=model.plan,
-        numbers=read_only(numbers),
-        share=shares,
-        effort_error=errors,
-        reading_error=reading_errors(robot.as_read, generator),
+        numbers=read_only(np.concatenate([model.numbers[None, :], draws.numbers])),
+        share=nominal_first(draws.friction_share),
+        effort_error=nominal_first(draws.effort_error),
+        reading_error=draws.reading_error,
         columns=columns,
         slack=np.ascontiguousarray(unmodelled(model)[1]),
-        joints=[_joint(j, robot.joints[j]) for j in robot.unmeasured],
+        joints=[
+            _core.EncoderlessJoint(
+                joint=j,
+                lower=robot.joints[j].lower,
+                upper=robot.joints[j].upper,
+                start=robot.joints[j].reference_angle,
+                load_drift=robot.joints[j].load_drift,
+            )
+            for j in robot.unmeasured
+        ],
         effort_noise=[motor.effort_noise for motor in robot.motors],
-    )
-
-
-def _joint(index: int, joint: Joint) -> _core.EncoderlessJoint:
-    """What the core knows of a joint without encoder."""
-    return _core.EncoderlessJoint(
-        joint=index,
-        lower=joint.lower,
-        upper=joint.upper,
-        start=joint.reference_angle,
-        load_drift=joint.load_drift,
-    )
-
-
-def _effort_errors(model: Model) -> Vector:
-    """Lasting error of the motors' efforts, those of the model included [N m], shape (motors,)."""
-    known = model.robot.uncertainty
-    given = dict(known.model_error) if known is not None else {}
-    return np.array(
-        [given.get(f"effort/{motor.name}", motor.effort_noise) for motor in model.robot.motors]
     )

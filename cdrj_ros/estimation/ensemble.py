@@ -15,6 +15,7 @@ step.  See docs/uncertainty.md.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any, Final
 
@@ -23,31 +24,29 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.estimation.discrepancy import unmodelled
+from cdrj_ros.estimation.draws import Draws, draw
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, run
-from cdrj_ros.estimation.members import (
-    friction_shares,
-    preload_differently,
-    reading_errors,
-    unseen_ways,
-    wind_differently,
-)
-from cdrj_ros.estimation.parameter_draws import Draw, draw_numbers
+from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model
-from cdrj_ros.robot.description import Uncertainty
+from cdrj_ros.model.status import INVALID, UNSURE
+from cdrj_ros.robot.description import Robot, Uncertainty
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 LAST_STAMP: Final = 1
-"""Place of the last sample's stamp in the ensemble's progress."""
+"""Index of the last sample's stamp in the ensemble's progress."""
+
+UNSURE_SHARE: Final = 0.1
+"""An element is ``UNSURE`` if its standard deviation exceeds this fraction of its tension or of
+its cable's preload, whichever is larger."""
 
 MEMBERS: Final = 32
 """Members of the ensemble: the standard deviation is accurate to 1 / sqrt(2 * 32) = 12 %."""
 
 
-def spread_columns(layout: Layout) -> NDArray[np.int64]:
+def stddev_columns(layout: Layout) -> NDArray[np.int64]:
     """Indices in the estimate of the quantities that have a standard deviation.
 
     In order: tensions of all elements, magnitudes of the force on all pulleys, efforts of all
@@ -66,36 +65,31 @@ def _elements_of(layout: Layout) -> NDArray[np.int64]:
     return np.array(elements + pulleys + efforts, dtype=np.int64)
 
 
-def _new_ensemble(
-    model: Model,
-    columns: NDArray[np.int64],
-    numbers: Table,
-    seed: int,
-    generator: np.random.Generator,
-) -> _core.Ensemble:
-    """Members before their first sample, with random friction histories and reading errors."""
-    robot, members = model.robot, len(numbers)
-    axes = len(robot.motors) + len(robot.joints)
-    shares = [friction_shares(members, len(cable.pulleys), generator) for cable in robot.cables]
+def new_members(model: Model, draws: Draws) -> _core.Ensemble:
+    """Members before their first sample."""
+    robot, members = model.robot, len(draws.numbers)
     spans = [(-np.inf, np.inf) for _ in robot.motors]
     spans += [(joint.lower, joint.upper) for joint in robot.joints]
     unsure = robot.uncertainty is not None and not robot.uncertainty.drums_hold
     return _core.Ensemble(
         model.core,
-        numbers=numbers,
-        friction_share=np.concatenate(shares, axis=1),
+        numbers=draws.numbers,
+        friction_share=draws.friction_share,
         slipping=(np.arange(members) // 2 % 2 == 1) & unsure,
-        reading_error=reading_errors(robot, generator),
-        unseen_share=unseen_ways(members, axes, np.random.default_rng((seed, 1))),
+        reading_error=draws.reading_error,
+        unseen_share=draws.unseen_share,
         span=np.array(spans).T.copy(),
-        place=columns,
+        place=stddev_columns(model.layout),
         element=_elements_of(model.layout),
         unmodelled=unmodelled(model),
     )
 
 
-class Spread:
-    """The ensemble of one robot; call ``update`` after every ``step``, with sample and estimate."""
+class Ensemble:
+    """The ensemble of one robot; call ``update`` after every ``step``, with sample and estimate.
+
+    The reports of standard deviations are in the order of ``stddev_columns``.
+    """
 
     def __init__(
         self,
@@ -104,35 +98,28 @@ class Spread:
         seed: int = 0,
         preload_share: float = 0.0,
         known: Uncertainty | None = None,
-        before: Spread | None = None,
     ) -> None:
-        """Draw the members.
+        """Draw the members, as ``draw`` does.
 
         Args:
             model: the prepared robot; its uncertainty and its sensors define what is unknown.
             members: number of members, even and at least 8.
-            seed: seed of the draws; the same seed gives the same spread.
+            seed: seed of the draws; the same seed gives the same standard deviations.
             preload_share: standard deviation of every preload in addition to the robot file's, as
                 a fraction of the preload.
             known: standard deviations of the parameters; None: those of the robot.
-            before: an ensemble of the same robot.  If only friction differs, its draws save time;
-                the result is the same.
+
+        Raises:
+            ValueError: the number of members is odd or too small.
         """
         if members < 8 or members % 2:
             raise ValueError(f"members must be even and at least 8, got {members}")
-        generator = np.random.default_rng(seed)
+        draws = draw(model, members, seed, preload_share, known)
         self.model = model
-        self.columns = spread_columns(model.layout)
+        self.columns = stddev_columns(model.layout)
         self._width = self.columns.size
-        self.draw: Draw = draw_numbers(
-            model, members, generator, known, before.draw if before else None
-        )
-        numbers = self.draw.numbers.copy()
-        wind_differently(model, numbers, generator)
-        if preload_share > 0.0:
-            preload_differently(model, numbers, preload_share, generator)
-        self._drawn = numbers
-        self.core = _new_ensemble(model, self.columns, numbers, seed, generator)
+        self._drawn = draws.numbers
+        self.core = new_members(model, draws)
         """The compiled ensemble, of whose memory the arrays below are views."""
         self.numbers = self.core.numbers
         """Of the prepared robot of every member, shape (members, numbers)."""
@@ -146,7 +133,7 @@ class Spread:
         """Their mean squares (U1), shape (columns,)."""
         self.variance_is_old = False
         """Whether ``deviation`` has changed, so that ``renew_variance`` is to be called."""
-        self.generator = generator
+        self.generator = deepcopy(draws.generator)
 
     @property
     def started(self) -> bool:
@@ -155,12 +142,12 @@ class Spread:
         return bool(updates > 0)
 
     def restore_preloads(self) -> None:
-        """Discard the members' history, and what other sensors have taught of their preloads."""
+        """Discard the members' history, and all corrections of their preloads."""
         self.numbers[:] = self._drawn
         self.reset()
 
-    def keep_preloads(self, other: Spread) -> None:
-        """Take over what other sensors have taught of the preloads of another ensemble's members.
+    def keep_preloads(self, other: Ensemble) -> None:
+        """Take over the corrections of the preloads of another ensemble's members.
 
         Both are of the same robot, which may have different numbers.
         """
@@ -218,18 +205,10 @@ class Spread:
         if progress[LAST_STAMP] >= 0:
             progress[LAST_STAMP] += by_ns
 
-    def update(self, sample: Sample, estimate: Estimate) -> Vector:
-        """Update the ensemble with the sample of a step and the resulting estimate.
-
-        Returns:
-            Standard deviations, in the order of ``spread_columns``.
-        """
-        return self.begin(sample, estimate, at_once=True)
-
     def step(
         self, state: State, sample: Sample, at_once: bool = True
     ) -> tuple[State, Estimate, Vector]:
-        """``step`` and ``update``, or ``step`` and ``begin`` if not ``at_once``, in one call.
+        """``step`` and ``update`` in one call.
 
         Returns:
             The new state, the estimate and the standard deviations, bit-identical to theirs.
@@ -250,12 +229,15 @@ class Spread:
             stddev,
         )
 
-    def begin(self, sample: Sample, estimate: Estimate, at_once: bool = False) -> Vector:
-        """The first half of ``update``: the standard deviations, before a member is updated.
+    def update(self, sample: Sample, estimate: Estimate, at_once: bool = True) -> Vector:
+        """Update the ensemble with the sample of a step and the resulting estimate.
 
         What is sent need not wait for a member, which changes the standard deviations by one part
-        in as many as there are members.  ``finish`` can follow at any time before the next call;
-        ``at_once`` includes it.
+        in as many as there are members.  Unless ``at_once``, one member therefore waits until
+        ``finish`` or the next sample.
+
+        Returns:
+            Standard deviations before that member's update, in the order of ``stddev_columns``.
 
         Raises:
             ValueError: the sample or the estimate is of another robot.
@@ -264,7 +246,7 @@ class Spread:
         self.core.update(*sample[:4], estimate.values, 1, at_once, stddev)
         return stddev
 
-    def look_ahead(self, sample: Sample, estimate: Estimate) -> Vector:
+    def predict(self, sample: Sample, estimate: Estimate) -> Vector:
         """Standard deviations at a predicted sample, which the ensemble forgets again.
 
         Members are updated only where the prediction adds to their deviations.
@@ -274,7 +256,7 @@ class Spread:
         return stddev
 
     def finish(self) -> None:
-        """The second half of ``update``; without effect if it has already been called."""
+        """Update the member that waits; without effect if none does."""
         self.core.finish()
 
     def catch_up(self, sample: Sample, estimate: Estimate) -> None:
@@ -301,3 +283,50 @@ class Spread:
             stddev,
         )
         return replace(estimates, stddev=stddev)
+
+
+def preload_of_elements(robot: Robot) -> Vector:
+    """Preload of every element's cable [N], shape (elements,)."""
+    return np.repeat(
+        [cable.preload for cable in robot.cables],
+        [len(cable.element_names) for cable in robot.cables],
+    )
+
+
+def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -> None:
+    """Set ``UNSURE`` where the standard deviation is too large for tension and preload.
+
+    Args:
+        values: an estimate (tensions, then status of all elements, then the rest); changed.
+        preload: see ``preload_of_elements`` [N].
+        stddev: of the tensions, then the rest [N].
+        share: see ``UNSURE_SHARE``.
+    """
+    _core.mark_unsure(values, preload, stddev, share)
+
+
+def mark_elements_unsure(values: Vector, which: NDArray[np.bool_]) -> None:
+    """Set ``UNSURE`` on some elements of an estimate, unless they are ``INVALID``.
+
+    Args:
+        values: an estimate; changed.
+        which: whether to mark each element, shape (elements,).
+    """
+    status = values[which.size : 2 * which.size]
+    flags = status.astype(np.int64)
+    status[:] = np.where(which & (flags & INVALID == 0), flags | UNSURE, flags)
+
+
+def mark_recording(
+    values: Table, preload: Vector, stddev: Table, share: float, doubtful: NDArray[np.bool_]
+) -> None:
+    """``mark_unsure`` for all estimates of a recording, and everywhere where it is doubtful.
+
+    Args:
+        values: estimates, shape (n, size); changed.
+        preload: see ``mark_unsure``.
+        stddev: shape (n, columns), or (0, 0) where none is known.
+        share: see ``mark_unsure``.
+        doubtful: see ``Samples.doubtful``, shape (n,) or (0,).
+    """
+    _core.mark_recording(values, preload, stddev, share, doubtful)

@@ -28,13 +28,13 @@ class State:
     whole: Final[Vector]
     """The state, contiguous; from a step also all else that the core wrote, since two views of
     it would take a tenth of the time of a step."""
-    place: Final[slice | None] = None
+    part: Final[slice | None] = None
     """Of the state in ``whole``; None: all of it."""
 
     @property
     def values(self) -> Vector:
         """The state alone, shape (state_size,)."""
-        return self.whole if self.place is None else self.whole[self.place]
+        return self.whole if self.part is None else self.whole[self.part]
 
 
 @dataclass(slots=True)
@@ -47,13 +47,13 @@ class Estimate:
     layout: Final[Layout]
     solved: Final[bool]
     """False where some element is ``INVALID``."""
-    place: Final[slice | None] = None
+    part: Final[slice | None] = None
     """Of the estimate in ``whole``; None: all of it."""
 
     @property
     def values(self) -> Vector:
         """All quantities in the order of ``layout``, shape (layout.size,)."""
-        return self.whole if self.place is None else self.whole[self.place]
+        return self.whole if self.part is None else self.whole[self.part]
 
     @property
     def tension(self) -> Vector:

@@ -4,31 +4,38 @@ A load cell at one element corrects every element of its cable through the covar
 members' tensions; a motor's effort corrects all cables on its drum.  The corrected quantity is the
 material in the elements, which determines elongation, friction history and preload together.  Here
 is decided which readings are used, and with which errors; the correction itself is that of
-``cdrj_ros.estimation.kalman``.  See docs/uncertainty.md.
+``Preloads.update``.  See docs/uncertainty.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from math import sqrt
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.estimation.claims import HISTORY_ERROR, Claim
-from cdrj_ros.estimation.contest import WINDOW_NS, Answer, Witness, finite
-from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.draws import root_mean_square, standard
+from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Estimate, State
-from cdrj_ros.estimation.independent_draws import root_mean_square, standard
-from cdrj_ros.estimation.kalman import Innovation, update
+from cdrj_ros.estimation.innovation_gate import (
+    HISTORY_ERROR,
+    WINDOW_NS,
+    PreloadEvidence,
+    SensorState,
+    finite,
+)
+from cdrj_ros.estimation.measurements import (
+    Measurement,
+    PastEstimates,
+    Quantity,
+    WaitingMeasurements,
+    quantities_of,
+)
 from cdrj_ros.estimation.motor_friction import FRICTION_DRIFT, MotorFriction
-from cdrj_ros.estimation.past import PastEstimates
-from cdrj_ros.estimation.preloads import DOUBT, SLOW_DRIFT, Preloads
-from cdrj_ros.estimation.quantities import Quantity, quantities_of
+from cdrj_ros.estimation.preloads import FREE_DRIFT, SLOW_DRIFT, START_SHARE, Innovation, Preloads
 from cdrj_ros.estimation.sensor_health import SensorHealth, enough
-from cdrj_ros.estimation.waiting import Measurement
 from cdrj_ros.model.prepared import Model
 
 Vector = NDArray[np.float64]
@@ -47,72 +54,119 @@ SUDDEN: Final = 0.5
 LARGEST: Final = 1e9
 """Measured values of larger magnitude are refused [N or N m]."""
 
+SMALLEST_NOISE: Final = 1e-6
+LARGEST_NOISE: Final = 1e6
+"""Outside these limits a load cell's standard deviation is replaced by the robot file's [N]."""
 
-class Fusion:
+
+class SensorFusion:
     """Corrects the estimate and the ensemble with measured tensions and efforts."""
 
-    def __init__(self, spread: Spread, drift: float = SLOW_DRIFT) -> None:
-        """Prepare for one robot.
+    def __init__(
+        self, ensemble: Ensemble, *, track_preload: bool = False, effort_noise: float = 0.01
+    ) -> None:
+        """Begin without measurements.
 
         Args:
-            spread: the robot's ensemble, changed by every correction.
-            drift: random-walk spread of a preload after one second, as a fraction of the preload,
-                where no load cell measures the cable.
+            ensemble: the robot's ensemble, changed by every correction.
+            track_preload: whether efforts are used; preloads without load cell drift freely then.
+            effort_noise: standard deviation of a motor's effort [N m].
         """
-        model = spread.model
-        self.spread = spread
-        self.model = model
-        self._drift = drift
-        self._preloads = Preloads(spread)
-        self._quantities = quantities_of(model)
+        self._tracks = track_preload
+        self._drift = FREE_DRIFT if track_preload else SLOW_DRIFT
+        self._effort_noise = effort_noise
+        self.unknown_elements = 0
+        """Load cell readings of elements that the robot does not have."""
         self.health: dict[str, SensorHealth] = {}
-        self._witnesses: dict[str, Witness] = {}
+        self._sensors: dict[str, SensorState] = {}
         """The trusted sensors whose readings have been used."""
-        self._past = PastEstimates(spread.columns)
-        self._friction = MotorFriction(model.robot)
-        self._changed = np.zeros(len(model.robot.cables))
+        self._changed = np.zeros(len(ensemble.model.robot.cables))
         """Sum of the corrections of every preload [N]."""
+        self._waiting = WaitingMeasurements()
+        self._adopt(ensemble)
+
+    def _adopt(self, ensemble: Ensemble) -> None:
+        """Prepare for the members of an ensemble."""
+        self.ensemble, self.model = ensemble, ensemble.model
+        robot = self.model.robot
+        self._preloads = Preloads(ensemble)
+        self._quantities = quantities_of(self.model)
+        self._past = PastEstimates(ensemble.columns)
+        self._friction = MotorFriction(robot)
+        self._clock_offset_ns = {one.name: one.sensor.clock_offset_ns for one in robot.motors}
+
+    def use(self, ensemble: Ensemble) -> None:
+        """Continue with other numbers of the robot; what is known of sensors and preloads stays."""
+        known = self._preloads.known
+        ensemble.keep_preloads(self.ensemble)
+        self._adopt(ensemble)
+        self._preloads.known = known
+        self._compare_anew()
+
+    # --- what is known of sensors and preloads ----------------------------------------------------
 
     def reset(self) -> None:
         """Discard all measurements; every sensor is on trial again."""
         self.health.clear()
         self.forget()
 
-    def restart(self) -> None:
-        """Discard all measurements; all sensors but those dropped are on trial again."""
-        dropped = self.faults()
-        self.reset()
-        self.drop(dropped)
+    def restart(self, *, known: bool) -> None:
+        """Begin anew, as the estimate does.
 
-    def pause(self) -> None:
-        """Keep what is known of preloads and sensors, although the estimate starts anew.
-
-        While friction is unknown nothing contradicts a sensor, so that all are on trial again.
+        Args:
+            known: whether what is known of preloads and sensors is kept.  While friction is unknown
+                nothing contradicts a sensor, so that all are on trial again; those dropped stay so.
         """
-        self._compare_anew()
-        for health in self.health.values():
-            health.try_again()
+        self._waiting.forget()
+        if known:
+            self._compare_anew()
+            for health in self.health.values():
+                health.try_again()
+        else:
+            dropped = self.faults()
+            self.reset()
+            self.drop(dropped)
 
-    def keep(self, other: Fusion) -> None:
-        """Take over what is known of preloads and sensors, for other numbers of the same robot."""
-        self.health, self._witnesses = other.health, other._witnesses
-        self._changed, self._preloads.known = other._changed, other._preloads.known
-        self.spread.keep_preloads(other.spread)
-        self._compare_anew()
+    def forget(self) -> None:
+        """Discard all measurements and corrections, but keep which sensors are trusted or dropped.
+
+        The ensemble starts anew, with preloads as uncertain as at first.
+        """
+        self._forget_readings()
+        self._sensors.clear()
+        self._changed[:] = 0.0
+        self._preloads.restore()
 
     def _compare_anew(self) -> None:
         """Compare readings to come with estimates to come only."""
         self._forget_readings()
         for health in self.health.values():
             health.pause()
-        for witness in self._witnesses.values():
-            witness.forget()
+        for sensor in self._sensors.values():
+            sensor.forget()
+
+    def _forget_readings(self) -> None:
+        """Forget the latest estimates and when sensors were read; the next ones begin anew."""
+        self._past.forget()
+        self._friction.forget()
+        self._preloads.forget()
+
+    def undo(self, name: str) -> None:
+        """Forget all corrections and waiting measurements, because a sensor was wrong.
+
+        Sensors that are still trusted then correct anew.  What the wrong one said last may be right
+        all the same: the preloads are at least that uncertain.
+        """
+        self._waiting.clear()
+        self.forget()
+        what = self._quantities[name]
+        self._preloads.widen_before_start(self.health[name].residual, what.column, what.cables)
 
     def memory(self) -> dict[str, Any]:
         """What ``recall`` needs to go on with the sensors of an earlier run, as JSON."""
         return {
-            "sensors": {name: one.memory() for name, one in self.health.items()},
-            "witnesses": {name: one.memory() for name, one in self._witnesses.items()},
+            "health": {name: one.memory() for name, one in self.health.items()},
+            "sensors": {name: one.memory() for name, one in self._sensors.items()},
             "changed": self._changed.tolist(),
             "known": self._preloads.known.tolist(),
         }
@@ -124,35 +178,26 @@ class Fusion:
             KeyError, TypeError, ValueError, AttributeError: it is not one of this robot; nothing
                 has changed then.
         """
-        cables, members = self._changed.size, len(self.spread.states)
-        health = {str(n): SensorHealth.recalled(n, o) for n, o in memory["sensors"].items()}
-        witnesses = {str(n): Witness.recalled(o, members) for n, o in memory["witnesses"].items()}
-        if not set(witnesses) <= set(health) <= set(self._quantities):
+        cables, members = self._changed.size, len(self.ensemble.states)
+        health = {str(n): SensorHealth.recalled(n, o) for n, o in memory["health"].items()}
+        sensors = {str(n): SensorState.recalled(o, members) for n, o in memory["sensors"].items()}
+        if not set(sensors) <= set(health) <= set(self._quantities):
             raise ValueError("sensors that the robot does not have")
         changed, known = (finite(memory[key], cables) for key in ("changed", "known"))
-        self.health, self._witnesses = health, witnesses
+        self.health, self._sensors = health, sensors
         self._changed, self._preloads.known = changed, known
 
-    def beginning(self) -> Model:
+    def start_model(self) -> Model:
         """The robot with the preloads that are known by now, for the first sample."""
         return self._preloads.corrected(self.model)
 
-    def pass_unwatched(self, seconds: float) -> None:
+    def drift_unmeasured(self, seconds: float) -> None:
         """Let the preloads drift over a time without readings [s]."""
-        heard = [self._quantities[name] for name in self._witnesses]
-        measured = {one.cables[0] for one in heard if not one.is_effort}
+        used = [self._quantities[name] for name in self._sensors]
+        measured = {one.cables[0] for one in used if not one.is_effort}
         cables = range(self._changed.size)
         shares = [min(self._drift, SLOW_DRIFT) if c in measured else self._drift for c in cables]
-        self._preloads.pass_unwatched(seconds, shares)
-
-    def take_back(self, name: str) -> None:
-        """Forget all corrections, because a sensor that made some was wrong.
-
-        What it said last may be right all the same: the preloads are at least that uncertain.
-        """
-        self.forget()
-        what = self._quantities[name]
-        self._preloads.widen(self.health[name].away, what.column, what.cables)
+        self._preloads.drift_unmeasured(seconds, shares)
 
     def faults(self) -> dict[str, str]:
         """Why sensors have been dropped, by name."""
@@ -163,67 +208,91 @@ class Fusion:
         for name, why in faults.items():
             self.health[name] = SensorHealth(name, dropped=why)
 
-    def forget(self) -> None:
-        """Discard all measurements and corrections, but keep which sensors are trusted or dropped.
-
-        The ensemble starts anew, with preloads as uncertain as at first.
-        """
-        self._forget_readings()
-        self._witnesses.clear()
-        self._changed[:] = 0.0
-        self._preloads.restore()
-
-    def _forget_readings(self) -> None:
-        """Forget the latest estimates and when sensors were read; the next ones begin anew."""
-        self._past.forget()
-        self._friction.forget()
-        self._preloads.forget()
-
     @property
-    def dropped(self) -> int:
-        """Number of dropped sensors."""
-        return sum(bool(one.dropped) for one in self.health.values())
-
-    @property
-    def contested(self) -> bool:
+    def contradicted(self) -> bool:
         """Whether the last reading of a trusted sensor contradicts the estimate."""
-        return any(one.contested for one in self._witnesses.values())
+        return any(one.contradicts for one in self._sensors.values())
 
     @property
     def motor_friction(self) -> dict[str, tuple[float, float]]:
         """Friction of every tracked motor beyond the robot file's, its standard deviation [N m]."""
         return {
             name: (one.error, root_mean_square(one.deviation))
-            for name, one in self._witnesses.items()
+            for name, one in self._sensors.items()
             if self._quantities[name].is_effort
         }
 
-    def remember(self, sample: Sample, estimate: Estimate) -> None:
-        """Store an estimate for late measurements."""
-        direction = self._friction.turn(sample.motor_angle)
-        self._past.add(estimate.stamp_ns, estimate.values, direction)
+    # --- messages ---------------------------------------------------------------------------------
 
-    def noise_of(self, element: str) -> float:
-        """Noise of a load cell whose messages give no standard deviation [N]."""
-        (cable,) = self._quantities[element].cables
-        return self.model.robot.cables[cable].sensor_noise
+    @property
+    def overlooked(self) -> int:
+        """Load cell readings and efforts discarded because no sample reached their stamp."""
+        return self._waiting.overlooked
 
-    def knows(self, element: str) -> bool:
-        """Whether the robot has this element."""
-        what = self._quantities.get(element)
-        return what is not None and not what.is_effort
+    def feed_tensions(
+        self,
+        stamp_ns: int,
+        names: Sequence[str],
+        tensions: Sequence[float] | Vector,
+        stddevs: Sequence[float] | Vector,
+    ) -> None:
+        """Queue a message of load cells, see ``LiveEstimator.feed_tensions``."""
+        for k, name in enumerate(names):
+            what = self._quantities.get(name)
+            if what is None or what.is_effort:
+                self.unknown_elements += 1
+                continue
+            noise = float(stddevs[k]) if len(stddevs) else 0.0
+            if not SMALLEST_NOISE <= noise <= LARGEST_NOISE:
+                noise = self.model.robot.cables[what.cables[0]].sensor_noise
+            self._waiting.add(Measurement(stamp_ns, name, float(tensions[k]), noise))
 
-    def correct(self, sample: Sample, state: State, measured: Measurement) -> State:
-        """Judge a measured tension or effort, and correct the state and the ensemble with it.
+    def wants_efforts(self, stamp_ns: int) -> bool:
+        """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
+        return self._tracks and self._waiting.wants_efforts(stamp_ns, len(self._clock_offset_ns))
+
+    def feed_efforts(
+        self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
+    ) -> None:
+        """Queue measured efforts of motors [N m]; other names are ignored."""
+        if not self._tracks:
+            return
+        for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
+            offset_ns = self._clock_offset_ns.get(name)
+            if offset_ns is not None and not self._waiting.is_early(name, stamp_ns):
+                at = stamp_ns + offset_ns
+                self._waiting.add(Measurement(at, name, float(effort), self._effort_noise))
+
+    # --- corrections ------------------------------------------------------------------------------
+
+    def correct(
+        self, sample: Sample, estimate: Estimate, state: State, corrected_by: set[str]
+    ) -> tuple[State, str]:
+        """Apply the measurements up to a sample, until a sensor that made corrections is dropped.
 
         Args:
             sample: the last processed sample.
+            estimate: for it.
             state: the state after that sample.
-            measured: at most ``HISTORY_NS`` before the sample; with a positive ``noise``.
+            corrected_by: sensors whose corrections the state contains; those that follow are added.
 
         Returns:
-            The corrected state; the same object if the reading was refused.
+            The corrected state, and the name of the dropped sensor; empty if there is none.
         """
+        direction = self._friction.turn(sample.motor_angle)
+        self._past.add(estimate.stamp_ns, estimate.values, direction)
+        for measured in self._waiting.due(sample.stamp_ns):
+            dropped = len(self.faults())
+            corrected = self._correct_with(sample, state, measured)
+            if corrected is not state:
+                corrected_by.add(measured.name)
+            state = corrected
+            if len(self.faults()) != dropped and measured.name in corrected_by:
+                return state, measured.name
+        return state, ""
+
+    def _correct_with(self, sample: Sample, state: State, measured: Measurement) -> State:
+        """Correct the state and the ensemble with one measurement, unless it is refused."""
         name, value, what = measured.name, measured.value, self._quantities[measured.name]
         health = self.health.get(name)
         if health is None:
@@ -233,70 +302,149 @@ class Fusion:
             health.refused += 1
             return state
         now = Estimate(sample.stamp_ns, self._past.last, self.model.layout, True)
-        self.spread.catch_up(sample, now)
+        self.ensemble.catch_up(sample, now)
         state = self._use(sample.stamp_ns, state, measured, *found)
-        if self.spread.variance_is_old:
-            self.spread.renew_variance()
+        if self.ensemble.variance_is_old:
+            self.ensemble.renew_variance()
         return state
 
     def _use(
         self, stamp_ns: int, state: State, measured: Measurement, expected: float, factor: float
     ) -> State:
-        """``correct`` with what is expected of the reading, but for the ensemble's variances.
+        """The same with what is expected of the reading, but for the ensemble's variances.
 
         Args:
             stamp_ns: time of the last processed sample [ns].
-            state: as for ``correct``.
-            measured: as for ``correct``.
+            state: after that sample.
+            measured: at most ``HISTORY_NS`` before the sample; with a positive ``noise``.
             expected: current estimate for the time of the measurement [N] or [N m].
             factor: change of ``expected`` per unit of the sensor's lasting error [-].
         """
         name, value, what = measured.name, measured.value, self._quantities[measured.name]
         health = self.health[name]
-        errors = [one.deviation for one in self._witnesses.values()]
         shares = {c: self._drift_of(c, stamp_ns) for c in what.cables}
-        passed = self._preloads.drift(name, stamp_ns, shares, errors)
+        passed = self._preloads.drift(name, stamp_ns, shares, self._lasting())
         own = measured.noise**2 + self._model_error(what, value) ** 2
-        witness = self._witnesses.get(name)
-        if witness is not None and what.is_effort:
+        sensor = self._sensors.get(name)
+        if sensor is not None and what.is_effort:
             share = FRICTION_DRIFT * passed**0.5
-            witness.deviation += share * self._unknown(what) * self._draw()
-        error = factor * witness.error if witness is not None else 0.0
-        variance = self._variance(what.column, witness, factor) + own
-        unaided = expected - float(self._past.corrected[what.column])
-        usable = health.judge(value, expected + error, unaided, variance, own)
+            sensor.deviation += share * self._unknown_friction(what) * self._draw()
+        error = factor * sensor.error if sensor is not None else 0.0
+        variance = self._variance(what.column, sensor, factor) + own
+        uncorrected = expected - float(self._past.corrected[what.column])
+        usable = health.evaluate(value, expected + error, uncorrected, variance, own)
         if health.dropped:
-            self._witnesses.pop(name, None)
+            self._sensors.pop(name, None)
         if not health.trusted or health.dropped:
             return state
-        if witness is None:
-            witness = self._heed(name, what, abs(value - expected))
+        if sensor is None:
+            sensor = self._sensors[name] = self._new_sensor(what, abs(value - expected))
         innovation = value - expected - error
-        agrees = self._agrees(name, witness, stamp_ns, innovation, variance)
+        accepted = self._accept(name, sensor, stamp_ns, innovation, variance)
         if not usable:  # counted already
             return state
-        if not agrees:
+        if not accepted:
             health.refused += 1
             return state
         if not what.is_effort:
-            self._share(witness, MODEL_ERROR * max(abs(value), health.largest))
+            sensor.grow(MODEL_ERROR * max(abs(value), health.largest), self._draw)
         health.used += 1
-        state = self._teach(what, witness, Innovation(innovation, own, factor), state)
+        state = self._apply(what, sensor, Innovation(innovation, own, factor), state)
         if not what.is_effort:
-            witness.claim.follow(unaided, enough(own, unaided))
-            self._doubt(witness, what)
-            health.dropped = witness.wrong
+            sensor.evidence.follow(uncorrected, enough(own, uncorrected))
+            self._leave_open(sensor, what)
+            health.dropped = sensor.wrong
         return state
 
-    def _doubt(self, witness: Witness, what: Quantity) -> None:
+    def _new_sensor(self, what: Quantity, first: float) -> SensorState:
+        """The state of a sensor at its first correction, of size ``first`` [N] or [N m]."""
+        if what.is_effort:
+            return SensorState(self._unknown_friction(what) * self._draw())
+        nothing = np.zeros(len(self.ensemble.states))
+        evidence = PreloadEvidence(first)
+        return SensorState(nothing, history_error=HISTORY_ERROR * first, evidence=evidence)
+
+    def _accept(
+        self, name: str, sensor: SensorState, stamp_ns: int, innovation: float, variance: float
+    ) -> bool:
+        """Whether to use a reading; widens what may have changed if several contradict.
+
+        An effort is used in any case: it is often the only sign of a lost preload, and to leave it
+        open would leave half of the loss uncorrected.
+        """
+        what = self._quantities[name]
+        scale = self._preloads.scale(what.column, what.cables)
+        share = max(self._drift_of(c, stamp_ns) for c in what.cables)
+        if not what.is_effort:
+            sensor.checked_by_effort = self._is_checked_by_effort(name, stamp_ns)
+        gated = sensor.gate(stamp_ns, innovation, variance, (share * scale) ** 2)
+        possible = abs(sensor.contradiction) <= (SUDDEN if what.is_effort else START_SHARE) * scale
+        if gated == "changed" and possible:
+            self._widen(sensor, what)
+            self.health[name].changes += 1
+        return what.is_effort or gated == "agrees" or (gated == "changed" and possible)
+
+    def _apply(
+        self, what: Quantity, sensor: SensorState, innovation: Innovation, state: State
+    ) -> State:
+        """Correct the state and the ensemble, and note by how much."""
+        values = state.values.copy()
+        gain = self._preloads.update(what, sensor, innovation, self._lasting(), values)
+        for c in what.cables:
+            index = self._preloads.indices[c]
+            self._changed[c] += float(gain[index.elements] @ index.weight) * innovation.size
+        self._past.corrected = self._past.corrected + gain * innovation.size
+        return State(state.stamp_ns, values)
+
+    def _widen(self, sensor: SensorState, what: Quantity) -> None:
+        """Leave open by which preloads readings have changed; by a load cell's error as well."""
+        size, ensemble = abs(sensor.contradiction), self.ensemble
+        known = self._lasting()
+        known.append(ensemble.deviation[:, what.column])  # a view: it follows the change
+        self._preloads.widen(size, what.column, what.cables, known)
+        if not what.is_effort:
+            sensor.deviation += size * standard(ensemble.generator, len(ensemble.states), known)
+        for one in self._sensors.values():
+            one.forget()
+            one.evidence.renew()
+
+    def _leave_open(self, sensor: SensorState, what: Quantity) -> None:
         """Leave open whether a load cell drifts or the preload creeps, (U10)."""
         (cable,) = what.cables
         stddev = self._preloads.stddev(cable)
-        size = witness.claim.contradicted(float(self._changed[cable]), stddev)
+        size = sensor.evidence.contradicted(float(self._changed[cable]), stddev)
         if size > 0.0:
-            known = [one.deviation for one in self._witnesses.values()]
-            change = self._preloads.exchange(size, what.column, cable, known)
-            witness.deviation -= change
+            sensor.deviation -= self._preloads.exchange(size, what.column, cable, self._lasting())
+
+    # --- errors -----------------------------------------------------------------------------------
+
+    def _lasting(self) -> list[Vector]:
+        """Lasting errors of all sensors in every member."""
+        return [one.deviation for one in self._sensors.values()]
+
+    def _draw(self) -> Vector:
+        """Numbers for a lasting error, independent of those of all sensors, shape (members,)."""
+        known = [one for one in self._lasting() if one.any()]
+        return standard(self.ensemble.generator, len(self.ensemble.states), known)
+
+    def _variance(self, column: int, sensor: SensorState | None, factor: float) -> float:
+        """Variance of a quantity and ``factor`` times the lasting error of its sensor together."""
+        h = self.ensemble.deviation[:, column]
+        if sensor is not None:
+            h = h + factor * sensor.deviation
+        return float(h @ h) / h.size
+
+    def _model_error(self, what: Quantity, value: float) -> float:
+        """Standard deviation of the model's error in one reading [N] or [N m]."""
+        if not what.is_effort:
+            return MODEL_ERROR * abs(value)
+        scale = self._preloads.scale(what.column, what.cables)
+        return max(MODEL_ERROR * abs(value), EFFORT_ERROR * scale)
+
+    def _unknown_friction(self, what: Quantity) -> float:
+        """Standard deviation of the motor's friction before its effort was read [N m]."""
+        scale = self._preloads.scale(what.column, what.cables)
+        return self._friction.stddev(what.motor, scale)
 
     def _drift_of(self, cable: int, stamp_ns: int) -> float:
         """Random-walk spread of a preload after 1 s, as a fraction of it.
@@ -308,115 +456,22 @@ class Fusion:
             return self._drift
         return SLOW_DRIFT
 
-    def _heard(self, stamp_ns: int) -> dict[str, Quantity]:
-        """The trusted sensors that have been heard lately, and what they measure."""
+    def _recent(self, stamp_ns: int) -> dict[str, Quantity]:
+        """The trusted sensors that have been read lately, and what they measure."""
         return {
             name: self._quantities[name]
-            for name in self._witnesses
-            if self.health[name].trusted and self._preloads.heard(name, stamp_ns, WINDOW_NS)
+            for name in self._sensors
+            if self.health[name].trusted and self._preloads.has_read(name, stamp_ns, WINDOW_NS)
         }
 
     def _cells(self, cable: int, stamp_ns: int) -> list[str]:
-        """The trusted load cells of a cable that have been heard lately."""
-        heard = self._heard(stamp_ns).items()
-        return [name for name, one in heard if not one.is_effort and cable in one.cables]
+        """The trusted load cells of a cable that have been read lately."""
+        recent = self._recent(stamp_ns).items()
+        return [name for name, one in recent if not one.is_effort and cable in one.cables]
 
-    def _is_against_effort(self, name: str, stamp_ns: int) -> bool:
+    def _is_checked_by_effort(self, name: str, stamp_ns: int) -> bool:
         """Whether a load cell is the only one of its cable and a trusted effort acts on it."""
         (cable,) = self._quantities[name].cables
-        heard = self._heard(stamp_ns).values()
-        efforts = [one for one in heard if one.is_effort and cable in one.cables]
+        recent = self._recent(stamp_ns).values()
+        efforts = [one for one in recent if one.is_effort and cable in one.cables]
         return bool(efforts) and self._cells(cable, stamp_ns) == [name]
-
-    def _heed(self, name: str, what: Quantity, first: float) -> Witness:
-        """Begin to use a sensor.
-
-        Args:
-            name: of the sensor.
-            what: what it measures.
-            first: size of its first correction [N] or [N m].
-        """
-        if what.is_effort:
-            witness = Witness(self._unknown(what) * self._draw())
-        else:
-            nothing = np.zeros(len(self.spread.states))
-            witness = Witness(nothing, history=HISTORY_ERROR * first, claim=Claim(first))
-        self._witnesses[name] = witness
-        return witness
-
-    def _model_error(self, what: Quantity, value: float) -> float:
-        """Standard deviation of the model's error in one reading [N] or [N m]."""
-        if not what.is_effort:
-            return MODEL_ERROR * abs(value)
-        scale = self._preloads.scale(what.column, what.cables)
-        return max(MODEL_ERROR * abs(value), EFFORT_ERROR * scale)
-
-    def _unknown(self, what: Quantity) -> float:
-        """Standard deviation of the motor's friction before its effort was read [N m]."""
-        scale = self._preloads.scale(what.column, what.cables)
-        return self._friction.stddev(what.motor, scale)
-
-    def _agrees(
-        self, name: str, witness: Witness, stamp_ns: int, innovation: float, variance: float
-    ) -> bool:
-        """Whether to use a reading; widens what may have changed if several contradict.
-
-        An effort is used in any case: it is often the only witness of a lost preload, and doubt
-        would leave half of the loss uncorrected.
-        """
-        what = self._quantities[name]
-        scale = self._preloads.scale(what.column, what.cables)
-        share = max(self._drift_of(c, stamp_ns) for c in what.cables)
-        drift = (share * scale) ** 2
-        if not what.is_effort:
-            witness.against_effort = self._is_against_effort(name, stamp_ns)
-        answer: Answer = witness.weigh(stamp_ns, innovation, variance, drift)
-        possible = abs(witness.surprise) <= (SUDDEN if what.is_effort else DOUBT) * scale
-        if answer == "changed" and possible:
-            self._open(witness, what)
-            self.health[name].changes += 1
-        return what.is_effort or answer == "agrees" or (answer == "changed" and possible)
-
-    def _share(self, witness: Witness, size: float) -> None:
-        """Let the lasting error of a load cell grow to ``size`` [N] with its largest reading."""
-        if size > witness.share:
-            witness.deviation += sqrt(size**2 - witness.share**2) * self._draw()
-            witness.share = size
-
-    def _variance(self, column: int, witness: Witness | None, factor: float) -> float:
-        """Variance of a quantity and ``factor`` times the lasting error of its sensor together."""
-        h = self.spread.deviation[:, column]
-        if witness is not None:
-            h = h + factor * witness.deviation
-        return float(h @ h) / h.size
-
-    def _draw(self) -> Vector:
-        """Numbers for a lasting error, independent of those of all sensors, shape (members,)."""
-        spread = self.spread
-        known = [one.deviation for one in self._witnesses.values() if one.deviation.any()]
-        return standard(spread.generator, len(spread.states), known)
-
-    def _open(self, witness: Witness, what: Quantity) -> None:
-        """Leave open by which preloads readings have changed; by a load cell's error as well."""
-        size, spread = abs(witness.surprise), self.spread
-        known = [one.deviation for one in self._witnesses.values()]
-        known.append(spread.deviation[:, what.column])  # a view: it follows the change
-        self._preloads.loosen(size, what.column, what.cables, known)
-        if not what.is_effort:
-            witness.deviation += size * standard(spread.generator, len(spread.states), known)
-        for one in self._witnesses.values():
-            one.forget()
-            one.claim.renew()
-
-    def _teach(
-        self, what: Quantity, witness: Witness, innovation: Innovation, state: State
-    ) -> State:
-        """Correct the state and the ensemble, and note by how much."""
-        lasting = [one.deviation for one in self._witnesses.values()]
-        values = state.values.copy()
-        gain = update(self.spread, self._preloads, what, witness, innovation, lasting, values)
-        for c in what.cables:
-            places = self._preloads.places[c]
-            self._changed[c] += float(gain[places.elements] @ places.weight) * innovation.size
-        self._past.corrected = self._past.corrected + gain * innovation.size
-        return State(state.stamp_ns, values)

@@ -1,4 +1,8 @@
-"""The preloads of the members, which other sensors correct: they drift, and may be in doubt."""
+"""The preloads of the members, which other sensors correct: they drift, and may change suddenly.
+
+The correction is one update of an ensemble Kalman filter, (U2) of docs/uncertainty.md, with a gain
+from the ensemble (Evensen 2003; perturbed observations, restricted to the cables concerned).
+"""
 
 from __future__ import annotations
 
@@ -10,9 +14,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.cable_places import CablePlaces, CableStates, lengthen
-from cdrj_ros.estimation.ensemble import Spread
-from cdrj_ros.estimation.independent_draws import root_mean_square, standard
+from cdrj_ros.estimation.cable_index import CableIndex, CableStates, lengthen
+from cdrj_ros.estimation.draws import root_mean_square, standard
+from cdrj_ros.estimation.ensemble import Ensemble
+from cdrj_ros.estimation.innovation_gate import SensorState
+from cdrj_ros.estimation.measurements import Quantity
 from cdrj_ros.model.prepared import Model, read_only
 
 Vector = NDArray[np.float64]
@@ -24,10 +30,20 @@ SLOW_DRIFT: Final = 0.002
 FREE_DRIFT: Final = 0.02
 """The same where a motor's effort alone tracks the preload."""
 
-
-DOUBT: Final = 0.2
+START_SHARE: Final = 0.2
 """Standard deviation of every preload at the start, and its largest sudden change that a sensor may
 show, as a fraction of the preload."""
+
+
+class Innovation(NamedTuple):
+    """What a reading says that was not expected."""
+
+    size: float
+    """Reading minus what was expected of it [N] or [N m]."""
+    variance: float
+    """Variance of the errors that are new in every reading."""
+    factor: float
+    """Change of the reading per unit of its sensor's lasting error [-]."""
 
 
 class MemberCable(NamedTuple):
@@ -47,19 +63,21 @@ class MemberCable(NamedTuple):
 class Preloads:
     """Changes of the preloads in all members."""
 
-    def __init__(self, spread: Spread) -> None:
+    def __init__(self, ensemble: Ensemble) -> None:
         """Prepare for one robot.
 
         Args:
-            spread: the robot's ensemble, which every call changes.
+            ensemble: the robot's ensemble, which every call changes.
         """
-        self.spread = spread
-        self.places = [CablePlaces(spread.model, c) for c in range(len(spread.model.robot.cables))]
-        self._preload = [max(cable.preload, 1.0) for cable in spread.model.robot.cables]
-        self._cables = [self._cable(places) for places in self.places]
+        self.ensemble = ensemble
+        self.indices = [
+            CableIndex(ensemble.model, c) for c in range(len(ensemble.model.robot.cables))
+        ]
+        self._preload = [max(cable.preload, 1.0) for cable in ensemble.model.robot.cables]
+        self._cables = [self._cable(index) for index in self.indices]
         self._scales: dict[int, float] = {}
         self._last_ns: dict[str, int] = {}
-        self.known = np.zeros(len(self.places))
+        self.known = np.zeros(len(self.indices))
         """What the estimate's cables have more in material than the robot file's [m]."""
 
     def forget(self) -> None:
@@ -70,18 +88,58 @@ class Preloads:
         """Forget all corrections: every preload is that of the robot file, as uncertain as then."""
         self.forget()
         self.known[:] = 0.0
-        self.spread.restore_preloads()
+        self.ensemble.restore_preloads()
 
     def corrected(self, model: Model) -> Model:
         """The robot with the preloads that are known by now."""
         if not self.known.any():
             return model
         numbers = model.numbers.copy()
-        for places, known in zip(self.places, self.known, strict=True):
-            lengthen(places.start(numbers), np.asarray(known))
+        for index, known in zip(self.indices, self.known, strict=True):
+            lengthen(index.start(numbers), np.asarray(known))
         return replace(model, numbers=read_only(numbers))
 
-    def correct(self, c: int, state: Vector, shift: Vector, changes: Table) -> None:
+    def update(
+        self,
+        what: Quantity,
+        sensor: SensorState,
+        innovation: Innovation,
+        lasting: Sequence[Vector],
+        values: Vector,
+    ) -> Vector:
+        """Correct a state, the ensemble and the sensor's lasting error with one reading.
+
+        Args:
+            what: the measured quantity.
+            sensor: the sensor, whose lasting error is corrected too.
+            innovation: of the reading.
+            lasting: lasting errors of all sensors in every member, see ``standard``.
+            values: of the state, shape (state_size,), changed.
+
+        Returns:
+            The gain of every column of the ensemble.
+        """
+        ensemble = self.ensemble
+        deviation = ensemble.deviation
+        members = len(deviation)
+        h = deviation[:, what.column] + innovation.factor * sensor.deviation
+        variance = float(h @ h) / members + innovation.variance
+        gain = deviation.T @ h / (members * variance)
+        gain[what.others] = 0.0
+        errors = sqrt(innovation.variance) * standard(ensemble.generator, members, lasting)
+        differences = innovation.size - h + errors
+        change = differences[:, None] * gain
+        for c in what.cables:
+            elements = self.indices[c].elements
+            self._correct(c, values, gain[elements] * innovation.size, change[:, elements])
+        own_gain = float(sensor.deviation @ h) / (members * variance)
+        moved = float(gain[what.column]) + (own_gain if sensor.checked_by_effort else 0.0)
+        sensor.correct(differences * own_gain, own_gain * innovation.size, moved * innovation.size)
+        deviation += change - gain * innovation.size
+        ensemble.variance_is_old = True
+        return gain
+
+    def _correct(self, c: int, state: Vector, shift: Vector, changes: Table) -> None:
         """Change the tensions of a cable, and what is known of its preload.
 
         Args:
@@ -90,11 +148,14 @@ class Preloads:
             shift: of its tensions [N], shape (elements,).
             changes: of those of all members, shape (members, elements).
         """
-        estimate, cable = self.places[c].states(state, self.spread.model.numbers), self._cables[c]
+        estimate, cable = (
+            self.indices[c].states(state, self.ensemble.model.numbers),
+            self._cables[c],
+        )
         self.known[c] += estimate.stretch(shift)
         lengthen(cable.start, cable.states.stretch(changes))
 
-    def pass_unwatched(self, seconds: float, shares: Sequence[float]) -> None:
+    def drift_unmeasured(self, seconds: float, shares: Sequence[float]) -> None:
         """Let the preloads drift while nothing was measured, by no more than they may at the start.
 
         Args:
@@ -102,23 +163,23 @@ class Preloads:
             shares: as for ``drift``, of every cable.
         """
         for c, share in enumerate(shares):
-            normal = standard(self.spread.generator, len(self.spread.states))
-            size = min(share * np.sqrt(seconds), DOUBT) * self._preload[c]
-            if self.spread.started:
+            normal = standard(self.ensemble.generator, len(self.ensemble.states))
+            size = min(share * np.sqrt(seconds), START_SHARE) * self._preload[c]
+            if self.ensemble.started:
                 self._shift(c, size * normal)
             else:
-                self.places[c].preload(self.spread.numbers, size * normal)
-        self.spread.renew_variance()
+                self.indices[c].preload(self.ensemble.numbers, size * normal)
+        self.ensemble.renew_variance()
 
-    def widen(self, size: float, column: int, cables: list[int]) -> None:
+    def widen_before_start(self, size: float, column: int, cables: list[int]) -> None:
         """Add to every preload what would change a measured quantity by ``size``, before a start.
 
         At most its own size is added to a preload.
         """
         for c, arm in self._arms(column, cables):
-            normal = standard(self.spread.generator, len(self.spread.states))
+            normal = standard(self.ensemble.generator, len(self.ensemble.states))
             change = min(abs(size / arm), self._preload[c])
-            self.places[c].preload(self.spread.numbers, change * normal)
+            self.indices[c].preload(self.ensemble.numbers, change * normal)
 
     def drift(
         self, name: str, stamp_ns: int, shares: Mapping[int, float], apart: Sequence[Vector]
@@ -139,13 +200,13 @@ class Preloads:
         self._last_ns[name] = stamp_ns
         if passed <= 0.0:
             return 0.0
-        spread = self.spread
+        ensemble = self.ensemble
         for c, share in shares.items():
-            normal = standard(spread.generator, len(spread.states), apart)
+            normal = standard(ensemble.generator, len(ensemble.states), apart)
             self._shift(c, share * self._preload[c] * sqrt(passed) * normal)
         return passed
 
-    def heard(self, name: str, stamp_ns: int, within_ns: int) -> bool:
+    def has_read(self, name: str, stamp_ns: int, within_ns: int) -> bool:
         """Whether a sensor has corrected the cables within a time before ``stamp_ns`` [ns]."""
         return name in self._last_ns and 0 <= stamp_ns - self._last_ns[name] <= within_ns
 
@@ -156,15 +217,17 @@ class Preloads:
             self._scales[column] = sqrt(sum(changes))
         return self._scales[column]
 
-    def loosen(self, size: float, column: int, cables: list[int], apart: Sequence[Vector]) -> None:
+    def widen(self, size: float, column: int, cables: list[int], apart: Sequence[Vector]) -> None:
         """Add to every preload what would change a measured quantity by ``size``."""
-        spread = self.spread
+        ensemble = self.ensemble
         for c, arm in self._arms(column, cables):
-            self._shift(c, size / abs(arm) * standard(spread.generator, len(spread.states), apart))
+            self._shift(
+                c, size / abs(arm) * standard(ensemble.generator, len(ensemble.states), apart)
+            )
 
     def stddev(self, c: int) -> float:
         """Standard deviation of the preload of a cable, that is of its mean tension [N]."""
-        return root_mean_square(self._cables[c].tension @ self.places[c].weight)
+        return root_mean_square(self._cables[c].tension @ self.indices[c].weight)
 
     def exchange(self, size: float, column: int, c: int, apart: Sequence[Vector]) -> Vector:
         """Vary a preload by itself, with a standard deviation of ``size`` [N].
@@ -178,28 +241,28 @@ class Preloads:
         Returns:
             The change of that tension in every member [N], shape (members,).
         """
-        spread = self.spread
-        known = [*apart, spread.deviation[:, column]]
-        change = size * standard(spread.generator, len(spread.states), known)
+        ensemble = self.ensemble
+        known = [*apart, ensemble.deviation[:, column]]
+        change = size * standard(ensemble.generator, len(ensemble.states), known)
         self._shift(c, change)
         return change
 
     def _arms(self, column: int, cables: list[int]) -> list[tuple[int, float]]:
         """Cables that act on a measured quantity, and its change per newton in each of them."""
-        if column < len(self.spread.model.layout.elements):
+        if column < len(self.ensemble.model.layout.elements):
             return [(c, 1.0) for c in cables]
-        arms = [(c, sum(arm for at, arm in self.places[c].motors if at == column)) for c in cables]
+        arms = [(c, sum(arm for at, arm in self.indices[c].motors if at == column)) for c in cables]
         return [(c, arm) for c, arm in arms if arm != 0.0]
 
-    def _cable(self, places: CablePlaces) -> MemberCable:
+    def _cable(self, index: CableIndex) -> MemberCable:
         """The views of one cable."""
-        spread, deviation = self.spread, self.spread.deviation
+        ensemble, deviation = self.ensemble, self.ensemble.deviation
         return MemberCable(
-            states=places.states(spread.states, spread.numbers),
-            start=places.start(spread.numbers),
-            tension=deviation[:, places.elements],
-            force=deviation[:, places.pulleys],
-            efforts=[(deviation[:, column], arm) for column, arm in places.motors],
+            states=index.states(ensemble.states, ensemble.numbers),
+            start=index.start(ensemble.numbers),
+            tension=deviation[:, index.elements],
+            force=deviation[:, index.pulleys],
+            efforts=[(deviation[:, column], arm) for column, arm in index.motors],
         )
 
     def _shift(self, c: int, tension: Vector) -> None:
@@ -207,7 +270,7 @@ class Preloads:
         cable, shift = self._cables[c], tension[:, None]
         lengthen(cable.start, cable.states.stretch(shift))
         np.add(cable.tension, shift, out=cable.tension)
-        np.add(cable.force, shift * self.places[c].lever, out=cable.force)
+        np.add(cable.force, shift * self.indices[c].lever, out=cable.force)
         for effort, arm in cable.efforts:
             np.add(effort, arm * tension, out=effort)
-        self.spread.variance_is_old = True
+        self.ensemble.variance_is_old = True

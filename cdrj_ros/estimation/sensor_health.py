@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
-JUDGED: Final = 50
+CHECKED: Final = 50
 """Number of latest readings over which a sensor is checked."""
 
 TOO_FAR: Final = 9.0
@@ -70,28 +70,28 @@ class SensorHealth:
     returning: bool = False
     """Whether it was trusted before it came on trial again.
 
-    Its contradictions are then weighed once it is trusted: a preload may have changed meanwhile."""
+    It must pass the gate once it is trusted: a preload may have changed meanwhile."""
     used: int = 0
     """Readings used so far."""
     refused: int = 0
-    """Readings refused: not finite, too old, contested, or from a dropped sensor."""
+    """Readings refused: not finite, too old, contradicted, or from a dropped sensor."""
     changes: int = 0
     """How often readings have shown a sudden change of a preload, or of the sensor."""
     tried: int = 0
     """Readings on trial, which do not correct the estimate."""
     largest: float = 0.0
     """Largest magnitude of the readings on trial [N] or [N m]."""
-    _squares: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    _squares: deque[float] = field(default_factory=lambda: deque(maxlen=CHECKED))
     _last: float | None = None
-    _equal: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    _equal: deque[float] = field(default_factory=lambda: deque(maxlen=CHECKED))
     """Uncorrected estimates at the latest readings that are all equal."""
-    _away: deque[float] = field(default_factory=lambda: deque(maxlen=MANY))
+    _residuals: deque[float] = field(default_factory=lambda: deque(maxlen=MANY))
     """The latest readings less the uncorrected estimates; as many as drop a sensor."""
     _in_motion: int = 0
     """Readings on trial while the estimate moved."""
     _trial: deque[float] = field(default_factory=lambda: deque(maxlen=TRIED))
     """Readings on trial, and at each of them the estimate without corrections."""
-    _beside: deque[float] = field(default_factory=lambda: deque(maxlen=TRIED))
+    _uncorrected: deque[float] = field(default_factory=lambda: deque(maxlen=TRIED))
 
     def memory(self) -> dict[str, Any]:
         """What it is known by, as JSON; ``recalled`` reads it."""
@@ -118,24 +118,24 @@ class SensorHealth:
 
     def pause(self) -> None:
         """Forget the latest readings: the estimates to compare them with begin anew."""
-        for latest in (self._squares, self._equal, self._trial, self._beside, self._away):
+        for latest in (self._squares, self._equal, self._trial, self._uncorrected, self._residuals):
             latest.clear()
         self._last = None
 
     @property
-    def away(self) -> float:
+    def residual(self) -> float:
         """How far the latest readings are from the uncorrected estimate [N] or [N m]."""
-        return float(np.median(self._away)) if self._away else 0.0
+        return float(np.median(self._residuals)) if self._residuals else 0.0
 
-    def judge(
-        self, value: float, expected: float, unaided: float, variance: float, own: float
+    def evaluate(
+        self, value: float, expected: float, uncorrected: float, variance: float, own: float
     ) -> bool:
         """Check a reading; True if it may be used.
 
         Args:
             value: measured value [N] or [N m].
             expected: estimate for the same time.
-            unaided: the same estimate without the corrections made so far.
+            uncorrected: the same estimate without the corrections made so far.
             variance: expected variance of value minus expected.
             own: the part of the variance due to sensor noise and model error.
         """
@@ -144,50 +144,50 @@ class SensorHealth:
             return False
         if self.trusted or not self.returning:
             self._squares.append((value - expected) ** 2 / variance)
-        self._away.append(value - unaided)
+        self._residuals.append(value - uncorrected)
         if value != self._last:
             self._equal.clear()
         self._last = value
-        self._equal.append(unaided)
+        self._equal.append(uncorrected)
         self.dropped = self._fault(value, expected, own)
         if not self.dropped and not self.trusted:
-            return self._try(value, unaided, own)
+            return self._try(value, uncorrected, own)
         if self.dropped or self._squares[-1] > OUTLIER:
             self.refused += 1
             return False
         return True
 
     def _fault(self, value: float, expected: float, own: float) -> str:
-        """The fault that the last ``JUDGED`` readings show; empty if none."""
+        """The fault that the last ``CHECKED`` readings show; empty if none."""
         if len(self._equal) >= EQUAL and max(self._equal) - min(self._equal) > STIFF * own**0.5:
             return f"frozen at {value:.4g} while the estimate moves"
-        if len(self._squares) < JUDGED:
+        if len(self._squares) < CHECKED:
             return ""
         near = [square for square in self._squares if square <= OUTLIER]
-        outliers = JUDGED - len(near)
+        outliers = CHECKED - len(near)
         said = f"(measured {value:.4g}, expected {expected:.4g})"
         if outliers >= MANY:
             return (
-                f"{outliers} of {JUDGED} readings more than {OUTLIER**0.5:.0f} standard deviations "
-                f"from the estimate {said}"
+                f"{outliers} of {CHECKED} readings more than {OUTLIER**0.5:.0f} "
+                f"standard deviations from the estimate {said}"
             )
         mean = sum(near) / len(near)
         if mean > TOO_FAR:
             return (
-                f"{mean**0.5:.1f} standard deviations from the estimate over {JUDGED} readings "
+                f"{mean**0.5:.1f} standard deviations from the estimate over {CHECKED} readings "
                 f"{said}"
             )
         return ""
 
-    def _try(self, value: float, unaided: float, own: float) -> bool:
+    def _try(self, value: float, uncorrected: float, own: float) -> bool:
         """Add a reading on trial; True once the readings follow the motion, (U4)."""
         self.tried += 1
         self.largest = max(self.largest, abs(value))
-        if self._beside and abs(unaided - self._beside[-1]) < TRIAL_STEP * own**0.5:
+        if self._uncorrected and abs(uncorrected - self._uncorrected[-1]) < TRIAL_STEP * own**0.5:
             return False
         self._trial.append(value)
-        self._beside.append(unaided)
-        readings, estimates = (np.fromiter(one, float) for one in (self._trial, self._beside))
+        self._uncorrected.append(uncorrected)
+        readings, estimates = (np.fromiter(one, float) for one in (self._trial, self._uncorrected))
         if _to_and_fro(estimates) <= enough(own, float(np.abs(estimates).max())):
             return False
         response, error = _slope(estimates, readings, own)
@@ -202,7 +202,7 @@ class SensorHealth:
         if self.trusted:
             self.tried -= 1
             self._trial.clear()
-            self._beside.clear()
+            self._uncorrected.clear()
         return self.trusted
 
 
@@ -210,7 +210,7 @@ def enough(own: float, largest: float) -> float:
     """How far an estimate must rise and fall to judge a sensor by it [N] or [N m].
 
     Args:
-        own: see ``SensorHealth.judge``.
+        own: see ``SensorHealth.evaluate``.
         largest: largest magnitude of the estimate.
     """
     return max(STIFF * float(own**0.5), PROOF * abs(largest))

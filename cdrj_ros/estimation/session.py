@@ -7,38 +7,101 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros._core import JointStateDecoder
-from cdrj_ros.conditioning.conditioner import TOPICS, Conditioner, Kind, samples_of
+from cdrj_ros.conditioning.conditioner import TOPICS, Conditioner, Kind, Mode, samples_of
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.estimation.earlier_run import EarlierRun
-from cdrj_ros.estimation.ensemble import Spread
-from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.other_numbers import preloads_of, reference_at, with_other_numbers
-from cdrj_ros.estimation.other_sensors import OtherSensors
-from cdrj_ros.estimation.output import Output, OutputAlone
-from cdrj_ros.estimation.preloads import DOUBT
-from cdrj_ros.estimation.rest import RestWatch
-from cdrj_ros.estimation.unsure import (
-    mark_all_unsure,
-    mark_some_unsure,
+from cdrj_ros.estimation.changes import (
+    RestWatch,
+    preloads_of,
+    reference_at,
+    with_other_numbers,
+)
+from cdrj_ros.estimation.encoderless import LiveEncoderless
+from cdrj_ros.estimation.ensemble import (
+    UNSURE_SHARE,
+    Ensemble,
+    mark_elements_unsure,
     mark_unsure,
     preload_of_elements,
 )
+from cdrj_ros.estimation.estimator import NEVER, Angles, Estimate, State, initial_state, step
+from cdrj_ros.estimation.fusion import SensorFusion
+from cdrj_ros.estimation.preloads import START_SHARE
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.tolerances import narrowed
 
-if TYPE_CHECKING:
-    from cdrj_ros.estimation.live_alone import LiveAlone
-
 Vector = NDArray[np.float64]
+
+UNWATCHED_NS: Final = 100_000_000
+"""After a longer time between two runs, the friction history of a moved robot is unknown [ns]."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the live estimator."""
+
+    conditioning: Mode = "wait"
+    """``wait`` for the slower channel, or ``predict`` it."""
+    uncertainty: bool = True
+    """Whether to estimate standard deviations."""
+    unsure_share: float = UNSURE_SHARE
+    """An element is ``UNSURE`` if its standard deviation exceeds this fraction of its tension or
+    preload, whichever is greater."""
+    tension_sensors: bool = False
+    """Whether to use load cells; preloads may then drift."""
+    track_preload: bool = False
+    """Whether to correct the preloads with the motors' efforts."""
+    effort_noise: float = 0.01
+    """Standard deviation of a motor's effort [N m]."""
+    tracking: float | None = None
+    """Bandwidth of the tracking filters [Hz], 0 for none; None: the robot file's."""
+
+    @property
+    def corrects(self) -> bool:
+        """Whether sensors other than the encoders correct the estimate."""
+        return self.tension_sensors or self.track_preload
+
+
+class Output(NamedTuple):
+    """What the live estimator gives for one sample."""
+
+    estimate: Estimate
+    stddev: Vector | None
+    """Standard deviations in the order of ``stddev_columns``; None if none are estimated."""
+    angles: Angles | None = None
+    """Of the joints without encoder, one row; None where all have one or there is no effort."""
+
+
+@dataclass(frozen=True)
+class EarlierRun:
+    """The last state of a run, and the angles there."""
+
+    state: State
+    motor_angle: Vector | None = None
+    """[rad], shape (motors,); None where unknown."""
+    joint_angle: Vector | None = None
+    """[rad], shape (joints,); None where unknown."""
+    uncorrected: Vector | None = None
+    """Values of the state without corrections by other sensors; None: those of the state."""
+
+    def has_moved(self, sample: Sample) -> bool:
+        """Whether the robot has moved along an unknown path until the first sample of this run."""
+        moved = 0.0
+        for before, now in (
+            (self.motor_angle, sample.motor_angle),
+            (self.joint_angle, sample.joint_angle),
+        ):
+            if before is not None and before.shape == now.shape and now.size:
+                moved = max(moved, float(np.max(np.abs(now - before))))
+        return moved > _core.MOVED and not 0 < sample.stamp_ns - self.state.stamp_ns <= UNWATCHED_NS
 
 
 class LiveEstimator:
@@ -68,13 +131,13 @@ class LiveEstimator:
         )
         self.unsolved = 0
         """Samples with at least one unsolved element, without predicted ones."""
-        self.doubted: NDArray[np.bool_] | None = None
+        self.always_unsure: NDArray[np.bool_] | None = None
         """Elements that are ``UNSURE`` whatever their standard deviation, shape (elements,); None
         for none.  The health monitor sets it."""
-        self.spread: Spread | None = None
-        self.other_sensors: OtherSensors | None = None
+        self.ensemble: Ensemble | None = None
+        self.fusion: SensorFusion | None = None
         """Load cells and motors' efforts, if the options ask for them."""
-        self.alone: LiveAlone | None = None
+        self.encoderless: LiveEncoderless | None = None
         """The estimate of a robot with joints without encoder."""
         self.started = model
         """The robot as given at construction."""
@@ -94,30 +157,33 @@ class LiveEstimator:
 
     def use(self, model: Model) -> None:
         """Continue with other numbers of the same robot; state and readings are kept."""
-        options, spread = self.options, None
+        options = self.options
         if model.robot.unmeasured:
-            from cdrj_ros.estimation.live_alone import LiveAlone  # most robots do without
-
-            self.alone = LiveAlone(model, self.alone)
+            self.encoderless = LiveEncoderless(model, self.encoderless)
         elif options.uncertainty:
             known = narrowed(model.robot, self.changes)
-            share = DOUBT if options.corrects else 0.0
-            spread = Spread(model, preload_share=share, known=known, before=self.spread)
-        if spread is not None and options.corrects:
-            if self.other_sensors is None:
-                self.other_sensors = OtherSensors(spread, options)
+            share = START_SHARE if options.corrects else 0.0
+            self.ensemble = Ensemble(model, preload_share=share, known=known)
+        if self.ensemble is not None and options.corrects:
+            if self.fusion is None:
+                self.fusion = SensorFusion(
+                    self.ensemble,
+                    track_preload=options.track_preload,
+                    effort_noise=options.effort_noise,
+                )
             else:
-                self.other_sensors.use(spread)
-        self.model, self.spread = model, spread
-        self._ahead: State | None = None
+                self.fusion.use(self.ensemble)
+        self.model = model
+        self._predicted: State | None = None
         """The state after the last predicted sample, if one was taken since the last other one."""
         self._preload = preload_of_elements(model.robot)
+        self._everywhere = np.ones(self._preload.size, dtype=np.bool_)
 
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""
         self.conditioner.reset()
-        if self.other_sensors is not None:
-            self.other_sensors.fusion.reset()
+        if self.fusion is not None:
+            self.fusion.reset()
         self._restart(known=False)
 
     def _restart(self, *, known: bool) -> None:
@@ -126,29 +192,29 @@ class LiveEstimator:
         """The run that the next sample continues."""
         self._jumps = self.conditioner.clock_jumps
         self.state: State = initial_state(self.model)
-        self.unaided: State = self.state
+        self.uncorrected: State = self.state
         """The state without corrections by other sensors."""
-        self._ahead = None
-        self.taught: set[str] = self.taught if known else set()
-        """Sensors whose corrections distinguish ``state`` from ``unaided``."""
+        self._predicted = None
+        self.corrected_by: set[str] = self.corrected_by if known else set()
+        """Sensors whose corrections distinguish ``state`` from ``uncorrected``."""
         self.sample: Sample | None = None
         self._watch = RestWatch()
-        if self.alone is not None:
-            self.alone.reset()
-        if self.spread is not None:
-            self.spread.reset()
-        if self.other_sensors is not None:
-            self.other_sensors.restart(known=known)
+        if self.encoderless is not None:
+            self.encoderless.reset()
+        if self.ensemble is not None:
+            self.ensemble.reset()
+        if self.fusion is not None:
+            self.fusion.restart(known=known)
 
-    def resume(self, earlier: EarlierRun, taught: Iterable[str] = ()) -> None:
+    def resume(self, earlier: EarlierRun, corrected_by: Iterable[str] = ()) -> None:
         """Continue from the end of an earlier run at the next sample.
 
         Args:
             earlier: where it ended.
-            taught: sensors whose corrections distinguish its state from the one without them.
+            corrected_by: sensors whose corrections distinguish its state from the one without them.
         """
         self._earlier = earlier
-        self.taught = set(taught)
+        self.corrected_by = set(corrected_by)
         motor, joint = earlier.motor_angle, earlier.joint_angle
         if motor is not None and joint is not None:
             self.conditioner.expect(np.concatenate([motor, joint]), earlier.state.stamp_ns)
@@ -161,16 +227,16 @@ class LiveEstimator:
         """
         if self.sample is None:
             return
-        motor, joint, taught = self.sample.motor_angle, self.sample.joint_angle, self.taught
-        earlier = EarlierRun(self.state, motor, joint, self.unaided.values)
+        motor, joint = self.sample.motor_angle, self.sample.joint_angle
+        earlier = EarlierRun(self.state, motor, joint, self.uncorrected.values)
         known = self.conditioner.memory()
-        members = None if self.spread is None else deepcopy(self.spread.memory())
+        members = None if self.ensemble is None else deepcopy(self.ensemble.memory())
         self.conditioner.reset()
         self._restart(known=True)
         self.conditioner.recall(known)
-        if self.spread is not None and members is not None:
-            self.spread.recall(members)
-        self.resume(earlier, taught)
+        if self.ensemble is not None and members is not None:
+            self.ensemble.recall(members)
+        self.resume(earlier, self.corrected_by)
 
     def _take_up(self, earlier: EarlierRun, sample: Sample) -> None:
         """Continue an earlier run's state at the first sample of this one."""
@@ -178,15 +244,15 @@ class LiveEstimator:
         late = sample.stamp_ns - state.stamp_ns
         if late <= 0:  # the clock has been set back since
             state = State(sample.stamp_ns - 1_000_000, state.values)
-            if self.spread is not None:
-                self.spread.shift_clock(late - 1_000_000)
-        self.state = self.unaided = state
-        if earlier.unaided is not None:
-            self.unaided = State(state.stamp_ns, earlier.unaided)
-        if self.spread is not None and earlier.has_moved(sample):
-            self.spread.reset()
-        if late > 0 and self.other_sensors is not None:
-            self.other_sensors.fusion.pass_unwatched(late * 1e-9)
+            if self.ensemble is not None:
+                self.ensemble.shift_clock(late - 1_000_000)
+        self.state = self.uncorrected = state
+        if earlier.uncorrected is not None:
+            self.uncorrected = State(state.stamp_ns, earlier.uncorrected)
+        if self.ensemble is not None and earlier.has_moved(sample):
+            self.ensemble.reset()
+        if late > 0 and self.fusion is not None:
+            self.fusion.drift_unmeasured(late * 1e-9)
 
     def feed(
         self,
@@ -229,56 +295,56 @@ class LiveEstimator:
 
     def finish(self) -> None:
         """Do what the last estimate need not wait for; the next sample does it otherwise."""
-        if self.spread is not None:
-            self.spread.finish()
+        if self.ensemble is not None:
+            self.ensemble.finish()
 
     def take(self, sample: Sample) -> Output:
         """Process one sample; ``finish`` can follow once the estimate has been published.
 
         A predicted sample leaves the memory as it is; only the next predicted one continues it.
         """
-        if self.alone is not None:
-            return self._take_alone(self.alone, sample)
-        if sample.predicted:
-            return self._look_ahead(sample)
-        return self._take_next(sample)
+        if self.encoderless is not None:
+            output = self._take_encoderless(self.encoderless, sample)
+        elif sample.predicted:
+            output = self._take_predicted(sample)
+        else:
+            output = self._take_next(sample)
+        return output
 
     def _take_next(self, sample: Sample) -> Output:
         """``take`` for a sample that continues the memory."""
-        self._ahead = None
+        self._predicted = None
         if self._earlier is not None:
             self._take_up(self._earlier, sample)
             self._earlier = None
         estimate, stddev = self._step(sample)
         self._note(sample, estimate)
-        if stddev is not None:
-            self._mark(estimate, stddev)
-        self._mark_doubts(sample, estimate)
-        others = self.other_sensors
-        if others is not None and estimate.solved:
-            self._correct(others, sample, estimate)
+        self._mark(sample, estimate, stddev)
+        if self.fusion is not None and estimate.solved:
+            self._correct(self.fusion, sample, estimate)
         return Output(estimate, stddev)
 
     def _step(self, sample: Sample) -> tuple[Estimate, Vector | None]:
         """The next estimate, and its standard deviations if they are wanted."""
-        spread, others = self.spread, self.other_sensors
-        if others is None:
-            if spread is not None:
-                self.state, estimate, stddev = spread.step(self.state, sample, at_once=False)
-                return estimate, stddev
+        ensemble = self.ensemble
+        if ensemble is None:
             self.state, estimate = step(self.model, self.state, sample)
             return estimate, None
-        assert spread is not None
-        model, untaught = self.model, self.state is self.unaided
+        if self.fusion is None:
+            self.state, estimate, stddev = ensemble.step(self.state, sample, at_once=False)
+            return estimate, stddev
+        model, is_corrected = self.model, self.state is not self.uncorrected
         if self.state.stamp_ns == NEVER:
-            model = others.fusion.beginning()
+            model = self.fusion.start_model()
         if model is self.model:  # at once, since other sensors correct the members
-            self.state, estimate, stddev = spread.step(self.state, sample, at_once=True)
+            self.state, estimate, stddev = ensemble.step(self.state, sample, at_once=True)
         else:
             self.state, estimate = step(model, self.state, sample)
-            stddev = spread.update(sample, estimate)
-        same = untaught and model is self.model
-        self.unaided = self.state if same else step(self.model, self.unaided, sample)[0]
+            stddev = ensemble.update(sample, estimate)
+        if is_corrected or model is not self.model:
+            self.uncorrected = step(self.model, self.uncorrected, sample)[0]
+        else:
+            self.uncorrected = self.state
         return estimate, stddev
 
     def _note(self, sample: Sample, estimate: Estimate) -> None:
@@ -288,55 +354,46 @@ class LiveEstimator:
         if not estimate.solved:
             self.unsolved += 1
 
-    def _correct(self, others: OtherSensors, sample: Sample, estimate: Estimate) -> None:
+    def _correct(self, fusion: SensorFusion, sample: Sample, estimate: Estimate) -> None:
         """Apply other sensors' measurements; if one of these sensors was wrong, undo all of them.
 
         The uncorrected state then replaces the state, and the ensemble starts anew.
         """
-        others.fusion.remember(sample, estimate)
-        self.state, wrong = others.correct(sample, self.state, self.taught)
+        self.state, wrong = fusion.correct(sample, estimate, self.state, self.corrected_by)
         if wrong:
-            self.state = self.unaided
-            self.taught.clear()
-            others.take_back(wrong)
-        if wrong or others.fusion.contested:
-            mark_all_unsure(estimate.values, self._preload.size)
+            self.state = self.uncorrected
+            self.corrected_by.clear()
+            fusion.undo(wrong)
+        if wrong or fusion.contradicted:
+            mark_elements_unsure(estimate.values, self._everywhere)
 
-    def _look_ahead(self, sample: Sample) -> Output:
+    def _take_predicted(self, sample: Sample) -> Output:
         """``take`` for a predicted sample."""
-        self._ahead, estimate = step(self.model, self._ahead or self.state, sample)
-        stddev = None
-        if self.spread is not None:
-            stddev = self.spread.look_ahead(sample, estimate)
-            self._mark(estimate, stddev)
-        self._mark_doubts(sample, estimate)
-        if self.other_sensors is not None and self.other_sensors.fusion.contested:
-            mark_all_unsure(estimate.values, self._preload.size)
+        self._predicted, estimate = step(self.model, self._predicted or self.state, sample)
+        stddev = None if self.ensemble is None else self.ensemble.predict(sample, estimate)
+        self._mark(sample, estimate, stddev)
+        if self.fusion is not None and self.fusion.contradicted:
+            mark_elements_unsure(estimate.values, self._everywhere)
         return Output(estimate, stddev)
 
-    def _mark(self, estimate: Estimate, stddev: Vector) -> None:
-        """Set ``UNSURE`` where standard deviations are too large."""
-        mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
-
-    def _mark_doubts(self, sample: Sample, estimate: Estimate) -> None:
-        """Set ``UNSURE`` where readings or the robot itself are in doubt."""
-        if sample.doubtful:
-            mark_all_unsure(estimate.values, self._preload.size)
-        if self.doubted is not None:
-            mark_some_unsure(estimate.values, self.doubted)
-
-    def _take_alone(self, alone: LiveAlone, sample: Sample) -> OutputAlone:
+    def _take_encoderless(self, encoderless: LiveEncoderless, sample: Sample) -> Output:
         """``take`` for a robot with joints without encoder."""
         self._earlier = None
-        estimate, stddev, angles = alone.estimate(sample)
+        estimate, stddev, angles = encoderless.estimate(sample)
         if not sample.predicted:
-            self.state = self.unaided = alone.state_at(sample.stamp_ns)
+            self.state = self.uncorrected = encoderless.state_at(sample.stamp_ns)
             self._note(sample, estimate)
-        mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
-        self._mark_doubts(sample, estimate)
-        output = OutputAlone(estimate, stddev if self.options.uncertainty else None)
-        output.angles = angles
-        return output
+        self._mark(sample, estimate, stddev)
+        return Output(estimate, stddev if self.options.uncertainty else None, angles)
+
+    def _mark(self, sample: Sample, estimate: Estimate, stddev: Vector | None) -> None:
+        """Set ``UNSURE`` where deviations are too large, or readings or the robot are in doubt."""
+        if stddev is not None:
+            mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
+        if sample.doubtful:
+            mark_elements_unsure(estimate.values, self._everywhere)
+        if self.always_unsure is not None:
+            mark_elements_unsure(estimate.values, self.always_unsure)
 
     def feed_tensions(
         self,
@@ -353,27 +410,27 @@ class LiveEstimator:
             tensions: measured tensions [N].
             stddevs: one standard deviation per name [N]; empty: the robot file's.
         """
-        if self.other_sensors is None:
+        if self.fusion is None:
             return
         if len(names) != len(tensions) or len(stddevs) not in (0, len(names)):
             self.conditioner.refuse("malformed")
             return
-        self.other_sensors.feed_tensions(stamp_ns, names, tensions, stddevs)
+        self.fusion.feed_tensions(stamp_ns, names, tensions, stddevs)
 
     def wants_efforts(self, stamp_ns: int) -> bool:
         """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
-        if self.alone is not None:
+        if self.encoderless is not None:
             return True
-        return self.other_sensors is not None and self.other_sensors.wants_efforts(stamp_ns)
+        return self.fusion is not None and self.fusion.wants_efforts(stamp_ns)
 
     def feed_efforts(
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
     ) -> None:
         """Queue measured efforts of motors [N m]; other names are ignored."""
-        if self.alone is not None:
-            self.alone.feed_efforts(stamp_ns, names, efforts)
-        elif self.other_sensors is not None:
-            self.other_sensors.feed_efforts(stamp_ns, names, efforts)
+        if self.encoderless is not None:
+            self.encoderless.feed_efforts(stamp_ns, names, efforts)
+        elif self.fusion is not None:
+            self.fusion.feed_efforts(stamp_ns, names, efforts)
 
     def tare(self) -> str:
         """Make the current angles the reference pose.
@@ -386,7 +443,7 @@ class LiveEstimator:
         """
         if self.sample is None:
             raise UsageError("no angles yet: no reading of every motor and joint has arrived")
-        if self.alone is not None:
+        if self.encoderless is not None:
             raise UsageError(f"no reference can be set: {_without_encoder(self.model)}")
         if reason := self._watch.in_motion(self.model.robot):
             raise UsageError(reason)

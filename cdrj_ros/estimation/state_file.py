@@ -15,15 +15,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.estimator import State
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import EarlierRun, LiveEstimator
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.files import write_bytes
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model
 
-HEADER: Final = b"cdrj_ros state 5\n"
+HEADER: Final = b"cdrj_ros state 6\n"
 """First bytes of a state file."""
 
 MAXIMUM_BYTES: Final = 50_000_000
@@ -91,22 +90,21 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
         "robot": _digest(live.started),
         "changes": _packed(live.changes),
     }
-    others = live.other_sensors
     if live.sample is not None:
         arrays |= {
             "digest": _digest(live.model),
             "stamp": np.array([live.state.stamp_ns]),
             "state": live.state.values,
-            "unaided": (live.state if others is None else live.unaided).values,
-            "taught": _packed(sorted(live.taught)),
+            "uncorrected": (live.state if live.fusion is None else live.uncorrected).values,
+            "corrected_by": _packed(sorted(live.corrected_by)),
             "motor_angle": live.sample.motor_angle,
             "joint_angle": live.sample.joint_angle,
         }
         arrays |= live.conditioner.memory()
-        if others is not None:
-            arrays["sensors"] = _packed(others.fusion.memory())
-        if live.spread is not None:
-            arrays |= live.spread.memory()
+        if live.fusion is not None:
+            arrays["sensors"] = _packed(live.fusion.memory())
+        if live.ensemble is not None:
+            arrays |= live.ensemble.memory()
     buffer = BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     try:
@@ -155,24 +153,24 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
         StateFileError: the content is unusable; the state has not changed then.
     """
     values, stamp = arrays["state"], arrays.get("stamp")
-    unaided = arrays.get("unaided", values)
-    for one in (values, unaided):
+    uncorrected = arrays.get("uncorrected", values)
+    for one in (values, uncorrected):
         if one.shape != (live.model.state_size,) or not np.all(np.isfinite(one)):
             raise StateFileError(f"{path} holds no usable state")
     if stamp is None or stamp.shape != (1,):
         raise StateFileError(f"{path} holds no stamp")
     try:
-        taught = [str(name) for name in json.loads(arrays["taught"].tobytes())]
-        if live.other_sensors is not None and "sensors" in arrays:
-            live.other_sensors.fusion.recall(json.loads(arrays["sensors"].tobytes()))
+        corrected_by = [str(name) for name in json.loads(arrays["corrected_by"].tobytes())]
+        if live.fusion is not None and "sensors" in arrays:
+            live.fusion.recall(json.loads(arrays["sensors"].tobytes()))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StateFileError(f"{path} holds no usable list of sensors: {error}") from error
-    if live.spread is not None and not live.spread.recall(arrays):
-        live.spread.reset()
+    if live.ensemble is not None and not live.ensemble.recall(arrays):
+        live.ensemble.reset()
     state = State(int(stamp[0]), values.astype(np.float64))
     live.conditioner.recall(arrays)
     motor, joint = arrays.get("motor_angle"), arrays.get("joint_angle")
-    live.resume(EarlierRun(state, motor, joint, unaided.astype(np.float64)), taught)
+    live.resume(EarlierRun(state, motor, joint, uncorrected.astype(np.float64)), corrected_by)
 
 
 def _take_up_changes(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> str:

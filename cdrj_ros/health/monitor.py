@@ -175,7 +175,7 @@ class HealthMonitor:
 
         Args:
             sample: the last sample of the estimator.
-            spread: standard deviations of its estimate, in the order of ``spread_columns``; None:
+            spread: standard deviations of its estimate, in the order of ``stddev_columns``; None:
                 zero.
         """
         if not self._scale:

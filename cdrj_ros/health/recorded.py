@@ -94,7 +94,7 @@ class RecordedHealth:
 
         Args:
             samples: of the estimator.
-            stddev: of its estimates, in the order of ``spread_columns``, shape (n, columns); None:
+            stddev: of its estimates, in the order of ``stddev_columns``, shape (n, columns); None:
                 zero.
         """
         stamps, k = samples.stamp_ns, 0

@@ -10,9 +10,14 @@ import numpy as np
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator, Table
-from cdrj_ros.estimation.ensemble import Spread, spread_columns
+from cdrj_ros.estimation.ensemble import (
+    UNSURE_SHARE,
+    Ensemble,
+    mark_recording,
+    preload_of_elements,
+    stddev_columns,
+)
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
-from cdrj_ros.estimation.unsure import UNSURE_SHARE, mark_recording, preload_of_elements
 from cdrj_ros.foundation.threads import thread_pool
 from cdrj_ros.judgement.pulley_friction import BLOCK
 from cdrj_ros.model.prepared import Model
@@ -36,7 +41,7 @@ def pieces_of(model: Model, samples: Samples, *, spread: bool = False) -> Iterat
         samples: of one pass.
         spread: whether to estimate standard deviations, which about doubles the time.
     """
-    preload, ensemble = preload_of_elements(model.robot), Spread(model) if spread else None
+    preload, ensemble = preload_of_elements(model.robot), Ensemble(model) if spread else None
     for piece, estimates in _ahead(_estimated(model, samples)):
         found = estimates if ensemble is None else ensemble.follow(piece, estimates)
         stddev = UNKNOWN if found.stddev is None else found.stddev
@@ -104,7 +109,7 @@ def estimate(
         [np.empty(0, np.int64), *(segment.stamp_ns for segment in conditioned.segments)]
     )
     values = np.empty((total, model.layout.size))
-    stddev = np.empty((total, spread_columns(model.layout).size)) if spread else None
+    stddev = np.empty((total, stddev_columns(model.layout).size)) if spread else None
     done = 0
     for segment in conditioned.segments:
         for piece in pieces_of(model, segment, spread=spread):

@@ -35,7 +35,7 @@ def marked_stale(estimate: Estimate) -> Estimate:
     values = estimate.values.copy()
     status = values[estimate.layout.status]
     status[:] = status.astype(np.uint8) | STALE
-    return replace(estimate, whole=values, place=None)
+    return replace(estimate, whole=values, part=None)
 
 
 class AnswerReader:

@@ -76,7 +76,7 @@ class EstimateEncoder:
 
         Args:
             estimate: of this robot.
-            stddev: its standard deviations, in the order of ``spread_columns``; None: none known.
+            stddev: its standard deviations, in the order of ``stddev_columns``; None: none known.
 
         Raises:
             MessageError: an estimate of another robot, standard deviations where none are expected

@@ -10,8 +10,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.estimation.output import Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, UNSURE
 
 WINDOW: Final = 4096
@@ -101,11 +100,11 @@ def _verdict(
 ) -> tuple[bytes, str]:
     """Level and message of the most severe cause; requires an estimate."""
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-    others = live.other_sensors
+    others = live.fusion
     health_of = others.fusion.health.values() if others is not None else ()
     dropped = [f"sensor {one.name} dropped: {one.dropped}" for one in health_of if one.dropped]
     stepped = _steps(live)
-    deaf = live.alone is not None and live.alone.deaf
+    deaf = live.encoderless is not None and live.encoderless.lacks_efforts
     silent = health.silence_s > health.timeout_s
     causes = (
         (silent, DiagnosticStatus.STALE, f"no input for {health.timeout_s:g} s"),
@@ -156,7 +155,7 @@ def _figures(
         "readings that waited too long": str(conditioner.crowded),
         **{f"refused: {cause}": str(n) for cause, n in conditioner.refused.items()},
     }
-    others = live.other_sensors
+    others = live.fusion
     if others is not None:
         values["refused: unknown element"] = str(others.unknown_elements)
         values["sensor readings not used in time"] = str(others.overlooked)

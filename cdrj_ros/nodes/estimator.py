@@ -18,8 +18,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 
 from cdrj_ros.conditioning.conditioner import Kind
-from cdrj_ros.estimation.output import Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.text import counted
@@ -118,7 +117,8 @@ class EstimatorNode(Node):
         self.live = LiveEstimator(model, started.options)
         if started.friction:
             self.live.set_numbers(started.friction)
-        watched = started.health and self.live.alone is None  # it needs the angle of every joint
+        # it needs the angle of every joint
+        watched = started.health and self.live.encoderless is None
         self.health = HealthWatch(self.live, marks_unsure=started.health_marks) if watched else None
         if self._state_file is not None:
             self._read_state(self._state_file)

@@ -9,8 +9,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.output import Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.health.doubts import doubted_elements
 from cdrj_ros.health.judging import Judged
@@ -49,7 +48,7 @@ class HealthWatch:
 
     def reset(self) -> None:
         """Forget readings and results; take up new numbers of the robot."""
-        self._standing = self._live.doubted = None
+        self._standing = self._live.always_unsure = None
         if self.monitor.model is self._live.model:
             self.monitor.reset()
         else:
@@ -84,7 +83,7 @@ class HealthWatch:
         if self.monitor.model is not live.model:
             self.monitor = self._new()
         # with other sensors the spread is that of a corrected estimate, not of the file
-        self.monitor.follow(live.sample, output.stddev if live.other_sensors is None else None)
+        self.monitor.follow(live.sample, output.stddev if live.fusion is None else None)
         self._doubt()
 
     def _doubt(self) -> None:
@@ -93,9 +92,9 @@ class HealthWatch:
         if not self._marks or standing is self._standing:
             return
         self._standing = standing
-        corrected = live.other_sensors is not None
+        corrected = live.fusion is not None
         doubted = doubted_elements(live.model.robot, standing, corrected=corrected)
-        live.doubted = doubted if doubted.any() else None
+        live.always_unsure = doubted if doubted.any() else None
 
     def status(self, name: str) -> DiagnosticStatus:
         """The verdict as a DiagnosticStatus."""
@@ -112,7 +111,7 @@ class HealthWatch:
 
     def _marked(self) -> str:
         """Elements that the verdict marks, in words."""
-        doubted, names = self._live.doubted, self._live.model.layout.elements
+        doubted, names = self._live.always_unsure, self._live.model.layout.elements
         if doubted is None:
             return "none"
         if doubted.all():

@@ -8,8 +8,7 @@ from typing import Final
 
 from rclpy.node import Node
 
-from cdrj_ros.estimation.output import Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.nodes.diagnostics import Health
 from cdrj_ros.nodes.inputs import InputTopic
 from cdrj_ros.nodes.silence import Silence, StampClock

@@ -7,8 +7,7 @@ from time import perf_counter
 
 from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.conditioning.conditioner import Kind
-from cdrj_ros.estimation.output import Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.nodes.health import HealthWatch
 from cdrj_ros.nodes.thinning import Thinning
 from cdrj_ros.nodes.words import TopicHeard
@@ -45,7 +44,7 @@ class Listener:
         self._publish, self._warn, self._heard = publish, warn, heard
         self._health = health if of_motors else None
         self._thinning = thinning if of_motors and thinning.active else None
-        with_efforts = live.options.track_preload or live.alone is not None
+        with_efforts = live.options.track_preload or live.encoderless is not None
         self._with_efforts = with_efforts and of_motors
         self._message = JointStateDecoder(efforts=self._with_efforts)
 

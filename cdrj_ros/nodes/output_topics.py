@@ -9,8 +9,7 @@ from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 
-from cdrj_ros.estimation.output import Output, OutputAlone
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.messages.conversions import marked_stale
 from cdrj_ros.messages.estimate_encoder import EstimateEncoder
 from cdrj_ros.messages.topics import EFFORTS, NODAL_FORCES, TENSIONS
@@ -43,10 +42,12 @@ class OutputTopics:
         self.efforts = self._publisher(JointState, EFFORTS)
         self.efforts_stddev = self._publisher(JointState, "efforts_stddev") if uncertain else None
         self._angles: JointAngles | None = None
-        if live.alone is not None:
+        if live.encoderless is not None:
             from cdrj_ros.nodes.joint_angles import JointAngles
 
-            self._angles = JointAngles(live.alone.solver.names, started.frame_id, self._publisher)
+            self._angles = JointAngles(
+                live.encoderless.solver.names, started.frame_id, self._publisher
+            )
         self.extra: ExtraOutputs | None = None
         """The outputs on request, if there are any."""
         if started.tension_states or started.wrenches:
@@ -70,8 +71,8 @@ class OutputTopics:
 
     def publish(self, output: Output) -> None:
         """Publish an estimate on all topics."""
-        estimate, stddev = output
-        if self._angles is not None and isinstance(output, OutputAlone) and output.angles:
+        estimate, stddev, _ = output
+        if self._angles is not None and output.angles is not None:
             self._angles.publish(estimate.stamp_ns, output.angles)
         tensions, forces, efforts = self._encoder.encode(estimate, stddev)
         self.tensions.publish(tensions)

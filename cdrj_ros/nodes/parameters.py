@@ -11,7 +11,7 @@ from textwrap import wrap
 from typing import Final, Literal, get_args
 
 from cdrj_ros.conditioning.conditioner import MODES
-from cdrj_ros.estimation.unsure import UNSURE_SHARE
+from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.nodes.silence import SAME_CLOCK_S
 from cdrj_ros.robot.document import schema
 

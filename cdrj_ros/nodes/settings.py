@@ -10,8 +10,7 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.nodes.parameters import (
     FASTEST_HZ,

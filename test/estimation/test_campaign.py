@@ -28,8 +28,7 @@ from support.campaign import (
     run,
 )
 
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 
@@ -287,8 +286,8 @@ def test_a_sensor_that_is_stuck_from_the_start_corrects_nothing(
     """Equal readings show it; a noisy sensor does not follow the motion, and stays on trial."""
 
     def watch(live: LiveEstimator) -> None:
-        assert live.other_sensors is not None
-        fusion = live.other_sensors.fusion
+        assert live.fusion is not None
+        fusion = live.fusion
         (health,) = fusion.health.values()
         assert health.tried + health.refused > 0
         assert health.used == 0
@@ -311,8 +310,8 @@ def test_a_long_gap_beside_a_sensor_on_trial_leaves_no_standard_deviation_too_sm
     """In an hour the preloads drift by more than the ensemble's initial spread."""
 
     def consistent(live: LiveEstimator) -> None:
-        assert live.spread is not None
-        assert np.allclose(live.spread.variance, (live.spread.deviation**2).mean(axis=0))
+        assert live.ensemble is not None
+        assert np.allclose(live.ensemble.variance, (live.ensemble.deviation**2).mean(axis=0))
 
     begin = 3 * SECOND
     part = Course(*(values[:3080] for values in vars(course).values()))

@@ -12,12 +12,10 @@ from support.campaign import MS, SECOND, Course, Faults, Lie, courses, judge, qu
 
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation import estimator
-from cdrj_ros.estimation.claims import Claim
-from cdrj_ros.estimation.contest import LASTING, Witness
-from cdrj_ros.estimation.independent_draws import standard
-from cdrj_ros.estimation.options import Options
+from cdrj_ros.estimation.draws import standard
+from cdrj_ros.estimation.innovation_gate import LASTING, PreloadEvidence, SensorState
 from cdrj_ros.estimation.sensor_health import SensorHealth
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import UNSURE
@@ -110,27 +108,29 @@ def test_a_cell_that_drifts_during_a_slow_motion_keeps_to_the_law(
 
 
 def test_a_cell_that_says_the_same_leaves_nothing_open() -> None:
-    claim = Claim()
+    evidence = PreloadEvidence()
     generator = np.random.default_rng(0)
-    assert claim.contradicted(0.3, 0.5) == 0.0
-    assert not any(claim.contradicted(0.3 + 0.2 * x, 0.6) for x in generator.uniform(-2, 2, 1000))
+    assert evidence.contradicted(0.3, 0.5) == 0.0
+    assert not any(
+        evidence.contradicted(0.3 + 0.2 * x, 0.6) for x in generator.uniform(-2, 2, 1000)
+    )
 
 
 @pytest.mark.parametrize("steps", [1, 7, 100])
-def test_what_a_creeping_claim_leaves_open_does_not_depend_on_its_steps(steps: int) -> None:
-    claim = Claim()
-    assert claim.contradicted(0.0, 0.5) == 0.0
-    added = [claim.contradicted(4.0 * k / steps, 0.6) for k in range(1, steps + 1)]
+def test_what_a_creeping_evidence_leaves_open_does_not_depend_on_its_steps(steps: int) -> None:
+    evidence = PreloadEvidence()
+    assert evidence.contradicted(0.0, 0.5) == 0.0
+    added = [evidence.contradicted(4.0 * k / steps, 0.6) for k in range(1, steps + 1)]
     assert np.sum(np.square(added)) == pytest.approx(0.5 * (4.0**2 - 0.5**2))
-    assert claim.contradicted(3.0, 0.6) == 0.0, "nothing is added on the way back"
+    assert evidence.contradicted(3.0, 0.6) == 0.0, "nothing is added on the way back"
 
 
 def test_a_first_correction_allows_more_until_a_motion_to_and_fro() -> None:
-    def opened(claim: Claim) -> float:
-        assert claim.contradicted(0.0, 0.2) == 0.0
-        return claim.contradicted(1.5, 0.2)
+    def opened(evidence: PreloadEvidence) -> float:
+        assert evidence.contradicted(0.0, 0.2) == 0.0
+        return evidence.contradicted(1.5, 0.2)
 
-    early, late = Claim(first=10.0), Claim(first=10.0)
+    early, late = PreloadEvidence(first=10.0), PreloadEvidence(first=10.0)
     for unaided in (20.0, 24.0, 20.0):
         assert not late.settled
         late.follow(unaided, 3.0)
@@ -139,57 +139,57 @@ def test_a_first_correction_allows_more_until_a_motion_to_and_fro() -> None:
     assert opened(late) > 0.5
 
 
-def _witness() -> Witness:
-    witness = Witness(0.4 * standard(np.random.default_rng(0), 32), share=0.4)
+def _sensor() -> SensorState:
+    sensor = SensorState(0.4 * standard(np.random.default_rng(0), 32), proportional=0.4)
     for k in range(100):
-        assert witness.weigh(k * 10_000_000, 0.1, 0.2, 0.01) == "agrees"
-    return witness
+        assert sensor.gate(k * 10_000_000, 0.1, 0.2, 0.01) == "agrees"
+    return sensor
 
 
 def test_one_reading_that_contradicts_the_estimate_changes_nothing() -> None:
-    witness = _witness()
-    assert witness.weigh(SECOND, 4.0, 0.2, 0.01) == "contested"
-    assert witness.contested
-    assert witness.weigh(SECOND + 1, 0.1, 0.2, 0.01) == "agrees"
-    assert not witness.contested
+    sensor = _sensor()
+    assert sensor.gate(SECOND, 4.0, 0.2, 0.01) == "contradicts"
+    assert sensor.contradicts
+    assert sensor.gate(SECOND + 1, 0.1, 0.2, 0.01) == "agrees"
+    assert not sensor.contradicts
 
 
 def test_readings_that_contradict_the_estimate_on_both_sides_are_no_change() -> None:
-    witness = _witness()
+    sensor = _sensor()
     for k in range(20):
         value = 4.0 if k % 2 else -4.0
-        assert witness.weigh(SECOND + k, value, 0.2, 0.01) == "contested"
+        assert sensor.gate(SECOND + k, value, 0.2, 0.01) == "contradicts"
 
 
 def test_readings_that_stay_away_are_a_change() -> None:
-    witness = _witness()
-    answers = [witness.weigh(SECOND + k, 4.0, 0.2, 0.01) for k in range(LASTING)]
-    assert answers == ["contested"] * (LASTING - 1) + ["changed"]
-    assert witness.surprise == 4.0
+    sensor = _sensor()
+    answers = [sensor.gate(SECOND + k, 4.0, 0.2, 0.01) for k in range(LASTING)]
+    assert answers == ["contradicts"] * (LASTING - 1) + ["changed"]
+    assert sensor.contradiction == 4.0
 
 
 def test_a_change_in_small_steps_is_one_all_the_same() -> None:
     """Every reading agrees with the estimate, which follows it."""
-    witness = _witness()
+    sensor = _sensor()
     answers = []
     for k in range(50):
-        answers.append(witness.weigh(SECOND + k * 10_000_000, 0.2, 0.2, 0.01))
-        witness.learn(np.zeros(32), 0.0, 0.2)
+        answers.append(sensor.gate(SECOND + k * 10_000_000, 0.2, 0.2, 0.01))
+        sensor.correct(np.zeros(32), 0.0, 0.2)
     assert answers[0] == "agrees"
     assert "changed" in answers
 
 
-@pytest.mark.parametrize("against_effort", [False, True])
-def test_a_slow_change_is_one_where_an_effort_can_decide(against_effort: bool) -> None:
+@pytest.mark.parametrize("checked_by_effort", [False, True])
+def test_a_slow_change_is_one_where_an_effort_can_decide(checked_by_effort: bool) -> None:
     """By 0.5 N in a second, of which a second alone shows nothing."""
-    witness = _witness()
-    witness.against_effort = against_effort
+    sensor = _sensor()
+    sensor.checked_by_effort = checked_by_effort
     answers = set()
     for k in range(250):
-        answers.add(witness.weigh(SECOND + 20 * MS * k, 0.01, 0.2, 0.01))
-        witness.learn(np.zeros(32), 0.0, 0.01)
-    assert ("changed" in answers) == against_effort
-    assert against_effort or answers == {"agrees"}
+        answers.add(sensor.gate(SECOND + 20 * MS * k, 0.01, 0.2, 0.01))
+        sensor.correct(np.zeros(32), 0.0, 0.01)
+    assert ("changed" in answers) == checked_by_effort
+    assert checked_by_effort or answers == {"agrees"}
 
 
 def test_draws_are_not_correlated_with_what_they_are_kept_apart_from() -> None:
@@ -227,8 +227,8 @@ def _run(
         off = float((output.estimate.tension - tension[k])[7])
         if k == calm + 2 and changed:
             assert np.all(output.estimate.status.astype(int) & UNSURE), "until it is decided"
-            assert live.other_sensors is not None
-            health = live.other_sensors.fusion.health
+            assert live.fusion is not None
+            health = live.fusion.health
             assert sum(one.used > 100 for one in health.values()) == trusted
             assert all(one.refused == (3 if n in changed else 0) for n, one in health.items())
     assert output.stddev is not None
@@ -240,8 +240,8 @@ def test_two_cells_that_change_together_show_a_change_of_preload(
     model: Model, recorded: Callable[[Model, int], Samples]
 ) -> None:
     live, off = _run(model, recorded(model, 60), 500, ("upper/3", "upper/8"))
-    assert live.other_sensors is not None
-    assert live.other_sensors.fusion.faults() == {}
+    assert live.fusion is not None
+    assert live.fusion.faults() == {}
     assert abs(off - CHANGE) < 1.0
 
 
@@ -258,10 +258,10 @@ def test_a_cell_that_changes_alone_is_not_believed(
     ("sensor", "answer", "surprise", "used", "changes"),
     [
         ("upper/8", "agrees", 0.1, 1, 0),
-        ("upper/8", "contested", 4.0, 0, 0),
+        ("upper/8", "contradicts", 4.0, 0, 0),
         ("upper/8", "changed", 4.0, 1, 1),
         ("upper/8", "changed", 1000.0, 0, 0),
-        ("winch", "contested", 4.0, 1, 0),
+        ("winch", "contradicts", 4.0, 1, 0),
     ],
 )
 def test_only_readings_that_agree_or_show_a_possible_change_correct_the_estimate(
@@ -274,15 +274,15 @@ def test_only_readings_that_agree_or_show_a_possible_change_correct_the_estimate
     course: Course,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def weigh(witness: Witness, *_: float) -> str:
-        witness.surprise = surprise
+    def gate(sensor: SensorState, *_: float) -> str:
+        sensor.contradiction = surprise
         return answer
 
-    monkeypatch.setattr(Witness, "weigh", weigh)
+    monkeypatch.setattr(SensorState, "gate", gate)
     live = LiveEstimator(model, Options(tension_sensors=True, track_preload=True))
-    assert live.other_sensors is not None
+    assert live.fusion is not None
     health = SensorHealth(sensor, trusted=True)
-    live.other_sensors.fusion.health[sensor] = health
+    live.fusion.health[sensor] = health
     first = Sample(SECOND, course.winch[:1], course.elbow[:1])
     before = live.take(first).estimate
     stamp = first.stamp_ns + 10 * MS

@@ -7,7 +7,7 @@ import pytest
 
 from cdrj_ros import _core
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -25,7 +25,9 @@ def _motion(model: Model) -> Samples:
     return Samples(1_000_000_000 + APART_NS * np.arange(COUNT), motor, joint)
 
 
-def _differences(model: Model, spread: Spread, samples: Samples, values: np.ndarray) -> np.ndarray:
+def _differences(
+    model: Model, spread: Ensemble, samples: Samples, values: np.ndarray
+) -> np.ndarray:
     """Members' differences from the estimate after every sample, (count, members, columns)."""
     known = model.robot.uncertainty
     unsure = known is not None and not known.drums_hold
@@ -62,7 +64,7 @@ def test_deviations_are_those_of_robots_that_take_turns_and_stddev_their_root_me
     name: str,
 ) -> None:
     model = load_model(name)
-    spread = Spread(model, MEMBERS, seed=3)
+    spread = Ensemble(model, MEMBERS, seed=3)
     samples = _motion(model)
     _, estimates = spread.run(initial_state(model), samples)
     assert estimates.stddev is not None

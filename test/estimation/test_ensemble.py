@@ -12,14 +12,16 @@ from scipy.ndimage import gaussian_filter1d
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.conditioning.samples import ALL_SEEN, Sample, Samples
-from cdrj_ros.estimation.cable_places import CablePlaces
-from cdrj_ros.estimation.discrepancy import unmodelled
-from cdrj_ros.estimation.ensemble import MEMBERS, Spread, spread_columns
+from cdrj_ros.estimation.cable_index import CableIndex
+from cdrj_ros.estimation.draws import (
+    draw_members,
+    friction_shares,
+    independent_factors,
+    reading_errors,
+)
+from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.members import friction_shares, reading_errors
-from cdrj_ros.estimation.other_numbers import with_other_numbers
-from cdrj_ros.estimation.parameter_draws import _independent_factors, draw_members, draw_numbers
-from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.model.elasticity import elasticity_of, tensions_at
 from cdrj_ros.model.loading import load_model
@@ -73,7 +75,7 @@ def _hits(preload: str, bag: str, runs: int, seed: int) -> np.ndarray:
     path = _path(model, bag)
     truths = draw_members(model.robot, runs, generator)
     generator.shuffle(truths)
-    spreads = [Spread(model, seed=k) for k in range(4)]
+    spreads = [Ensemble(model, seed=k) for k in range(4)]
     hits = []
     for k, robot in enumerate(truths):
         begin = int(generator.integers(int(12 * RATE), path.stamp_ns.size - WATCHED))
@@ -137,7 +139,7 @@ def _samples(samples: Samples) -> Sequence[Sample]:
 
 
 def test_the_spread_narrows_as_pulleys_slip(model: Model, path: Samples) -> None:
-    spread = Spread(model)
+    spread = Ensemble(model)
     _, estimates = spread.run(initial_state(model), _part(path, slice(1700, 3000)))
     overall = np.sqrt((estimates.stddev[:, : len(model.layout.elements)] ** 2).mean(axis=1))
     assert overall[-100:].mean() < 0.4 * overall[0]
@@ -145,8 +147,8 @@ def test_the_spread_narrows_as_pulleys_slip(model: Model, path: Samples) -> None
 
 def test_sample_by_sample_and_in_bulk_the_spread_is_the_same(model: Model, path: Samples) -> None:
     samples = _part(path, slice(0, 300))
-    _, bulk = Spread(model).run(initial_state(model), samples)
-    spread, state = Spread(model), initial_state(model)
+    _, bulk = Ensemble(model).run(initial_state(model), samples)
+    spread, state = Ensemble(model), initial_state(model)
     for k, sample in enumerate(_samples(samples)):
         state, estimate = step(model, state, sample)
         assert np.array_equal(spread.update(sample, estimate), bulk.stddev[k])
@@ -157,15 +159,15 @@ def test_sample_by_sample_and_in_bulk_the_spread_is_the_same(model: Model, path:
 def test_in_one_call_estimate_and_spread_are_the_same(
     model: Model, path: Samples, at_once: bool, seen: bool
 ) -> None:
-    one, state_one = Spread(model), initial_state(model)
-    two, state_two = Spread(model), initial_state(model)
+    one, state_one = Ensemble(model), initial_state(model)
+    two, state_two = Ensemble(model), initial_state(model)
     unseen = ALL_SEEN if seen else np.full((2, 2), 1e-3)
     with_a_gap = [*_samples(_part(path, slice(0, 200))), *_samples(_part(path, slice(2000, 2100)))]
     for sample in with_a_gap:
         read = sample._replace(unseen=unseen)
         state_one, estimate, stddev = one.step(state_one, read, at_once)
         state_two, expected = step(model, state_two, read)
-        assert np.array_equal(stddev, two.begin(read, expected, at_once))
+        assert np.array_equal(stddev, two.update(read, expected, at_once))
         assert state_one.values.tobytes() == state_two.values.tobytes()
         assert estimate.values.tobytes() == expected.values.tobytes()
         assert (estimate.solved, estimate.stamp_ns) == (expected.solved, expected.stamp_ns)
@@ -184,28 +186,28 @@ def test_angles_of_any_layout_give_the_same_and_those_of_another_robot_are_refus
     double = sample._replace(joint_angle=single.joint_angle.astype(np.float64))
     assert apart.motor_angle.strides == (16,)
     for given, plain in ((apart, sample), (single, double)):
-        expected, stddev = step(model, state, plain)[1], Spread(model).step(state, plain)[2]
+        expected, stddev = step(model, state, plain)[1], Ensemble(model).step(state, plain)[2]
         assert step(model, state, given)[1].values.tobytes() == expected.values.tobytes()
-        _, estimate, got = Spread(model).step(state, given)
+        _, estimate, got = Ensemble(model).step(state, given)
         assert estimate.values.tobytes() == expected.values.tobytes()
         assert got.tobytes() == stddev.tobytes()
     more = sample._replace(joint_angle=np.zeros(joints.size + 1))
     with pytest.raises(ValueError, match="not those of this robot"):
         step(model, state, more)
     with pytest.raises(ValueError, match="not those of this robot"):
-        Spread(model).step(state, more)
+        Ensemble(model).step(state, more)
 
 
 def test_the_spread_does_not_change_the_estimate(model: Model, path: Samples) -> None:
     samples = _part(path, slice(0, 500))
     _, alone = run(model, initial_state(model), samples)
-    _, beside = Spread(model).run(initial_state(model), samples)
+    _, beside = Ensemble(model).run(initial_state(model), samples)
     assert np.array_equal(alone.values, beside.values)
 
 
 def test_after_a_reset_the_spread_is_that_of_a_new_one(model: Model, path: Samples) -> None:
     samples = _part(path, slice(0, 200))
-    spread = Spread(model)
+    spread = Ensemble(model)
     _, first = spread.run(initial_state(model), samples)
     spread.reset()
     _, second = spread.run(initial_state(model), samples)
@@ -241,7 +243,7 @@ def test_linear_dependence_gives_the_exact_spread(
 ) -> None:
     text = ONE_STRAND.format(noise=0.0, preload=preload, ea=ea, rho=rho)
     model = prepare(parse_robot(text))
-    spread = Spread(model)
+    spread = Ensemble(model)
     sample = Sample(1, np.zeros(1), np.zeros(0))
     _, estimate = step(model, initial_state(model), sample)
     stddev = spread.update(sample, estimate)
@@ -251,7 +253,7 @@ def test_linear_dependence_gives_the_exact_spread(
 
 def test_noise_of_an_encoder_becomes_noise_of_the_tension() -> None:
     model = prepare(parse_robot(ONE_STRAND.format(noise=1e-3, preload=0.0, ea=0.0, rho=0.0)))
-    spread = Spread(model)
+    spread = Ensemble(model)
     state = initial_state(model)
     spreads = []
     for k in range(1, 2000):
@@ -261,39 +263,6 @@ def test_noise_of_an_encoder_becomes_noise_of_the_tension() -> None:
     # dt / dphi = EA / l * r at a strain of 5 %
     expected = 1e-3 * 1000.0 / (2.0 / 1.05) * 0.01
     assert np.mean(spreads) == pytest.approx(expected, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    "added",
-    [
-        {},
-        {"friction.bearing_friction": 0.001},
-        {"friction.stribeck_speed": 0.01},
-        {"friction.mu_s": 0.3},  # many are no robots and move less far, or not at all
-        {"cables.upper.friction.mu_c": 0.01, "cables.lower.nodes.3.friction.rho": 0.05},
-        {"friction.bristle_stiffness": 1e5, "friction.viscous": 1.0, "friction.mu_c": 0.005},
-        {"motors.winch.reference_angle": 0.01},
-    ],
-)
-@pytest.mark.parametrize("name", ["prototype", "prototype_positions", "hoist", "finger"])
-def test_numbers_drawn_at_once_are_those_of_members_read_one_by_one(
-    name: str, added: dict[str, float]
-) -> None:
-    """Bit for bit, with parameters of every kind, also where draws reach the ends of a range."""
-    robot = load_model(str(ROBOTS / f"{name}.yaml")).robot
-    drawn = {f"cables.{cable.name}.preload": 0.4 for cable in robot.cables}
-    drawn |= {f"cables.{robot.cables[0].name}.axial_stiffness": 60.0, "friction.rho": 0.3}
-    names = {*drawn, *added}
-    if not all(_has(robot, path) for path in names):
-        pytest.skip("no such parameters")
-    spread = np.array([{**drawn, **added}[path] for path in sorted(names)])
-    known = Uncertainty(tuple(sorted(names)), np.diag(spread**2))
-    model = prepare(replace(robot, uncertainty=known))
-    fast = draw_numbers(model, MEMBERS, np.random.default_rng(3)).numbers
-    slow = draw_members(model.robot, MEMBERS, np.random.default_rng(3))
-    rows = np.stack([prepare(one, check_range=False).numbers for one in slow])
-    assert len({row.tobytes() for row in rows}) == MEMBERS or "friction.mu_s" in added
-    assert fast.tobytes() == rows.tobytes()
 
 
 def stiffening(model: Model) -> Robot:
@@ -306,18 +275,6 @@ def stiffening(model: Model) -> Robot:
     return build_robot(with_numbers(dict(model.robot.document), given), model.robot.source)
 
 
-def test_the_bedding_of_strands_is_drawn_as_by_reading_every_member(model: Model) -> None:
-    robot = stiffening(model)
-    names = ("cables.upper.bedding_strain", "cables.upper.bedding_tension", "cables.upper.preload")
-    known = Uncertainty(names, np.diag(np.array([0.002, 4.0, 3.0]) ** 2))
-    soft = prepare(replace(robot, uncertainty=known))
-    fast = draw_numbers(soft, MEMBERS, np.random.default_rng(3)).numbers
-    slow = draw_members(soft.robot, MEMBERS, np.random.default_rng(3))
-    rows = np.stack([prepare(one, check_range=False).numbers for one in slow])
-    assert len({row.tobytes() for row in rows}) == MEMBERS
-    assert fast.tobytes() == rows.tobytes()
-
-
 def test_a_correction_changes_the_tensions_of_a_stiffening_cable_by_what_it_says(
     model: Model,
 ) -> None:
@@ -326,65 +283,26 @@ def test_a_correction_changes_the_tensions_of_a_stiffening_cable_by_what_it_says
     state, estimate = step(soft, initial_state(soft), sample)
     states, numbers = np.stack([state.values] * 2), np.stack([soft.numbers] * 2)
     shift = np.array([np.linspace(-3.0, 5.0, 8), np.zeros(8)])
-    CablePlaces(soft, 0).states(states, numbers).stretch(shift)
+    CableIndex(soft, 0).states(states, numbers).stretch(shift)
     kept = state_views(soft.sizes, states)
     law = elasticity_of(soft.robot.cables[0])
     tension = tensions_at(law, kept.length[:, :8] / kept.material[:, :8] - 1.0)
     np.testing.assert_allclose(tension, estimate.tension[:8] + shift, rtol=1e-12)
 
 
-def test_the_installed_robots_members_need_not_be_read_one_by_one(
-    model: Model, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """That is what a change of a parameter would have to wait for."""
-    monkeypatch.setattr("cdrj_ros.estimation.parameter_draws.build_robot", None)
-    assert draw_numbers(model, MEMBERS, np.random.default_rng(0)).numbers.shape[0] == MEMBERS
-
-
-@pytest.mark.parametrize("name", [path.stem for path in sorted(ROBOTS.glob("*.yaml"))])
-def test_other_friction_is_drawn_with_the_same_geometry(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Bit for bit what reading every member gives, but no member is read."""
-    model = load_model(str(ROBOTS / f"{name}.yaml"))
-    before = draw_numbers(model, FEW, np.random.default_rng(3))
-    for values in ({"friction.rho": 0.31}, {"friction.mu_c": 0.11, "friction.rho": 0.4}):
-        other = with_other_numbers(model, values)
-        slow = draw_numbers(other, FEW, np.random.default_rng(3))
-        with monkeypatch.context() as patch:
-            patch.setattr("cdrj_ros.estimation.parameter_draws.build_robot", None)
-            fast = draw_numbers(other, FEW, np.random.default_rng(3), before=before)
-        assert fast.numbers.tobytes() == slow.numbers.tobytes()
-        assert fast.numbers.tobytes() != before.numbers.tobytes() or "friction.mu_c" not in values
-        assert fast.normal.tobytes() == slow.normal.tobytes()
-
-
-def test_other_geometry_is_not_taken_for_other_friction() -> None:
-    model = load_model(str(ROBOTS / "hoist.yaml"))
-    before = draw_numbers(model, MEMBERS, np.random.default_rng(3))
-    cable = model.robot.cables[0].name
-    other = with_other_numbers(model, {"friction.rho": 0.3, f"cables.{cable}.preload": 30.0})
-    slow = draw_numbers(other, MEMBERS, np.random.default_rng(3))
-    fast = draw_numbers(other, MEMBERS, np.random.default_rng(3), before=before)
-    assert fast.numbers.tobytes() == slow.numbers.tobytes()
-
-
 def test_an_impossible_draw_is_replaced_and_not_reduced() -> None:
     """The idlers of the wrist are closer together than the default accuracy of their positions."""
     model = load_model(str(ROBOTS / "wrist.yaml"))
-    draw = draw_numbers(model, MEMBERS, np.random.default_rng(0))
-    replaced = np.any(draw.normal != draw.first, axis=1)
-    assert MEMBERS / 2 < replaced.sum() < MEMBERS
-    assert 0.9 < draw.normal[replaced].std() < 1.1
-    assert len({row.tobytes() for row in draw.numbers}) == MEMBERS
-
-
-def _has(robot: Robot, path: str) -> bool:
-    try:
-        find_number(dict(robot.document), path)
-    except UsageError:
-        return False
-    return True
+    known = model.robot.uncertainty
+    assert known is not None
+    robots = draw_members(model.robot, MEMBERS, np.random.default_rng(0))
+    stddev = np.sqrt(np.diag(known.covariance))
+    for k, path in enumerate(known.parameters):
+        if ".position." in path:
+            nominal = find_number(dict(model.robot.document), path).value
+            drawn = np.array([find_number(dict(one.document), path).value for one in robots])
+            assert len(set(drawn)) == MEMBERS
+            assert 0.5 < np.std(drawn - nominal) / stddev[k] < 1.5
 
 
 def test_members_stay_within_the_limits_of_a_robot_file(model: Model) -> None:
@@ -407,7 +325,7 @@ def test_numbers_of_any_unit_are_drawn_with_their_own_spread() -> None:
     scale = np.array([2e11, 4e5, 1.5e-4, 3e-7])
     correlation = np.full((4, 4), 0.9) + 0.1 * np.eye(4)
     covariance = correlation * np.outer(scale, scale)
-    factors = _independent_factors(Uncertainty(paths, covariance, stated=4))
+    factors = independent_factors(Uncertainty(paths, covariance, stated=4))
     given_back = factors @ factors.T / np.outer(scale, scale)
     np.testing.assert_allclose(given_back, correlation, atol=1e-12)
 
@@ -428,7 +346,7 @@ def test_reading_errors_have_the_sensors_noise_and_resolution(model: Model) -> N
 
 def test_columns_are_tensions_forces_and_efforts(model: Model) -> None:
     layout = model.layout
-    columns = spread_columns(layout)
+    columns = stddev_columns(layout)
     assert columns.size == len(layout.elements + layout.pulleys + layout.motors + layout.joints)
     assert columns[0] == layout.tension.start
     assert columns[-1] == layout.joint_effort.stop - 1
@@ -436,7 +354,7 @@ def test_columns_are_tensions_forces_and_efforts(model: Model) -> None:
 
 def test_an_odd_number_of_members_is_refused(model: Model) -> None:
     with pytest.raises(ValueError, match="even"):
-        Spread(model, members=9)
+        Ensemble(model, members=9)
 
 
 def test_what_was_published_first_does_not_depend_on_when_the_member_is_updated(
@@ -444,16 +362,16 @@ def test_what_was_published_first_does_not_depend_on_when_the_member_is_updated(
 ) -> None:
     """At once, later or not before the next sample: the same bits, also in a state file."""
     samples = _samples(_part(path, slice(0, 100)))
-    at_once, later, at_last = Spread(model), Spread(model), Spread(model)
+    at_once, later, at_last = Ensemble(model), Ensemble(model), Ensemble(model)
     state = initial_state(model)
     for k, sample in enumerate(samples):
         state, estimate = step(model, state, sample)
         said = at_once.update(sample, estimate)
-        assert np.array_equal(later.begin(sample, estimate), said)
+        assert np.array_equal(later.update(sample, estimate, at_once=False), said)
         before = later.stamps.copy()
         later.finish()
         assert np.count_nonzero(later.stamps != before) == (1 if k else 0), "all at the first"
-        assert np.array_equal(at_last.begin(sample, estimate), said)
+        assert np.array_equal(at_last.update(sample, estimate, at_once=False), said)
     remembered = at_once.memory()
     for spread in (later, at_last):
         for name, values in spread.memory().items():
@@ -461,7 +379,7 @@ def test_what_was_published_first_does_not_depend_on_when_the_member_is_updated(
 
 
 def test_published_spreads_are_at_most_one_sample_old(model: Model, path: Samples) -> None:
-    spread, state = Spread(model), initial_state(model)
+    spread, state = Ensemble(model), initial_state(model)
     known, slack = unmodelled(model)
     before = np.empty(0)
     for k, sample in enumerate(_samples(_part(path, slice(0, 100)))):

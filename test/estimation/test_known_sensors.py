@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from support.campaign import MS, SECOND, START, Course, Faults, courses, judge, quarter_rate, run
 
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -90,8 +89,8 @@ def _learned(model: Model, course: Course) -> LiveEstimator:
             said = float(true.tension[k, 7]) + 0.05 * np.sin(1e3 * k)
             live.feed_tensions(stamp, (CELL,), (said,), (0.05,))
         _feed(live, course, k, 0)
-    assert live.other_sensors is not None
-    assert live.other_sensors.fusion.health[CELL].used > 100
+    assert live.fusion is not None
+    assert live.fusion.health[CELL].used > 100
     return live
 
 
@@ -139,18 +138,18 @@ def test_a_preload_that_was_learned_is_known_when_the_clock_has_been_set(
     start, _ = _mean(_feed(fresh, course, BREAK // MS, 0)[0])
     lost = before - 29.5
     assert mean == pytest.approx(start - lost, abs=0.25 * lost)
-    assert learned.taught == {CELL}
+    assert learned.corrected_by == {CELL}
 
 
 def test_it_is_known_when_numbers_have_changed(
     model: Model, course: Course, learned: LiveEstimator
 ) -> None:
-    assert learned.other_sensors is not None
-    assert learned.spread is not None
-    known = learned.other_sensors.fusion.memory()["changed"]
+    assert learned.fusion is not None
+    assert learned.ensemble is not None
+    known = learned.fusion.memory()["changed"]
     assert known[0] < -3.0
     learned.set_numbers({"friction.mu_c": 0.1})
-    assert learned.other_sensors.fusion.memory()["changed"] == known
+    assert learned.fusion.memory()["changed"] == known
     (output,) = _feed(learned, course, BREAK // MS, 0)
     fresh = LiveEstimator(model, MEASURED)
     (other,) = _feed(fresh, course, BREAK // MS, 0)
@@ -165,8 +164,8 @@ def test_a_reset_forgets_it(model: Model, course: Course, learned: LiveEstimator
         for mine, its in zip(one, other, strict=True):
             assert np.array_equal(mine.estimate.values, its.estimate.values)
             assert np.array_equal(mine.stddev, its.stddev)
-    assert learned.other_sensors is not None
-    assert learned.other_sensors.fusion.health == {}
+    assert learned.fusion is not None
+    assert learned.fusion.health == {}
 
 
 def test_a_state_file_holds_all_that_is_known(
@@ -176,10 +175,10 @@ def test_a_state_file_holds_all_that_is_known(
     write_state(unchanged, path)
     again = LiveEstimator(model, MEASURED)
     read_state(again, path)
-    assert unchanged.other_sensors is not None
-    assert again.other_sensors is not None
-    assert again.other_sensors.fusion.memory() == unchanged.other_sensors.fusion.memory()
-    assert not again.other_sensors.fusion.health[CELL].trusted, "it is on trial again"
+    assert unchanged.fusion is not None
+    assert again.fusion is not None
+    assert again.fusion.memory() == unchanged.fusion.memory()
+    assert not again.fusion.health[CELL].trusted, "it is on trial again"
     without = LiveEstimator(model)
     assert read_state(without, path), "sensors are no longer used"
 
@@ -196,30 +195,30 @@ def _damaged(memory: Any, *path: str, value: Any) -> Any:
 def test_a_memory_that_is_not_one_is_refused_and_changes_nothing(
     model: Model, unchanged: LiveEstimator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert unchanged.other_sensors is not None
-    memory = unchanged.other_sensors.fusion.memory()
-    own = {key: memory["witnesses"][CELL][key] for key in ("deviation", "own", "claim")}
+    assert unchanged.fusion is not None
+    memory = unchanged.fusion.memory()
+    own = {key: memory["sensors"][CELL][key] for key in ("deviation", "own", "evidence")}
     wrong = [
         _damaged(memory, "known", value=[0.0]),
         _damaged(memory, "changed", value="much"),
-        _damaged(memory, "sensors", value={}),
-        _damaged(memory, "sensors", "upper/99", value=memory["sensors"][CELL]),
-        _damaged(memory, "sensors", CELL, "largest", value=float("nan")),
-        *(_damaged(memory, "witnesses", CELL, key, value=[*one, 1.0]) for key, one in own.items()),
+        _damaged(memory, "health", value={}),
+        _damaged(memory, "health", "upper/99", value=memory["health"][CELL]),
+        _damaged(memory, "health", CELL, "largest", value=float("nan")),
+        *(_damaged(memory, "sensors", CELL, key, value=[*one, 1.0]) for key, one in own.items()),
         *(
-            _damaged(memory, "witnesses", CELL, key, value=[float("inf"), *one[1:]])
+            _damaged(memory, "sensors", CELL, key, value=[float("inf"), *one[1:]])
             for key, one in own.items()
         ),
         {}, [], 7, None,
     ]  # fmt: skip
     for one in wrong:
-        monkeypatch.setattr(unchanged.other_sensors.fusion, "memory", lambda one=one: one)
+        monkeypatch.setattr(unchanged.fusion, "memory", lambda one=one: one)
         write_state(unchanged, tmp_path / "state")
         again = LiveEstimator(model, MEASURED)
         with pytest.raises(StateFileError, match="no usable list of sensors"):
             read_state(again, tmp_path / "state")
-        assert again.other_sensors is not None
-        assert again.other_sensors.fusion.memory()["sensors"] == {}
+        assert again.fusion is not None
+        assert again.fusion.memory()["health"] == {}
 
 
 def test_what_a_dropped_cell_said_last_may_be_right(model: Model, course: Course) -> None:
@@ -239,7 +238,7 @@ def test_what_a_dropped_cell_said_last_may_be_right(model: Model, course: Course
                 assert np.all(output.estimate.status[:8] != 0)
                 off = np.abs(output.estimate.tension - truth)[:8]
                 within.append(off <= 2.0 * output.stddev[:8])
-    assert live.other_sensors is not None
-    assert CELL in live.other_sensors.fusion.faults()
+    assert live.fusion is not None
+    assert CELL in live.fusion.faults()
     assert len(within) > 2000
     assert np.mean(within) >= 0.92

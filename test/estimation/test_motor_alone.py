@@ -19,11 +19,14 @@ from support.motor_alone import (
 )
 
 from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.estimation.encoderless import HEARD_NS, EncoderlessEstimator, HeardEfforts, efforts_at
+from cdrj_ros.estimation.encoderless import (
+    EFFORT_AGE_NS,
+    EncoderlessEstimator,
+    RecentEfforts,
+    efforts_at,
+)
 from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.output import OutputAlone
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.inspection.motor_alone import determined_joints, effort_slopes
@@ -124,7 +127,6 @@ def test_the_live_estimator_gives_what_a_recording_gives(prototype: Model) -> No
     assert whole.angles is not None
     assert [output.estimate.stamp_ns for output in outputs] == samples.stamp_ns.tolist()
     for k, output in enumerate(outputs):
-        assert isinstance(output, OutputAlone)
         assert output.angles is not None
         assert output.angles.value[0] == whole.angles.value[k]
         assert output.angles.stddev[0] == whole.angles.stddev[k]
@@ -139,15 +141,14 @@ def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_
     for k in range(3):
         live.feed("motors", int(samples.stamp_ns[k]), ["winch"], samples.motor_angle[k])
     output = live.take(only_measured(prototype, samples).at(2)._replace(stamp_ns=START + 10**9))
-    assert live.alone.deaf
-    assert isinstance(output, OutputAlone)
+    assert live.encoderless.lacks_efforts
     assert output.angles is None
     assert not output.estimate.solved
     assert np.all(output.estimate.status == INVALID)
     assert np.all(output.estimate.tension == 0.0)
     live.feed_efforts(START + 2 * 10**9, ["winch"], [0.0])
     live.take(only_measured(prototype, samples).at(2)._replace(stamp_ns=START + 2 * 10**9))
-    assert not live.alone.deaf
+    assert not live.encoderless.lacks_efforts
     with pytest.raises(UsageError, match="elbow has no encoder"):
         live.tare()
     with pytest.raises(UsageError, match="elbow has no encoder"):
@@ -157,12 +158,14 @@ def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_
 def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:
     stamps = START + 10 * MS * np.arange(3)
     series = Series(stamps, stamps, np.array([0.0, 1.0, 4.0]))
-    at = START + np.array([-HEARD_NS - 1, 5 * MS, 10 * MS, 15 * MS, 20 * MS + HEARD_NS + 1])
+    at = START + np.array(
+        [-EFFORT_AGE_NS - 1, 5 * MS, 10 * MS, 15 * MS, 20 * MS + EFFORT_AGE_NS + 1]
+    )
     found = efforts_at(at, ("one", "other"), {"one": series})
     assert np.allclose(found[1:4, 0], [0.5, 1.0, 2.5])
     assert np.all(np.isnan(found[[0, 4], 0]))
     assert np.all(np.isnan(found[:, 1]))
-    heard = HeardEfforts(("one", "other"))
+    heard = RecentEfforts(("one", "other"))
     for stamp, value in zip(stamps.tolist(), series.value.tolist(), strict=True):
         heard.add(stamp, ["one", "strange"], [value, 1.0])
     one_by_one = np.array([heard.at(int(stamp)) for stamp in at])

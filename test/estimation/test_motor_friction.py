@@ -12,8 +12,7 @@ import pytest
 
 from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.motor_friction import MotorFriction
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -80,11 +79,11 @@ def test_friction_of_the_motor_is_not_taken_for_preload(friction: float) -> None
     assert np.abs(tracked.error[last]).mean() < 1.5, "it was 5 N with 20 mN m"
     assert covered(tracked, last) > 0.9
     assert np.mean(tracked.status[last] == 0) > 0.9
-    assert tracked.live.other_sensors is not None
-    (found,) = tracked.live.other_sensors.fusion.motor_friction.values()
+    assert tracked.live.fusion is not None
+    (found,) = tracked.live.fusion.motor_friction.values()
     assert abs(found[0] - friction) < 2.0 * found[1]
     assert found[1] < 0.012
-    assert tracked.live.other_sensors.fusion.health["winch"].changes == 0, "nothing happened"
+    assert tracked.live.fusion.health["winch"].changes == 0, "nothing happened"
 
 
 def test_two_standard_deviations_cover_again_soon_after_an_anchor_has_yielded() -> None:
@@ -94,9 +93,9 @@ def test_two_standard_deviations_cover_again_soon_after_an_anchor_has_yielded() 
     assert covered(tracked, slice(begin - CYCLE, begin)) > 0.9
     assert covered(tracked, slice(begin + half, begin + CYCLE)) > 0.9, "it was 0 to 12 %"
     assert covered(tracked, slice(begin + CYCLE, None)) > 0.9
-    assert tracked.live.other_sensors is not None
-    assert tracked.live.other_sensors.fusion.health["winch"].changes > 0
-    assert not tracked.live.other_sensors.fusion.faults()
+    assert tracked.live.fusion is not None
+    assert tracked.live.fusion.health["winch"].changes > 0
+    assert not tracked.live.fusion.faults()
 
 
 def test_the_direction_of_friction_follows_the_motor_within_a_milliradian() -> None:

@@ -18,9 +18,7 @@ from support.campaign import (
 )
 from support.motor_alone import motion, only_measured, truth_of, without_encoder
 
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.output import Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 
@@ -45,15 +43,15 @@ def _everything(live: LiveEstimator) -> dict[str, object]:
     """All memory of an estimator that later estimates depend on."""
     found: dict[str, object] = {
         "state": live.state.values.tobytes(),
-        "unaided": live.unaided.values.tobytes(),
+        "unaided": live.uncorrected.values.tobytes(),
         "stamp": live.last_ns,
         "unsolved": live.unsolved,
     }
-    if live.spread is not None:
-        arrays = live.spread.memory() | {"variance": live.spread.variance}
+    if live.ensemble is not None:
+        arrays = live.ensemble.memory() | {"variance": live.ensemble.variance}
         found |= {name: array.tobytes() for name, array in arrays.items()}
-    if live.other_sensors is not None:
-        found["sensors"] = live.other_sensors.fusion.memory()
+    if live.fusion is not None:
+        found["sensors"] = live.fusion.memory()
     return found
 
 
@@ -92,7 +90,7 @@ def test_a_good_sensor_beside_a_slow_topic_that_is_predicted_keeps_to_the_law(
     dropped: list[dict[str, str]] = []
 
     def watch(live: LiveEstimator) -> None:
-        dropped.append(live.other_sensors.fusion.faults() if live.other_sensors is not None else {})
+        dropped.append(live.fusion.faults() if live.fusion is not None else {})
 
     outputs = run(model, fast, faults, watch=watch)
     verdict = judge(fast, outputs, 0, fast.duration_ns)
@@ -120,9 +118,11 @@ def test_prediction_leaves_the_memory_of_a_robot_without_all_encoders(unmeasured
             given += live.feed("motors", stamp, motors, read.motor_angle[k])[1]
             if k % 20 == 0:
                 given += live.feed("joints", stamp, joints, read.joint_angle[k])[1]
-        assert live.alone is not None
-        live.alone.solver.look_back()
-        found.append((live.last_ns, live.alone.solver.state.tobytes(), live.state.values.tobytes()))
+        assert live.encoderless is not None
+        live.encoderless.solver.roll_back()
+        found.append(
+            (live.last_ns, live.encoderless.solver.state.tobytes(), live.state.values.tobytes())
+        )
         stamps.append([output.estimate.stamp_ns for output in given])
     assert found[0] == found[1]
     assert stamps[0] == sorted(set(stamps[0]))

@@ -11,9 +11,8 @@ import pytest
 
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.sensor_health import JUDGED
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.sensor_health import CHECKED
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.loading import load_model
@@ -75,7 +74,7 @@ def _run_beside(
     errors, stddevs = [], []
     for k in range(readings.stamp_ns.size):
         before(live, k)
-        estimate, stddev = live.take(_sample(readings, k))
+        estimate, stddev, _ = live.take(_sample(readings, k))
         assert stddev is not None
         errors.append(estimate.tension - truth[k])
         stddevs.append(stddev[: truth.shape[1]])
@@ -121,8 +120,8 @@ def test_late_load_cell_readings_are_not_applied_twice(
     on_trial = []
 
     def measure(live: LiveEstimator, k: int) -> None:
-        assert live.other_sensors is not None
-        health = live.other_sensors.fusion.health
+        assert live.fusion is not None
+        health = live.fusion.health
         if "upper/8" not in health or not health["upper/8"].used:
             on_trial.append(k)
         if k >= late:
@@ -137,9 +136,9 @@ def test_late_load_cell_readings_are_not_applied_twice(
     assert np.abs(course.error[used : used + 50, column]).max() < 0.5
     # at a reversal, the remaining error of the far elements briefly reaches this element
     assert np.abs(course.error[used:, column]).mean() < 0.2
-    assert course.live.other_sensors is not None
-    assert course.live.other_sensors.fusion.health["upper/8"].dropped == ""
-    assert course.live.other_sensors.fusion.health["upper/8"].refused == 0
+    assert course.live.fusion is not None
+    assert course.live.fusion.health["upper/8"].dropped == ""
+    assert course.live.fusion.health["upper/8"].refused == 0
 
 
 def test_a_load_cell_on_one_cable_does_not_affect_the_other(
@@ -191,8 +190,8 @@ def test_a_load_cell_that_freezes_drifts_or_reads_wrong_is_dropped(
         live.feed_tensions(int(readings.stamp_ns[k]), ["upper/8"], [said], [0.05])
 
     course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
-    assert course.live.other_sensors is not None
-    health = course.live.other_sensors.fusion.health["upper/8"]
+    assert course.live.fusion is not None
+    health = course.live.fusion.health["upper/8"]
     assert words in health.dropped
     assert health.used > 0
     assert health.used + health.tried >= broken // 4
@@ -202,8 +201,8 @@ def test_a_load_cell_that_freezes_drifts_or_reads_wrong_is_dropped(
 
 def test_after_a_reset_a_dropped_sensor_is_on_trial_again(model: Model) -> None:
     live = LiveEstimator(model, Options(tension_sensors=True))
-    assert live.other_sensors is not None
-    fusion = live.other_sensors.fusion
+    assert live.fusion is not None
+    fusion = live.fusion
     fusion.drop({"upper/8": "frozen"})
     assert fusion.faults() == {"upper/8": "frozen"}
     live.reset()
@@ -223,11 +222,11 @@ def test_a_good_load_cell_is_never_dropped(model: Model, readings: Samples) -> N
         live.feed_tensions(int(readings.stamp_ns[k]), ["lower/8"], [said], [])
 
     course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
-    assert course.live.other_sensors is not None
-    health = course.live.other_sensors.fusion.health["lower/8"]
+    assert course.live.fusion is not None
+    health = course.live.fusion.health["lower/8"]
     assert not health.dropped
     assert health.refused == 0
-    assert health.used > JUDGED
+    assert health.used > CHECKED
 
 
 def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_ten_cycles(
@@ -279,10 +278,10 @@ def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: S
             live.take(_sample(readings, k)).estimate.values,
             plain.take(_sample(readings, k)).estimate.values,
         )
-    assert live.other_sensors.unknown_elements == 50
+    assert live.fusion.unknown_elements == 50
     assert live.conditioner.refused["malformed"] == 50
-    assert live.other_sensors is not None
-    assert live.other_sensors.fusion.health["upper/8"].used == 0
+    assert live.fusion is not None
+    assert live.fusion.health["upper/8"].used == 0
 
 
 def test_elements_are_unsure_until_the_friction_history_is_known(
@@ -312,7 +311,7 @@ def test_started_in_mid_motion_the_truth_is_within_two_sigma_and_soon_within_thr
         live = LiveEstimator(model)
         errors, stddevs = [], []
         for k in range(begin, begin + 1500):
-            estimate, stddev = live.take(_sample(readings, k))
+            estimate, stddev, _ = live.take(_sample(readings, k))
             assert stddev is not None
             errors.append(estimate.tension - truth[k])
             stddevs.append(stddev[: truth.shape[1]])

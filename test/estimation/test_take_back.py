@@ -12,9 +12,8 @@ import pytest
 
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation import estimator
-from cdrj_ros.estimation.options import Options
 from cdrj_ros.estimation.sensor_health import SensorHealth
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -80,8 +79,8 @@ def _feed_cell(live: LiveEstimator, beside: Beside, k: int, lie: Lie, scale: flo
 
 
 def _dropped(live: LiveEstimator) -> str:
-    assert live.other_sensors is not None
-    health = live.other_sensors.fusion.health.get(CELL)
+    assert live.fusion is not None
+    health = live.fusion.health.get(CELL)
     return health.dropped if health is not None else ""
 
 
@@ -103,8 +102,8 @@ def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
         elif _dropped(live):
             found = k
             assert np.all(output.estimate.status.astype(int) & UNSURE)
-    assert live.other_sensors is not None
-    health = live.other_sensors.fusion.health[CELL]
+    assert live.fusion is not None
+    health = live.fusion.health[CELL]
     assert taught > 3.0, "it was trusted, and moved the preload"
     assert health.used > 100
     assert CALM <= found < CALM + 700
@@ -113,7 +112,7 @@ def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
     _feed_cell(live, beside, 2998, LIES[lie])
     live.take(_sample(beside.samples, 2999)._replace(stamp_ns=int(beside.samples.stamp_ns[-1]) + 1))
     assert (health.used, health.refused) == (used, refused + 1)
-    assert np.array_equal(live.state.values, live.unaided.values)
+    assert np.array_equal(live.state.values, live.uncorrected.values)
 
 
 def test_the_standard_deviation_opens_where_corrections_are_undone(
@@ -150,7 +149,7 @@ def test_corrections_before_a_restart_are_undone_after_it(
         _feed_cell(live, beside, k, lie)
         live.take(_sample(beside.samples, k))
     assert not _dropped(live)
-    assert np.abs(live.state.values - live.unaided.values).max() > 0.0
+    assert np.abs(live.state.values - live.uncorrected.values).max() > 0.0
     write_state(live, path)
     live = LiveEstimator(model, MEASURED)
     assert "continues from" in read_state(live, path)
@@ -174,8 +173,8 @@ def test_a_single_outlier_is_refused_and_drops_no_sensor(
         sudden = off if k == CALM else 0.0
         _feed_cell(live, beside, k, lambda _b, k, add=sudden: 1.05 * beside.cell[k] + add, 1.05)
         live.take(_sample(beside.samples, k))
-    assert live.other_sensors is not None
-    health = live.other_sensors.fusion.health[CELL]
+    assert live.fusion is not None
+    health = live.fusion.health[CELL]
     assert health.dropped == ""
     assert health.refused == (1 if off > 1.0 else 0)
     assert health.used > 300
@@ -233,7 +232,7 @@ def test_what_does_not_follow_the_motion_is_never_trusted(kind: str) -> None:
             "drift": estimate + noise, "opposite": 60.0 - estimate + noise,
         }[kind]  # fmt: skip
         for value, now in zip(said.tolist(), estimate.tolist(), strict=True):
-            assert not health.judge(value, now, now, 100.0, own)
+            assert not health.evaluate(value, now, now, 100.0, own)
         assert health.tried + health.refused == 600
         assert health.tried >= 50
 
@@ -244,7 +243,7 @@ def test_a_good_sensor_is_trusted_within_a_motion_to_and_fro() -> None:
         health = SensorHealth("cell")
         estimate = 30.0 + 10.0 * np.sin(np.linspace(0.0, 6.3, 600))
         used = [
-            health.judge(gain * now + float(generator.normal(0.0, 0.3)), now, now, 100.0, 0.1)
+            health.evaluate(gain * now + float(generator.normal(0.0, 0.3)), now, now, 100.0, 0.1)
             for now in estimate.tolist()
         ]
         assert not used[0]

@@ -16,9 +16,7 @@ from cdrj_ros._core import MAX_GAP_NS
 from cdrj_ros.conditioning.conditioner import Conditioner
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.conditioning.whole_recording import condition
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.output import Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.estimation.state_file import (
     HEADER,
     StateFileError,
@@ -426,10 +424,10 @@ def test_a_motors_efforts_are_moved_by_its_clock_offset(
         live.feed("joints", stamp, ("elbow",), readings.joint_angle[k])
         live.feed_efforts(motor, ("winch",), (0.1,))
         live.feed("motors", motor, ("winch",), readings.motor_angle[k])
-    assert live.other_sensors is not None
-    (health,) = live.other_sensors.fusion.health.values()
+    assert live.fusion is not None
+    (health,) = live.fusion.health.values()
     assert health.tried + health.used + health.refused >= 5
-    assert live.other_sensors.overlooked == 0
+    assert live.fusion.overlooked == 0
 
 
 @pytest.mark.parametrize("stamp", [2**31 * 10**9, 2**31 * 10**9 + 4_294_967_295, 2**62])

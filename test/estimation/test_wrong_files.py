@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.estimation.discrepancy import unmodelled
-from cdrj_ros.estimation.ensemble import MEMBERS, Spread
+from cdrj_ros.estimation.draws import draw_members
+from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
 from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.estimation.parameter_draws import draw_members
+from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.packing import number_views
@@ -82,7 +82,7 @@ uncertainty: {others: exact}
 
 def test_a_slack_cable_has_a_spread() -> None:
     model = prepare(parse_robot(SLACK))
-    spread = Spread(model)
+    spread = Ensemble(model)
     sample = Sample(1, np.array([-1.0]), np.zeros(0))  # paid out by 10 mm
     _, estimate = step(model, initial_state(model), sample)
     stddev = spread.update(sample, estimate)
@@ -107,7 +107,7 @@ def test_the_models_error_is_in_the_standard_deviation() -> None:
     for one in (taut, text):
         model = prepare(parse_robot(one))
         _, estimate = step(model, initial_state(model), sample)
-        found.append(Spread(model).update(sample, estimate))
+        found.append(Ensemble(model).update(sample, estimate))
     assert np.sqrt(found[1][:2] ** 2 - found[0][:2] ** 2) == pytest.approx(0.7)
 
 
@@ -149,9 +149,9 @@ def test_a_tare_narrows_a_fresh_file(tool: ModuleType) -> None:
         for k in range(400):
             out = live.take(Sample(10**9 + k * 1_000_000, np.zeros(1), np.zeros(1)))
         assert out.stddev is not None
-        assert live.spread is not None
+        assert live.ensemble is not None
         widths.append(float(out.stddev[:8].mean()))  # of one cable; draws vary with NumPy
-        cables: Any = number_views(live.model.sizes, live.spread.numbers).cables
+        cables: Any = number_views(live.model.sizes, live.ensemble.numbers).cables
         preloads.append(float(cables["preload"][:, 0].std()) / 36.85)
         then()
     assert widths[0] > 10.0

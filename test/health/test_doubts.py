@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.estimation.unsure import mark_some_unsure
+from cdrj_ros.estimation.ensemble import mark_elements_unsure
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.health.changes import Change, changes_of, sensor_changes
 from cdrj_ros.health.doubts import doubted_elements
 from cdrj_ros.health.judging import Found, Judged
@@ -91,17 +90,17 @@ def test_doubted_elements_are_unsure_until_the_doubt_ends(model: Model) -> None:
     live = LiveEstimator(model, Options(uncertainty=False))
     rest = Sample(1_000_000_000, np.zeros(1), np.zeros(1))
     assert set(live.take(rest).estimate.status) == {OK}
-    live.doubted = np.arange(16) < 8
+    live.always_unsure = np.arange(16) < 8
     found = live.take(rest._replace(stamp_ns=1_001_000_000)).estimate
     assert set(found.status[UPPER]) == {UNSURE}
     assert set(found.status[LOWER]) == {OK}
-    live.doubted = None
+    live.always_unsure = None
     assert set(live.take(rest._replace(stamp_ns=1_002_000_000)).estimate.status) == {OK}
 
 
 def test_the_other_flags_of_doubted_elements_are_kept() -> None:
     before = [OK, SLACK, INVALID, UNSURE | SLACK, SLACK]
     values = np.array([1.0, 2.0, 3.0, 4.0, 5.0, *before, 7.0])
-    mark_some_unsure(values, np.array([True, True, True, True, False]))
+    mark_elements_unsure(values, np.array([True, True, True, True, False]))
     after = [UNSURE, SLACK | UNSURE, INVALID, UNSURE | SLACK, SLACK]
     assert values.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, *after, 7.0]

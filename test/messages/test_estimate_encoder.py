@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.ensemble import spread_columns
+from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, MessageError
 from cdrj_ros.messages.conversions import FORCE_ARRAYS, FORCES
@@ -67,7 +67,7 @@ def test_all_bytes_are_those_of_messages_encoded_array_by_array(
     layout: Layout, frame_id: str, uncertain: bool
 ) -> None:
     encoder = EstimateEncoder(layout, frame_id, uncertain)
-    width = spread_columns(layout).size
+    width = stddev_columns(layout).size
     for seed in range(20):
         estimate = some_estimate(layout, seed, solved=seed % 5 != 4)
         stddev = np.random.default_rng(100 + seed).random(width) if uncertain else None
@@ -77,7 +77,7 @@ def test_all_bytes_are_those_of_messages_encoded_array_by_array(
 
 @pytest.mark.parametrize("solved", [False, True])
 def test_the_deviations_of_efforts_are_the_last_ones(layout: Layout, solved: bool) -> None:
-    stddev = np.arange(spread_columns(layout).size) * 0.5
+    stddev = np.arange(stddev_columns(layout).size) * 0.5
     estimate = some_estimate(layout, 1, solved=solved)
     payload = EstimateEncoder(layout, "f", uncertain=True).efforts_stddev(estimate, stddev)
     axes, begin = layout.motors + layout.joints, len(layout.elements) + len(layout.pulleys)
@@ -88,7 +88,7 @@ def test_the_deviations_of_efforts_are_the_last_ones(layout: Layout, solved: boo
 
 def test_vectors_that_are_not_contiguous_are_copied(layout: Layout) -> None:
     encoder = EstimateEncoder(layout, uncertain=True)
-    estimate, stddev = some_estimate(layout, 3), np.arange(spread_columns(layout).size) * 0.5
+    estimate, stddev = some_estimate(layout, 3), np.arange(stddev_columns(layout).size) * 0.5
     spread = np.repeat(stddev, 2)[::2]
     apart = replace(estimate, whole=np.repeat(estimate.values, 2)[::2])
     assert encoder.encode(apart, spread) == encoder.encode(estimate, stddev)
@@ -96,7 +96,7 @@ def test_vectors_that_are_not_contiguous_are_copied(layout: Layout) -> None:
 
 def test_vectors_of_other_types_are_converted(layout: Layout) -> None:
     encoder = EstimateEncoder(layout, uncertain=True)
-    estimate, stddev = some_estimate(layout, 3), np.arange(spread_columns(layout).size)
+    estimate, stddev = some_estimate(layout, 3), np.arange(stddev_columns(layout).size)
     rounded = replace(estimate, whole=estimate.values.astype(np.float32))
     exact = replace(estimate, whole=rounded.whole.astype(np.float64))
     assert encoder.encode(rounded, stddev) == encoder.encode(exact, 1.0 * stddev)
@@ -104,7 +104,7 @@ def test_vectors_of_other_types_are_converted(layout: Layout) -> None:
 
 def test_vectors_of_another_robot_are_refused(layout: Layout) -> None:
     certain, uncertain = EstimateEncoder(layout), EstimateEncoder(layout, uncertain=True)
-    estimate, stddev = some_estimate(layout, 0), np.zeros(spread_columns(layout).size)
+    estimate, stddev = some_estimate(layout, 0), np.zeros(stddev_columns(layout).size)
     short = replace(estimate, whole=estimate.values[:-1])
     for encoder, *wrong in (
         (certain, estimate, stddev),

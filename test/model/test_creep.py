@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare
@@ -111,7 +111,7 @@ def test_the_ensemble_gives_the_finite_difference(key: str, stddev: float) -> No
     uncertain = f", parameters: [cables.c.{key}], stddev: [{stddev}], drums: hold"
     robot = rope(uncertain=uncertain)
     model = prepare(robot)
-    spread, state, found = Spread(model), initial_state(model), 0.0
+    spread, state, found = Ensemble(model), initial_state(model), 0.0
     angle = np.append(np.linspace(0.0, 1.0, 1001), np.ones(200))
     for k, at in enumerate(angle):
         sample = Sample(1 + k * 10**7, np.array([at]), np.zeros(0))

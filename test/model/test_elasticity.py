@@ -14,7 +14,7 @@ from support.core_laws import solve_cable
 
 from cdrj_ros._core import element_tension, tolerance
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.estimation.ensemble import Spread
+from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Estimates, initial_state, step
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT
@@ -240,7 +240,7 @@ def test_the_ensemble_gives_the_finite_difference(key: str, stddev: float) -> No
     uncertain = f", parameters: [cables.c.{key}], stddev: [{stddev}], drums: hold"
     robot = strand(uncertain=uncertain)
     model = prepare(robot)
-    spread, state = Spread(model), initial_state(model)
+    spread, state = Ensemble(model), initial_state(model)
     angles = np.append(np.linspace(0.0, 1.0, 1001), np.ones(50))
     found = 0.0
     for k, angle in enumerate(angles):

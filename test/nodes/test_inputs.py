@@ -97,7 +97,7 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
     assert named == (upper if marks else "none")
     if marks:  # once the operator has dealt with it, the status is that of the estimate again
         node.health.reset()
-        assert node.live.doubted is None
+        assert node.live.always_unsure is None
         return
     quiet = bench.estimator(health=False)
     quiet.motor(both.encode(BEGIN, position=[0.0], effort=[0.0]))

@@ -420,7 +420,7 @@ def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_othe
     node.live.reset()
     feed(node, 1, 3)
     assert bench.until(lambda: all(len(payloads) == 3 for payloads in heard.values()))
-    estimate, stddev = node.output
+    estimate, stddev, _ = node.output
     layout = estimate.layout
     wanted = estimate.values[layout.motor_effort.start : layout.joint_effort.stop]
     assert np.array_equal(efforts_of(heard["efforts"][-1])[2], wanted)

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation import estimator
-from cdrj_ros.estimation.options import Options
-from cdrj_ros.estimation.output import Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series

@@ -1,4 +1,4 @@
-"""Where one cable's values lie in states, numbers and deviations of the ensemble."""
+"""One cable's values in states, numbers and deviations of the ensemble."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class CableStates(NamedTuple):
         return change
 
 
-class CablePlaces:
+class CableIndex:
     """Indices of one cable's values in states, numbers and deviations."""
 
     def __init__(self, model: Model, c: int) -> None:
@@ -86,10 +86,9 @@ class CablePlaces:
         self._material_part = _columns(state.material[segments])
         self._bristle_part = _columns(state.bristle[contact : contact + cable.contacts])
         self._between = _between([contact_cells(one) for one in robot.cables[c].pulleys])
-        wrap = np.array([_mean_wrap(model, pulley + k) for k in range(cable.pulleys)])
-        self.lever = 2.0 * np.sin(0.5 * wrap)
+        shape = shape_at(model, np.array([joint.reference_angle for joint in robot.joints]))
+        self.lever = 2.0 * np.sin(0.5 * shape.wrap[pulley : pulley + cable.pulleys])
         """Force on every pulley per newton of tension [-]."""
-        shape = shape_at(model, _reference(model))
         self._length = shape.segment[segments]
         length = shape.length[self.elements]
         self.weight = length / length.sum()
@@ -144,7 +143,7 @@ def lengthen(start: Table, change: Vector) -> None:
     """Let states begin with more material, so that they know a correction of the preload.
 
     Args:
-        start: see ``CablePlaces.start``, shape (segments,) or (rows, segments), changed.
+        start: see ``CableIndex.start``, shape (segments,) or (rows, segments), changed.
         change: of the cable's material [m], shape () or (rows,).
     """
     start *= 1.0 + (change / np.add.reduce(start, axis=-1))[..., None]
@@ -164,17 +163,7 @@ def _between(cells: list[int]) -> Table | None:
     return weights
 
 
-def _columns(places: Vector) -> slice:
-    """Places at equal distances as a slice, which costs a view less than names of the parts do."""
-    step = int(places[1] - places[0]) if places.size > 1 else 1
-    return slice(int(places[0]), int(places[-1]) + 1, step) if places.size else slice(0, 0)
-
-
-def _mean_wrap(model: Model, pulley: int) -> float:
-    """Wrap angle of a pulley in the reference pose [rad]."""
-    return float(shape_at(model, _reference(model)).wrap[pulley])
-
-
-def _reference(model: Model) -> NDArray[np.float64]:
-    """Angles of the joints in the reference pose [rad] or [m]."""
-    return np.array([joint.reference_angle for joint in model.robot.joints])
+def _columns(indices: Vector) -> slice:
+    """Indices at equal distances as a slice, which costs a view less than names of the parts."""
+    step = int(indices[1] - indices[0]) if indices.size > 1 else 1
+    return slice(int(indices[0]), int(indices[-1]) + 1, step) if indices.size else slice(0, 0)

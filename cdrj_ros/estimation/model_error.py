@@ -23,7 +23,7 @@ LEAST_ARM: Final = 0.05
 
 
 def unmodelled(model: Model) -> Table:
-    """Standard deviations to add to the spread of the members, by column of ``spread_columns``.
+    """Standard deviations to add to the spread of the members, by column of ``stddev_columns``.
 
     Returns:
         Shape (2, columns).  Row 0: variance of the model's error (U5).  Row 1: smallest standard
