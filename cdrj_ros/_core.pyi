@@ -275,6 +275,34 @@ class TrackingFilter:
 MOVED: Final[float]
 """If an axis moves further than this in a gap, the friction history is unknown [rad]."""
 
+class Population:
+    """Robots of one topology, each with constants and a history of its own."""
+
+    def __init__(self, robot: Robot, constants: NDArray[np.float64]) -> None:
+        """Copy all arrays.
+
+        Args:
+            robot: whose topology they have.
+            constants: of every robot, shape (robots, numbers).
+
+        Raises:
+            TypeError: an array is not contiguous or of another type.
+            ValueError: the constants are not those of such robots.
+        """
+
+    def advance(
+        self,
+        k: int,
+        motor_angle: NDArray[np.float64],
+        joint_angle: NDArray[np.float64],
+        dt: float,
+        out: NDArray[np.float64],
+    ) -> bool:
+        """``Robot.step`` of robot ``k`` from its own state, which is replaced."""
+
+    def reset(self) -> None:
+        """Discard the history of all robots."""
+
 class Ensemble:
     """Robots that differ in all that is unknown, stepped along with the estimate.
 
@@ -288,10 +316,11 @@ class Ensemble:
         numbers: NDArray[np.float64],
         friction_share: NDArray[np.float64],
         slipping: NDArray[np.bool_],
+        effort_error: NDArray[np.float64],
         reading_error: NDArray[np.float64],
         unseen_share: NDArray[np.float64],
         span: NDArray[np.float64],
-        place: NDArray[np.int64],
+        index: NDArray[np.int64],
         element: NDArray[np.int64],
         unmodelled: NDArray[np.float64],
     ) -> None:
@@ -302,10 +331,11 @@ class Ensemble:
             numbers: of every member's robot, shape (members, numbers).
             friction_share: initial friction as a share of its bound, shape (members, pulleys).
             slipping: whether a member's cables slip on their drums, shape (members,).
+            effort_error: lasting errors of the efforts [N m], shape (members, motors).
             reading_error: rows used in turn [rad], shape (rows, axes).
             unseen_share: xi of (U3), rows used in turn, shape (rows, members, axes).
             span: range of all axes [rad], shape (2, axes).
-            place: of every quantity with a standard deviation in the estimate.
+            index: of every quantity with a standard deviation in the estimate.
             element: an element of that quantity's cable; -1 for efforts.
             unmodelled: variance that no member shows, (U5), and magnitude where cables are slack,
                 (U6), shape (2, quantities).
@@ -856,34 +886,16 @@ class EncoderlessEstimator:
     def __init__(
         self,
         *,
-        plan: NDArray[np.int64],
-        numbers: NDArray[np.float64],
-        share: NDArray[np.float64],
-        effort_error: NDArray[np.float64],
-        reading_error: NDArray[np.float64],
-        columns: NDArray[np.int64],
-        slack: NDArray[np.float64],
+        ensemble: Ensemble,
         joints: Sequence[EncoderlessJoint],
         effort_noise: Sequence[float],
     ) -> None:
-        """Take the nominal robot, row 0 of what has one row a robot, and the members, the others.
+        """Take an ensemble, whose members this object alone advances.
 
         Args:
-            plan: connections of the robot's parts; not copied.
-            numbers: constants of the robots; not copied.
-            share: friction before the start as a share of its bound, shape (robots, pulleys).
-            effort_error: lasting errors of the efforts [N m], shape (robots, motors); 0 in row 0.
-            reading_error: rows of errors of the angles of motors and measured joints [rad], which
-                the members use in turn.
-            columns: places in the estimate of the quantities that have a standard deviation.
-            slack: standard deviation that a quantity has at least where it does not exceed it (U6),
-                shape (columns,).
+            ensemble: of the robot.
             joints: those without encoder, in the robot's order.
             effort_noise: standard deviation of the measured effort of every motor [N m].
-
-        Raises:
-            TypeError: an array is not contiguous or of another type.
-            ValueError: the arrays do not fit each other.
         """
 
     def run(
@@ -914,14 +926,14 @@ class EncoderlessEstimator:
             KeyboardInterrupt: between some hundred samples.
         """
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Discard everything that was heard; the next effort starts anew."""
 
-    def look_ahead(self) -> None:
-        """Note the history, unless that has been done."""
+    def keep(self) -> None:
+        """Keep the history, unless that has been done."""
 
-    def look_back(self) -> None:
-        """Return to the history that ``look_ahead`` noted; without effect if there is none."""
+    def roll_back(self) -> None:
+        """Return to the history that was kept; without effect if there is none."""
 
     @property
     def state(self) -> NDArray[np.float64]:

@@ -40,11 +40,11 @@ std::vector<T> taken(
 
 std::unique_ptr<Ensemble> make_ensemble(
     const HeldRobot& robot, const Matrix& numbers, const Matrix& friction_share,
-    const Flags& slipping, const Matrix& reading_error, const Matrix& unseen_share,
-    const Matrix& span, const Indices& place, const Indices& element, const Matrix& unmodelled) {
+    const Flags& slipping, const Matrix& effort_error, const Matrix& reading_error,
+    const Matrix& unseen_share, const Matrix& span, const Indices& index, const Indices& element,
+    const Matrix& unmodelled) {
     const Sizes& sizes = robot.robot.topology.sizes;
-    const py::ssize_t members = slipping.size(), axes = sizes.axes(), quantities = place.size();
-    require(members > 0, "an ensemble needs members");
+    const py::ssize_t members = slipping.size(), axes = sizes.axes(), quantities = index.size();
     require(
         numbers.ndim() == 2 && reading_error.ndim() == 2 && unseen_share.ndim() == 3 &&
             span.ndim() == 2 && unmodelled.ndim() == 2,
@@ -53,9 +53,9 @@ std::unique_ptr<Ensemble> make_ensemble(
     require(errors > 0 && paths > 0, "reading_error and unseen_share need at least one row");
     const std::vector<double> lower_upper = taken(span, {2, axes}, "span");
     Draws draws{
-        .numbers = taken(numbers, {members, robot.numbers.size()}, "numbers"),
         .friction_share = taken(friction_share, {members, sizes.pulleys}, "friction_share"),
         .slipping = {slipping.data(), slipping.data() + members},
+        .effort_error = taken(effort_error, {members, sizes.motors}, "effort_error"),
         .reading_error = taken(reading_error, {errors, axes}, "reading_error"),
         .unseen_share = taken(unseen_share, {paths, members, axes}, "unseen_share"),
         .lower = {lower_upper.begin(), lower_upper.begin() + axes},
@@ -63,20 +63,22 @@ std::unique_ptr<Ensemble> make_ensemble(
         .reading_rows = errors,
         .unseen_rows = paths,
     };
-    const std::vector<Index> places = taken(place, {quantities}, "place");
+    const std::vector<Index> indices = taken(index, {quantities}, "index");
     const std::vector<Index> elements = taken(element, {quantities}, "element");
     const std::vector<double> more = taken(unmodelled, {2, quantities}, "unmodelled");
     const auto size = static_cast<Index>(Estimate::size(sizes));
     std::vector<Quantity> rows;
     for (py::ssize_t q = 0; q < quantities; ++q) {
         require(
-            places[q] >= 0 && places[q] < size && elements[q] < sizes.elements,
+            indices[q] >= 0 && indices[q] < size && elements[q] < sizes.elements,
             "a quantity is not one of this robot's estimate");
-        rows.push_back({places[q], elements[q], more[q], more[quantities + q]});
+        rows.push_back({indices[q], elements[q], more[q], more[quantities + q]});
     }
     return std::make_unique<Ensemble>(
         taken(robot.plan, {robot.plan.size()}, "plan"),
-        taken(robot.numbers, {robot.numbers.size()}, "numbers"), std::move(rows), std::move(draws));
+        taken(robot.numbers, {robot.numbers.size()}, "numbers"),
+        taken(numbers, {members, robot.numbers.size()}, "numbers"), std::move(rows),
+        std::move(draws));
 }
 
 /// A sample of this ensemble's robot.
@@ -179,7 +181,7 @@ py::array_t<T> view(const py::object& ensemble, std::vector<T>& memory, Index ro
     return py::array_t<T>(std::move(shape), memory.data(), ensemble);
 }
 
-/// A property that is a view of a vector in `Ensemble::draws` or `Ensemble::memory`.
+/// A property that is a view of a vector in a part of an ensemble.
 template <typename Whole, typename T>
 auto part(Whole Ensemble::*whole, std::vector<T> Whole::*vector, bool by_members = false) {
     return [=](const py::object& self) {
@@ -197,6 +199,28 @@ py::array_t<Index> view_of_progress(const py::object& self) {
     Progress& progress = self.cast<Ensemble&>().memory.progress;
     static_assert(sizeof(Progress) == 3 * sizeof(Index));
     return py::array_t<Index>(3, &progress.updates, self);
+}
+
+/// A population whose topology stays alive with it.
+struct HeldPopulation {
+    HeldPopulation(const HeldRobot& robot, const Matrix& constants)
+        : robot(robot),
+          population(
+              this->robot.robot.topology, constants.shape(0),
+              taken(constants, {constants.shape(0), robot.numbers.size()}, "constants")) {}
+
+    HeldRobot robot;
+    Population population;
+};
+
+bool advance(
+    HeldPopulation& held, Index k, const Given& motor_angle, const Given& joint_angle, double dt,
+    Vector& out) {
+    held.robot.require_angles(motor_angle.size(), joint_angle.size());
+    require(k >= 0 && k < held.population.size(), "there is no such robot");
+    require(out.size() >= py::ssize_t(held.robot.robot.out_size()), "out is too short");
+    return held.population.advance(
+        k, span_of(motor_angle), span_of(joint_angle), dt, out.mutable_data());
 }
 
 void mark_one_unsure(
@@ -239,11 +263,22 @@ void mark_recording(
 void bind_ensemble(py::module_& core) {
     const auto stamp_ns = py::arg("stamp_ns");
     const auto array = [](const char* name) { return py::arg(name).noconvert(); };
+    py::class_<HeldPopulation>(core, "Population", "Robots with constants of their own.")
+        .def(
+            py::init<const HeldRobot&, const Matrix&>(), py::arg("robot"), array("constants"),
+            "Copies all arrays.")
+        .def(
+            "advance", advance, py::arg("k"), py::arg("motor_angle"), py::arg("joint_angle"),
+            py::arg("dt"), array("out"), "One sample of robot k.")
+        .def("reset", [](HeldPopulation& held) {
+            std::ranges::fill(held.population.states, 0.0);
+        }, "Discard the history of all robots.");
     py::class_<Ensemble>(core, "Ensemble", "Robots that differ in all that is unknown.")
         .def(
             py::init(&make_ensemble), py::arg("robot"), array("numbers"), array("friction_share"),
-            array("slipping"), array("reading_error"), array("unseen_share"), array("span"),
-            array("place"), array("element"), array("unmodelled"), "Copies all arrays.")
+            array("slipping"), array("effort_error"), array("reading_error"), array("unseen_share"),
+            array("span"), array("index"), array("element"), array("unmodelled"),
+            "Copies all arrays.")
         .def(
             "step", step, py::arg("before"), stamp_ns, py::arg("motor_angle"),
             py::arg("joint_angle"), py::arg("unseen"), py::arg("dt"), py::arg("at_once"),
@@ -263,11 +298,12 @@ void bind_ensemble(py::module_& core) {
         .def("roll_back", &Ensemble::roll_back, "Forget what has been predicted.")
         .def("finish", &Ensemble::finish, "Update the member that waits, if there is one.")
         .def("reset", &Ensemble::reset, "Discard the history of all members.")
-        .def_property_readonly("numbers", part(&Ensemble::draws, &Draws::numbers, true))
+        .def_property_readonly(
+            "numbers", part(&Ensemble::population, &Population::constants, true))
         .def_property_readonly(
             "friction_share", part(&Ensemble::draws, &Draws::friction_share, true))
         .def_property_readonly("reading_error", view_of_reading_error)
-        .def_property_readonly("states", part(&Ensemble::memory, &EnsembleMemory::states, true))
+        .def_property_readonly("states", part(&Ensemble::population, &Population::states, true))
         .def_property_readonly("stamps", part(&Ensemble::memory, &EnsembleMemory::stamps))
         .def_property_readonly("angle", part(&Ensemble::memory, &EnsembleMemory::angle))
         .def_property_readonly("unseen", part(&Ensemble::memory, &EnsembleMemory::unseen))

@@ -1,148 +1,136 @@
+// The estimate of a robot with joints without encoder, and its members. docs/encoderless.md.
 #include "encoderless.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
+#include "report.hpp"
+
 namespace cdrj {
-namespace {
 
-/// A difference between measured and estimated effort above this multiple of the effort's standard
-/// deviation means that a joint is lost,
-constexpr double LOST = 5.0;
+EncoderlessEstimator::EncoderlessEstimator(
+    Ensemble& ensemble, std::vector<EncoderlessJoint> joints, std::vector<double> effort_noise)
+    : ensemble_(ensemble),
+      solver_(ensemble.robot(), std::move(joints), std::move(effort_noise)),
+      history_(before_first_sample()),
+      motor_angle_(ensemble.robot().topology.sizes.motors),
+      measured_angle_(measured_joints()),
+      effort_(motor_angle_.size()) {}
 
-/// if it lasts this long [s].
-constexpr double LOST_FOR = 0.05;
+EncoderlessEstimator::History EncoderlessEstimator::before_first_sample() const {
+    const auto members = static_cast<std::size_t>(ensemble_.members());
+    return {
+        .state = std::vector<double>(ensemble_.robot().state_size(), 0.0),
+        .stamp_ns = 0,
+        .nominal = EncoderlessMemory(joints()),
+        .members = std::vector<EncoderlessMemory>(members, EncoderlessMemory(joints())),
+        .deviation = DenseMatrix(members, joints()),
+        .variance = std::vector<double>(joints(), 0.0),
+    };
+}
 
-/// A Gauss-Newton step below this fraction of the difference step ends the iteration.
-constexpr double TOLERANCE = 0.01;
-
-/// Largest Gauss-Newton step, as a multiple of the difference step.
-constexpr double LARGEST_STEP = 150.0;
-
-}  // namespace
-
-EncoderlessSolver::EncoderlessSolver(
-    const Robot& robot, std::vector<EncoderlessJoint> joints, std::vector<double> effort_noise)
-    : joints_(std::move(joints)),
-      effort_noise_(std::move(effort_noise)),
-      any_load_known_(std::ranges::any_of(
-          joints_, [](const EncoderlessJoint& one) { return one.load_drift > 0.0; })),
-      state_size_(robot.state_size()),
-      estimate_size_(robot.estimate_size()),
-      out_(robot.out_size(), 0.0),
-      estimate_(robot.topology.sizes, out_.data() + state_size_),
-      work_(robot.topology.sizes, out_.data() + state_size_ + estimate_size_),
-      angle_(robot.topology.sizes.joints, 0.0),
-      by_effort_(effort_noise_.size(), joints_.size()),
-      by_load_(joints_.size(), joints_.size()),
-      arms_(joints_.size(), 0.0),
-      target_(joints_.size(), 0.0),
-      information_(joints_.size(), joints_.size()),
-      equations_(joints_.size()) {
-    for (Index j = 0; j < robot.topology.sizes.joints; ++j) {
-        if (std::ranges::find(joints_, j, &EncoderlessJoint::joint) == joints_.end()) {
-            measured_.push_back(j);
-        }
+void EncoderlessEstimator::take(
+    const EncoderlessReadings& readings, const EncoderlessResults& results) {
+    if (std::ranges::none_of(readings.effort, [](double one) { return std::isfinite(one); })) {
+        reset();
+        write_unknown(results);
+        return;
+    }
+    const bool first = !history_.nominal.started;
+    const bool due = first || ensemble_.is_due(readings.stamp_ns);
+    const std::vector<double> none(ensemble_.robot().topology.sizes.pulleys, 0.0);
+    std::ranges::copy(readings.motor_angle, motor_angle_.begin());
+    std::ranges::copy(readings.measured_angle, measured_angle_.begin());
+    std::ranges::copy(readings.effort, effort_.begin());
+    solve(
+        ensemble_.robot(), none, history_.state, history_.nominal,
+        readings.stamp_ns - history_.stamp_ns);
+    history_.stamp_ns = readings.stamp_ns;
+    std::ranges::copy(solver_.estimate(), results.estimate.begin());
+    std::ranges::copy(history_.nominal.angle, results.angle.begin());
+    const Index members = ensemble_.members();
+    const Index updated = first ? members : due ? std::min<Index>(members, 1) : 0;
+    for (Index k = 0; k < updated; ++k) update_member(readings, results);
+    // (U5) is in the lasting errors of the members' efforts
+    ensemble_.write_stddev(results.estimate, results.stddev);
+    for (std::size_t a = 0; a < joints(); ++a) {
+        const double spread = std::max(history_.variance[a], 0.0);
+        results.angle_stddev[a] = std::sqrt(spread + history_.nominal.covariance(a, a));
     }
 }
 
-void EncoderlessSolver::solve(const EncoderlessSample& sample) {
-    EncoderlessMemory& memory = sample.memory;
-    for (std::size_t k = 0; k < measured_.size(); ++k) {
-        angle_[measured_[k]] = sample.measured_angle[k];
-    }
-    if (!memory.started) return start(sample);
-    for (std::size_t a = 0; a < joints_.size(); ++a) angle_of(a) = memory.angle[a];
-    if (sample.dt > 0.0) {
-        predict(sample);
-        correct(sample);
-    }
-    evaluate(sample);
-    const double motors = static_cast<double>(sample.effort.size());
-    const bool unexplained = misfit(sample) > LOST * LOST * motors;
-    memory.lost = unexplained ? memory.lost + sample.dt : 0.0;
-    if (memory.lost > LOST_FOR) {
-        search(sample);
-        correct(sample);
-        evaluate(sample);
-        memory.lost = 0.0;
-    }
-    accept(sample);
+void EncoderlessEstimator::reset() {
+    const Nanoseconds stamp_ns = history_.stamp_ns;
+    history_ = before_first_sample();
+    history_.stamp_ns = stamp_ns;
+    ensemble_.start_anew();
 }
 
-void EncoderlessSolver::start(const EncoderlessSample& sample) {
-    std::ranges::fill(sample.state, 0.0);
-    for (std::size_t a = 0; a < joints_.size(); ++a) angle_of(a) = joints_[a].start;
-    search(sample);
-    correct(sample);
-    evaluate(sample);
-    if (*State(sample.robot.topology.sizes, out_.data()).started == 0.0) return;  // no such pose
-    sample.robot.impose_friction(sample.share, out_.data());
-    std::copy_n(out_.begin(), sample.state.size(), sample.state.begin());
-    search(sample);
-    correct(sample);
-    evaluate(sample);
-    accept(sample);
+void EncoderlessEstimator::keep() {
+    if (!kept_) kept_ = {history_, ensemble_.population.states, ensemble_.memory};
 }
 
-void EncoderlessSolver::accept(const EncoderlessSample& sample) {
-    sample.memory.started = true;
-    std::copy_n(out_.begin(), sample.state.size(), sample.state.begin());
-    for (std::size_t a = 0; a < joints_.size(); ++a) {
-        sample.memory.angle[a] = angle_of(a);
-        sample.memory.load[a] = estimate_.joint_effort[joints_[a].joint];
+void EncoderlessEstimator::roll_back() {
+    if (!kept_) return;
+    history_ = std::move(kept_->history);
+    ensemble_.population.states = kept_->states;  // of the same sizes: they stay where they are
+    ensemble_.memory = kept_->memory;
+    kept_.reset();
+}
+
+/// Solve the readings in `motor_angle_`, `measured_angle_` and `effort_` for one robot.
+///
+/// `since`: time since its last sample, if it has had one.
+void EncoderlessEstimator::solve(
+    const Robot& robot, std::span<const double> share, std::span<double> state,
+    EncoderlessMemory& memory, Nanoseconds since) {
+    const double dt = memory.started ? static_cast<double>(since) * 1e-9 : 0.0;
+    solver_.solve({robot, share, state, memory, motor_angle_, measured_angle_, effort_, dt});
+}
+
+/// Update the member whose turn it is, with its own errors of the readings.
+void EncoderlessEstimator::update_member(
+    const EncoderlessReadings& readings, const EncoderlessResults& results) {
+    const Index member = ensemble_.next_member();
+    const std::span<const double> errors = ensemble_.next_errors();
+    const std::size_t motors = motor_angle_.size();
+    const std::vector<Index>& measured = solver_.measured_joints();
+    for (std::size_t m = 0; m < motors; ++m) {
+        motor_angle_[m] = readings.motor_angle[m] + errors[m];
+        effort_[m] = readings.effort[m] + ensemble_.draws.effort_error[member * motors + m];
+    }
+    for (std::size_t a = 0; a < measured.size(); ++a) {
+        measured_angle_[a] = readings.measured_angle[a] + errors[motors + measured[a]];
+    }
+    EncoderlessMemory& memory = history_.members[member];
+    Nanoseconds& stamp_ns = ensemble_.memory.stamps[member];
+    const std::size_t pulleys = ensemble_.robot().topology.sizes.pulleys;
+    solve(
+        ensemble_.population[member],
+        std::span(ensemble_.draws.friction_share).subspan(member * pulleys, pulleys),
+        ensemble_.population.state(member), memory, readings.stamp_ns - stamp_ns);
+    stamp_ns = readings.stamp_ns;
+    ++ensemble_.memory.progress.updates;
+    ensemble_.compare(member, solver_.estimate(), results.estimate, false);
+    const auto members = static_cast<double>(ensemble_.members());
+    for (std::size_t a = 0; a < joints(); ++a) {
+        double& before = history_.deviation(member, a);
+        const double now = memory.angle[a] - results.angle[a];
+        history_.variance[a] += (now * now - before * before) / members;
+        before = now;
     }
 }
 
-bool EncoderlessSolver::evaluate(const EncoderlessSample& sample) {
-    return sample.robot.advance(
-        sample.state.data(), sample.motor_angle, angle_, sample.dt, out_.data());
-}
-
-bool EncoderlessSolver::differentiate(const EncoderlessSample& sample) {
-    bool solved = true;
-    const std::size_t motors = by_effort_.rows(), count = joints_.size();
-    for (std::size_t a = 0; a < count; ++a) {
-        const double before = angle_of(a);
-        angle_of(a) += joints_[a].difference();
-        solved = evaluate(sample) && solved;
-        angle_of(a) = before;
-        for (std::size_t m = 0; m < motors; ++m) by_effort_(m, a) = estimate_.motor_effort[m];
-        for (std::size_t b = 0; b < count; ++b) {
-            by_load_(b, a) = estimate_.joint_effort[joints_[b].joint];
-        }
-    }
-    solved = evaluate(sample) && solved;
-    for (std::size_t a = 0; a < count; ++a) {
-        const double difference = joints_[a].difference();
-        for (std::size_t m = 0; m < motors; ++m) {
-            by_effort_(m, a) = (by_effort_(m, a) - estimate_.motor_effort[m]) / difference;
-        }
-        for (std::size_t b = 0; b < count; ++b) {
-            const double load = estimate_.joint_effort[joints_[b].joint];
-            by_load_(b, a) = (by_load_(b, a) - load) / difference;
-        }
-    }
-    return solved;
-}
-
-void EncoderlessSolver::aim() {
-    for (std::size_t a = 0; a < joints_.size(); ++a) target_[a] = angle_of(a);
-}
-
-bool EncoderlessSolver::move() {
-    equations_.invert();
-    bool arrived = true;
-    for (std::size_t a = 0; a < joints_.size(); ++a) {
-        const EncoderlessJoint& joint = joints_[a];
-        const double most = LARGEST_STEP * joint.difference();
-        const double change = std::min(std::max(equations_.change(a), -most), most);
-        const double now = std::min(std::max(angle_of(a) + change, joint.lower), joint.upper);
-        arrived = arrived && std::abs(now - angle_of(a)) <= TOLERANCE * joint.difference();
-        angle_of(a) = now;
-    }
-    return arrived;
+void EncoderlessEstimator::write_unknown(const EncoderlessResults& results) const {
+    constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
+    std::ranges::fill(results.estimate, UNKNOWN);
+    Estimate estimate(ensemble_.robot().topology.sizes, results.estimate.data());
+    std::ranges::fill(estimate.status, static_cast<double>(INVALID));
+    std::ranges::fill(results.stddev, UNKNOWN);
+    std::ranges::fill(results.angle, UNKNOWN);
+    std::ranges::fill(results.angle_stddev, UNKNOWN);
 }
 
 }  // namespace cdrj

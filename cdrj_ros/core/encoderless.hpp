@@ -2,14 +2,16 @@
 //
 // The angles are predicted from the cables and the loads (M1), then corrected by the measured efforts
 // (M2). At the start, or where a joint is lost, they are searched over their ranges first.
-// docs/motor_alone.md.
+// docs/encoderless.md. Every member of an ensemble solves the same problems as the nominal robot; their
+// spread gives the standard deviations.
 #pragma once
 
+#include <optional>
 #include <span>
 #include <vector>
 
+#include "ensemble.hpp"
 #include "normal_equations.hpp"
-#include "robot.hpp"
 
 namespace cdrj {
 
@@ -78,7 +80,7 @@ public:
     }
 
     std::size_t joints() const { return joints_.size(); }
-    std::size_t measured_joints() const { return measured_.size(); }
+    const std::vector<Index>& measured_joints() const { return measured_; }
 
 private:
     /// Most Gauss-Newton steps of a prediction or a correction.
@@ -135,6 +137,85 @@ private:
     std::vector<double> target_;  // predicted angles: q0 of (M1), then q1 of (M2)
     DenseMatrix information_;    // inverse of the predicted covariance, P^-1 of (M2)
     NormalEquations equations_;
+};
+
+/// Readings of a sample.
+struct EncoderlessReadings {
+    Nanoseconds stamp_ns;
+    std::span<const double> motor_angle;     // [rad]
+    std::span<const double> measured_angle;  // of the joints with encoder [rad] or [m]
+    std::span<const double> effort;          // of the motors [N m]; NaN where none was heard
+};
+
+/// Where the results of a sample are written; without any effort all numbers are NaN.
+struct EncoderlessResults {
+    std::span<double> estimate;
+    std::span<double> stddev;        // of the ensemble's quantities
+    std::span<double> angle;         // of the joints without encoder [rad] or [m]
+    std::span<double> angle_stddev;  // [rad] or [m]
+};
+
+/// The estimate of a robot with joints without encoder.
+class EncoderlessEstimator {
+public:
+    /// `ensemble`: of the robot; it must outlive this object, which alone advances its members.
+    /// `effort_noise`: standard deviation of the measured effort of every motor [N m].
+    EncoderlessEstimator(
+        Ensemble& ensemble, std::vector<EncoderlessJoint> joints, std::vector<double> effort_noise);
+
+    /// Estimate a sample.
+    ///
+    /// At the first one all members are updated, later one in turn, as by `Ensemble::update`.
+    void take(const EncoderlessReadings& readings, const EncoderlessResults& results);
+
+    /// Discard everything that was heard; the next effort starts anew.
+    void reset();
+
+    /// Keep the history, unless that has been done.
+    void keep();
+
+    /// Return to the history that was kept; without effect if there is none.
+    void roll_back();
+
+    /// State of the nominal robot after the last sample.
+    std::span<const double> state() const { return history_.state; }
+
+    const Ensemble& ensemble() const { return ensemble_; }
+    std::size_t joints() const { return solver_.joints(); }
+    std::size_t measured_joints() const { return solver_.measured_joints().size(); }
+
+private:
+    /// All that samples change, beside the ensemble.
+    struct History {
+        std::vector<double> state;               // of the nominal robot
+        Nanoseconds stamp_ns;                    // of its last sample
+        EncoderlessMemory nominal;
+        std::vector<EncoderlessMemory> members;
+        DenseMatrix deviation;                   // of every member's angles from the estimated ones
+        std::vector<double> variance;            // of the angles
+    };
+
+    /// The history, and the ensemble's.
+    struct Kept {
+        History history;
+        std::vector<double> states;
+        EnsembleMemory memory;
+    };
+
+    History before_first_sample() const;
+    void solve(
+        const Robot& robot, std::span<const double> share, std::span<double> state,
+        EncoderlessMemory& memory, Nanoseconds since);
+    void update_member(const EncoderlessReadings& readings, const EncoderlessResults& results);
+    void write_unknown(const EncoderlessResults& results) const;
+
+    Ensemble& ensemble_;
+    EncoderlessSolver solver_;
+    History history_;
+    std::optional<Kept> kept_;
+    std::vector<double> motor_angle_;     // readings with the errors of a member
+    std::vector<double> measured_angle_;
+    std::vector<double> effort_;
 };
 
 }  // namespace cdrj

@@ -30,23 +30,37 @@ std::span<const double> row(const std::vector<double>& table, Index k, std::size
 
 }  // namespace
 
+Population::Population(
+    const Topology& topology, std::size_t robots, std::vector<double> of_robots)
+    : constants(std::move(of_robots)), states(robots * State::size(topology.sizes)) {
+    robots_.reserve(robots);
+    for (std::size_t k = 0; k < robots; ++k) {
+        robots_.emplace_back(topology, constants.data() + k * (constants.size() / robots));
+    }
+}
+
+bool Population::advance(
+    Index k, std::span<const double> motor_angle, std::span<const double> joint_angle, double dt,
+    double* out) {
+    const std::span<double> own = state(k);
+    const bool solved = robots_[k].advance(own.data(), motor_angle, joint_angle, dt, out);
+    std::copy_n(out, own.size(), own.begin());
+    return solved;
+}
+
 Ensemble::Ensemble(
-    std::vector<Index> plan, std::vector<double> numbers, std::vector<Quantity> of_quantities,
-    Draws of_members)
+    std::vector<Index> plan, std::vector<double> numbers, std::vector<double> constants,
+    std::vector<Quantity> of_quantities, Draws of_members)
     : quantities(std::move(of_quantities)),
       draws(std::move(of_members)),
       plan_(std::move(plan)),
       numbers_(std::move(numbers)),
       robot_(plan_.data(), numbers_.data()),
+      population(robot_.topology, draws.slipping.size(), std::move(constants)),
       estimate_(robot_.estimate_size()),
       out_(robot_.out_size()) {
-    const std::size_t members = draws.slipping.size();
+    const auto members = static_cast<std::size_t>(population.size());
     const auto axes = static_cast<std::size_t>(robot_.topology.sizes.axes());
-    robots_.reserve(members);
-    for (std::size_t k = 0; k < members; ++k) {
-        robots_.emplace_back(robot_.topology, draws.numbers.data() + k * numbers_.size());
-    }
-    memory.states.resize(members * robot_.state_size());
     memory.stamps.resize(members);
     memory.deviation.resize(members * quantities.size());
     memory.variance.resize(quantities.size());
@@ -83,7 +97,7 @@ void Ensemble::predict(
     const SampleView& sample, std::span<const double> estimate, std::span<double> stddev) {
     if (!before_prediction_) {
         finish();
-        before_prediction_ = memory;
+        before_prediction_ = {population.states, memory};
     }
     begin(sample, estimate, 1, stddev);
     waiting_ = false;
@@ -91,7 +105,8 @@ void Ensemble::predict(
 
 void Ensemble::roll_back() {
     if (!before_prediction_) return;
-    memory = *before_prediction_;  // of the same sizes: the vectors stay where they are
+    population.states = before_prediction_->states;  // of the same sizes: they stay where they are
+    memory = before_prediction_->memory;
     before_prediction_.reset();
 }
 
@@ -119,7 +134,7 @@ void Ensemble::begin(
 
     const Nanoseconds passed = sample.stamp_ns - memory.progress.last_stamp;
     const bool started = memory.progress.updates > 0;
-    Index count = least;
+    Index count = std::min(least, members());
     double part_s = 0.0;
     if (passed != 0) {
         const auto [inside, on_the_way] = count_intervals();
@@ -140,7 +155,7 @@ void Ensemble::begin(
 
     if (count > 1) update_members(count, part_s);
     std::ranges::copy(unseen_, memory.unseen.begin());
-    write_stddev(stddev);
+    write_stddev(estimate_, stddev);
     waiting_ = count == 1 && is_due(sample.stamp_ns);
 }
 
@@ -193,16 +208,14 @@ std::pair<bool, bool> Ensemble::count_intervals() {
     return {inside, on_the_way};
 }
 
-/// Whether the last update of a member was at least `APART_NS` ago.
 bool Ensemble::is_due(Nanoseconds stamp) const {
     if (memory.progress.updates == 0) return true;
     return stamp - memory.stamps[(memory.progress.updates - 1) % members()] >= APART_NS;
 }
 
-/// Reset all members, because their friction history is unknown.
 void Ensemble::start_anew() {
     memory.progress.updates = 0;
-    for (std::vector<double>* one : {&memory.states, &memory.deviation, &memory.variance}) {
+    for (std::vector<double>* one : {&population.states, &memory.deviation, &memory.variance}) {
         std::ranges::fill(*one, 0.0);
     }
     std::ranges::fill(memory.intervals, 0);
@@ -210,6 +223,10 @@ void Ensemble::start_anew() {
 
 // -------------------------------------------------------------------------------------------------
 // Members
+
+std::span<const double> Ensemble::next_errors() const {
+    return row(draws.reading_error, memory.progress.updates % draws.reading_rows, angle_.size());
+}
 
 void Ensemble::update_members(Index count, double part_s) {
     for (Index k = 0; k < count; ++k) update_member(part_s);
@@ -220,22 +237,21 @@ void Ensemble::update_members(Index count, double part_s) {
 /// `part_s`: if an axis may have moved unseen since the sample before, the time since then divided
 /// by `PARTS` [s]: the member then takes a path of its own; otherwise 0.
 void Ensemble::update_member(double part_s) {
-    const Index member = memory.progress.updates % members();
-    const std::size_t axes = angle_.size();
-    const Index turn = memory.progress.updates % draws.reading_rows;
-    const std::span errors = row(draws.reading_error, turn, axes);
+    const Index member = next_member();
+    const std::span<const double> errors = next_errors();
     ++memory.progress.updates;
-    double* state = memory.states.data() + member * robot_.state_size();
+    double* state = population.state(member).data();
     double dt = static_cast<double>(memory.progress.last_stamp - memory.stamps[member]) * 1e-9;
     if (part_s > 0.0 && *State(robot_.topology.sizes, state).started != 0.0) {
         dt = walk(member, errors, dt, part_s);
     }
-    for (std::size_t a = 0; a < axes; ++a) reading_[a] = angle_[a] + errors[a];
+    for (std::size_t a = 0; a < angle_.size(); ++a) reading_[a] = angle_[a] + errors[a];
     deviate(member, unseen_);
     const bool solved = advance(member, dt);
-    if (draws.slipping[member] && solved) robots_[member].forget_drums(state);
+    if (draws.slipping[member] && solved) population[member].forget_drums(state);
     memory.stamps[member] = memory.progress.last_stamp;
-    compare(member, solved && memory.progress.last_unsolved == 0);
+    const auto own = std::span<const double>(out_).subspan(robot_.state_size(), estimate_.size());
+    compare(member, own, estimate_, solved && memory.progress.last_unsolved == 0);
 }
 
 /// Take a member along its path between two samples, but for the last of `PARTS`.
@@ -282,40 +298,33 @@ void Ensemble::deviate(Index member, std::span<const double> deviation) {
 
 /// Advance a member to its readings, or start it with its friction history; false: not solved.
 bool Ensemble::advance(Index member, double dt) {
-    const Robot& robot = robots_[member];
-    const Sizes& sizes = robot.topology.sizes;
-    const std::size_t size = robot.state_size();
-    double* state = memory.states.data() + member * size;
+    const Sizes& sizes = robot_.topology.sizes;
+    const std::span<double> state = population.state(member);
     const std::span<const double> readings(reading_);
     const auto motor_angle = readings.first(sizes.motors), joint_angle = readings.last(sizes.joints);
-    if (*State(sizes, state).started == 0.0) {
-        robot.advance(state, motor_angle, joint_angle, 0.0, out_.data());
+    if (*State(sizes, state.data()).started == 0.0) {
+        population[member].advance(state.data(), motor_angle, joint_angle, 0.0, out_.data());
         if (*State(sizes, out_.data()).started == 0.0) return false;  // no such pose
         const auto pulleys = static_cast<std::size_t>(sizes.pulleys);
-        robot.impose_friction(row(draws.friction_share, member, pulleys), out_.data());
-        std::copy_n(out_.data(), size, state);
+        population[member].impose_friction(row(draws.friction_share, member, pulleys), out_.data());
+        std::copy_n(out_.data(), state.size(), state.begin());
         dt = 0.0;
     }
-    const bool solved = robot.advance(state, motor_angle, joint_angle, dt, out_.data());
-    std::copy_n(out_.data(), size, state);
-    return solved;
+    return population.advance(member, motor_angle, joint_angle, dt, out_.data());
 }
 
 // -------------------------------------------------------------------------------------------------
 // Standard deviations
 
-/// Store a member's deviations from the estimate and their part of the variance (U1).
-///
-/// Quantities that are not solved in either keep their last deviation.
-void Ensemble::compare(Index member, bool all_solved) {
-    const auto own = std::span<const double>(out_).subspan(robot_.state_size(), estimate_.size());
+void Ensemble::compare(
+    Index member, std::span<const double> own, std::span<const double> nominal, bool all_solved) {
     const std::size_t width = quantities.size();
     const auto count = static_cast<double>(members());
     for (std::size_t q = 0; q < width; ++q) {
-        const auto& [place, element, unmodelled, slack] = quantities[q];
-        if (!all_solved && (is_invalid(estimate_, element) || is_invalid(own, element))) continue;
+        const auto& [index, element, unmodelled, slack] = quantities[q];
+        if (!all_solved && (is_invalid(nominal, element) || is_invalid(own, element))) continue;
         double& deviation = memory.deviation[member * width + q];
-        const double now = own[place] - estimate_[place];
+        const double now = own[index] - nominal[index];
         memory.variance[q] += (now * now - deviation * deviation) / count;
         deviation = now;
     }
@@ -330,12 +339,11 @@ void Ensemble::compare(Index member, bool all_solved) {
     }
 }
 
-/// Add what no member shows to the spread (U5), and widen it where cables are slack (U6).
-void Ensemble::write_stddev(std::span<double> stddev) const {
+void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> stddev) const {
     for (std::size_t q = 0; q < quantities.size(); ++q) {
-        const auto& [place, element, unmodelled, slack] = quantities[q];
+        const auto& [index, element, unmodelled, slack] = quantities[q];
         double total = std::max(memory.variance[q], 0.0) + unmodelled;
-        if (std::abs(estimate_[place]) <= slack) total = std::max(total, slack * slack);
+        if (std::abs(nominal[index]) <= slack) total = std::max(total, slack * slack);
         stddev[q] = std::sqrt(total);
     }
 }

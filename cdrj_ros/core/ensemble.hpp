@@ -1,4 +1,5 @@
-// The ensemble of robots behind the standard deviations. docs/uncertainty.md.
+// Populations of robots: those that the health monitor compares, and the ensemble behind the standard
+// deviations, with or without encoders at all joints. docs/uncertainty.md.
 #pragma once
 
 #include <optional>
@@ -10,6 +11,38 @@
 #include "robot.hpp"
 
 namespace cdrj {
+
+/// Robots of one topology, each with constants and a history of its own.
+class Population {
+public:
+    /// `constants`: of all robots, see `cdrj_ros.model.packing`, stored by rows.
+    Population(const Topology& topology, std::size_t robots, std::vector<double> constants);
+
+    // robots view arrays of this object
+    Population(const Population&) = delete;
+    Population& operator=(const Population&) = delete;
+
+    Index size() const { return static_cast<Index>(robots_.size()); }
+    const Robot& operator[](Index k) const { return robots_[k]; }
+
+    /// State of robot `k`; zeros before its first sample.
+    std::span<double> state(Index k) {
+        const std::size_t size = states.size() / robots_.size();
+        return std::span(states).subspan(static_cast<std::size_t>(k) * size, size);
+    }
+
+    /// One sample of robot `k`, whose state becomes the new one; `dt` and `out` as of
+    /// `Robot::advance`. False: not solved.
+    bool advance(
+        Index k, std::span<const double> motor_angle, std::span<const double> joint_angle, double dt,
+        double* out);
+
+    std::vector<double> constants;  // Python holds views of both: they are never moved
+    std::vector<double> states;
+
+private:
+    std::vector<Robot> robots_;
+};
 
 /// If an axis moves further than this in a gap, the friction history is unknown [rad].
 inline constexpr double MOVED = 0.01;
@@ -24,7 +57,7 @@ struct SampleView {
 
 /// A quantity of the estimate that has a standard deviation.
 struct Quantity {
-    Index place;                 // in the estimate
+    Index index;                 // in the estimate
     Index element;               // an element of its cable; -1 for an effort, to which all contribute
     double unmodelled_variance;  // what no member shows, (U5)
     double slack;                // its magnitude where every cable has its slack tension, (U6)
@@ -32,9 +65,9 @@ struct Quantity {
 
 /// What distinguishes the members, as `cdrj_ros.estimation` draws it. Tables are stored by rows.
 struct Draws {
-    std::vector<double> numbers;         // constants of every member's robot
     std::vector<double> friction_share;  // by members and pulleys, see `Robot::impose_friction`
     std::vector<char> slipping;          // whether a member's cables slip on their drums
+    std::vector<double> effort_error;    // lasting errors of all motors, by members [N m]
     std::vector<double> reading_error;   // of all axes, one row for every update in turn [rad]
     std::vector<double> unseen_share;    // xi of (U3), by intervals in turn, members and axes
     std::vector<double> lower;           // range of every axis [rad]
@@ -50,9 +83,8 @@ struct Progress {
     Index last_unsolved = 0;      // 1 if its estimate was not solved, otherwise 0
 };
 
-/// What an ensemble remembers from one sample to the next.
+/// What an ensemble remembers from one sample to the next, beside its members' states.
 struct EnsembleMemory {
-    std::vector<double> states;       // of all members
     std::vector<Nanoseconds> stamps;  // of every member's last update
     Progress progress;
     std::vector<double> angle;        // of all axes at the last sample [rad]
@@ -70,14 +102,11 @@ struct EnsembleMemory {
 /// solved, and where an axis may have moved unseen since the sample before (U3).
 class Ensemble {
 public:
-    /// `plan` and `numbers`: the robot of the estimate, see `cdrj_ros.model.packing`.
+    /// `plan` and `numbers`: the nominal robot, that of the estimate, see `cdrj_ros.model.packing`.
+    /// `constants`: of every member's robot.
     Ensemble(
-        std::vector<Index> plan, std::vector<double> numbers, std::vector<Quantity> quantities,
-        Draws draws);
-
-    // members view arrays of this object
-    Ensemble(const Ensemble&) = delete;
-    Ensemble& operator=(const Ensemble&) = delete;
+        std::vector<Index> plan, std::vector<double> numbers, std::vector<double> constants,
+        std::vector<Quantity> quantities, Draws draws);
 
     /// One sample of the estimate and of the ensemble: `Robot::advance`, then `update`.
     bool step(
@@ -108,12 +137,42 @@ public:
     /// Discard the history of all members; the next sample starts them anew.
     void reset();
 
-    Index members() const { return static_cast<Index>(robots_.size()); }
+    // What `EncoderlessEstimator` uses, which advances the members itself.
+
+    /// Discard all that distinguishes members from an estimate, since their histories are unknown.
+    void start_anew();
+
+    /// Whether the last update of a member was long enough before a stamp.
+    bool is_due(Nanoseconds stamp) const;
+
+    /// The member whose turn it is.
+    Index next_member() const { return memory.progress.updates % members(); }
+
+    /// Errors of the next member's readings, of all axes [rad].
+    std::span<const double> next_errors() const;
+
+    /// Note a member's update: its differences from the nominal estimate, and its part of the
+    /// variance (U1). Quantities that are not solved in either keep their last difference.
+    void compare(
+        Index member, std::span<const double> own, std::span<const double> nominal, bool all_solved);
+
+    /// Add what no member shows to the spread (U5), and widen it where cables are slack (U6).
+    void write_stddev(std::span<const double> nominal, std::span<double> stddev) const;
+
+    Index members() const { return population.size(); }
     const Robot& robot() const { return robot_; }
     std::size_t axes() const { return angle_.size(); }
 
     const std::vector<Quantity> quantities;
     Draws draws;
+
+private:
+    std::vector<Index> plan_;
+    std::vector<double> numbers_;
+    Robot robot_;  // of the estimate
+
+public:
+    Population population;  // the members
     EnsembleMemory memory;  // Python holds views of it: its vectors are never moved
 
 private:
@@ -123,22 +182,20 @@ private:
     bool take_angles(const SampleView& sample);
     bool moved_in_a_gap(Nanoseconds stamp) const;
     std::pair<bool, bool> count_intervals();
-    bool is_due(Nanoseconds stamp) const;
-    void start_anew();
     void update_members(Index count, double part_s);
     void update_member(double part_s);
     double walk(Index member, std::span<const double> errors, double dt, double part_s);
     void deviate(Index member, std::span<const double> deviation);
     bool advance(Index member, double dt);
-    void compare(Index member, bool all_solved);
-    void write_stddev(std::span<double> stddev) const;
     bool is_invalid(std::span<const double> estimate, Index element) const;
 
-    std::vector<Index> plan_;
-    std::vector<double> numbers_;
-    Robot robot_;                // of the estimate
-    std::vector<Robot> robots_;  // of the members
-    std::optional<EnsembleMemory> before_prediction_;
+    /// What a prediction changes, as it was before.
+    struct Kept {
+        std::vector<double> states;
+        EnsembleMemory memory;
+    };
+
+    std::optional<Kept> before_prediction_;
     bool waiting_ = false;       // whether one member has yet to be updated to the last sample
 
     // of the sample in progress, or of the last one

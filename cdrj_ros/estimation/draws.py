@@ -102,7 +102,7 @@ def draw(
     if robot.unmeasured:
         half = generator.standard_normal((members // 2, len(robot.motors)))
         efforts = _paired(half * _effort_stddev(robot))
-    errors = reading_errors(robot.as_read, generator)
+    errors = reading_errors(robot, generator)
     axes = len(robot.motors) + len(robot.joints)
     return Draws(
         read_only(numbers),
@@ -280,14 +280,20 @@ def friction_shares(members: int, pulleys: int, generator: np.random.Generator) 
 
 
 def reading_errors(robot: Robot, generator: np.random.Generator) -> Table:
-    """Errors of motor and joint angles from noise and resolution [rad], (READING_ROWS, axes)."""
-    sensors = [axis.sensor for axis in robot.axes]
+    """Errors of motor and joint angles from noise and resolution [rad], (READING_ROWS, axes).
+
+    Those of joints without encoder are zero.
+    """
+    sensors = [axis.sensor for axis in robot.as_read.axes]
     scale = np.array([abs(sensor.scale) for sensor in sensors])
     noise = scale * np.array([sensor.noise for sensor in sensors])
     count = scale * np.array([sensor.resolution for sensor in sensors])
     shape = (READING_ROWS, len(sensors))
-    errors = noise * generator.standard_normal(shape) + count * (generator.random(shape) - 0.5)
-    return np.ascontiguousarray(errors)
+    read = noise * generator.standard_normal(shape) + count * (generator.random(shape) - 0.5)
+    measured = [True] * len(robot.motors) + [joint.measured for joint in robot.joints]
+    errors = np.zeros((READING_ROWS, len(measured)))
+    errors[:, measured] = read
+    return errors
 
 
 def _unseen_shares(members: int, axes: int, generator: np.random.Generator) -> Table:

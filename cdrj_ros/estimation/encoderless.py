@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.draws import draw
-from cdrj_ros.estimation.ensemble import MEMBERS, stddev_columns
+from cdrj_ros.estimation.ensemble import MEMBERS, new_members, stddev_columns
 from cdrj_ros.estimation.estimator import Angles, Estimate, Estimates, State
-from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.model.prepared import Model, read_only
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID
 
 Vector = NDArray[np.float64]
@@ -60,8 +59,21 @@ class EncoderlessEstimator:
             raise ValueError(f"members must be even and at least 0, got {members}")
         self.model = model
         self.names = tuple(model.layout.joints[j] for j in model.robot.unmeasured)
-        self._columns = stddev_columns(model.layout)
-        self._core = _new_core(model, members, self._columns, seed)
+        joints = ((j, model.robot.joints[j]) for j in model.robot.unmeasured)
+        self._core = _core.EncoderlessEstimator(
+            ensemble=new_members(model, draw(model, members, seed)),
+            joints=[
+                _core.EncoderlessJoint(
+                    joint=j,
+                    lower=one.lower,
+                    upper=one.upper,
+                    start=one.reference_angle,
+                    load_drift=one.load_drift,
+                )
+                for j, one in joints
+            ],
+            effort_noise=[motor.effort_noise for motor in model.robot.motors],
+        )
 
     @property
     def state(self) -> Vector:
@@ -70,15 +82,15 @@ class EncoderlessEstimator:
 
     def reset(self) -> None:
         """Discard the history; the next effort starts anew."""
-        self._core.forget()
+        self._core.reset()
 
     def keep(self) -> None:
         """Keep the history, to which ``roll_back`` returns from predicted samples."""
-        self._core.look_ahead()
+        self._core.keep()
 
     def roll_back(self) -> None:
         """Undo everything since ``keep``; without effect if it was not called."""
-        self._core.look_back()
+        self._core.roll_back()
 
     def run(self, samples: Samples, efforts: Table) -> Estimates:
         """Estimate samples that follow those of the call before.
@@ -100,7 +112,7 @@ class EncoderlessEstimator:
                 f"efforts must have shape {samples.motor_angle.shape}, got {efforts.shape}"
             )
         values = np.empty((n, self.model.layout.size))
-        stddev = np.empty((n, self._columns.size))
+        stddev = np.empty((n, stddev_columns(self.model.layout).size))
         angle, angle_stddev = np.empty((n, count)), np.empty((n, count))
         self._core.run(
             np.ascontiguousarray(samples.stamp_ns),
@@ -251,35 +263,3 @@ def efforts_at(
         )
         found[:, m] = np.where(gap <= EFFORT_AGE_NS, at, np.nan)
     return found
-
-
-def _new_core(
-    model: Model, members: int, columns: NDArray[np.int64], seed: int
-) -> _core.EncoderlessEstimator:
-    """The estimate and its members before their first sample."""
-    robot = model.robot
-    draws = draw(model, members, seed)
-
-    def nominal_first(rows: Table) -> Table:
-        return np.concatenate([np.zeros((1, rows.shape[1])), rows])
-
-    return _core.EncoderlessEstimator(
-        plan=model.plan,
-        numbers=read_only(np.concatenate([model.numbers[None, :], draws.numbers])),
-        share=nominal_first(draws.friction_share),
-        effort_error=nominal_first(draws.effort_error),
-        reading_error=draws.reading_error,
-        columns=columns,
-        slack=np.ascontiguousarray(unmodelled(model)[1]),
-        joints=[
-            _core.EncoderlessJoint(
-                joint=j,
-                lower=robot.joints[j].lower,
-                upper=robot.joints[j].upper,
-                start=robot.joints[j].reference_angle,
-                load_drift=robot.joints[j].load_drift,
-            )
-            for j in robot.unmeasured
-        ],
-        effort_noise=[motor.effort_noise for motor in robot.motors],
-    )

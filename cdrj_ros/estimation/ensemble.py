@@ -71,17 +71,21 @@ def new_members(model: Model, draws: Draws) -> _core.Ensemble:
     spans = [(-np.inf, np.inf) for _ in robot.motors]
     spans += [(joint.lower, joint.upper) for joint in robot.joints]
     unsure = robot.uncertainty is not None and not robot.uncertainty.drums_hold
+    error = unmodelled(model)
+    if robot.unmeasured:  # the lasting errors of the efforts contain it
+        error[0] = 0.0
     return _core.Ensemble(
         model.core,
         numbers=draws.numbers,
         friction_share=draws.friction_share,
         slipping=(np.arange(members) // 2 % 2 == 1) & unsure,
+        effort_error=draws.effort_error,
         reading_error=draws.reading_error,
         unseen_share=draws.unseen_share,
         span=np.array(spans).T.copy(),
-        place=stddev_columns(model.layout),
+        index=stddev_columns(model.layout),
         element=_elements_of(model.layout),
-        unmodelled=unmodelled(model),
+        unmodelled=error,
     )
 
 

@@ -16,8 +16,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros.conditioning.samples import Sample
-from cdrj_ros.estimation.estimator import NEVER, State, initial_state, step
+from cdrj_ros.estimation.estimator import NEVER
 from cdrj_ros.estimation.fusion import LARGEST
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.health.changes import Change, changes_of, magnitude, sensor_changes
@@ -54,12 +55,12 @@ REMEMBERED: Final = 64
 
 @dataclass
 class _Tick:
-    """One sample on its way through the models."""
+    """One sample on its way through the robots."""
 
     sample: Sample
-    spread: Vector | None
-    states: list[State]
-    values: list[Vector]
+    stddev: Vector | None
+    expected: list[Vector]
+    """Values of ``_columns`` by the robots so far."""
 
 
 class HealthMonitor:
@@ -85,14 +86,18 @@ class HealthMonitor:
         columns = [*range(layout.motor_effort.start, layout.motor_effort.stop)]
         columns += range(layout.tension.start, layout.tension.stop)
         self._columns = np.array(columns)
-        self._place = {name: k for k, name in enumerate((*layout.motors, *layout.elements))}
-        """Place of every sensor among ``_columns``."""
+        self._out = np.empty(model.out_size)
+        self._index = {name: k for k, name in enumerate((*layout.motors, *layout.elements))}
+        """Index of every sensor in ``_columns``."""
         motors = len(layout.elements) + len(layout.pulleys)
-        self._spread_column = {name: motors + k for k, name in enumerate(layout.motors)}
-        self._spread_column |= {name: k for k, name in enumerate(layout.elements)}
+        self._stddev_column = {name: motors + k for k, name in enumerate(layout.motors)}
+        self._stddev_column |= {name: k for k, name in enumerate(layout.elements)}
         self._makers: deque[Callable[[], Change]] = deque(changes_of(model.robot, known))
         self._changes: list[Change] = []
-        self._models: list[Model] = [model]
+        self._numbers = [model.numbers]
+        """Constants of the robot of the file, then of every changed one."""
+        self._robots: _core.Population | None = None
+        """These robots, once all are prepared."""
         self._scale: dict[str, float] = {}
         self.reset()
 
@@ -114,7 +119,8 @@ class HealthMonitor:
 
     def _begin(self) -> None:
         """Start all models anew, with unknown friction history: the first cycle counts for none."""
-        self._states = [initial_state(one) for one in self._models]
+        if self._robots is not None:
+            self._robots.reset()
         self._before: tuple[int, Table] | None = None
         self._turns = [Turns(abs(a.sensor.scale) * a.sensor.resolution)
                        for a in self.model.robot.axes]  # fmt: skip
@@ -144,7 +150,7 @@ class HealthMonitor:
         """Take readings of load cells [N]; unknown elements are ignored."""
         noises = {cable.name: cable.sensor_noise for cable in self.model.robot.cables}
         for k, name in enumerate(names):
-            if name in self._place and name not in self._offset_ns:
+            if name in self._index and name not in self._offset_ns:
                 stated = float(stddevs[k]) if len(stddevs) == len(names) else 0.0
                 noise = stated if stated > 0.0 else noises[name.rpartition("/")[0]]
                 self._read(stamp_ns, name, float(tensions[k]), noise)
@@ -170,12 +176,12 @@ class HealthMonitor:
 
     # --- samples ----------------------------------------------------------------------------------
 
-    def follow(self, sample: Sample, spread: Vector | None = None) -> None:
+    def follow(self, sample: Sample, stddev: Vector | None = None) -> None:
         """Take the estimator's sample; steps one model or a few, whatever the number of models.
 
         Args:
             sample: the last sample of the estimator.
-            spread: standard deviations of its estimate, in the order of ``stddev_columns``; None:
+            stddev: standard deviations of its estimate, in the order of ``stddev_columns``; None:
                 zero.
         """
         if not self._scale:
@@ -196,9 +202,9 @@ class HealthMonitor:
         if self._tick is None:
             last = self._before[0] if self._before is not None else NEVER
             if last == NEVER or sample.stamp_ns - last >= TICK_NS:
-                self._tick = _Tick(sample, spread, [], [])
+                self._tick = _Tick(sample, stddev, [])
         if self._tick is not None:
-            for _ in range(max(1, ceil(len(self._models) * self._interval_ns / TICK_NS))):
+            for _ in range(max(1, ceil(len(self._numbers) * self._interval_ns / TICK_NS))):
                 if self._step_one(self._tick):
                     break
 
@@ -219,23 +225,26 @@ class HealthMonitor:
         except CdrjError:  # numbers that no robot can have: this change cannot be told
             return
         self._changes.append(change)
-        self._models.append(model)
-        self._states.append(initial_state(model))
+        self._numbers.append(model.numbers)
 
     def _step_one(self, tick: _Tick) -> bool:
-        """Step the next model; True once the sample has passed through all of them."""
-        k = len(tick.values)
-        sample = tick.sample
+        """Step the next robot; True once the sample has passed through all of them."""
+        if self._robots is None:
+            self._robots = _core.Population(self.model.core, np.stack(self._numbers))
+        k, model = len(tick.expected), self.model
+        angles = tick.sample.joint_angle
         if k and (shift := self._changes[k - 1].joint_shift):
-            sample = sample._replace(joint_angle=sample.joint_angle + np.array(shift))
-        state, estimate = step(self._models[k], self._states[k], sample)
-        tick.states.append(state)
-        tick.values.append(estimate.values)
-        if not estimate.solved and k == 0:
+            angles = angles + np.array(shift)
+        dt = 0.0
+        if self._before is not None:
+            dt = (tick.sample.stamp_ns - self._before[0]) * 1e-9
+        solved = self._robots.advance(k, tick.sample.motor_angle, angles, dt, self._out)
+        tick.expected.append(self._out[model.estimate_part][self._columns])
+        if not solved and k == 0:
             self._tick = None
             self._begin()
             return True
-        if len(tick.values) < len(self._models):
+        if len(tick.expected) < len(self._numbers):
             return False
         self._tick = None
         self._complete(tick)
@@ -244,8 +253,7 @@ class HealthMonitor:
     def _complete(self, tick: _Tick) -> None:
         """Compare the waiting readings with the models, and end the cycle if it is whole."""
         stamp = tick.sample.stamp_ns
-        self._states = tick.states
-        expected = np.array([values[self._columns] for values in tick.values])
+        expected = np.array(tick.expected)
         before, self._before = self._before, (stamp, expected)
         angles = (*tick.sample.motor_angle.tolist(), *tick.sample.joint_angle.tolist())
         for turns, angle in zip(self._turns, angles, strict=True):
@@ -256,7 +264,7 @@ class HealthMonitor:
                 later.append(reading)
             elif before is not None and reading[0] > before[0]:
                 share = (reading[0] - before[0]) / (stamp - before[0])
-                self._add(reading, before[1], expected, share, tick.spread)
+                self._add(reading, before[1], expected, share, tick.stddev)
         self._pending = later
         whole = any(turns.whole for turns in self._turns) and (
             stamp - self._window_ns >= SHORTEST_NS
@@ -282,12 +290,12 @@ class HealthMonitor:
         before: Table,
         after: Table,
         share: float,
-        spread: Vector | None,
+        stddev: Vector | None,
     ) -> None:
         """Add a reading that lies ``share`` of the way between two samples."""
         _, name, value, noise = reading
-        old, new = before[:, self._place[name]], after[:, self._place[name]]
-        unsure = 0.0 if spread is None else float(spread[self._spread_column[name]])
+        old, new = before[:, self._index[name]], after[:, self._index[name]]
+        unsure = 0.0 if stddev is None else float(stddev[self._stddev_column[name]])
         self._window.add(name, Reading(value, noise, old + share * (new - old), unsure))
 
     # --- results ----------------------------------------------------------------------------------

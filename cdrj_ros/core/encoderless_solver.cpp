@@ -1,0 +1,343 @@
+// The angles of joints without encoder in one sample: prediction (M1), correction (M2) and search of
+// docs/encoderless.md.
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "encoderless.hpp"
+
+namespace cdrj {
+namespace {
+
+/// A difference between measured and estimated effort above this multiple of the effort's standard
+/// deviation means that a joint is lost,
+constexpr double LOST = 5.0;
+
+/// if it lasts this long [s].
+constexpr double LOST_FOR = 0.05;
+
+/// A Gauss-Newton step below this fraction of the difference step ends the iteration.
+constexpr double TOLERANCE = 0.01;
+
+/// Largest Gauss-Newton step, as a multiple of the difference step.
+constexpr double LARGEST_STEP = 150.0;
+
+/// T of (M2): time over which the error of an effort persists [s].
+constexpr double CORRELATED = 0.05;
+
+/// Angles of each joint that are tried where the angle is unknown.
+constexpr int ANGLES = 301;
+
+/// Rounds of a search over several joints.
+constexpr int ROUNDS = 3;
+
+double squared(double number) { return number * number; }
+
+}  // namespace
+
+EncoderlessSolver::EncoderlessSolver(
+    const Robot& robot, std::vector<EncoderlessJoint> joints, std::vector<double> effort_noise)
+    : joints_(std::move(joints)),
+      effort_noise_(std::move(effort_noise)),
+      any_load_known_(std::ranges::any_of(
+          joints_, [](const EncoderlessJoint& one) { return one.load_drift > 0.0; })),
+      state_size_(robot.state_size()),
+      estimate_size_(robot.estimate_size()),
+      out_(robot.out_size(), 0.0),
+      estimate_(robot.topology.sizes, out_.data() + state_size_),
+      work_(robot.topology.sizes, out_.data() + state_size_ + estimate_size_),
+      angle_(robot.topology.sizes.joints, 0.0),
+      by_effort_(effort_noise_.size(), joints_.size()),
+      by_load_(joints_.size(), joints_.size()),
+      arms_(joints_.size(), 0.0),
+      target_(joints_.size(), 0.0),
+      information_(joints_.size(), joints_.size()),
+      equations_(joints_.size()) {
+    for (Index j = 0; j < robot.topology.sizes.joints; ++j) {
+        if (std::ranges::find(joints_, j, &EncoderlessJoint::joint) == joints_.end()) {
+            measured_.push_back(j);
+        }
+    }
+}
+
+void EncoderlessSolver::solve(const EncoderlessSample& sample) {
+    EncoderlessMemory& memory = sample.memory;
+    for (std::size_t k = 0; k < measured_.size(); ++k) {
+        angle_[measured_[k]] = sample.measured_angle[k];
+    }
+    if (!memory.started) return start(sample);
+    for (std::size_t a = 0; a < joints_.size(); ++a) angle_of(a) = memory.angle[a];
+    if (sample.dt > 0.0) {
+        predict(sample);
+        correct(sample);
+    }
+    evaluate(sample);
+    const double motors = static_cast<double>(sample.effort.size());
+    const bool unexplained = misfit(sample) > LOST * LOST * motors;
+    memory.lost = unexplained ? memory.lost + sample.dt : 0.0;
+    if (memory.lost > LOST_FOR) {
+        search(sample);
+        correct(sample);
+        evaluate(sample);
+        memory.lost = 0.0;
+    }
+    accept(sample);
+}
+
+void EncoderlessSolver::start(const EncoderlessSample& sample) {
+    std::ranges::fill(sample.state, 0.0);
+    for (std::size_t a = 0; a < joints_.size(); ++a) angle_of(a) = joints_[a].start;
+    search(sample);
+    correct(sample);
+    evaluate(sample);
+    if (*State(sample.robot.topology.sizes, out_.data()).started == 0.0) return;  // no such pose
+    sample.robot.impose_friction(sample.share, out_.data());
+    std::copy_n(out_.begin(), sample.state.size(), sample.state.begin());
+    search(sample);
+    correct(sample);
+    evaluate(sample);
+    accept(sample);
+}
+
+void EncoderlessSolver::accept(const EncoderlessSample& sample) {
+    sample.memory.started = true;
+    std::copy_n(out_.begin(), sample.state.size(), sample.state.begin());
+    for (std::size_t a = 0; a < joints_.size(); ++a) {
+        sample.memory.angle[a] = angle_of(a);
+        sample.memory.load[a] = estimate_.joint_effort[joints_[a].joint];
+    }
+}
+
+bool EncoderlessSolver::evaluate(const EncoderlessSample& sample) {
+    return sample.robot.advance(
+        sample.state.data(), sample.motor_angle, angle_, sample.dt, out_.data());
+}
+
+bool EncoderlessSolver::differentiate(const EncoderlessSample& sample) {
+    bool solved = true;
+    const std::size_t motors = by_effort_.rows(), count = joints_.size();
+    for (std::size_t a = 0; a < count; ++a) {
+        const double before = angle_of(a);
+        angle_of(a) += joints_[a].difference();
+        solved = evaluate(sample) && solved;
+        angle_of(a) = before;
+        for (std::size_t m = 0; m < motors; ++m) by_effort_(m, a) = estimate_.motor_effort[m];
+        for (std::size_t b = 0; b < count; ++b) {
+            by_load_(b, a) = estimate_.joint_effort[joints_[b].joint];
+        }
+    }
+    solved = evaluate(sample) && solved;
+    for (std::size_t a = 0; a < count; ++a) {
+        const double difference = joints_[a].difference();
+        for (std::size_t m = 0; m < motors; ++m) {
+            by_effort_(m, a) = (by_effort_(m, a) - estimate_.motor_effort[m]) / difference;
+        }
+        for (std::size_t b = 0; b < count; ++b) {
+            const double load = estimate_.joint_effort[joints_[b].joint];
+            by_load_(b, a) = (by_load_(b, a) - load) / difference;
+        }
+    }
+    return solved;
+}
+
+void EncoderlessSolver::aim() {
+    for (std::size_t a = 0; a < joints_.size(); ++a) target_[a] = angle_of(a);
+}
+
+bool EncoderlessSolver::move() {
+    equations_.invert();
+    bool arrived = true;
+    for (std::size_t a = 0; a < joints_.size(); ++a) {
+        const EncoderlessJoint& joint = joints_[a];
+        const double most = LARGEST_STEP * joint.difference();
+        const double change = std::min(std::max(equations_.change(a), -most), most);
+        const double now = std::min(std::max(angle_of(a) + change, joint.lower), joint.upper);
+        arrived = arrived && std::abs(now - angle_of(a)) <= TOLERANCE * joint.difference();
+        angle_of(a) = now;
+    }
+    return arrived;
+}
+
+// -------------------------------------------------------------------------------------------------
+// Prediction (M1)
+
+void EncoderlessSolver::predict(const EncoderlessSample& sample) {
+    evaluate(sample);
+    turn_with_cables(sample);
+    aim();
+    bool loads_known = false;
+    for (int step = 0; any_load_known_ && step < STEPS; ++step) {
+        loads_known = differentiate(sample);
+        if (!loads_known) break;
+        weigh_prediction(sample);
+        if (move()) break;
+    }
+    aim();
+    widen(sample, loads_known);
+}
+
+/// Move the angles to q0 of (M1): as the cables would turn the joints if their elongation stayed the
+/// same.
+///
+/// The change is the least-squares solution over all cables; winches and measured joints have moved
+/// since the state. `work_` is that of the angles before.
+void EncoderlessSolver::turn_with_cables(const EncoderlessSample& sample) {
+    equations_.clear();
+    for (Index c = 0; c < sample.robot.topology.sizes.cables; ++c) {
+        const double longer = elongation(sample, c);
+        equations_.weigh(arms_, -longer, 1.0);
+    }
+    double most = 0.0;
+    for (std::size_t a = 0; a < joints_.size(); ++a) most = std::max(most, equations_.matrix(a, a));
+    if (!(most > 0.0)) return;
+    for (std::size_t a = 0; a < joints_.size(); ++a) equations_.matrix(a, a) += 1e-9 * most;
+    move();
+}
+
+/// By how much winches and measured joints have made a cable longer since the state [m].
+///
+/// `arms_` becomes by how much it gets longer per unit of each angle without encoder.
+double EncoderlessSolver::elongation(const EncoderlessSample& sample, Index c) {
+    const auto& [topology, constants] = sample.robot;
+    const CableTopology& cable = topology.cables[c];
+    const State before(topology.sizes, sample.state.data());
+    double longer = 0.0, taken = 0.0;
+    std::ranges::fill(arms_, 0.0);
+    for (Index e = cable.first_element; e < cable.first_element + cable.elements; ++e) {
+        for (std::size_t a = 0; a < arms_.size(); ++a) {
+            arms_[a] += work_.lever_arm(e, joints_[a].joint);
+        }
+        for (const Index j : measured_) {
+            longer += work_.lever_arm(e, j) * (angle_[j] - before.angle[topology.sizes.motors + j]);
+        }
+    }
+    for (Index end = 2 * c; end < 2 * c + 2; ++end) {
+        const Index motor = topology.ends[end].motor;
+        if (motor < 0) continue;
+        const EndConstants& drum = constants.ends[end];
+        taken += drum.radius * drum.winding * (sample.motor_angle[motor] - before.angle[motor]);
+    }
+    return longer + taken;
+}
+
+/// Normal equations of (M1): near the target, and with loads near those of the sample before.
+void EncoderlessSolver::weigh_prediction(const EncoderlessSample& sample) {
+    for (std::size_t a = 0; a < joints_.size(); ++a) {
+        const double weight = 1.0 / (joints_[a].wander() * sample.dt);
+        equations_.right[a] = weight * (target_[a] - angle_of(a));
+        for (std::size_t b = 0; b < joints_.size(); ++b) {
+            equations_.matrix(a, b) = a == b ? weight : 0.0;
+        }
+    }
+    for (std::size_t k = 0; k < joints_.size(); ++k) {
+        const double drift = joints_[k].load_drift;
+        if (!(drift > 0.0)) continue;
+        const double load = estimate_.joint_effort[joints_[k].joint];
+        const double weight = 1.0 / (drift * drift * sample.dt);
+        equations_.weigh(by_load_.row(k), sample.memory.load[k] - load, weight);
+    }
+}
+
+/// Widen the covariance by that of the change, or, where no load is known, by free wandering.
+///
+/// Standard deviations stay within those of an angle that is only known to be in its range.
+void EncoderlessSolver::widen(const EncoderlessSample& sample, bool loads_known) {
+    DenseMatrix& covariance = sample.memory.covariance;
+    for (std::size_t a = 0; a < joints_.size(); ++a) {
+        for (std::size_t b = 0; b < joints_.size(); ++b) {
+            const double own = a == b ? joints_[a].wander() * sample.dt : 0.0;
+            covariance(a, b) += loads_known ? equations_.inverse(a, b) : own;
+        }
+    }
+    for (std::size_t a = 0; a < joints_.size(); ++a) {
+        const double most = joints_[a].variance();
+        if (!(covariance(a, a) > most)) continue;
+        const double share = std::sqrt(most / covariance(a, a));
+        for (std::size_t b = 0; b < joints_.size(); ++b) {
+            covariance(a, b) *= share;
+            covariance(b, a) *= share;
+        }
+    }
+}
+
+// -------------------------------------------------------------------------------------------------
+// Correction (M2)
+
+void EncoderlessSolver::correct(const EncoderlessSample& sample) {
+    equations_.matrix = sample.memory.covariance;
+    invert(equations_.matrix, information_);
+    for (int step = 0; step < STEPS; ++step) {
+        if (!differentiate(sample)) break;
+        weigh_correction(sample);
+        const bool arrived = move();
+        sample.memory.covariance = equations_.inverse;
+        if (arrived) break;
+    }
+}
+
+/// Normal equations of (M2): near the target, and with the measured efforts.
+///
+/// At the start dt is 0, and the efforts count as independent of earlier ones.
+void EncoderlessSolver::weigh_correction(const EncoderlessSample& sample) {
+    const double independent = sample.dt > 0.0 ? std::min(sample.dt / CORRELATED, 1.0) : 1.0;
+    for (std::size_t a = 0; a < joints_.size(); ++a) {
+        equations_.right[a] = 0.0;
+        for (std::size_t b = 0; b < joints_.size(); ++b) {
+            equations_.right[a] += information_(a, b) * (target_[b] - angle_of(b));
+            equations_.matrix(a, b) = information_(a, b);
+        }
+    }
+    for (std::size_t m = 0; m < effort_noise_.size(); ++m) {
+        if (!std::isfinite(sample.effort[m])) continue;
+        const double weight = independent / squared(effort_noise_[m]);
+        equations_.weigh(by_effort_.row(m), sample.effort[m] - estimate_.motor_effort[m], weight);
+    }
+}
+
+/// Sum of the squared differences of measured and estimated efforts, in standard deviations.
+double EncoderlessSolver::misfit(const EncoderlessSample& sample) const {
+    double total = 0.0;
+    for (std::size_t m = 0; m < effort_noise_.size(); ++m) {
+        if (!std::isfinite(sample.effort[m])) continue;
+        total += squared((sample.effort[m] - estimate_.motor_effort[m]) / effort_noise_[m]);
+    }
+    return total;
+}
+
+// -------------------------------------------------------------------------------------------------
+// Search
+
+/// Search the angles over their ranges: one joint after the other, several times if there are several.
+void EncoderlessSolver::search(const EncoderlessSample& sample) {
+    const int rounds = joints_.size() == 1 ? 1 : ROUNDS;
+    for (int round = 0; round < rounds; ++round) {
+        for (std::size_t a = 0; a < joints_.size(); ++a) search_along(sample, a);
+    }
+    aim();
+    sample.memory.covariance.fill(0.0);
+    for (std::size_t a = 0; a < joints_.size(); ++a) {
+        sample.memory.covariance(a, a) = joints_[a].variance();
+    }
+}
+
+/// Move one joint to the angle of its range that explains the efforts best.
+///
+/// Among angles that explain them equally well, the nearest to the one before is taken.
+void EncoderlessSolver::search_along(const EncoderlessSample& sample, std::size_t a) {
+    const EncoderlessJoint& joint = joints_[a];
+    const double before = angle_of(a);
+    double best = before, least = 1e300;
+    for (int k = 0; k < ANGLES; ++k) {
+        angle_of(a) = joint.lower + joint.range() * (k / (ANGLES - 1.0));
+        const bool solved = evaluate(sample);
+        const double away = (angle_of(a) - before) / joint.range();
+        const double total = misfit(sample) + 1e-3 * away * away;
+        if (solved && total < least) {
+            best = angle_of(a);
+            least = total;
+        }
+    }
+    angle_of(a) = best;
+}
+
+}  // namespace cdrj
