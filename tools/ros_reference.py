@@ -36,7 +36,7 @@ best-effort publishers of its inputs as well. Every node has ROS's own services 
 NOTES = {
     "estimator": "On request: `tension_sensors`, `tension_states`, `wrenches` (a parameter each); "
     "for joints without encoder `joint_angles` and `joint_angles_stddev` "
-    "([motor_alone.md](motor_alone.md)); with `--managed` the services of the "
+    "([encoderless.md](encoderless.md)); with `--managed` the services of the "
     "[lifecycle](lifecycle.md) and `~/transition_event`; "
     "with `use_sim_time` the input `/clock`. The QoS of every topic can be overridden by "
     "parameters `qos_overrides.<topic>.<publisher or subscription>.<policy>`. With `--managed`, "

@@ -26,7 +26,7 @@ RUN_BY = {
     "docs/lifecycle.md": LINES,
     "docs/many_recordings.md": COMMANDS,
     "docs/markers.md": LINES,
-    "docs/motor_alone.md": SCRIPTS,
+    "docs/encoderless.md": SCRIPTS,
     "docs/replay.md": LINES,
     "docs/rig.md": COMMANDS,
     "docs/rig_node.md": LINES,

@@ -114,11 +114,11 @@ def test_a_joint_without_encoder_is_made_as_the_page_shows(
     lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(lab)
-    text = (ROOT / "docs" / "motor_alone.md").read_text()
+    text = (ROOT / "docs" / "encoderless.md").read_text()
     made = next(one for one in re.findall(r"^sed .*", text, re.MULTILINE) if "prototype" in one)
     subprocess.run(made, shell=True, check=True)
     words = next(
-        one for one in lines("motor_alone.md", "validate") if "alone.yaml" in one and "bags" in one
+        one for one in lines("encoderless.md", "validate") if "alone.yaml" in one and "bags" in one
     )
     assert validate([str(lab / "recordings" / "one"), *shlex.split(words)[2:]]) == 0
     assert "Angle" in capsys.readouterr().out

@@ -44,7 +44,7 @@ SHORT = {
     "validate": ["--quiet"],
 }
 PAGES = (
-    "bags/README.md", "docs/conditioning.md", "docs/continuum.md", "docs/motor_alone.md",
+    "bags/README.md", "docs/conditioning.md", "docs/continuum.md", "docs/encoderless.md",
     "docs/validation.md",
 )  # fmt: skip
 JAW_FILE = "config/robots/davinci_jaw.yaml"
