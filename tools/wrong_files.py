@@ -31,8 +31,8 @@ from cdrj_ros.conditioning.samples import Sample, Samples  # noqa: E402
 from cdrj_ros.estimation.ensemble import Ensemble, mark_unsure  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run, step  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
-from cdrj_ros.health.doubts import doubted_elements  # noqa: E402
 from cdrj_ros.health.monitor import HealthMonitor  # noqa: E402
+from cdrj_ros.health.verdict import unsure_elements  # noqa: E402
 from cdrj_ros.judgement.inputs import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
@@ -279,8 +279,8 @@ def heard(model: Model, read: Samples, truth: Truth, sensors: tuple[str, ...]) -
         watch.follow(sample, stddev)
         if k % round(RATE) == 0:
             report = watch.report()
-        doubted = doubted_elements(model.robot, watch.standing, corrected=False)
-        live.always_unsure = doubted if doubted.any() else None
+        unsure = unsure_elements(model.robot, watch.standing, corrected=False)
+        live.always_unsure = unsure if unsure.any() else None
     good, misleads = np.array(ok), np.array(ok) & ~np.array(inside)
     return Heard(
         tuple(float(part.mean()) for part in np.array_split(good, 3)),

@@ -22,9 +22,9 @@ from cdrj_ros.estimation.estimator import NEVER
 from cdrj_ros.estimation.fusion import LARGEST
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.health.changes import Change, changes_of, magnitude, sensor_changes
-from cdrj_ros.health.judging import Judged, judge
+from cdrj_ros.health.evaluation import Evaluation, evaluate
+from cdrj_ros.health.verdict import Report, report
 from cdrj_ros.health.window import FEWEST, MOST, SHORTEST_NS, Reading, Turns, Window
-from cdrj_ros.health.words import Report, report
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
 
@@ -110,11 +110,11 @@ class HealthMonitor:
         self._tick: _Tick | None = None
         self._interval_ns = 0
         self._sampled_ns = NEVER
-        self._judged: deque[Judged] = deque(maxlen=REMEMBERED)
-        self._standing: Judged | None = None
+        self._evaluations: deque[Evaluation] = deque(maxlen=REMEMBERED)
+        self._standing: Evaluation | None = None
         self._clear = 0
         self.cycles = 0
-        """Cycles that have been judged."""
+        """Cycles that have been evaluated."""
         self._begin()
 
     def _begin(self) -> None:
@@ -271,7 +271,7 @@ class HealthMonitor:
         )
         if whole and (self._window.size >= FEWEST or not self._settled):
             if self._settled:
-                self._judge(self._window)
+                self._evaluate(self._window)
             self._settled = True
             self._next_window(stamp)
         elif self._window.size >= MOST:
@@ -300,49 +300,54 @@ class HealthMonitor:
 
     # --- results ----------------------------------------------------------------------------------
 
-    def _judge(self, window: Window) -> None:
+    def _evaluate(self, window: Window) -> None:
         sensors = sensor_changes(self.model.robot, sorted(window.rows))
-        judged = judge(window, self._changes, sensors, self._scale)
-        if judged is None:
+        evaluated = evaluate(window, self._changes, sensors, self._scale)
+        if evaluated is None:
             return
         self.cycles += 1
-        self._judged.append(judged)
-        if not judged.alarming:
+        self._evaluations.append(evaluated)
+        if not evaluated.alarming:
             self._clear += 1
             if self._clear >= 2:
                 self._standing = None
             return
         self._clear = 0
-        latest = list(self._judged)[-IN_A_ROW:]
-        if judged.certain or (
-            len(latest) == IN_A_ROW and all(_agree(one, judged) for one in latest)
+        latest = list(self._evaluations)[-IN_A_ROW:]
+        if evaluated.certain or (
+            len(latest) == IN_A_ROW and all(_agree(one, evaluated) for one in latest)
         ):
-            self._standing = judged
+            self._standing = evaluated
 
     def report(self) -> Report:
         """What the monitor has found so far, for people; also looks for a broken cable now."""
         if self._window.size >= QUICK and self._settled:
-            judged = judge(self._window.latest(QUICK), self._changes, (), self._scale)
-            if judged is not None and any(f.change.kind == "broken" for f in judged.found):
-                self._standing, self._clear = judged, 0
-                self._judged.append(judged)
+            evaluated = evaluate(self._window.latest(QUICK), self._changes, (), self._scale)
+            if evaluated is not None and any(f.change.kind == "broken" for f in evaluated.found):
+                self._standing, self._clear = evaluated, 0
+                self._evaluations.append(evaluated)
         return report(
-            self.model.robot, tuple(self._scale), self.cycles, self._standing, tuple(self._judged)
+            self.model.robot,
+            tuple(self._scale),
+            self.cycles,
+            self._standing,
+            tuple(self._evaluations),
         )
 
     @property
-    def standing(self) -> Judged | None:
+    def standing(self) -> Evaluation | None:
         """The present verdict; None while the robot agrees with its file."""
         return self._standing
 
 
-def _agree(one: Judged, other: Judged) -> bool:
+def _agree(one: Evaluation, other: Evaluation) -> bool:
     """Whether two cycles in a row show the same."""
     if not one.alarming:
         return False
     if not (one.explained and other.explained):
         return one.explained == other.explained
     names = [
-        {found.change.what for found in judged.found if found.matters} for judged in (one, other)
+        {found.change.what for found in evaluated.found if found.matters}
+        for evaluated in (one, other)
     ]
     return bool(names[0] & names[1])

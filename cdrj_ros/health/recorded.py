@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.health.judging import Judged
+from cdrj_ros.health.evaluation import Evaluation
 from cdrj_ros.health.monitor import LEAST_NS, TICK_NS, HealthMonitor
-from cdrj_ros.health.words import Level
+from cdrj_ros.health.verdict import Level
 from cdrj_ros.model.prepared import Model
 
 Table = NDArray[np.float64]
@@ -38,9 +38,9 @@ class Alarm:
     end_s: float
     """When it ended, or the last sample [s]."""
     first_cycle: int
-    """Cycle at whose end it began to stand; the first cycle judged is 1."""
+    """Cycle at whose end it began to stand; the first cycle evaluated is 1."""
     last_cycle: int
-    """Last cycle judged while it stood."""
+    """Last cycle evaluated while it stood."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class RecordedHealth:
         self._monitor.prepare()
         self._begin_ns = self._now_ns = self._taken_ns = self._asked_ns = 0
         self._alarms: list[Alarm] = []
-        self._standing: Judged | None = None
+        self._standing: Evaluation | None = None
         self._sensors = tuple(sensors)
         self.begin_pass({}, {})
 
@@ -183,9 +183,10 @@ class _Readings:
         return self._all[begin : self._next]
 
 
-def _alike(one: Judged, other: Judged) -> bool:
+def _alike(one: Evaluation, other: Evaluation) -> bool:
     """Whether two verdicts name the same changes."""
     names = [
-        {found.change.what for found in judged.found if found.matters} for judged in (one, other)
+        {found.change.what for found in evaluated.found if found.matters}
+        for evaluated in (one, other)
     ]
     return one.explained == other.explained and names[0] == names[1]

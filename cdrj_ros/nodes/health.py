@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.health.doubts import doubted_elements
-from cdrj_ros.health.judging import Judged
+from cdrj_ros.health.evaluation import Evaluation
 from cdrj_ros.health.monitor import HealthMonitor
+from cdrj_ros.health.verdict import unsure_elements
 from cdrj_ros.robot.tolerances import narrowed
 
 Vector = NDArray[np.float64]
@@ -37,7 +37,7 @@ class HealthWatch:
         """
         self._live = live
         self._marks = marks_unsure
-        self._standing: Judged | None = None
+        self._standing: Evaluation | None = None
         self.monitor = self._new()
         self.monitor.prepare()
 
@@ -93,8 +93,8 @@ class HealthWatch:
             return
         self._standing = standing
         corrected = live.fusion is not None
-        doubted = doubted_elements(live.model.robot, standing, corrected=corrected)
-        live.always_unsure = doubted if doubted.any() else None
+        unsure = unsure_elements(live.model.robot, standing, corrected=corrected)
+        live.always_unsure = unsure if unsure.any() else None
 
     def status(self, name: str) -> DiagnosticStatus:
         """The verdict as a DiagnosticStatus."""
@@ -111,9 +111,9 @@ class HealthWatch:
 
     def _marked(self) -> str:
         """Elements that the verdict marks, in words."""
-        doubted, names = self._live.always_unsure, self._live.model.layout.elements
-        if doubted is None:
+        unsure, names = self._live.always_unsure, self._live.model.layout.elements
+        if unsure is None:
             return "none"
-        if doubted.all():
+        if unsure.all():
             return "all"
-        return ", ".join(name for name, one in zip(names, doubted, strict=True) if one)
+        return ", ".join(name for name, one in zip(names, unsure, strict=True) if one)

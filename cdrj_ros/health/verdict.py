@@ -1,4 +1,8 @@
-"""Words and numbers of the health monitor's verdict."""
+"""What a verdict of the health monitor says to people, and which elements it calls into question.
+
+While the readings show that the robot differs from its file, the estimates of the cables concerned
+are wrong by more than their standard deviation may say, so they must not have the status OK.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +11,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, Literal
 
-from cdrj_ros.health.judging import Found, Judged
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.health.changes import Change
+from cdrj_ros.health.evaluation import Evaluation, Found
 from cdrj_ros.robot.description import Robot
+
+Flags = NDArray[np.bool_]
 
 FALLING: Final = 4
 """Cycles over which a preload must fall steadily to be called falling."""
@@ -37,8 +47,8 @@ def report(
     robot: Robot,
     sensors: Sequence[str],
     cycles: int,
-    standing: Judged | None,
-    judged: Sequence[Judged],
+    standing: Evaluation | None,
+    evaluated: Sequence[Evaluation],
 ) -> Report:
     """Put the state of the monitor into words.
 
@@ -47,9 +57,9 @@ def report(
         sensors: sensors that have sent a reading.
         cycles: number of cycles compared so far.
         standing: the present verdict; None while the robot agrees with its file.
-        judged: results of the latest cycles.
+        evaluated: results of the latest cycles.
     """
-    last = judged[-1] if judged else None
+    last = evaluated[-1] if evaluated else None
     values = {"sensors": ", ".join(sensors) or "none", "cycles compared": str(cycles)}
     if last is not None:
         for name, (before, after) in last.deviation.items():
@@ -65,14 +75,46 @@ def report(
         return Report("ok", text, values)
     if not standing.explained:
         return Report("warn", _unexplained(standing), values)
-    text = "; ".join(_sentence(robot, one, judged) for one in standing.found if one.matters)
+    text = "; ".join(_sentence(robot, one, evaluated) for one in standing.found if one.matters)
     broken = any(one.change.kind == "broken" for one in standing.found)
     return Report("error" if broken else "warn", text, values)
 
 
-def _unexplained(judged: Judged) -> str:
-    worst = max(judged.deviation, key=lambda name: judged.deviation[name][1])
-    before, after = judged.deviation[worst]
+def unsure_elements(robot: Robot, standing: Evaluation | None, *, corrected: bool) -> Flags:
+    """Whether each element's tension is in question, shape (elements,).
+
+    A change of one cable that nothing else explains as well concerns that cable.  Every other
+    verdict concerns all elements: one effort seldom tells the changes of several cables apart.
+
+    Args:
+        robot: the robot as its file describes it.
+        standing: the verdict; None while the robot agrees with its file.
+        corrected: whether efforts or load cells correct the preloads of the estimate; its standard
+            deviation then contains what they leave open, and a change of preload is no reason.
+    """
+    sizes = [len(cable.element_names) for cable in robot.cables]
+    flags = np.zeros(sum(sizes), dtype=np.bool_)
+    if standing is None:
+        return flags
+    if not standing.explained:
+        return ~flags
+    for found in standing.found:
+        if found.matters and not (corrected and found.change.kind == "preload"):
+            concerned = _cables(robot, found.change, sole=not found.others)
+            flags |= np.repeat(concerned, sizes)
+    return flags
+
+
+def _cables(robot: Robot, change: Change, *, sole: bool) -> list[bool]:
+    """Whether each cable is concerned by a change."""
+    if change.kind in ("preload", "broken") and sole and change.robot is not None:
+        return [a != b for a, b in zip(robot.cables, change.robot.cables, strict=True)]
+    return [True] * len(robot.cables)
+
+
+def _unexplained(evaluated: Evaluation) -> str:
+    worst = max(evaluated.deviation, key=lambda name: evaluated.deviation[name][1])
+    before, after = evaluated.deviation[worst]
     unit = "N" if "/" in worst else "N m"
     return (
         f"{worst} is {before:.3g} {unit} off, of which no single change of the robot explains "
@@ -87,7 +129,7 @@ def _amount(found: Found) -> str:
     return f"{one.what} {found.amount:+.3g} +- {found.stddev:.2g} {one.unit}"
 
 
-def _sentence(robot: Robot, found: Found, judged: Sequence[Judged]) -> str:
+def _sentence(robot: Robot, found: Found, evaluated: Sequence[Evaluation]) -> str:
     one = found.change
     size, error = f"{abs(found.amount):.3g}", f"{found.stddev:.2g}"
     more = found.amount > 0.0
@@ -105,7 +147,7 @@ def _sentence(robot: Robot, found: Found, judged: Sequence[Judged]) -> str:
         preload = next((c.preload for c in robot.cables if one.what == f"preload of {c.name}"), 0.0)
         if preload:
             text += f" of {preload:.4g} N"
-        text += "" if more else _course(one.what, judged)
+        text += "" if more else _course(one.what, evaluated)
     else:
         text = f"{one.what} is {size} +- {error} {one.unit} {'more' if more else 'less'} than in "
         text += "the robot file"
@@ -114,11 +156,11 @@ def _sentence(robot: Robot, found: Found, judged: Sequence[Judged]) -> str:
     return text
 
 
-def _course(what: str, judged: Sequence[Judged]) -> str:
+def _course(what: str, evaluated: Sequence[Evaluation]) -> str:
     """Whether a preload fell at once, or still falls."""
     amounts = [
         next((one.amount for one in cycle.found if one.change.what == what), 0.0)
-        for cycle in judged
+        for cycle in evaluated
     ]
     latest = amounts[-FALLING:]
     steps = [after - before for before, after in pairwise(latest)]
@@ -127,6 +169,6 @@ def _course(what: str, judged: Sequence[Judged]) -> str:
             f", {-sum(steps) / len(steps):.2g} more in every cycle: it slips on its drum, or creeps"
         )
     begun = next((k for k, one in enumerate(amounts) if one < 0.5 * amounts[-1] < 0.0), 0)
-    if begun >= 1 and not judged[max(begun - 2, 0)].found:
+    if begun >= 1 and not evaluated[max(begun - 2, 0)].found:
         return " at once: a drum slipped or an anchor yielded"
     return ""

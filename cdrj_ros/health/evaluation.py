@@ -77,7 +77,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Evaluation:
     """What one cycle shows."""
 
     found: tuple[Found, ...]
@@ -123,9 +123,9 @@ class _System:
     """Sensor of every ``PARTS`` rows."""
 
 
-def judge(
+def evaluate(
     window: Window, changes: Sequence[Change], sensors: Sequence[Change], scale: Mapping[str, float]
-) -> Judged | None:
+) -> Evaluation | None:
     """Find the changes that explain a cycle.
 
     Args:
@@ -156,7 +156,7 @@ def judge(
             others = tuple(one.what for one in near if one.kind == "sensor")
             one = Found(everything[k], 1.0, 0.0, others)
             rms = _deviation(system, y)
-            return Judged((one,), (before - squares) / mean, squares / y.size, rms, constant)
+            return Evaluation((one,), (before - squares) / mean, squares / y.size, rms, constant)
     amounts, errors = _amounts(system, chosen)
     rest = system.residual - system.signatures[:, chosen] @ amounts
     mean = max(1.0, left / rest.size)
@@ -169,7 +169,7 @@ def judge(
         for k, c, e in zip(chosen, amounts, errors, strict=True)
     )  # fmt: skip
     typical = float(np.median(rest**2))
-    return Judged(found, gain, left / rest.size, _deviation(system, rest), constant, typical)
+    return Evaluation(found, gain, left / rest.size, _deviation(system, rest), constant, typical)
 
 
 def _system(
