@@ -161,13 +161,14 @@ def _members(
     factor = independent_factors(known)
     normal = _normal(members, factor.shape[1], generator)
     redraw = generator.spawn(1)[0]
-    document: Any = {**robot.document, "uncertainty": {"others": "exact"}}  # numbers alone matter
+    given: Any = robot.document
+    document: Any = {**given, "uncertainty": {"others": "exact"}}  # numbers alone matter
     write = writer_of(document, known.parameters)
     found: list[Made | None] = [None] * members
     left = np.arange(members)
     for share in (None,) * (DRAWS - 1) + SMALLER + (0.0,):
         changes = zip(known.parameters, (normal @ factor.T).T, strict=True)
-        values = [within_range(robot.document, path, change) for path, change in changes]
+        values = [within_range(given, path, change) for path, change in changes]
         for k in left:
             try:
                 changed = write([float(value[k]) for value in values])

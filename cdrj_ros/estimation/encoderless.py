@@ -187,7 +187,9 @@ class LiveEncoderless:
         """
         self.solver = EncoderlessEstimator(model)
         motors = model.robot.motors
-        self._efforts = before._efforts if before else RecentEfforts(model.layout.motors)
+        self._efforts: RecentEfforts = (
+            before._efforts if before else RecentEfforts(model.layout.motors)
+        )
         self.lacks_efforts: bool = before is not None and before.lacks_efforts
         """Whether no effort was found for the last sample."""
         self._clock_offset_ns = {motor.name: motor.sensor.clock_offset_ns for motor in motors}
