@@ -766,103 +766,94 @@ def shares_of_bound(
         pulleys: ``cable_records.PULLEY`` as numbers, shape (pulleys, fields).
     """
 
-def scan(
-    robot: Robot,
-    base: NDArray[np.float64],
-    direction: NDArray[np.float64],
-    drives: NDArray[np.float64],
-    joint_angle: NDArray[np.float64],
-    joint: int,
-    efforts: NDArray[np.float64],
-) -> None:
-    """Effort on a joint for many drives of the motors, without a state before.
+class Stepper:
+    """A robot on its way along a plan; one of its joints may move freely or be balanced.
 
-    Args:
-        robot: the robot.
-        base, direction: the motors have the angles base + direction * drive [rad], (motors,).
-        drives: [rad], shape (n,).
-        joint_angle: of all joints [rad] or [m], shape (joints,).
-        joint: index of the joint.
-        efforts: [N m], shape (n,), written.
+    A new one is at rest in phase 0 of the plan, and all joints follow the plan.
     """
 
-def balance(
-    robot: Robot,
-    state: NDArray[np.float64],
-    drive: float,
-    rising: float,
-    phase: int,
-    excused: bool,
-    joints: NDArray[np.float64],
-    torque: NDArray[np.float64],
-    dt: NDArray[np.float64],
-    motor_speed: float,
-    joint: int,
-    base: NDArray[np.float64],
-    direction: NDArray[np.float64],
-    offset: NDArray[np.float64],
-    happening: NDArray[np.bool_],
-    drives: NDArray[np.float64],
-    phases: NDArray[np.int64],
-    lacking: NDArray[np.float64],
-    estimates: NDArray[np.float64],
-) -> tuple[int, float, int, bool, float]:
-    """Drive the motors so that the cables balance one joint, n samples.
+    state: NDArray[np.float64]
+    """The robot's state, shape (state_size,); a copy."""
+    swing: NDArray[np.float64]
+    """Angle, speed, acceleration of the free joint, and the cables' torque on it; a copy."""
 
-    Args:
-        robot: the robot.
-        state: shape (state_size,), replaced.
-        drive: angle by which the motors are driven at first [rad].
-        rising: sign of the joint's effort over the drive.
-        phase: sample of the prescribed motion at first.
-        excused: whether the motors compensate a fault.
-        joints, torque, base: prescribed motion: angles of all joints, torque that the joint needs
-            [N m], angles of all motors [rad], one row a phase.
-        dt: time since the sample before [s], shape (n,).
-        motor_speed: largest speed of the drive; the joint waits for the motor [rad/s].
-        joint: index of the balanced joint.
-        direction: of the motors per unit of the drive, shape (motors,).
-        offset: of the motors by faults [rad], shape (n, motors).
-        happening: whether a fault happens, shape (n,).
-        drives, phases, lacking: drive [rad], phase and imbalance [N m] of every sample, written.
-        estimates: shape (n, estimate_size), written.
+    def __init__(self, robot: Robot, joint: int) -> None:
+        """Start at rest; ``joint`` is the one that may move freely or be balanced."""
 
-    Returns:
-        Number of samples done, drive, phase, whether the motors compensate a fault, and the speed
-        required in the sample that could not be balanced [rad/s].
-    """
+    @property
+    def phase(self) -> int:
+        """Row of the plan that is carried out."""
 
-def swing(
-    robot: Robot,
-    state: NDArray[np.float64],
-    course: NDArray[np.float64],
-    load: Sequence[float] | NDArray[np.float64],
-    joint: int,
-    effort_sign: float,
-    lower: float,
-    upper: float,
-    motors: NDArray[np.float64],
-    joints: NDArray[np.float64],
-    dt: NDArray[np.float64],
-    residual: NDArray[np.float64],
-    estimates: NDArray[np.float64],
-) -> int:
-    """Integrate a free joint (trapezoidal rule); the number of steps within its range.
+    def prescribe(self) -> None:
+        """From now on, every joint follows the plan."""
 
-    Args:
-        robot: the robot.
-        state: shape (state_size,), replaced.
-        course: angle, speed, acceleration and torque of the cables, updated.
-        load: inertia, times cos q, weight, times cos q, times cos 2q, damping; SI.
-        joint: index of the free joint.
-        effort_sign: +1 or -1, that of its efforts.
-        lower, upper: its range [rad] or [m].
-        motors: angles [rad], shape (n, motors).
-        joints: angles of all joints, shape (n, joints); the column of the free one is written.
-        dt: time since the step before [s], shape (n,).
-        residual: imbalance of torque [N m], shape (n,), written.
-        estimates: shape (n, estimate_size), written.
-    """
+    def release(
+        self,
+        load: Sequence[float] | NDArray[np.float64],
+        effort_sign: float,
+        lower: float,
+        upper: float,
+    ) -> None:
+        """From now on, the joint moves by its dynamics (trapezoidal rule) within its range.
+
+        Args:
+            load: inertia, times cos q, weight, times cos q, times cos 2q, damping; SI.
+            effort_sign: +1 or -1, that of its efforts.
+            lower, upper: its range [rad] or [m].
+        """
+
+    def balance(
+        self, direction: NDArray[np.float64], rising: float, motor_speed: float, drive: float
+    ) -> None:
+        """From now on, the motors turn so that the cables exert the plan's torque on the joint.
+
+        Args:
+            direction: of the motors per unit of the drive, shape (motors,).
+            rising: sign of the joint's effort over the drive.
+            motor_speed: largest speed of the drive; the joint waits for the motors [rad/s].
+            drive: angle by which the motors are driven beyond the plan at first [rad].
+        """
+
+    def efforts(
+        self, motors: NDArray[np.float64], joints: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Effort on the joint in poses without a state before [N m], shape (n,).
+
+        Args:
+            motors: angles of all motors [rad], shape (n, motors).
+            joints: angles of all joints [rad] or [m], shape (n, joints).
+        """
+
+    def run(
+        self,
+        motors: NDArray[np.float64],
+        joints: NDArray[np.float64],
+        torque: NDArray[np.float64],
+        dt: NDArray[np.float64],
+        offset: NDArray[np.float64],
+        happening: NDArray[np.bool_],
+        motors_out: NDArray[np.float64],
+        joints_out: NDArray[np.float64],
+        imbalance: NDArray[np.float64],
+        estimates: NDArray[np.float64],
+    ) -> tuple[int, float]:
+        """Take n samples, each of which goes on by a phase of the plan unless the joint waits.
+
+        Args:
+            motors, joints: the plan's angles [rad] or [m], one row a phase.
+            torque: of every phase, wanted of the balanced or external on the free joint [N m].
+            dt: time since the sample before [s], shape (n,); with 0 the phase is kept.
+            offset: of the motors by faults [rad], shape (n, motors).
+            happening: whether a fault happens, shape (n,).
+            motors_out: angles of the motors without the offsets [rad], shape (n, motors), written.
+            joints_out: angles of the joints [rad] or [m], shape (n, joints), written.
+            imbalance: torque of the cables less the needed one [N m], shape (n,), written.
+            estimates: shape (n, estimate_size), written.
+
+        Returns:
+            Number of samples done: fewer than n where the free joint leaves its range or no drive
+            balances the joint; and the speed that this would have asked of the motors [rad/s].
+        """
 
 class EncoderlessJoint:
     """A joint without encoder, and what is known of it."""

@@ -22,7 +22,7 @@ from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.settings import Settings
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.rig.cells import divide_contacts
+from cdrj_ros.rig.assembly import divide_contacts
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 

@@ -37,7 +37,7 @@ from cdrj_ros.judgement.inputs import condition_recording, read_inputs  # noqa: 
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.model.status import OK  # noqa: E402
-from cdrj_ros.rig.cells import divide_contacts  # noqa: E402
+from cdrj_ros.rig.assembly import divide_contacts  # noqa: E402
 from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot  # noqa: E402
 from cdrj_ros.robot.tolerances import narrowed  # noqa: E402

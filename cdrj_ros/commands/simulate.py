@@ -27,14 +27,11 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.rig import motion
 from cdrj_ros.rig.assembly import MotionError, SlackError, Truth
-from cdrj_ros.rig.follow import follow_joints
-from cdrj_ros.rig.forward import swing
-from cdrj_ros.rig.prescribed import Progress, follow
 from cdrj_ros.rig.sensors import Encoder, read_cells, read_encoder, schedule
-from cdrj_ros.rig.truth import simulate
+from cdrj_ros.rig.truth import Progress, simulate
 from cdrj_ros.robot.description import Joint, Motor, Robot
 
 EPOCH_NS: Final = 1_700_000_000_000_000_000
@@ -125,24 +122,17 @@ def _run(model: Model, plan: Plan, cells: int) -> Truth:
 
 def _truth(robot: Robot, plan: Plan, cells: int, report: Progress | None) -> Truth:
     """Carry out the plan."""
+    given = {
+        "cells": cells, "progress": report, "joint": plan.moved, "faults": plan.faults,
+        "allow_slack": plan.allow_slack,
+    }  # fmt: skip
     if plan.mode == "follow":
-        return follow(
-            robot, plan.time, plan.joints, cells, report,
-            faults=plan.faults, allow_slack=plan.allow_slack,
-        )  # fmt: skip
+        return simulate(robot, plan.time, plan.joints, **given)
     if plan.mode == "forward":
-        motors = follow_joints(prepare(robot), plan.joints).motor_angle
-        return swing(
-            robot, plan.time, motors, plan.load, cells, report,
-            joint=plan.moved, joint_angle=plan.joints, faults=plan.faults,
-            allow_slack=plan.allow_slack,
-        )  # fmt: skip
+        return simulate(robot, plan.time, plan.joints, load=plan.load, **given)
     # speed of the motion as sampled by the simulation, corners included
     torque = plan.load.torque(*motion.differences(plan.time, plan.joints[:, plan.moved]))
-    return simulate(
-        robot, plan.time, plan.joints, torque, plan.motor_speed, cells, report,
-        joint=plan.moved, faults=plan.faults, allow_slack=plan.allow_slack,
-    )  # fmt: skip
+    return simulate(robot, plan.time, plan.joints, torque, plan.motor_speed, **given)
 
 
 def _slack_advice(model: Model, plan: Plan, warm_up: float, error: SlackError) -> str:

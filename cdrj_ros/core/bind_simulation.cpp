@@ -1,5 +1,7 @@
-// Motion of the simulated rig, as `cdrj_ros.rig` uses it.
+// The simulated rig's stepper, as `cdrj_ros.rig` uses it.
 #include <pybind11/numpy.h>
+
+#include <algorithm>
 
 #include "arrays.hpp"
 #include "bind.hpp"
@@ -24,118 +26,137 @@ void require_rows(const py::array& table, py::ssize_t rows, Index columns, const
     throw py::value_error(std::string(name) + " has not the shape of this robot's");
 }
 
-void require_state(const Vector& state, const HeldRobot& held, Index joint) {
-    require(
-        state.size() == py::ssize_t(held.robot.state_size()),
-        "state has not the size of this robot's");
-    require(0 <= joint && joint < held.robot.topology.sizes.joints, "there is no such joint");
+Vector array_of(std::span<const double> values) {
+    return Vector(py::ssize_t(values.size()), values.data());
 }
 
-/// Effort on a joint for many drives of the motors, without a state before.
-void scan(
-    const HeldRobot& held, const Given& base, const Given& direction, const Given& drives,
-    const Given& joint_angle, Index joint, Vector& efforts) {
-    const Sizes& sizes = held.robot.topology.sizes;
-    held.require_angles(base.size(), joint_angle.size());
-    require(direction.size() == base.size(), "direction needs an entry for every motor");
-    require(efforts.size() == drives.size(), "efforts needs an entry for every drive");
-    std::vector<double> state(held.robot.state_size(), 0.0);
-    Trials trials(held.robot, state, joint);
-    std::vector<double> motor_angle(sizes.motors);
-    py::gil_scoped_release free;
-    for (py::ssize_t k = 0; k < drives.size(); ++k) {
-        for (Index m = 0; m < sizes.motors; ++m) {
-            motor_angle[m] = base.data()[m] + direction.data()[m] * drives.data()[k];
+/// A stepper with the robot that it refers to; see `_core.pyi`.
+class HeldStepper {
+public:
+    HeldStepper(const HeldRobot& held, Index joint)
+        : robot_(held.robot), stepper_(held.robot, checked(held, joint)), joint_(joint) {}
+
+    void release(
+        const std::array<double, 6>& load, double effort_sign, double lower, double upper) {
+        stepper_.rule = FreeJoint{
+            {load[0], load[1], load[2], load[3], load[4], load[5]}, joint_, effort_sign, lower,
+            upper};
+    }
+
+    void balance(const Given& direction, double rising, double motor_speed, double drive) {
+        require(
+            direction.size() == robot_.topology.sizes.motors,
+            "direction needs an entry for every motor");
+        const auto given = span_of(direction);
+        stepper_.rule = BalancedJoint{
+            {given.begin(), given.end()}, rising, motor_speed, drive};
+    }
+
+    void prescribe() { stepper_.rule = PrescribedJoints{}; }
+
+    /// Effort of the joint in poses without a state before.
+    Vector efforts(const Given& motors, const Given& joints) const {
+        const Sizes& sizes = robot_.topology.sizes;
+        const py::ssize_t poses = motors.ndim() == 2 ? motors.shape(0) : 0;
+        require_rows(motors, poses, sizes.motors, "motors");
+        require_rows(joints, poses, sizes.joints, "joints");
+        Vector found(poses);
+        double* written = found.mutable_data();
+        py::gil_scoped_release free;
+        Trials trials(robot_, joint_);
+        for (py::ssize_t k = 0; k < poses; ++k) {
+            written[k] = trials.effort(row_of(motors, k), row_of(joints, k), 0.0);
         }
-        efforts.mutable_data()[k] = trials.effort(motor_angle, span_of(joint_angle), 0.0);
+        return found;
     }
-}
 
-/// Samples of a balanced joint; see `_core.pyi`.
-py::tuple balance(
-    const HeldRobot& held, Vector& state, double drive, double rising, Index phase, bool excused,
-    const Given& joints, const Given& torque, const Given& dt, double motor_speed, Index joint,
-    Matrix& base, const Given& direction, const Given& offset, const Flags& happening,
-    Vector& drives, py::array_t<Index, py::array::c_style>& phases, Vector& lacking,
-    Matrix& estimates) {
-    const Sizes& sizes = held.robot.topology.sizes;
-    const py::ssize_t samples = dt.size();
-    require_state(state, held, joint);
-    require_rows(joints, torque.size(), sizes.joints, "joints");
-    require_rows(base, torque.size(), sizes.motors, "base");
-    require_rows(offset, samples, sizes.motors, "offset");
-    require_rows(estimates, samples, Index(held.robot.estimate_size()), "estimates");
-    require(
-        direction.size() == sizes.motors && happening.size() == samples &&
-            drives.size() == samples && phases.size() == samples && lacking.size() == samples &&
-            0 <= phase && phase < torque.size(),
-        "the arrays differ in their numbers of samples");
-    BalancedJoint balanced{span_of(direction), rising, motor_speed, drive, phase, excused};
-    const BalancedJoint::Motion motion{
-        {const_cast<double*>(joints.data()), sizes.joints}, span_of(torque),
-        {base.mutable_data(), sizes.motors}};
-    Trials trials(held.robot, {state.mutable_data(), std::size_t(state.size())}, joint);
-    for (py::ssize_t k = 0; k < samples; ++k) {
-        const auto outcome = balanced.step(
-            trials, motion, row_of(offset, k), happening.data()[k], dt.data()[k]);
-        if (!outcome.balanced) {
-            return py::make_tuple(
-                k, balanced.drive, balanced.phase, balanced.excused, outcome.asked);
+    py::tuple run(
+        const Given& motors, const Given& joints, const Given& torque, const Given& dt,
+        const Given& offset, const Flags& happening, Matrix& motors_out, Matrix& joints_out,
+        Vector& imbalance, Matrix& estimates) {
+        const Sizes& sizes = robot_.topology.sizes;
+        const py::ssize_t phases = torque.size(), samples = dt.size();
+        require_rows(motors, phases, sizes.motors, "motors");
+        require_rows(joints, phases, sizes.joints, "joints");
+        require_rows(offset, samples, sizes.motors, "offset");
+        require_rows(motors_out, samples, sizes.motors, "motors_out");
+        require_rows(joints_out, samples, sizes.joints, "joints_out");
+        require_rows(estimates, samples, Index(robot_.estimate_size()), "estimates");
+        require(
+            happening.size() == samples && imbalance.size() == samples &&
+                stepper_.phase < phases,
+            "the arrays differ in their numbers of samples");
+        const Plan plan{
+            {const_cast<double*>(motors.data()), sizes.motors},
+            {const_cast<double*>(joints.data()), sizes.joints}, span_of(torque)};
+        py::ssize_t done = 0;
+        Outcome outcome{true, 0.0};
+        {
+            py::gil_scoped_release free;
+            for (; done < samples; ++done) {
+                const Sample sample{
+                    dt.data()[done], row_of(offset, done), happening.data()[done]};
+                outcome = stepper_.step(
+                    plan, sample, written_row(motors_out, done), written_row(joints_out, done),
+                    written_row(estimates, done));
+                if (!outcome.done) break;
+                imbalance.mutable_data()[done] = outcome.imbalance;
+            }
         }
-        drives.mutable_data()[k] = balanced.drive;
-        phases.mutable_data()[k] = balanced.phase;
-        lacking.mutable_data()[k] = outcome.imbalance;
-        trials.keep(written_row(estimates, k));
+        return py::make_tuple(done, outcome.asked);
     }
-    return py::make_tuple(samples, balanced.drive, balanced.phase, balanced.excused, 0.0);
-}
 
-/// Steps of a free joint within its range; see `_core.pyi`.
-py::ssize_t swing(
-    const HeldRobot& held, Vector& state, Vector& course, const std::array<double, 6>& load,
-    Index joint, double effort_sign, double lower, double upper, const Given& motors,
-    Matrix& joints, const Given& dt, Vector& residual, Matrix& estimates) {
-    const Sizes& sizes = held.robot.topology.sizes;
-    const py::ssize_t steps = dt.size();
-    require_state(state, held, joint);
-    require(course.size() == 4 && residual.size() == steps, "course or residual has another size");
-    require_rows(motors, steps, sizes.motors, "motors");
-    require_rows(joints, steps, sizes.joints, "joints");
-    require_rows(estimates, steps, Index(held.robot.estimate_size()), "estimates");
-    const FreeJoint moving{
-        {load[0], load[1], load[2], load[3], load[4], load[5]}, joint, effort_sign, lower, upper};
-    auto& present = *reinterpret_cast<Swing*>(course.mutable_data());
-    Trials trials(held.robot, {state.mutable_data(), std::size_t(state.size())}, joint);
-    std::vector<double> pose(sizes.joints);
-    py::gil_scoped_release free;
-    for (py::ssize_t k = 0; k < steps; ++k) {
-        std::copy_n(begin_of_row(joints, k), pose.size(), pose.begin());
-        const double excess =
-            moving.step(trials, present, row_of(motors, k), pose, dt.data()[k]);
-        if (!moving.is_in_range(pose[joint])) return k;
-        *joints.mutable_data(k, joint) = pose[joint];
-        residual.mutable_data()[k] = excess;
-        trials.keep(written_row(estimates, k));
+    Vector state() const { return array_of(stepper_.trials.state); }
+
+    void set_state(const Given& given) {
+        require(
+            given.size() == py::ssize_t(robot_.state_size()),
+            "state has not the size of this robot's");
+        std::ranges::copy(span_of(given), stepper_.trials.state.begin());
     }
-    return steps;
-}
+
+    Vector swing() const {
+        const Swing& now = stepper_.swing;
+        return array_of(std::array{now.angle, now.speed, now.acceleration, now.torque});
+    }
+
+    void set_swing(const std::array<double, 4>& given) {
+        stepper_.swing = {given[0], given[1], given[2], given[3]};
+    }
+
+    Index phase() const { return stepper_.phase; }
+
+private:
+    static Index checked(const HeldRobot& held, Index joint) {
+        const Index joints = held.robot.topology.sizes.joints;
+        require(0 <= joint && joint < std::max<Index>(joints, 1), "there is no such joint");
+        return joint;
+    }
+
+    const Robot& robot_;
+    Stepper stepper_;
+    Index joint_;
+};
 
 }  // namespace
 
 void bind_simulation(py::module_& core) {
-    core.def(
-        "scan", scan, "robot"_a, "base"_a, "direction"_a, "drives"_a, "joint_angle"_a, "joint"_a,
-        "efforts"_a.noconvert());
-    core.def(
-        "balance", balance, "robot"_a, "state"_a.noconvert(), "drive"_a, "rising"_a, "phase"_a,
-        "excused"_a, "joints"_a, "torque"_a, "dt"_a, "motor_speed"_a, "joint"_a,
-        "base"_a.noconvert(), "direction"_a, "offset"_a, "happening"_a,
-        "drives"_a.noconvert(), "phases"_a.noconvert(), "lacking"_a.noconvert(),
-        "estimates"_a.noconvert());
-    core.def(
-        "swing", swing, "robot"_a, "state"_a.noconvert(), "course"_a.noconvert(), "load"_a,
-        "joint"_a, "effort_sign"_a, "lower"_a, "upper"_a, "motors"_a, "joints"_a.noconvert(),
-        "dt"_a, "residual"_a.noconvert(), "estimates"_a.noconvert());
+    py::class_<HeldStepper>(core, "Stepper")
+        .def(py::init<const HeldRobot&, Index>(), "robot"_a, "joint"_a, py::keep_alive<1, 2>())
+        .def("prescribe", &HeldStepper::prescribe)
+        .def(
+            "release", &HeldStepper::release, "load"_a, "effort_sign"_a, "lower"_a, "upper"_a)
+        .def(
+            "balance", &HeldStepper::balance, "direction"_a, "rising"_a, "motor_speed"_a,
+            "drive"_a)
+        .def("efforts", &HeldStepper::efforts, "motors"_a, "joints"_a)
+        .def(
+            "run", &HeldStepper::run, "motors"_a, "joints"_a, "torque"_a, "dt"_a, "offset"_a,
+            "happening"_a, "motors_out"_a.noconvert(), "joints_out"_a.noconvert(),
+            "imbalance"_a.noconvert(), "estimates"_a.noconvert())
+        .def_property("state", &HeldStepper::state, &HeldStepper::set_state)
+        .def_property("swing", &HeldStepper::swing, &HeldStepper::set_swing)
+        .def_property_readonly("phase", &HeldStepper::phase);
 }
 
 }  // namespace cdrj

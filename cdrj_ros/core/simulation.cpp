@@ -28,28 +28,35 @@ double required(
 
 }  // namespace
 
-Trials::Trials(const Robot& robot, std::span<double> state, Index joint)
-    : robot_(robot), state_(state), out_(robot.out_size()) {
+Trials::Trials(const Robot& robot, Index joint)
+    : state(robot.state_size(), 0.0), robot_(robot), out_(robot.out_size()) {
     const Estimate estimate(robot.topology.sizes, out_.data() + robot.state_size());
     effort_ = static_cast<std::size_t>(estimate.joint_effort.data() + joint - out_.data());
 }
 
 double Trials::effort(
     std::span<const double> motor_angle, std::span<const double> joint_angle, double dt) {
-    robot_.advance(state_.data(), motor_angle, joint_angle, dt, out_.data());
+    robot_.advance(state.data(), motor_angle, joint_angle, dt, out_.data());
     return out_[effort_];
 }
 
 void Trials::keep(std::span<double> estimate) {
-    std::copy_n(out_.begin(), state_.size(), state_.begin());
-    std::copy_n(out_.begin() + static_cast<std::ptrdiff_t>(state_.size()), estimate.size(),
+    std::copy_n(out_.begin(), state.size(), state.begin());
+    std::copy_n(out_.begin() + static_cast<std::ptrdiff_t>(state.size()), estimate.size(),
                 estimate.begin());
 }
 
-double FreeJoint::step(
-    Trials& trials, Swing& swing, std::span<const double> motor_angle, std::span<double> pose,
-    double dt) const {
+Outcome PrescribedJoints::step(Trials& trials, Angles& angles, double dt) const {
+    trials.effort(angles.offset_motors, angles.pose, dt);
+    return {true, 0.0};
+}
+
+Outcome FreeJoint::step(
+    Trials& trials, Swing& swing, Angles& angles, double external_torque, double dt) const {
     const auto [q0, v0, acceleration, torque0] = swing;
+    JointLoad pushed = load;
+    pushed.weight -= external_torque;
+    const std::span<double> pose = angles.pose;
     double q = q0, excess = 0.0, torque;
     if (dt > 0.0) {
         q = q0 + dt * v0 + 0.5 * dt * dt * acceleration;
@@ -60,8 +67,8 @@ double FreeJoint::step(
         bool tried = false;
         for (int k = 0; k < 100; ++k) {
             pose[joint] = q;
-            torque = effort_sign * trials.effort(motor_angle, pose, dt);
-            excess = required(load, q0, v0, q, dt, torque0, torque);
+            torque = effort_sign * trials.effort(angles.offset_motors, pose, dt);
+            excess = required(pushed, q0, v0, q, dt, torque0, torque);
             if (std::abs(excess) <= MOTION_TOLERANCE) break;
             if (excess < 0.0) {
                 low = q;
@@ -81,9 +88,9 @@ double FreeJoint::step(
         }
     } else {
         pose[joint] = q;
-        torque = effort_sign * trials.effort(motor_angle, pose, 0.0);
+        torque = effort_sign * trials.effort(angles.offset_motors, pose, 0.0);
     }
-    if (!is_in_range(pose[joint])) return excess;
+    if (!(lower <= pose[joint] && pose[joint] <= upper)) return {false, excess};
     if (dt > 0.0) {
         const double v1 = 2.0 * (pose[joint] - q0) / dt - v0;
         swing.acceleration = (v1 - v0) / dt;
@@ -91,32 +98,28 @@ double FreeJoint::step(
     }
     swing.angle = pose[joint];
     swing.torque = torque;
-    return excess;
+    return {true, excess};
 }
 
 double BalancedJoint::imbalance(
-    Trials& trials, const Motion& motion, Index at, std::span<const double> offset, double drive_at,
-    double dt) {
-    const std::size_t motors = offset.size();
-    motor_angle.resize(motors);
-    for (std::size_t m = 0; m < motors; ++m) {
-        motor_angle[m] =
-            motion.base(at, static_cast<Index>(m)) + direction[m] * drive_at + offset[m];
+    Trials& trials, const Plan& plan, const Sample& sample, Index at, double drive_at,
+    Angles& angles) const {
+    for (std::size_t m = 0; m < direction.size(); ++m) {
+        angles.motors[m] = plan.motors(at, static_cast<Index>(m)) + direction[m] * drive_at;
+        angles.offset_motors[m] = angles.motors[m] + sample.offset[m];
     }
-    const std::span<const double> pose{
-        &motion.pose(at, 0), static_cast<std::size_t>(motion.pose.width)};
-    return trials.effort(motor_angle, pose, dt) - motion.torque[at];
+    std::copy_n(&plan.pose(at, 0), angles.pose.size(), angles.pose.begin());
+    return trials.effort(angles.offset_motors, angles.pose, sample.dt) - plan.torque[at];
 }
 
 /// Bracket, then regula falsi (Illinois). Just after a reversal, friction makes the joint's effort a
 /// very flat function of the winch angle, so the bracket is widened geometrically.
-BalancedJoint::Outcome BalancedJoint::step(
-    Trials& trials, const Motion& motion, std::span<const double> offset, bool happening,
-    double dt) {
-    const Index last = static_cast<Index>(motion.torque.size()) - 1;
-    Index following = dt > 0.0 ? std::min(phase + 1, last) : phase;
+Outcome BalancedJoint::step(
+    Trials& trials, const Plan& plan, const Sample& sample, Index& phase, Index following,
+    Angles& angles) {
+    const double dt = sample.dt;
     const auto tried = [&](double at) {
-        return imbalance(trials, motion, following, offset, at, dt);
+        return imbalance(trials, plan, sample, following, at, angles);
     };
     const double far = 2.0 * motor_speed * dt + 1e-2;
     double a = drive, fa = tried(a), b = a, fb = fa, width = 1e-5;
@@ -144,24 +147,53 @@ BalancedJoint::Outcome BalancedJoint::step(
         b = c;
         fb = fc;
     }
-    excused = excused || happening;
+    excused = excused || sample.happening;
     if (std::abs(b - drive) > motor_speed * dt && dt > 0.0) {
         const double asked = std::abs(fb) <= BALANCE_TOLERANCE ? std::abs(b - drive) / dt : 0.0;
         following = phase;  // the joint waits for the motor
         b = b > drive ? drive + motor_speed * dt : drive + -motor_speed * dt;
         const double before = tried(drive);
         fb = tried(b);
-        if (std::abs(fb - before) > 0.1 * (1.0 + std::abs(motion.torque[phase])) && !excused) {
+        if (std::abs(fb - before) > 0.1 * (1.0 + std::abs(plan.torque[phase])) && !excused) {
             return {false, fb, asked};
         }
     } else if (std::abs(fb) > BALANCE_TOLERANCE) {
-        return {false, fb, 0.0};
+        return {false, fb};
     } else {
-        excused = happening;
+        excused = sample.happening;
     }
     drive = b;
     phase = following;
-    return {true, fb, 0.0};
+    return {true, fb};
+}
+
+Outcome Stepper::step(
+    const Plan& plan, const Sample& sample, std::span<double> motors, std::span<double> pose,
+    std::span<double> estimate) {
+    const Index last = static_cast<Index>(plan.torque.size()) - 1;
+    const Index following = sample.dt > 0.0 ? std::min(phase + 1, last) : phase;
+    for (std::size_t m = 0; m < motors.size(); ++m) {
+        motors[m] = plan.motors(following, static_cast<Index>(m));
+    }
+    for (std::size_t j = 0; j < pose.size(); ++j) {
+        pose[j] = plan.pose(following, static_cast<Index>(j));
+    }
+    offset_motors_.assign(motors.begin(), motors.end());
+    for (std::size_t m = 0; m < motors.size(); ++m) offset_motors_[m] += sample.offset[m];
+    Angles angles{motors, pose, offset_motors_};
+    Outcome outcome;
+    if (auto* balanced = std::get_if<BalancedJoint>(&rule)) {
+        outcome = balanced->step(trials, plan, sample, phase, following, angles);
+    } else {
+        if (const auto* moving = std::get_if<FreeJoint>(&rule)) {
+            outcome = moving->step(trials, swing, angles, plan.torque[following], sample.dt);
+        } else {
+            outcome = std::get<PrescribedJoints>(rule).step(trials, angles, sample.dt);
+        }
+        if (outcome.done) phase = following;
+    }
+    if (outcome.done) trials.keep(estimate);
+    return outcome;
 }
 
 }  // namespace cdrj

@@ -1,12 +1,13 @@
-// Motion of the simulated rig: a joint that the cables balance, and a joint that moves freely.
+// The simulated rig's stepper: a robot that is advanced sample by sample along a plan.
 //
-// Both advance a robot sample by sample and look in each one for the angle with which it satisfies a
-// condition: the drive of the motors at which the torque of a joint is the wanted one, or the angle
-// of the joint at which its torque gives it the acceleration that takes it there.
+// All joints follow the plan, or one of them obeys a condition instead, and the stepper looks in each
+// sample for the angle that satisfies it: the drive of the motors at which the cables' torque on a
+// balanced joint is the wanted one, or the angle of a free joint at which the torque gives it the
+// acceleration that takes it there.
 #pragma once
 
-#include <functional>
 #include <span>
+#include <variant>
 #include <vector>
 
 #include "robot.hpp"
@@ -16,8 +17,8 @@ namespace cdrj {
 /// A robot in one sample, tried with different angles, of which the last one may be kept.
 class Trials {
 public:
-    /// `state`: of the robot, replaced by `keep`; `joint`: the one whose torque counts.
-    Trials(const Robot& robot, std::span<double> state, Index joint);
+    /// `joint`: the one whose torque counts.
+    Trials(const Robot& robot, Index joint);
 
     /// Effort of the cables on the joint at these angles, `dt` [s] after the state [N m].
     double effort(
@@ -26,11 +27,40 @@ public:
     /// Go on from the last trial; its estimate is copied to `estimate`.
     void keep(std::span<double> estimate);
 
+    std::vector<double> state;  // of the robot, replaced by `keep`
+
 private:
     const Robot& robot_;
-    std::span<double> state_;
     std::vector<double> out_;
     std::size_t effort_;  // index in `out_` of the joint's effort
+};
+
+/// What is prescribed, one row a phase.
+struct Plan {
+    Table motors;                    // angles of all motors [rad]
+    Table pose;                      // angles of all joints [rad] or [m]
+    std::span<const double> torque;  // wanted of a balanced joint, external on a free one [N m]
+};
+
+/// One sample: time since the one before, and the faults in it.
+struct Sample {
+    double dt;                       // [s]
+    std::span<const double> offset;  // of the motors by faults [rad]
+    bool happening;                  // whether a fault happens
+};
+
+/// How a sample ended.
+struct Outcome {
+    bool done;
+    double imbalance;    // torque of the cables less the needed one [N m]
+    double asked = 0.0;  // speed that was asked of the motors where they could not follow [rad/s]
+};
+
+/// Angles of a sample: those of the plan before, those that were found after it.
+struct Angles {
+    std::span<double> motors;  // of all motors, without the offsets of faults [rad]
+    std::span<double> pose;    // of all joints [rad] or [m]
+    std::vector<double>& offset_motors;  // with them, as a trial takes them
 };
 
 /// Inertia and load of a joint that moves freely, by the powers of its angle q.
@@ -51,6 +81,11 @@ struct Swing {
     double torque;        // of the cables, along positive angle [N m]
 };
 
+/// Every joint follows the plan.
+struct PrescribedJoints {
+    Outcome step(Trials& trials, Angles& angles, double dt) const;
+};
+
 /// One joint that moves by its dynamics.
 ///
 /// Every step solves for the joint's next angle with the cables' torque at both ends of the step
@@ -62,53 +97,55 @@ struct FreeJoint {
     double effort_sign;   // +1 or -1: that of the joint's efforts in the robot file
     double lower, upper;  // its range [rad] or [m]
 
-    /// Advance by `dt` [s] with these angles of the motors and of the other joints.
+    /// Advance the joint by `dt` [s] under the cables and an external torque [N m].
     ///
-    /// Returns the remaining imbalance of torque [N m]. `pose` gets the angle of the joint.
-    double step(
-        Trials& trials, Swing& swing, std::span<const double> motor_angle, std::span<double> pose,
-        double dt) const;
-
-    bool is_in_range(double angle) const { return lower <= angle && angle <= upper; }
+    /// The swing is kept, and the sample not done, where the joint leaves its range.
+    Outcome step(
+        Trials& trials, Swing& swing, Angles& angles, double external_torque, double dt) const;
 };
 
 /// The motors drive one joint so that the torque of the cables on it is the wanted one.
 ///
-/// The motors have the angles `base` + `direction` * drive + `offset`, and a largest speed of the
-/// drive. Where they would have to be faster, the joint waits: it stays in its phase.
+/// The motors have the angles of the plan + `direction` * drive, and a largest speed of the drive.
+/// Where they would have to be faster, the joint waits: it stays in its phase.
 struct BalancedJoint {
-    std::span<const double> direction;  // of the motors per unit of the drive
-    double rising;                      // sign of the torque's change with the drive
-    double motor_speed;                 // largest speed of the drive [rad/s]
+    std::vector<double> direction;  // of the motors per unit of the drive
+    double rising;                  // sign of the torque's change with the drive
+    double motor_speed;             // largest speed of the drive [rad/s]
+    double drive;                   // present drive [rad]
+    bool excused = false;           // whether the motor compensates a fault
 
-    double drive;                       // present drive [rad]
-    Index phase;                        // present sample of the prescribed motion
-    bool excused;                       // whether the motor compensates a fault
-    std::vector<double> motor_angle{};  // of a trial [rad]
-
-    /// Prescribed motion: poses, torques and angles of the motors, one row a phase.
-    struct Motion {
-        Table pose;                      // of all joints
-        std::span<const double> torque;  // of the balanced joint [N m]
-        Table base;                      // of all motors [rad]
-    };
-
-    /// How a sample ended.
-    struct Outcome {
-        bool balanced;
-        double imbalance;  // torque of the cables less the wanted one [N m]
-        double asked;      // speed that was asked of the motors where they could not follow [rad/s]
-    };
-
-    /// One sample; `offset`: of the motors by faults [rad]; `happening`: whether a fault happens.
+    /// One sample from `phase`, which it advances to `following` unless the joint waits.
     Outcome step(
-        Trials& trials, const Motion& motion, std::span<const double> offset, bool happening,
-        double dt);
+        Trials& trials, const Plan& plan, const Sample& sample, Index& phase, Index following,
+        Angles& angles);
 
     /// Torque of the cables less the wanted one with a drive, in phase `at` [N m].
     double imbalance(
-        Trials& trials, const Motion& motion, Index at, std::span<const double> offset,
-        double drive_at, double dt);
+        Trials& trials, const Plan& plan, const Sample& sample, Index at, double drive_at,
+        Angles& angles) const;
+};
+
+using JointRule = std::variant<PrescribedJoints, FreeJoint, BalancedJoint>;
+
+/// A robot on its way along a plan.
+class Stepper {
+public:
+    /// `joint`: the one that may be free or balanced.
+    Stepper(const Robot& robot, Index joint) : trials(robot, joint) {}
+
+    /// Take the next sample; `angles` and `estimate` are written, the state is kept if it is done.
+    Outcome step(
+        const Plan& plan, const Sample& sample, std::span<double> motors, std::span<double> pose,
+        std::span<double> estimate);
+
+    Trials trials;
+    JointRule rule = PrescribedJoints{};
+    Swing swing{};    // of the free joint
+    Index phase = 0;  // present row of the plan
+
+private:
+    std::vector<double> offset_motors_;
 };
 
 }  // namespace cdrj

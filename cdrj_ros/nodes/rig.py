@@ -35,10 +35,10 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
+from cdrj_ros.rig.faults import FAULT_NAMES
 from cdrj_ros.rig.live import LiveRig
 from cdrj_ros.rig.live_commands import Command, Trajectory
 from cdrj_ros.rig.live_drives import Drives
-from cdrj_ros.rig.live_faults import FAULT_NAMES
 from cdrj_ros.rig.live_motion import program_of
 
 MOST_BEHIND_S: Final = 0.1

@@ -24,9 +24,8 @@ from cdrj_ros.rig.live import LiveSettings
 from cdrj_ros.rig.live_limits import DriveLimits, drive_limits
 from cdrj_ros.rig.live_motion import MOTIONS, Demonstration, MotionName
 from cdrj_ros.rig.load import KINDS as LOADS
-from cdrj_ros.rig.load import Load, LoadKind, make_load, usual_load
+from cdrj_ros.rig.load import Load, LoadKind, make_load, usual_load, usual_payload
 from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, Encoder, LoadCells
-from cdrj_ros.rig.start import usual_payload
 
 USUAL: Final = 0.0
 """Value of a parameter for which the rig chooses a default."""

@@ -6,7 +6,7 @@ The moving end of the cable is driven by an additional motor, which turns as the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, Literal, get_args
+from typing import Final, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,18 @@ DURATION_S: Final = {"slack": 2.0, "snap": 0.002, "slip": 0.5}
 
 USUAL_SHARE: Final = {"slack": 0.9, "snap": 0.5, "slip": 0.5}
 """Share of the elongation under preload that a fault removes if no amount is given."""
+
+FaultName = Literal["slack", "snap", "slip", "cut"]
+"""Faults that can be injected at any time.  ``cut`` is a snap by ``CUT_LENGTH``, which no winch can
+take up again, and removes the cable's friction."""
+
+FAULT_NAMES: Final[tuple[FaultName, ...]] = get_args(FaultName)
+
+CUT_LENGTH: Final = 10.0
+"""Length of cable that a cut releases [m]."""
+
+LARGEST_AMOUNT: Final = {"slack": 1.0, "snap": 1.0, "slip": 100.0}
+"""Largest amount of each fault: length of cable [m] or angle of the drum [rad]."""
 
 ANCHOR_RADIUS: Final = 0.01
 """Radius of the drum that represents a yielding anchor [m]; its value is arbitrary."""
@@ -60,6 +72,14 @@ class Wiring:
     """Index of the motor that each fault moves, and the fault with its amount and cable set."""
     turn: Vector
     """Total rotation of each of these motors [rad], shape (faults,)."""
+
+    def without_faults(self) -> Wiring:
+        """The same motors, none of which a fault moves."""
+        return replace(self, faults=(), turn=np.empty(0))
+
+    def with_fault(self, motor: int, fault: Fault, turn: float) -> Wiring:
+        """The wiring with one more fault, which turns a motor by ``turn`` [rad]."""
+        return replace(self, faults=(*self.faults, (motor, fault)), turn=np.append(self.turn, turn))
 
     def offset(self, time: Vector) -> NDArray[np.float64]:
         """Angle of each motor relative to its owner [rad], shape (n, all motors)."""
@@ -124,6 +144,49 @@ def wire(robot: Robot, faults: tuple[Fault, ...]) -> Wiring:
         turns.append(-winding * (amount if fault.kind == "slip" else amount * stretch / radius))
     wired = replace(robot, motors=tuple(motors), cables=tuple(cables)) if faults else robot
     return Wiring(wired, np.array(owner, dtype=np.int64), tuple(moved), np.array(turns))
+
+
+def wire_all(robot: Robot) -> Wiring:
+    """The wiring of all faults that the robot's cables may have, none of which happens."""
+    ends = {Anchor: ("slack", "snap"), Winch: ("slip",)}
+    possible = tuple(
+        # a cable without preload has no default amount, and the motor does not depend on it
+        Fault(cast(FaultKind, kind), 0.0, None if cable.preload > 0.0 else 1e-3, cable.name)
+        for cable in robot.cables
+        for end, kinds in ends.items()
+        if any(isinstance(node, end) for node in (cable.nodes[0], cable.nodes[-1]))
+        for kind in kinds
+    )
+    return wire(robot, possible)
+
+
+def fault_now(
+    robot: Robot, name: FaultName, cable: str, amount: float | None, now_s: float
+) -> Fault:
+    """A fault that begins now, with its amount set.
+
+    Args:
+        robot: the robot.
+        name: name of the fault.
+        cable: name of the faulty cable.
+        amount: length of cable [m] for ``slack`` and ``snap``, angle of the drum [rad] for
+            ``slip``; None for the default.  A cut takes no amount.
+        now_s: start of the fault [s].
+
+    Raises:
+        UsageError: an unknown fault or cable, or an impossible amount.
+    """
+    if name not in FAULT_NAMES:
+        raise UsageError(f"fault must be one of {', '.join(FAULT_NAMES)}, got {name!r}")
+    if name == "cut":
+        if amount is not None:
+            raise UsageError(f"a cut takes no amount, got {amount:g}")
+        return wire(robot, (Fault("snap", now_s, CUT_LENGTH, cable),)).faults[0][1]
+    if amount is not None and not 0.0 < amount <= LARGEST_AMOUNT[name]:
+        raise UsageError(
+            f"the amount of {name} must be in (0, {LARGEST_AMOUNT[name]:g}], got {amount:g}"
+        )
+    return wire(robot, (Fault(name, now_s, amount, cable),)).faults[0][1]
 
 
 def _cable_of(robot: Robot, fault: Fault) -> int:

@@ -1,7 +1,8 @@
-"""The rig advanced step by step: motor angles in, truth out, with the physics of ``swing``.
+"""The rig advanced step by step: motor angles in, truth out.
 
-One joint moves by its dynamics under the cables; the others are held.  Every step runs the function
-that ``swing`` runs over a whole recording, so the same motor angles give bit-identical results.
+One joint moves by its dynamics under the cables; the others are held.  Every step is one of the
+stepper that carries a whole motion in ``rig/truth.py``, so the same motor angles give bit-identical
+results.
 """
 
 from __future__ import annotations
@@ -15,14 +16,12 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
-from cdrj_ros.rig.assembly import Rig, make_rig
-from cdrj_ros.rig.faults import Fault, wire
-from cdrj_ros.rig.forward import UNSOLVED
-from cdrj_ros.rig.live_faults import Breakable, FaultName, possible_faults
-from cdrj_ros.rig.load import WEIGHT, Load
-from cdrj_ros.rig.start import resting_start
+from cdrj_ros.rig.assembly import Rig, divide_contacts
+from cdrj_ros.rig.faults import Fault, FaultName, fault_now, wire, wire_all
+from cdrj_ros.rig.load import Load, resting_start
+from cdrj_ros.rig.truth import UNSOLVED
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
@@ -33,9 +32,6 @@ MOST_TORQUE: Final = 1e4
 
 LONGEST_PUSH: Final = 3600.0
 """Longest duration of a push [s]."""
-
-COURSE_ANGLE, COURSE_SPEED, COURSE_ACCELERATION, COURSE_TORQUE, COURSE_SIZE = range(5)
-"""Indices into the ``course`` array of ``_core.swing``."""
 
 
 @dataclass(frozen=True)
@@ -82,48 +78,40 @@ class LiveRig:
         """
         self.robot = robot
         self.settings = _checked(robot, settings or LiveSettings())
-        possible = possible_faults(robot)
-        rig = make_rig(robot, self.settings.cells, possible)
-        self._breakable = Breakable.of(robot, rig.wiring)
-        self._sound: Rig = replace(rig, wiring=replace(rig.wiring, faults=(), turn=np.empty(0)))
+        self._possible = wire_all(robot)
+        self._sound = Rig(prepare(robot), self._fine(()), self._possible.without_faults())
         self.load = self.settings.load
         axis = robot.joints[self.settings.joint]
         self.lower = axis.lower if self.settings.lower is None else self.settings.lower
         self.upper = axis.upper if self.settings.upper is None else self.settings.upper
-        self._sign = float(axis.effort_sign)
-        self._effort_place = rig.fine.layout.joint_effort.start + self.settings.joint
         self.reset()
 
     def reset(self) -> None:
         """Remove all faults and restart at time 0; the load and the stops are kept."""
-        robot, fine = self.robot, self._sound.fine
-        motors = np.array([motor.reference_angle for motor in robot.motors])
-        joints = np.array([[joint.reference_angle for joint in robot.joints]])
-        drums = self._sound.drums(motors[None], self._sound.wiring.offset(np.zeros(1)))
-        coefficients = self.load.coefficients()
-        start = self.settings.start
-        if start is None:
-            start = resting_start(
-                self._sound, drums[0], joints[0], self.settings.joint, coefficients,
-                (self.lower, self.upper),
-            )  # fmt: skip
-        joints[0, self.settings.joint] = start
-        self._rig: Rig = self._sound
-        self._coefficients = coefficients
-        self._free: tuple[str, ...] = ()
+        self._rig = self._sound
+        self._uncoupled: tuple[str, ...] = ()
         self.pushes: tuple[Push, ...] = ()
         self.steps = 0
         self.unsolved = 0
         self.stalled = 0
+        self.motor_angle = np.array([motor.reference_angle for motor in self.robot.motors])
+        pose = np.array([joint.reference_angle for joint in self.robot.joints])
+        drums = self._rig.drums(self.motor_angle[None])
+        start = self.settings.start
+        if start is None:
+            start = resting_start(
+                self._rig, drums[0], pose, self.settings.joint, self.load.coefficients(),
+                (self.lower, self.upper),
+            )  # fmt: skip
+        pose[self.settings.joint] = start
         self.at_stop = start in (self.lower, self.upper)
-        self.motor_angle = motors
-        self._joints = joints
-        self._state = np.zeros(fine.state_size)
-        self._course = np.zeros(COURSE_SIZE)
-        self._course[COURSE_ANGLE] = start
-        self._estimates = np.empty((1, fine.layout.size))
-        self._residual = np.empty(1)
-        self._swing(drums, np.zeros(1))
+        self._pose = pose
+        self._stepper = _core.Stepper(self._rig.fine.core, self.settings.joint)
+        self._stepper.swing = np.array([start, 0.0, 0.0, 0.0])
+        self._release()
+        self._estimates = np.empty((1, self._rig.fine.layout.size))
+        self._imbalance = np.empty(1)
+        self._run(self.motor_angle, 0.0)
         self._read()
 
     @property
@@ -134,12 +122,12 @@ class LiveRig:
     @property
     def joint_angle(self) -> Vector:
         """Angles of all joints [rad], shape (joints,)."""
-        return self._joints[0].copy()
+        return self._pose.copy()
 
     @property
     def joint_speed(self) -> float:
         """Speed of the free joint [rad/s]."""
-        return float(self._course[COURSE_SPEED])
+        return float(self._stepper.swing[1])
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -153,8 +141,8 @@ class LiveRig:
 
     def set_load(self, load: Load) -> None:
         """Change the load, effective from the next step."""
-        self._coefficients = load.coefficients()
         self.load = load
+        self._release()
 
     def push(self, torque: float, duration_s: float) -> None:
         """Push on the free joint from the next step on, in addition to other pushes.
@@ -183,31 +171,43 @@ class LiveRig:
         Raises:
             UsageError: an unknown fault or cable, or an impossible amount.
         """
-        motor, fault = self._breakable.fault(name, cable, amount, self.time_s)
-        if name == "cut":
-            self._rig = replace(self._rig, fine=self._without_friction(cable))
-        before = self._rig.wiring
-        wiring = replace(
-            before,
-            faults=(*before.faults, (motor, fault)),
-            turn=np.concatenate([before.turn, wire(self.robot, (fault,)).turn]),
+        fault = fault_now(self.robot, name, cable, amount, self.time_s)
+        motor = next(
+            motor
+            for motor, other in self._possible.faults
+            if (other.kind, other.cable) == (fault.kind, fault.cable)
         )
-        self._rig = replace(self._rig, wiring=wiring)
+        turn = float(wire(self.robot, (fault,)).turn[0])
+        self._rig = replace(self._rig, wiring=self._rig.wiring.with_fault(motor, fault, turn))
+        if name == "cut":
+            self._uncouple(cable)
         unit = "rad of drum" if name == "slip" else "m of cable"
         return f"{name} of {cable}: {fault.amount:.4g} {unit}, at t = {fault.begin:.4g} s"
 
-    def _without_friction(self, cable: str) -> Model:
-        """The fine robot without friction in one cable, since a loose cable has none.
+    def _uncouple(self, cable: str) -> None:
+        """Go on without friction in a cable, since a loose one has none.
 
         With friction the solver would need thousands of iterations for a cable without tension.
         """
-        names = [*self._free, cable]
-        self._free = tuple(dict.fromkeys(names))
+        self._uncoupled = (*self._uncoupled, cable)
+        self._rig = replace(self._rig, fine=self._fine(self._uncoupled))
+        before = self._stepper
+        self._stepper = _core.Stepper(self._rig.fine.core, self.settings.joint)
+        self._stepper.state, self._stepper.swing = before.state, before.swing
+        self._release()
+
+    def _fine(self, frictionless: tuple[str, ...]) -> Model:
+        """The fine robot, some of whose cables have no friction."""
+        wired = divide_contacts(self._possible.robot, self.settings.cells)
         cables = tuple(
-            replace(one, law="none") if one.name in self._free else one for one in self.robot.cables
+            replace(one, law="none") if one.name in frictionless else one for one in wired.cables
         )
-        robot = replace(self.robot, cables=cables)
-        return make_rig(robot, self.settings.cells, possible_faults(self.robot)).fine
+        return prepare(replace(wired, cables=cables))
+
+    def _release(self) -> None:
+        """Let the joint move freely under its load."""
+        sign = self.robot.joints[self.settings.joint].effort_sign
+        self._stepper.release(self.load.coefficients(), sign, self.lower, self.upper)
 
     def step(self, motor_angle: Vector) -> bool:
         """Advance by one step, turning the motors to ``motor_angle`` [rad], shape (motors,).
@@ -222,60 +222,60 @@ class LiveRig:
         self.steps += 1
         now = self.time_s
         self.pushes = tuple(push for push in self.pushes if push.end_s > before)
-        dt = np.array([now - before])
-        state, course, joints = self._state.copy(), self._course.copy(), self._joints.copy()
-        if self._advance(self._drums(motor_angle, now), dt):
+        dt = now - before
+        state, swing, pose = self._stepper.state, self._stepper.swing, self._pose
+        if self._advance(motor_angle, dt):
             self.motor_angle = np.array(motor_angle, dtype=np.float64)
             self._read()
             return True
         self.stalled += 1
-        self._state, self._course, self._joints = state.copy(), course, joints
-        self._hold(float(course[COURSE_ANGLE]), self._drums(self.motor_angle, now), dt)
+        self._stepper.state, self._stepper.swing, self._pose = state, swing, pose
+        self._hold(float(swing[0]), self.motor_angle, dt)
         if self._valid():
             self._read()
         else:  # the truth does not change
-            self._state = state
+            self._stepper.state = state
         return False
 
-    def _drums(self, motor_angle: Vector, now: float) -> Table:
-        """Angles of the fine robot's motors, shape (1, all motors)."""
-        offset = self._rig.wiring.offset(np.array([now]))
-        return self._rig.drums(motor_angle[None], offset)
-
-    def _advance(self, drums: Table, dt: Vector) -> bool:
+    def _advance(self, motor_angle: Vector, dt: float) -> bool:
         """Advance the joint freely or against a stop; False if a cable cannot follow."""
         self.at_stop = False
-        if self._swing(drums, dt):
-            self.unsolved += int(not abs(self._residual[0]) <= UNSOLVED)
+        if self._run(motor_angle, dt):
+            self.unsolved += int(not abs(self._imbalance[0]) <= UNSOLVED)
             return self._valid()
-        angle, speed = self._course[COURSE_ANGLE], self._course[COURSE_SPEED]
+        angle, speed = self._stepper.swing[:2]
         stop = self.lower if angle - self.lower < self.upper - angle else self.upper
-        near = 1e-3 * (self.upper - self.lower) + 3.0 * abs(speed) * float(dt[0])
+        near = 1e-3 * (self.upper - self.lower) + 3.0 * abs(speed) * dt
         self.at_stop = abs(stop - angle) <= near
         self.unsolved += int(not self.at_stop)
-        self._hold(float(stop if self.at_stop else angle), drums, dt)
+        self._hold(float(stop if self.at_stop else angle), motor_angle, dt)
         return self._valid()
 
-    def _swing(self, drums: Table, dt: Vector) -> bool:
-        """Advance the free joint; returns False and keeps the state if it would leave its range."""
-        fine, settings = self._rig.fine, self.settings
-        coefficients = self._coefficients
-        if self.pushes:
-            coefficients = coefficients.copy()
-            coefficients[WEIGHT] -= self.push_torque
-        done = _core.swing(
-            fine.core, self._state, self._course, coefficients, settings.joint, self._sign,
-            self.lower, self.upper, drums, self._joints, dt, self._residual, self._estimates,
+    def _run(self, motor_angle: Vector, dt: float) -> bool:
+        """Take a step; returns False and keeps the state if the joint would leave its range."""
+        drums = self._rig.drums(motor_angle[None])
+        joints = np.empty((1, self._pose.size))
+        done, _ = self._stepper.run(
+            drums, self._pose[None], np.array([self.push_torque], dtype=np.float64),
+            np.array([dt]), self._rig.wiring.offset(np.array([self.time_s])),
+            np.zeros(1, dtype=np.bool_), np.empty_like(drums), joints, self._imbalance,
+            self._estimates,
         )  # fmt: skip
-        return bool(done == 1)
+        if done:
+            self._pose = joints[0]
+        return bool(done)
 
-    def _hold(self, angle: float, drums: Table, dt: Vector) -> None:
+    def _hold(self, angle: float, motor_angle: Vector, dt: float) -> None:
         """Hold the free joint at an angle for one step and set its speed to zero."""
-        fine = self._rig.fine
-        self._joints[0, self.settings.joint] = angle
-        fine.core.run(self._state, drums, self._joints, dt, self._estimates)
-        torque = self._sign * float(self._estimates[0, self._effort_place])
-        self._course[:] = (angle, 0.0, 0.0, torque)
+        joint = self.settings.joint
+        self._pose = self._pose.copy()
+        self._pose[joint] = angle
+        self._stepper.prescribe()
+        self._run(motor_angle, dt)
+        self._release()
+        effort = self._estimates[0, self._rig.fine.layout.joint_effort][joint]
+        torque = self.robot.joints[joint].effort_sign * effort
+        self._stepper.swing = np.array([angle, 0.0, 0.0, torque])
 
     def _valid(self) -> bool:
         row, layout = self._estimates[0], self._rig.fine.layout

@@ -14,7 +14,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.rig import motion
 from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.rig.live_drives import Program
-from cdrj_ros.rig.start import AT_AN_END
+from cdrj_ros.rig.load import AT_AN_END
 
 Vector = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from cdrj_ros.identification.settings import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.rig.cells import divide_contacts
+from cdrj_ros.rig.assembly import divide_contacts
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document

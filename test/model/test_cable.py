@@ -21,7 +21,7 @@ from cdrj_ros.model.friction import ELASTOPLASTIC, LUGRE, NONE
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK
-from cdrj_ros.rig.cells import divide_contacts
+from cdrj_ros.rig.assembly import divide_contacts
 from cdrj_ros.robot.description import LAWS, Robot
 from cdrj_ros.robot.reader import parse_robot
 

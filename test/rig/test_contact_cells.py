@@ -13,8 +13,7 @@ from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, placed, prepare, segments_of, shape_at
 from cdrj_ros.model.state import state_views
-from cdrj_ros.rig.assembly import Truth
-from cdrj_ros.rig.cells import divide_contacts
+from cdrj_ros.rig.assembly import Truth, divide_contacts
 from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot

@@ -16,7 +16,6 @@ from cdrj_ros.rig.assembly import SlackError, Truth
 from cdrj_ros.rig.faults import DURATION_S, Fault, wire
 from cdrj_ros.rig.load import make_load
 from cdrj_ros.rig.motion import differences, sine
-from cdrj_ros.rig.prescribed import follow
 from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 
@@ -28,7 +27,7 @@ LOWER, UPPER = slice(8, 16), slice(0, 8)
 
 
 def _followed(robots: Robots, *faults: Fault, robot: Robot | None = None) -> Truth:
-    return follow(robot or robots.prototype(), TIME, COURSE.angle, cells=1, faults=faults)
+    return simulate(robot or robots.prototype(), TIME, COURSE.angle, cells=1, faults=faults)
 
 
 def _balanced(
@@ -159,9 +158,9 @@ def test_an_impossible_fault_is_refused(robots: Robots, fault: Fault, words: str
 def test_faults_work_on_cables_given_by_positions(robots: Robots) -> None:
     joints = np.zeros((TIME.size, 2))
     joints[:, 1] = 0.3 * COURSE.angle
-    sound = follow(robots.finger(), TIME, joints, cells=4)
+    sound = simulate(robots.finger(), TIME, joints, cells=4)
     for fault in (Fault("snap", AT, 1e-4, "flexor"), Fault("slip", AT, 0.0125, "flexor")):
-        broken = follow(robots.finger(), TIME, joints, cells=4, faults=(fault,))
+        broken = simulate(robots.finger(), TIME, joints, cells=4, faults=(fault,))
         np.testing.assert_allclose(broken.tension[BEFORE], sound.tension[BEFORE], atol=1e-9)
         assert (sound.tension[AFTER, :3] - broken.tension[AFTER, :3]).min() > 1.0
         np.testing.assert_allclose(broken.tension[:, 3:], sound.tension[:, 3:], atol=1e-9)

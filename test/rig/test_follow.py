@@ -11,11 +11,10 @@ import pytest
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.rig.cells import divide_contacts
+from cdrj_ros.rig.assembly import divide_contacts
 from cdrj_ros.rig.follow import follow_joints, pull_together
 from cdrj_ros.rig.load import make_load
 from cdrj_ros.rig.motion import differences, sine
-from cdrj_ros.rig.prescribed import follow
 from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 
@@ -70,7 +69,7 @@ def test_following_motors_keep_the_preload_of_frictionless_cables(
     robots: Robots, name: str
 ) -> None:
     robot = _frictionless(getattr(robots, name)())
-    truth = follow(robot, TIME, _moving(robot), cells=4)
+    truth = simulate(robot, TIME, _moving(robot), cells=4)
     element = 0
     for cable in robot.cables:
         for _ in cable.element_names:
@@ -81,7 +80,7 @@ def test_following_motors_keep_the_preload_of_frictionless_cables(
 @pytest.mark.parametrize("name", ["prototype", "finger", "platform"])
 def test_friction_makes_the_tensions_along_a_moving_cable_differ(robots: Robots, name: str) -> None:
     robot = getattr(robots, name)()
-    truth = follow(robot, TIME, _moving(robot), cells=4)
+    truth = simulate(robot, TIME, _moving(robot), cells=4)
     count = len(robot.cables[0].nodes) - 1
     assert np.ptp(truth.tension[-1, :count]) > 0.5
     assert truth.tension.min() > 0.0
@@ -96,7 +95,7 @@ def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots)
     )
     coupled = replace(robot, cables=cables, motors=robot.motors[:1])
     joints = 0.2 * _moving(coupled)
-    truth = follow(coupled, TIME, joints, cells=2)
+    truth = simulate(coupled, TIME, joints, cells=2)
     assert [note for note in truth.notes if "no motor compensates" in note]
     assert np.ptp(truth.tension[:, 0]) > 1.0
 
@@ -106,7 +105,7 @@ def test_forces_on_pulleys_are_the_vector_sums_of_the_tensions_beside_them(
 ) -> None:
     robot = robots.finger()
     joints = _moving(robot)
-    truth = follow(robot, TIME, joints, cells=4)
+    truth = simulate(robot, TIME, joints, cells=4)
     assert truth.force.shape == (TIME.size, 4, 3)
     model = prepare(robot)
     for k in (0, 1000, 2500):
@@ -127,7 +126,7 @@ def test_forces_of_cables_without_positions_lie_along_and_across_their_bisector(
 ) -> None:
     robot = robots.prototype()
     joints = _moving(robot)
-    truth = follow(robot, TIME, joints, cells=4)
+    truth = simulate(robot, TIME, joints, cells=4)
     before, wrap = prepare(robot).layout.element_before, course(prepare(robot), joints).wrap
     first, last = truth.tension[:, before], truth.tension[:, before + 1]
     np.testing.assert_allclose(truth.force[..., 0], (last + first) * np.sin(0.5 * wrap))
@@ -202,4 +201,4 @@ def test_a_motion_faster_than_its_motor_is_refused_or_a_note_reports_its_waits(
 
 def test_arrays_of_another_shape_are_refused(robots: Robots) -> None:
     with pytest.raises(UsageError, match=r"joint_angle must have the shape \(10, 2\)"):
-        follow(robots.finger(), TIME[:10], np.zeros(10))
+        simulate(robots.finger(), TIME[:10], np.zeros(10))

@@ -14,7 +14,6 @@ from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.rig.assembly import Truth
 from cdrj_ros.rig.faults import Fault
 from cdrj_ros.rig.follow import follow_joints
-from cdrj_ros.rig.forward import swing
 from cdrj_ros.rig.live import LONGEST_PUSH, MOST_TORQUE, LiveRig, LiveSettings
 from cdrj_ros.rig.live_commands import checked_command
 from cdrj_ros.rig.live_drives import Drives
@@ -22,6 +21,7 @@ from cdrj_ros.rig.live_limits import DriveLimits, drive_limits
 from cdrj_ros.rig.live_motion import Demonstration, program_of
 from cdrj_ros.rig.load import Load, energy, make_load
 from cdrj_ros.rig.motion import sine
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 
 RATE = 1000.0
@@ -85,7 +85,7 @@ def assert_same_digits(found: list[np.ndarray], truth: Truth) -> None:
 def test_the_same_motor_angles_give_the_bits_of_the_whole_simulation(robots: Robots) -> None:
     robot = robots.prototype()
     motors = follow_joints(prepare(robot), sine(0.5, 0.5)(TIME).angle[:, None]).motor_angle
-    truth = swing(robot, TIME, motors, LOAD, cells=8)
+    truth = simulate(robot, TIME, motor_angle=motors, load=LOAD, cells=8)
     run = Run(live(robot, cells=8), Drives(drive_limits(robot, RATE)))
     for k in range(1, TIME.size):
         run.tell("position", motors[k, 0]).step()
@@ -97,7 +97,7 @@ def test_commanded_faults_give_the_bits_of_planned_faults(robots: Robots) -> Non
     robot = robots.prototype()
     motors = follow_joints(prepare(robot), sine(0.4, 0.5)(TIME).angle[:, None]).motor_angle
     planned = (Fault("snap", 0.6, 5e-4, "lower"), Fault("slip", 0.4, cable="upper"))
-    truth = swing(robot, TIME, motors, LOAD, cells=2, faults=planned)
+    truth = simulate(robot, TIME, motor_angle=motors, load=LOAD, cells=2, faults=planned)
     run = run_of(robot)
     for k in range(1, TIME.size):
         if k == 401:
@@ -141,7 +141,7 @@ def test_a_reference_at_an_end_of_the_range_is_named_where_nothing_balances(robo
     load = make_load("rolling", 5000.0, 0.05)
     for one, said in ((inside, "wrong direction$"), (at_the_end, "reference_angle 0.2 is at an")):
         with pytest.raises(UsageError, match=said):
-            swing(one, TIME[:10], np.zeros((10, 1)), load, 1)
+            simulate(one, TIME[:10], motor_angle=np.zeros((10, 1)), load=load, cells=1)
 
 
 def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robots) -> None:
@@ -283,7 +283,7 @@ def test_a_reset_removes_faults_and_pushes(robots: Robots) -> None:
     ("arguments", "words"),
     [
         (("melt", "upper"), "fault must be one of slack, snap, slip, cut"),
-        (("snap", "middle"), "cable must be one of upper, lower"),
+        (("snap", "middle"), "names the cable middle; there are upper, lower"),
         (("snap", "upper", np.nan), r"amount of snap must be in \(0, 1\], got nan"),
         (("snap", "upper", -1.0), r"amount of snap must be in \(0, 1\]"),
         (("slip", "upper", 1e9), r"amount of slip must be in \(0, 100\]"),

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros.rig.faults import Fault
-from cdrj_ros.rig.forward import swing
 from cdrj_ros.rig.live import LiveRig, LiveSettings
-from cdrj_ros.rig.load import Load, make_load, usual_load
-from cdrj_ros.rig.start import usual_payload
+from cdrj_ros.rig.load import Load, make_load, usual_load, usual_payload
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
@@ -66,8 +65,8 @@ def assert_same_digits(robot: Robot, load: Load, faults: bool) -> None:
         Fault("snap", SNAP_S, SNAP_M, first),
         Fault("slip", SLIP_S, SLIP_RAD, last),
     )
-    truth = swing(
-        robot, TIME, motors, load, cells=2, start=rig.joint_angle[0],
+    truth = simulate(
+        robot, TIME, motor_angle=motors, load=load, cells=2, start=rig.joint_angle[0],
         faults=planned if faults else (), allow_slack=True,
     )  # fmt: skip
     rows = [(rig.tension, rig.joint_angle, rig.motor_effort, rig.joint_effort)]

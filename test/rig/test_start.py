@@ -13,8 +13,7 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.rig.live import LiveRig, LiveSettings
 from cdrj_ros.rig.live_motion import BEGIN_S, Demonstration, program_of
-from cdrj_ros.rig.load import make_load, usual_load
-from cdrj_ros.rig.start import SAG, usual_payload
+from cdrj_ros.rig.load import SAG, make_load, usual_load, usual_payload
 from cdrj_ros.robot.reader import parse_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"

@@ -15,9 +15,8 @@ from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
-from cdrj_ros.rig.assembly import make_rig
-from cdrj_ros.rig.cells import divide_contacts
-from cdrj_ros.rig.prescribed import follow, prescribe
+from cdrj_ros.rig.assembly import divide_contacts, make_rig
+from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Pulley, Robot
 from cdrj_ros.robot.reader import parse_robot
 
@@ -129,7 +128,7 @@ def test_cable_that_is_laid_on_and_taken_off_along_an_involute_keeps_its_tension
     joints = involute(-0.6 + 0.5 * (1.0 - np.cos(2.0 * np.pi * 0.5 * TIME)))
     joints[:, 0] *= -1 if guide.startswith("mirrored") else 1
     rig = make_rig(crank(guide, joints[0]), cells)
-    truth = prescribe(rig.lumped.robot, TIME, still(), joints, cells)
+    truth = simulate(rig.lumped.robot, TIME, joints, motor_angle=still(), cells=cells)
     assert rig.fine.sizes.surfaces == 1
     np.testing.assert_allclose(truth.tension, PRELOAD, rtol=0.0, atol=1e-6)
 
@@ -147,7 +146,7 @@ def test_cable_keeps_the_tension_with_which_it_was_laid_on() -> None:
     rigid = with_guide(robot, friction=replace(friction, bristle_stiffness=1e12))
     errors = []
     for cells in (4, 8, 16, 32):
-        truth = prescribe(rigid, TIME, still(), joints, cells)
+        truth = simulate(rigid, TIME, joints, motor_angle=still(), cells=cells)
         np.testing.assert_allclose(truth.tension[:, 0], PRELOAD, rtol=0.0, atol=1e-6)
         errors.append(np.abs(truth.tension[:, 1] - tension).max())
     rise = tension[-1] - PRELOAD
@@ -167,7 +166,9 @@ def dragged() -> tuple[Table, Table]:
 def test_a_cable_dragged_over_a_body_converges_with_the_number_of_cells(guide: str) -> None:
     motor, joints = dragged()
     robot = crank(guide, joints[0])
-    found = {n: prescribe(robot, TIME, motor, joints, n).tension for n in (2, 6, 18, 90)}
+    found = {
+        n: simulate(robot, TIME, joints, motor_angle=motor, cells=n).tension for n in (2, 6, 18, 90)
+    }
     assert np.ptp(found[90][:, 1] / found[90][:, 0]) > 0.02, "friction is at work"
     errors = [np.abs(found[n] - found[90]).mean() for n in (2, 6, 18)]
     assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
@@ -178,7 +179,7 @@ def test_a_sliding_cable_obeys_eulers_formula_for_the_arc_of_the_moment() -> Non
     angle = -0.4 + 0.3 * np.sin(2.0 * np.pi * 0.4 * TIME)
     motor = -0.6 * TIME[:, None]  # pays out
     joints = poses(angle, 0.11 - RADIUS * (angle + 0.4) + 0.006 * TIME)
-    truth = prescribe(crank("plane", joints[0]), TIME, motor, joints, 8)
+    truth = simulate(crank("plane", joints[0]), TIME, joints, motor_angle=motor, cells=8)
     start = np.arctan2(-0.03, -0.2)
     offset = np.arcsin((RADIUS - 0.01) / np.hypot(0.2, 0.03))
     entry = start + np.pi - offset  # direction of the cable before the pulley
@@ -295,7 +296,7 @@ def test_rig_and_estimator_agree_on_an_arm_whose_arcs_grow_and_shrink() -> None:
     robot = arm()
     time = np.arange(8001) * 1e-3
     joints = np.stack([0.55 * np.sin(1.9 * time), 0.5 * np.sin(2.7 * time)], axis=1)
-    truth = follow(robot, time, joints, 24)
+    truth = simulate(robot, time, joints, cells=24)
     assert make_rig(robot, 24).fine.sizes.surfaces >= 2
     model = prepare(robot)
     samples = Samples(1 + np.arange(time.size) * 1_000_000, truth.motor_angle, joints)
@@ -331,7 +332,7 @@ def test_a_cable_that_has_been_lifted_off_has_forgotten_its_friction() -> None:
     pulled = 0.06 * np.sin(np.pi * np.minimum(time, 1.5) / 1.5) * np.exp(-time)
     pulled[time > 1.5] = 0.0
     one, other = (
-        prescribe(robot, time, motor[:, None], height[:, None], 12).tension
+        simulate(robot, time, height, motor_angle=motor, cells=12).tension
         for motor in (pulled, np.zeros_like(pulled))
     )
     touching, lifted, back = (time > 1.6) & (time < 2.0), (time > 3.0) & (time < 4.0), time > 5.5

@@ -14,10 +14,8 @@ from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.rig.assembly import Truth
-from cdrj_ros.rig.cells import divide_contacts
+from cdrj_ros.rig.assembly import Truth, divide_contacts
 from cdrj_ros.rig.follow import follow_joints
-from cdrj_ros.rig.prescribed import prescribe
 from cdrj_ros.rig.sensors import Encoder, read_cells, read_encoder, reading_times
 from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.reader import load_robot
@@ -62,7 +60,9 @@ def test_a_sample_takes_the_memory_of_its_truth_and_not_of_all_contact_cells() -
     time = np.arange(samples) / 1000.0
     angles = follow_joints(prepare(ROBOT), 0.1 * np.sin(time)[:, None])
     tracemalloc.start()
-    truth = prescribe(ROBOT, time, angles.motor_angle, 0.1 * np.sin(time)[:, None], cells=8)
+    truth = simulate(
+        ROBOT, time, 0.1 * np.sin(time)[:, None], motor_angle=angles.motor_angle, cells=8
+    )
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     kept = sum(one.nbytes for one in vars(truth).values() if isinstance(one, np.ndarray))
