@@ -112,7 +112,8 @@ def simulate(
     joints = _columns(poses, n, len(robot.joints), "joint_angle")
     offset, happening = rig.wiring.offset(time), rig.wiring.during(time)
     stepper = _core.Stepper(rig.fine.core, joint)
-    torque, notes = np.zeros(n), ()
+    torque = np.zeros(n)
+    notes: tuple[str, ...] = ()
     if joint_torque is not None:
         torque = joint_torque * robot.joints[joint].effort_sign
         base = _balance(rig, stepper, joints, torque[0], offset[0], joint, motor_speed)
