@@ -77,6 +77,8 @@ def simulate(
 ) -> Truth:
     """Carry a rig along a motion; every argument is an independent choice.
 
+    It is longer than a screen because the stepper's arrays are carried from batch to batch.
+
     ``joint_torque`` balances one joint: a single motor turns freely, several follow the joints and
     move in addition by a common amount, in the ratios in which they load the joint.  At a reversal
     friction holds the joint's tensions while the motor takes up the difference along the cable, so
