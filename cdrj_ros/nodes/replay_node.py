@@ -165,17 +165,16 @@ class ReplayNode(Node):
 
     def settings(self, executor: EventsExecutor) -> NodeSettings:
         """Read the estimator's parameters; returns the defaults if it does not respond."""
-        names = ["conditioning", "preload", "output", "max_rate"]
+        names = ["conditioning", "preload", "max_rate"]
         future = self._ping.call_async(GetParameters.Request(names=names))
         executor.spin_until_future_complete(future, timeout_sec=ANSWER_S)
         values = future.result().values if future.done() else []
         if len(values) != len(names):
             return NodeSettings()
-        mode, preload, output, rate = values
+        mode, preload, rate = values
         return NodeSettings(
             next((one for one in MODES if one == mode.string_value), MODES[0]),
             tuple(preload.double_array_value),
-            output.string_value or NodeSettings().output,
             rate.double_value,
         )
 

@@ -10,8 +10,6 @@ from cdrj_ros.conditioning.conditioner import MODES, Mode
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 
-EVERY_SAMPLE: Final = "every_sample"
-
 TOLERANCE: Final = 1e-6
 """Relative difference up to which two preloads count as equal."""
 
@@ -22,7 +20,6 @@ class NodeSettings(NamedTuple):
     conditioning: Mode = MODES[0]
     preload: tuple[float, ...] = ()
     """Current preload of every cable [N]; empty if unknown."""
-    output: str = EVERY_SAMPLE
     max_rate_hz: float = 0.0
     """Maximum rate of published estimates [Hz]; 0: no limit."""
 
@@ -33,11 +30,10 @@ def require_every_sample(settings: NodeSettings) -> None:
     Raises:
         UsageError: it does not, and the replay would count the missing estimates as lost.
     """
-    if settings.output != EVERY_SAMPLE or settings.max_rate_hz > 0.0:
+    if settings.max_rate_hz > 0.0:
         raise UsageError(
-            f"the estimator publishes only some of its estimates (output = {settings.output}, "
-            f"max_rate = {settings.max_rate_hz:g} Hz); for a replay start it with "
-            f"output:={EVERY_SAMPLE} and max_rate:=0"
+            "the estimator publishes only some of its estimates (max_rate = "
+            f"{settings.max_rate_hz:g} Hz); for a replay start it with max_rate:=0"
         )
 
 
