@@ -5,7 +5,7 @@
 
 Names of elements and axes are the robot's, so a layout fits one robot. PlotJuggler and Foxglove
 show an array by index: `tension[k]` is the k-th element, in the order of the robot file. The
-curves by name in PlotJuggler need the estimator's parameter `tension_states`.
+curves by name in PlotJuggler are those of the topic tension_states.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from cdrj_ros.model.loading import load_model
 
 TENSIONS, FORCES = "/cdrj/tensions", "/cdrj/nodal_forces"
 EFFORTS, DIAGNOSTICS = "/cdrj/efforts", "/diagnostics"
-STATES = "/cdrj/tension_states"  # of the estimator with the parameter tension_states
+STATES = "/cdrj/tension_states"
 
 COLOURS = (
     "#1f77b4", "#d62728", "#2ca02c", "#ff7f0e", "#9467bd", "#17becf", "#bcbd22", "#8c564b",

@@ -8,7 +8,6 @@ The nodes are started in this process with everything that is on request, and de
 
 import argparse
 import os
-import re
 from contextlib import ExitStack
 from pathlib import Path
 from unittest.mock import MagicMock, patch
@@ -34,7 +33,7 @@ best-effort publishers of its inputs as well. Every node has ROS's own services 
 """
 
 NOTES = {
-    "estimator": "On request: `tension_sensors`, `tension_states`, `wrenches` (a parameter each); "
+    "estimator": "On request: `tension_sensors` (a parameter), `wrenches` (for their subscribers); "
     "for joints without encoder `joint_angles` and `joint_angles_stddev` "
     "([encoderless.md](encoderless.md)); with `--managed` the services of the "
     "[lifecycle](lifecycle.md) and `~/transition_event`; "
@@ -72,12 +71,9 @@ def _nodes():
     from cdrj_ros.nodes.view import ViewNode
     from cdrj_ros.nodes.watch import WatchNode
 
-    with patch("cdrj_ros.nodes.managed.declare", _declare_fixed):
-        estimator = ManagedEstimator(
-            parameter_overrides=_overrides(
-                robot="prototype", tension_sensors=True, tension_states=True, wrenches=True
-            )
-        )
+    estimator = ManagedEstimator(
+        parameter_overrides=_overrides(robot="prototype", tension_sensors=True)
+    )
     estimator.trigger_configure()
     estimator.trigger_activate()
     yield "estimator", estimator
@@ -95,13 +91,6 @@ def _nodes():
     view = ViewNode(parameter_overrides=_overrides(robot="prototype", port=0))
     view.page.close()
     yield "view", view
-
-
-def _declare_fixed(node, **_options):
-    """Declare the parameters as the unmanaged estimator does."""
-    from cdrj_ros.nodes.settings import declare
-
-    declare(node)
 
 
 class Declared:
@@ -151,10 +140,13 @@ def _topics(node):
     for way, ends in (("in", node.subscriptions), ("out", node.publishers)):
         for end in ends:
             topic = end.topic_name if way == "in" else end.topic
-            name = re.sub(r"^wrenches/.*", "wrenches/<cable>_<node>", _short(topic, node))
+            name = _short(topic, node)
             if topic not in OWN:
                 quality = _quality(end.qos_profile)
                 rows[way, name] = (way, f"`{name}`", _type(end.msg_type), quality)
+    if node.get_name() == "estimator":  # opened for its first subscriber
+        kind = "geometry_msgs/WrenchStamped"
+        rows[()] = ("out", "`wrenches/<cable>_<node>`", kind, "keeps 1000")
     return list(rows.values())
 
 
@@ -182,6 +174,8 @@ def _parameters(declared):
 
 def page():
     """Return the page."""
+    from cdrj_ros.nodes.parameters import settings
+
     declared, parts, started = Declared(), [HEAD], []
 
     def declare(node, name, *more, **options):
@@ -197,7 +191,10 @@ def page():
                     parts.append(_table(("", "topic", "type", "queue"), topics))
                 if services := _services(node):
                     parts.append(_table(("service", "type"), services))
-                if parameters := _parameters(declared.by_node.get(name, ())):
+                rows = declared.by_node.get(name, ())
+                if name == "estimator":  # the managed one declares none of them read-only
+                    rows = [(one.name, one.default, one.descriptor()) for one in settings()]
+                if parameters := _parameters(rows):
                     head = ("parameter", "default", "range", "changeable", "")
                     parts.append(_table(head, parameters))
     finally:

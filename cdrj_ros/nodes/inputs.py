@@ -1,21 +1,49 @@
-"""Subscriptions to the estimator's input topics that adapt to the publishers' reliability."""
+"""The estimator's input topics: subscriptions, and why there is no estimate.
+
+A subscription adapts to the reliability of its publishers.  ``InputWatch`` notices when estimates
+begin, stop and resume, and explains in the log and on /diagnostics what is missing or refused.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from time import monotonic
+from typing import Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from cdrj_ros.conditioning.refusals import REFUSALS
+from cdrj_ros.estimation.session import Output
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.foundation.text import counted, printable
+from cdrj_ros.nodes.diagnostics import Health
 from cdrj_ros.nodes.qos import default_profile
-from cdrj_ros.nodes.words import TopicHeard
+from cdrj_ros.nodes.settings import given_parameter
+from cdrj_ros.nodes.silence import Silence, StampClock
+from cdrj_ros.robot.description import Robot
 
+PATIENCE_S: Final = 3.0
+"""Time without an estimate after which the reason is logged [s]."""
 
-def reliability_parameter(topic: str) -> str:
-    """Name of the parameter by which the user may choose the reliability of a subscription."""
-    return f"qos_overrides.{topic}.subscription.reliability"
+AGAIN_S: Final = 10.0
+"""Minimum time between two equal warnings [s]."""
+
+SILENT_S: Final = 1.5
+"""Time without a message after which a topic counts as silent [s]."""
+
+TOLERATED_PER_S: Final = 5.0
+"""Rate of refused readings below which no warning is given [1/s]."""
+
+MANY: Final = 8
+"""Maximum number of names in a list."""
+
+LONG: Final = 60
+"""Maximum number of characters shown of a name."""
 
 
 class InputTopic:
@@ -26,34 +54,41 @@ class InputTopic:
     """
 
     def __init__(
-        self,
-        node: Node,
-        message: Any,
-        topic: str,
-        callback: Callable[[bytes], None],
-        heard: TopicHeard,
-        *,
-        chosen: bool,
+        self, node: Node, message: Any, topic: str, axes: Sequence[str], *, chosen: bool
     ) -> None:
-        """Subscribe.
+        """Prepare; ``subscribe`` subscribes.
 
         Args:
             node: the node that subscribes.
             message: class of the messages; they are received serialised.
             topic: relative name.
-            callback: called with every serialised message.
-            heard: updated by the callback; ``look`` updates its number of publishers.
+            axes: motors and joints that the topic should carry.
             chosen: whether the user has chosen the reliability, with ``reliability_parameter``.
         """
-        self._node, self._message, self._topic, self._callback = node, message, topic, callback
-        self.heard, self._chosen = heard, chosen
+        self._node, self._message, self._chosen = node, message, chosen
+        self.topic, self.axes = node.resolve_topic_name(topic), tuple(axes)
+        self.messages = 0
+        """Number of messages decoded since the start."""
+        self.names: Sequence[str] = ()
+        """Names in the latest message that led to no estimate."""
+        self.positions: Sequence[float] | NDArray[np.float64] = ()
+        """Positions in that message [rad or m]."""
+        self.publishers = 0
+        self.silent_s = 0.0
+        """Time since the last message, to the second, as of the last ``look`` [s]."""
+        self._changed = 0, 0.0
+        """Number of messages at the last change of it, and its time [s]."""
+
+    def subscribe(self, callback: Callable[[bytes], None]) -> None:
+        """Subscribe; ``callback`` takes every serialised message."""
+        self._callback = callback
         self._subscription = self._subscribe(
             default_profile(), qos_overriding_options=QoSOverridingOptions.with_default_policies()
         )
 
     def _subscribe(self, profile: QoSProfile, **options: Any) -> Any:
         return self._node.create_subscription(
-            self._message, self._topic, self._callback, profile, raw=True, **options
+            self._message, self.topic, self._callback, profile, raw=True, **options
         )
 
     def close(self) -> None:
@@ -65,14 +100,24 @@ class InputTopic:
         """Reliability that the subscription currently requests."""
         return self._subscription.qos_profile.reliability
 
-    def look(self) -> str:
+    def look(self, now_s: float) -> None:
+        """Measure the silence; call once a second.
+
+        Args:
+            now_s: time of a steady clock [s].
+        """
+        if self.messages != self._changed[0]:
+            self._changed = self.messages, now_s
+        self.silent_s = now_s - self._changed[1] if self.messages else 0.0
+
+    def adapt(self) -> str:
         """Count the publishers and adapt to best-effort ones; call while inputs are missing.
 
         Returns:
             A log message about what was found and done; empty if all publishers are compatible.
         """
-        publishers = self._node.get_publishers_info_by_topic(self.heard.topic)
-        self.heard.publishers = len(publishers)
+        publishers = self._node.get_publishers_info_by_topic(self.topic)
+        self.publishers = len(publishers)
         unreliable = {
             info.node_name
             for info in publishers
@@ -80,12 +125,11 @@ class InputTopic:
         }
         if not unreliable or self.reliability != ReliabilityPolicy.RELIABLE:
             return ""
-        name = reliability_parameter(self.heard.topic)
-        who = f"{self.heard.topic}: the publisher in {', '.join(sorted(unreliable))} is best-effort"
+        who = f"{self.topic}: the publisher in {', '.join(sorted(unreliable))} is best-effort"
         if self._chosen:
             return (
-                f"{who}, but the parameter {name} requires reliable, so no messages arrive. Set "
-                "it to best_effort, or make the publisher reliable"
+                f"{who}, but the parameter {reliability_parameter(self.topic)} requires reliable, "
+                "so no messages arrive. Set it to best_effort, or make the publisher reliable"
             )
         profile = self._subscription.qos_profile
         profile.reliability = ReliabilityPolicy.BEST_EFFORT
@@ -95,3 +139,201 @@ class InputTopic:
             f"{who}: subscribed best-effort as well. Readings may be lost under load; a "
             "reliable publisher avoids this"
         )
+
+
+def reliability_parameter(topic: str) -> str:
+    """Name of the parameter by which the user may choose the reliability of a subscription."""
+    return f"qos_overrides.{topic}.subscription.reliability"
+
+
+def has_chosen(node: Node, topic: str) -> bool:
+    """Whether the user has chosen a reliability; ask before the first subscription, which declares.
+
+    Args:
+        node: the node.
+        topic: relative name.
+    """
+    name = reliability_parameter(node.resolve_topic_name(topic))
+    return given_parameter(node, name).type_ != Parameter.Type.NOT_SET
+
+
+# --- what is missing or refused -----------------------------------------------------------------
+
+
+def missing_inputs(
+    topics: Sequence[InputTopic],
+    unheard: Sequence[str],
+    refused: Mapping[str, int],
+    robot: Robot,
+) -> str:
+    """Why there is no estimate.
+
+    Args:
+        topics: what has been received on each input topic.
+        unheard: motors and joints without an accepted reading.
+        refused: readings refused, by cause.
+        robot: provides the joints and their ranges.
+    """
+    silent = [topic.topic for topic in topics if topic.silent_s > SILENT_S]
+    if unheard:
+        what = f"no reading of {_listed(unheard)} accepted"
+    elif silent:
+        what = f"no further message on {_listed(silent)}"
+    else:
+        what = "no common time of all axes"
+    lines = [what, *(_heard_on(topic, unheard, robot) for topic in topics)]
+    if words := _refusals(refused):
+        lines.append(f"refused: {words}")
+    return ". ".join(lines)
+
+
+def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
+    """Describe one topic: messages received, missing names, and positions out of range."""
+    if not topic.messages:
+        there = counted(topic.publishers, "publisher") if topic.publishers else "no publisher"
+        return f"{topic.topic}: {there}, no message"
+    parts = [counted(topic.messages, "message")]
+    expected = [axis for axis in topic.axes if axis in unheard]
+    if missing := [axis for axis in expected if axis not in topic.names]:
+        parts.append(f"the last names {_listed(topic.names) or 'nothing'}, not {_listed(missing)}")
+    at = dict(zip(topic.names, topic.positions, strict=False))
+    parts += [
+        f"joint {joint.name} at {at[joint.name]:.4g}, its range is "
+        f"{joint.lower:.4g} to {joint.upper:.4g}"
+        for joint in robot.joints
+        if joint.name in at and not joint.lower <= at[joint.name] <= joint.upper
+    ]
+    return f"{topic.topic}: {', '.join(parts)}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    """A list of untrusted names, truncated and made printable."""
+    shown = [printable(name)[:LONG] or "''" for name in names[:MANY]]
+    more = f" and {len(names) - MANY} more" if len(names) > MANY else ""
+    return ", ".join(shown) + more
+
+
+def _refusals(refused: Mapping[str, int]) -> str:
+    """Counts of refused readings by cause, with an explanation; empty if there are none."""
+    return "; ".join(
+        f"{count} {cause} ({REFUSALS.get(cause, cause)})"
+        for cause, count in sorted(refused.items(), key=lambda item: -item[1])
+        if count
+    )
+
+
+class InputWatch:
+    """Detects when estimates begin, stop and resume, and why there is none."""
+
+    def __init__(
+        self,
+        node: Node,
+        live: LiveEstimator,
+        inputs: Sequence[InputTopic],
+        silence: Silence,
+        stamps: StampClock,
+        now_ns: Callable[[], int],
+    ) -> None:
+        """Start without an estimate.
+
+        Args:
+            node: provides the log.
+            live: provides the counters.
+            inputs: the subscribed topics; those that carry axes are named in the log.
+            silence: measures the time since the last estimate.
+            stamps: knows how late the stamps of the inputs are.
+            now_ns: returns the time of the node's clock [ns].
+        """
+        self._node, self._live, self._inputs = node, live, inputs
+        self._silence, self._now_ns, self._stamps = silence, now_ns, stamps
+        self._refused: dict[str, int] = {}
+        self.looked_s = self.estimated_s = monotonic()
+        """Steady times of the last call of ``health`` and of the last estimate [s]."""
+        self._first = True
+        """Whether there has been no estimate since the start."""
+        self._quiet = True
+        """Whether there has been no estimate since the start or, as logged, for the timeout."""
+
+    def silence_s(self) -> float:
+        """Time since the last estimate [s]; infinite before the first."""
+        return self._silence.seconds(self._now_ns(), monotonic())
+
+    def note(self) -> None:
+        """Record an estimate; log the first one, and the first one after a silence."""
+        now_s = monotonic()
+        self._silence.note(self._now_ns(), now_s)
+        if self._quiet:
+            since_s = now_s - self.estimated_s
+            self._node.get_logger().info(
+                f"first estimate, {since_s:.1f} s after the start"
+                if self._first
+                else f"inputs are back after {since_s:.1f} s"
+            )
+            self._first = self._quiet = False
+        self.estimated_s = now_s
+
+    def lost(self) -> bool:
+        """Whether the inputs have been silent for the timeout; logged once."""
+        silence_s = self.silence_s()
+        if silence_s <= self._silence.timeout_s:
+            return False
+        if not self._quiet:
+            self._quiet = True
+            self._node.get_logger().warning(
+                f"inputs lost: no estimate for {silence_s:.2g} s; outputs are STALE"
+            )
+        return True
+
+    def health(self, output: Output | None, rate_hz: float, clock_refused: int) -> Health:
+        """State of the inputs and outputs; call once a second."""
+        conditioner = self._live.conditioner
+        silence_s = self.silence_s()
+        for one in self._inputs:
+            one.look(monotonic())
+        age = float("inf")
+        if output is not None:
+            lag_s = conditioner.lag_ns * 1e-9
+            age = self._stamps.age_s(output.estimate.stamp_ns, self._now_ns(), lag_s, silence_s)
+        waiting = ""
+        if self._quiet or output is None:
+            for one in self._inputs:
+                if words := one.adapt():
+                    self._node.get_logger().warning(words, throttle_duration_sec=AGAIN_S)
+            waiting = missing_inputs(
+                [one for one in self._inputs if one.axes],
+                conditioner.unheard,
+                conditioner.refused,
+                self._live.model.robot,
+            )
+        refusing = self._refusing()
+        timeout_s = self._silence.timeout_s
+        return Health(timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused)
+
+    def _refusing(self) -> str:
+        """Rate and causes of the readings refused since the last call; empty if tolerated.
+
+        Unknown names are not counted: a shared topic may carry other axes.
+        """
+        now_s, refused = monotonic(), self._live.conditioner.refused
+        since = {
+            cause: count - self._refused.get(cause, 0)
+            for cause, count in refused.items()
+            if cause != "unknown_name"
+        }
+        elapsed_s = now_s - self.looked_s
+        rate = sum(since.values()) / elapsed_s if elapsed_s > 0.0 else 0.0
+        self._refused, self.looked_s = refused, now_s
+        if rate <= TOLERATED_PER_S:
+            return ""
+        return f"{rate:.0f} readings per second refused: {_refusals(since)}"
+
+    def warn(self, health: Health) -> None:
+        """Log why there is no estimate or why many readings are refused, at most every AGAIN_S."""
+        words = ""
+        if health.waiting and monotonic() - self.estimated_s > PATIENCE_S:
+            self._quiet = True
+            words = f"no estimate: {health.waiting}"
+        elif health.refusing and not self._quiet:
+            words = health.refusing
+        if words:
+            self._node.get_logger().warning(words, throttle_duration_sec=AGAIN_S)

@@ -1,181 +1,46 @@
-"""The estimator's parameters as data: names, defaults, units, ranges.  Does not depend on ROS.
-
-The node declares exactly these, and ``config/estimator.params.yaml`` is ``parameter_file()``.
-"""
+"""The estimator's parameters: the table, the values at the start, and changes while it runs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cache
-from textwrap import wrap
-from typing import Final, Literal, get_args
+from typing import Final, NamedTuple
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from cdrj_ros.conditioning.conditioner import MODES
+from cdrj_ros.estimation.session import Options
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS
+from cdrj_ros.nodes.settings import Setting, as_double, parameter_lines, values_of
 from cdrj_ros.nodes.silence import SAME_CLOCK_S
 from cdrj_ros.robot.document import schema
+from cdrj_ros.robot.parameters import allowed_range, number_at
 
 UNSET: Final = -1.0
 """Value of a number for which the robot file's value is used."""
 
-OutputMode = Literal["every_sample", "motor_stamps"]
-OUTPUT_MODES: Final[tuple[OutputMode, ...]] = get_args(OutputMode)
-
-FRICTION: Final = (
-    "mu_c",
-    "mu_s",
-    "rho",
-    "bearing_friction",
-    "bristle_stiffness",
-    "viscous",
-)
+FRICTION: Final = ("mu_c", "mu_s", "rho", "bearing_friction")
 """Keys of the robot file's common friction that may change while the node runs."""
+
+HEALTH: Final = ("mark", "report", "disabled")
+"""What the node does with a changed robot: mark elements UNSURE and report, only report, nothing"""
 
 SLOWEST_HZ: Final = 0.1
 FASTEST_HZ: Final = 1000.0
 """Range of the bandwidth of the filters that interpolate between encoder counts [Hz]."""
 
-WIDTH: Final = 96
-"""Maximum line length of comments in the parameter file [columns]."""
-
-
-@dataclass(frozen=True)
-class Setting:
-    """One parameter."""
-
-    name: str
-    default: bool | float | str | None
-    """None for an array of numbers that is not set."""
-    description: str
-    unit: str = ""
-    low: float = 0.0
-    high: float = 0.0
-    """Range of a number, both ends included."""
-    choices: tuple[str, ...] = ()
-    """Allowed values of a text; empty if any text is allowed."""
-    changeable: bool = False
-    """Whether it may be set while the node runs."""
-
-    @property
-    def bounded(self) -> bool:
-        """Whether the parameter is a number with a range."""
-        return isinstance(self.default, float)
-
-    @property
-    def words(self) -> str:
-        """The description with the choices and the unit."""
-        choices = f" ({' or '.join(self.choices)})" if self.choices else ""
-        unit = f" [{self.unit}]" if self.unit else ""
-        return f"{self.description}{choices}{unit}"
-
-
-DESCRIPTION_WORDS: Final = (
-    "URDF for a robot file whose frames name robot_description; empty: from the topic "
-    "/robot_description"
-)
+TRACKING: Final = "tracking_bandwidth"
 
 
 @cache
 def settings() -> tuple[Setting, ...]:
     """Every parameter of the estimator, in the order of the parameter file."""
-    return (
-        Setting("robot", "", "Robot file (YAML), or the name of an installed one; required"),
-        Setting(
-            "robot_description", "", DESCRIPTION_WORDS,
-        ),
-        Setting("timeout", 0.5, "Silence after which outputs are marked STALE", "s", 0.001, 3600.0),
-        Setting(
-            "same_clock_within", SAME_CLOCK_S,
-            "Estimates that lag the clock of this node by more than the timeout are STALE. Where "
-            "the first readings lag it by more than this, their stamps are those of a recording or "
-            "of another clock, and only what estimates lag beyond the smallest lag so far counts. "
-            "0: never compare with this clock, for a recording that is paused or played slowly",
-            "s", 0.0, 1e10,
-        ),
-        Setting("frame_id", "", "frame_id of the outgoing headers"),
-        Setting(
-            "preload", None,
-            "Preload of every cable in the reference pose; not set: the robot file's. Shows the "
-            "values in force. Setting it restarts the estimate",
-            "N", changeable=True,
-        ),
-        Setting(
-            "conditioning", MODES[0],
-            "What to do while a topic lags: wait for it, or predict it with its velocity",
-            choices=tuple(MODES),
-        ),
-        *_output_settings(),
-        Setting("uncertainty", True, "Whether to estimate standard deviations"),
-        Setting(
-            "unsure_share", UNSURE_SHARE,
-            "An element is UNSURE if its standard deviation exceeds this share of its tension or "
-            "preload",
-            "-", 0.001, 10.0, changeable=True,
-        ),
-        *_sensor_settings(),
-        Setting(
-            "tracking_bandwidth", UNSET,
-            "Bandwidth of the filters that estimate angles between the counts of a sensor, for all "
-            f"sensors whose resolution or noise is given; 0: no filter; {UNSET:g}: the robot "
-            "file's",
-            "Hz", UNSET, FASTEST_HZ, changeable=True,
-        ),
-        *_friction_settings(),
-    )  # fmt: skip
-
-
-def _output_settings() -> tuple[Setting, ...]:
-    return (
-        Setting(
-            "output", OUTPUT_MODES[0],
-            "Samples of which the estimate is published: all, or those at the stamps of motors. "
-            "Every sample is computed in any case",
-            choices=OUTPUT_MODES,
-        ),
-        Setting(
-            "max_rate", 0.0,
-            "Estimates published per second of the stamps at most; 0: no limit. Every sample is "
-            "computed in any case",
-            "Hz", 0.0, 1e5,
-        ),
-        Setting(
-            "tension_states", False,
-            "Whether to publish the tensions on the topic tension_states too, as efforts of a "
-            "JointState, which PlotJuggler and rqt show by name",
-        ),
-        Setting(
-            "wrenches", False,
-            "Whether to publish the force on every pulley as geometry_msgs/WrenchStamped on "
-            "wrenches/<cable>_<node>",
-        ),
-    )  # fmt: skip
-
-
-def _sensor_settings() -> tuple[Setting, ...]:
-    return (
-        Setting("tension_sensors", False, "Whether to use load cells on the topic tension_sensors"),
-        Setting(
-            "track_preload", False, "Whether to correct preloads by the efforts in motor_states"
-        ),
-        Setting(
-            "effort_noise", 0.01, "Standard deviation of the efforts in motor_states", "N m",
-            1e-6, 1e6,
-        ),
-        Setting(
-            "health", True,
-            "Whether to compare the efforts in motor_states and the load cells with the estimate, "
-            "and to report on /diagnostics what has changed on the robot",
-        ),
-        Setting(
-            "health_marks_unsure", True,
-            "Whether the elements that such a change concerns are UNSURE while it lasts",
-        ),
-    )  # fmt: skip
-
-
-def _friction_settings() -> tuple[Setting, ...]:
     rules = schema()["$defs"]["friction"]["properties"]
-    return tuple(
+    friction = tuple(
         Setting(
             f"friction.{key}", UNSET,
             f"{rules[key]['description']} Common value; shows the one in force. Setting "
@@ -184,7 +49,63 @@ def _friction_settings() -> tuple[Setting, ...]:
         )
         for key in FRICTION
     )  # fmt: skip
+    return (*ROBOT_SETTINGS, *_SETTINGS, *friction)
 
+
+_SETTINGS: Final = (
+    Setting("timeout", 0.5, "Silence after which outputs are marked STALE", "s", 0.001, 3600.0),
+    Setting(
+        "same_clock_within", SAME_CLOCK_S,
+        "Estimates that lag the clock of this node by more than the timeout are STALE. Where "
+        "the first readings lag it by more than this, their stamps are those of a recording or "
+        "of another clock, and only what estimates lag beyond the smallest lag so far counts. "
+        "0: never compare with this clock, for a recording that is paused or played slowly",
+        "s", 0.0, 1e10,
+    ),
+    Setting("frame_id", "", "frame_id of the outgoing headers"),
+    Setting(
+        "preload", Parameter.Type.DOUBLE_ARRAY,
+        "Preload of every cable in the reference pose; not set: the robot file's. Shows the "
+        "values in force. Setting it restarts the estimate",
+        "N", changeable=True,
+    ),
+    Setting(
+        "conditioning", MODES[0],
+        "What to do while a topic lags: wait for it, or predict it with its velocity",
+        choices=tuple(MODES),
+    ),
+    Setting(
+        "max_rate", 0.0,
+        "Estimates published per second of the stamps at most; 0: no limit. Every sample is "
+        "computed in any case",
+        "Hz", 0.0, 1e5,
+    ),
+    Setting(
+        "unsure_share", UNSURE_SHARE,
+        "An element is UNSURE if its standard deviation exceeds this share of its tension or "
+        "preload",
+        "-", 0.001, 10.0, changeable=True,
+    ),
+    Setting("tension_sensors", False, "Whether to use load cells on the topic tension_sensors"),
+    Setting("track_preload", False, "Whether to correct preloads by the efforts in motor_states"),
+    Setting(
+        "effort_noise", 0.01, "Standard deviation of the efforts in motor_states", "N m", 1e-6, 1e6
+    ),
+    Setting(
+        "health", HEALTH[0],
+        "What to do if the efforts in motor_states or the load cells show that the robot has "
+        "changed: report it on /diagnostics and mark the elements that it concerns UNSURE, only "
+        "report it, or compare nothing",
+        choices=HEALTH,
+    ),
+    Setting(
+        TRACKING, UNSET,
+        "Bandwidth of the filters that estimate angles between the counts of a sensor, for all "
+        f"sensors whose resolution or noise is given; 0: no filter; {UNSET:g}: the robot "
+        "file's",
+        "Hz", UNSET, FASTEST_HZ, changeable=True,
+    ),
+)  # fmt: skip
 
 _HEADER: Final = """\
 # Parameters of the estimator at their defaults. Copy this file, edit the copy and start with
@@ -203,26 +124,175 @@ _HEADER: Final = """\
 
 def parameter_file() -> str:
     """Every parameter at its default, with its description, unit and range as comments (YAML)."""
-    lines = []
-    inside = ""
-    for setting in settings():
-        group, _, key = setting.name.rpartition(".")
-        if group != inside:
-            lines.append(f"    {group}:")
-            inside = group
-        indent = "      " if group else "    "
-        limits = f" Range {setting.low:g} to {setting.high:g}." if setting.bounded else ""
-        when = "May change while running." if setting.changeable else "Read-only."
-        comment = f"{setting.words.rstrip('.')}.{limits} {when}"
-        lines += [f"{indent}# {line}" for line in wrap(comment, WIDTH - len(indent))]
-        if setting.default is None:
-            lines.append(f"{indent}# {key}: []")
-        else:
-            lines.append(f"{indent}{key}: {_yaml(setting.default)}")
-    return _HEADER + "\n".join(lines) + "\n"
+    return _HEADER + parameter_lines(settings())
 
 
-def _yaml(value: bool | float | str) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value) if isinstance(value, float) else f'"{value}"'
+# --- at the start -----------------------------------------------------------------------------
+
+
+class Started(NamedTuple):
+    """The parameters as the node starts."""
+
+    robot: str
+    timeout_s: float
+    same_clock_s: float
+    frame_id: str
+    preload: list[float] | None
+    """Preload of every cable [N]; None for the robot file's."""
+    max_rate_hz: float
+    """Maximum rate of published estimates [Hz]; 0: no limit."""
+    health: str
+    """One of ``HEALTH``."""
+    options: Options
+    friction: dict[str, float]
+    """Common friction values that replace those of the robot file, by path."""
+
+
+def read(node: Node) -> Started:
+    """Read every parameter.
+
+    Raises:
+        UsageError: a value is not allowed; ROS itself checks types and ranges.
+    """
+    values = values_of(node, settings())
+    options = Options(
+        conditioning=values["conditioning"],
+        unsure_share=values["unsure_share"],
+        tension_sensors=values["tension_sensors"],
+        track_preload=values["track_preload"],
+        effort_noise=values["effort_noise"],
+        tracking=_bandwidth(values[TRACKING]),
+    )
+    given = {name: float(values[name]) for name in (f"friction.{key}" for key in FRICTION)}
+    return Started(
+        robot=values["robot"],
+        timeout_s=values["timeout"],
+        same_clock_s=values["same_clock_within"],
+        frame_id=values["frame_id"],
+        preload=list(values["preload"] or ()) or None,
+        max_rate_hz=values["max_rate"],
+        health=values["health"],
+        options=options,
+        friction={n: _checked_friction(n, value) for n, value in given.items() if value != UNSET},
+    )
+
+
+def _bandwidth(value: float) -> float | None:
+    """The value of ``Options.tracking`` for a value of the parameter."""
+    if value == UNSET:
+        return None
+    if value == 0.0 or SLOWEST_HZ <= value <= FASTEST_HZ:
+        return value
+    raise UsageError(
+        f"{TRACKING} must be in [{SLOWEST_HZ:g}, {FASTEST_HZ:g}] Hz, 0 for no filter, or "
+        f"{UNSET:g} for the robot file's; got {value:g}"
+    )
+
+
+def _checked_friction(name: str, value: float) -> float:
+    key = name.removeprefix("friction.")
+    allowed = allowed_range(schema()["$defs"]["friction"]["properties"][key])
+    if value not in allowed:
+        raise UsageError(f"{name} must be in {allowed}, or {UNSET:g}; got {value:g}")
+    return value
+
+
+# --- while the node runs ----------------------------------------------------------------------
+
+
+def in_force(live: LiveEstimator) -> list[Parameter]:
+    """Current values of the parameters that services and the state file can change."""
+    robot = live.model.robot
+    document = dict(robot.document)
+    return [
+        Parameter("preload", value=[float(cable.preload) for cable in robot.cables]),
+        *(
+            Parameter(name, value=float(number_at(document, name)))
+            for name in (f"friction.{key}" for key in FRICTION)
+        ),
+    ]
+
+
+def meant(live: LiveEstimator | None, changes: Sequence[Parameter]) -> list[Parameter]:
+    """The changes with the values that they stand for.
+
+    Integers become doubles. ``UNSET`` of ``friction.*`` becomes the robot file's value, so that the
+    parameter shows the value in use; not without an estimator.
+    """
+    defaults = {one.name: one.default for one in settings()}
+    found = []
+    for change in changes:
+        one = as_double(change, defaults.get(change.name))
+        unset = one.name in defaults and one.name.startswith("friction.") and one.value == UNSET
+        if live is not None and unset:
+            document = dict(live.started.robot.document)
+            one = Parameter(one.name, value=float(number_at(document, one.name)))
+        found.append(one)
+    return found
+
+
+def apply_changes(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
+    """Apply all changes of parameters to a running estimator, or none of them.
+
+    Returns:
+        A description of the changes; empty if none concerns the estimator.
+
+    Raises:
+        CdrjError: a change is invalid; no change has been applied then.
+    """
+    friction, preload = _checked(live, changes)
+    words = []
+    before = live.model
+    if friction:
+        words.append(live.set_numbers(friction))
+    if preload is not None:
+        try:
+            words.append(live.set_preload(preload))
+        except CdrjError:
+            if friction:
+                live.use(before)
+            raise
+    for change in changes:
+        if change.name == "unsure_share":
+            live.set_unsure_share(float(change.value))
+            words.append(f"unsure_share = {change.value:g}")
+        elif change.name == TRACKING:
+            live.set_tracking(_bandwidth(float(change.value)))
+            words.append(f"{TRACKING} = {change.value:g}")
+    return "; ".join(words)
+
+
+def _checked(
+    live: LiveEstimator, changes: Sequence[Parameter]
+) -> tuple[dict[str, float], dict[str, float] | None]:
+    """The requested friction values by path, and the requested preloads by cable [N].
+
+    Raises:
+        UsageError: a value of any parameter is invalid.
+    """
+    friction: dict[str, float] = {}
+    preload: dict[str, float] | None = None
+    for change in changes:
+        if change.name.startswith("friction."):
+            friction[change.name] = _checked_friction(change.name, float(change.value))
+        elif change.name == "preload":
+            preload = _checked_preload(live, change.value)
+        elif change.name == "unsure_share" and not change.value > 0.0:
+            raise UsageError(f"unsure_share must be greater than 0, got {change.value:g}")
+        elif change.name == TRACKING:
+            _bandwidth(float(change.value))
+    return friction, preload
+
+
+def _checked_preload(live: LiveEstimator, given: Sequence[float] | None) -> dict[str, float]:
+    if given is None:
+        raise UsageError("preload cannot be unset while running")
+    values = list(given)
+    cables = [cable.name for cable in live.model.robot.cables]
+    if len(values) != len(cables):
+        raise UsageError(
+            f"preload needs {len(cables)} tensions, of {', '.join(cables)}; got {len(values)}"
+        )
+    if not all(0.0 <= value < 1e6 for value in values):
+        raise UsageError(f"preload must be in [0, 1e6) N, got {values}")
+    return dict(zip(cables, values, strict=True))

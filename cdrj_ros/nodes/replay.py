@@ -34,7 +34,6 @@ from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class,
 from cdrj_ros.nodes.replay_options import replay_parser
 from cdrj_ros.nodes.services import offer_services
 from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, starting
-from cdrj_ros.nodes.timer_threads import calm_timers
 from cdrj_ros.replay.agreement import preload_difference, slow_playback
 from cdrj_ros.replay.controls import KEYS, Controls, rate_in_words
 from cdrj_ros.replay.display import Display
@@ -211,7 +210,6 @@ def _replay(
 ) -> int:  # fmt: skip
     with starting():
         node = ReplayNode(wiring)
-    calm_timers()
     executor = EventsExecutor()
     executor.add_node(node)
     try:

@@ -18,11 +18,20 @@ from std_msgs.msg import String
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.nodes.parameters import DESCRIPTION_WORDS
-from cdrj_ros.nodes.rig_declaring import declare_text
+from cdrj_ros.nodes.settings import Setting, declare
 from cdrj_ros.robot.urdf import DESCRIPTION, description_given
 
 TOPIC: Final = f"/{DESCRIPTION}"
+
+ROBOT_SETTINGS: Final = (
+    Setting("robot", "", "Robot file (YAML), or the name of an installed one; required"),
+    Setting(
+        DESCRIPTION,
+        "",
+        f"URDF for a robot file whose frames name {DESCRIPTION}; empty: from the topic {TOPIC}",
+    ),
+)
+"""The parameters of every node that needs a robot."""
 
 WAIT_S: Final = 10.0
 """Longest wait for the topic [s]."""
@@ -43,12 +52,20 @@ def declared_model(node: Node, preload: Sequence[float] | None = None) -> Model:
     Raises:
         CdrjError: the robot file is missing or invalid, or its URDF did not arrive.
     """
-    path = declare_text(node, "robot", "", "Robot file (YAML), or the name of an installed one")
-    if not path:
+    declare(node, ROBOT_SETTINGS)
+    return given_model(node, str(node.get_parameter("robot").value), preload)
+
+
+def given_model(node: Node, robot: str, preload: Sequence[float] | None = None) -> Model:
+    """Read the robot file of a node; its URDF comes from the parameter or the topic.
+
+    Raises:
+        CdrjError: the robot file is missing or invalid, or its URDF did not arrive.
+    """
+    if not robot:
         raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
-    declare_text(node, DESCRIPTION, "", DESCRIPTION_WORDS)
     with description_given(lambda: robot_description(node)):
-        return load_model(path, preload)
+        return load_model(robot, preload)
 
 
 def listener_of(node: Node, tell: Callable[[str], object]) -> Node:

@@ -93,30 +93,30 @@ def test_the_node_s_clock_can_be_disregarded() -> None:
 def test_where_all_inputs_are_late_alike_the_estimates_are_stale(
     late_s: float, within_s: float, stale: bool, bench: Bench
 ) -> None:
-    node = bench.estimator(use_sim_time=True, timeout=0.5, same_clock_within=within_s)
+    estimator = bench.estimator(use_sim_time=True, timeout=0.5, same_clock_within=within_s)
     said: list[Any] = []
     hear_diagnostics(bench, said)
     status: list[np.ndarray] = []
-    published = node.topics.tensions.publish
+    published = estimator.outputs.tensions.publish
 
     def publish(payload: bytes) -> None:
         found = read_layout(payload, CABLE_TENSIONS.fields).numbers["status"]
         status.append(np.frombuffer(payload, found.dtype, found.count, found.offset))
         published(payload)
 
-    node.topics.tensions.publish = publish
-    node.watch.lost = lambda: False  # the last estimate is not to be published again
-    clock = Clock(bench, node)
+    estimator.outputs.tensions.publish = publish
+    estimator.watch.lost = lambda: False  # the last estimate is not to be published again
+    clock = Clock(bench, estimator)
     assert bench.until(lambda: bench.node.count_publishers("/diagnostics") > 0)
     for k in range(0, 60, 20):
         clock.set(BEGIN + k * MS + round(late_s * 1e9))
-        feed(node, k, k + 20)
-    assert len(status) == len(tensions(node)) == 60
+        feed(estimator, k, k + 20)
+    assert len(status) == len(tensions(estimator)) == 60
     assert all(bool(np.all(one & STALE)) == stale for one in status)
     assert any(bool(np.all(one & STALE)) for one in status) == stale
     if stale:
-        assert node.watch.health(node.output, 1.0, 0).age_s > 0.5
-        node._on_diagnostics()
+        assert estimator.watch.health(estimator.output, 1.0, 0).age_s > 0.5
+        estimator.diagnose()
         assert bench.until(lambda: bool(said))
         assert said[-1].level != said[-1].OK
 

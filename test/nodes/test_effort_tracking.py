@@ -156,7 +156,7 @@ def test_without_track_preload_efforts_change_no_byte_and_recover_nothing(
 ) -> None:
     measured = measure(LOST, 10)
     count = measured.stamp_ns.size // 4
-    told = Remote(brisk_node, start_node, "told", health_marks_unsure=False)
+    told = Remote(brisk_node, start_node, "told", health="report")
     untold = Remote(brisk_node, start_node, "untold")
     told.send(measured, count)
     untold.send(measured, count, efforts=False)

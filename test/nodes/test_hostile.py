@@ -12,7 +12,7 @@ import struct
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from time import monotonic
@@ -20,10 +20,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.estimators import Bench
 
 from cdrj_ros.conditioning.refusals import WHOLE
 from cdrj_ros.conditioning.whole_recording import condition
-from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
+from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.session import Output
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
@@ -93,7 +95,8 @@ class Heard:
         self._values = np.full((room, model.layout.size), 0.1)
         self.count = 0
 
-    def append(self, estimate: Estimate) -> None:
+    def append(self, output: Output) -> None:
+        estimate = output.estimate
         self._stamps[self.count] = estimate.stamp_ns
         self._values[self.count] = estimate.values
         self.count += 1
@@ -103,9 +106,9 @@ class Heard:
         assert_equal(model, self._values[: self.count].copy(), wanted)
 
 
-def assert_same(model: Model, got: list[Estimate], wanted: Estimates) -> None:
-    assert [estimate.stamp_ns for estimate in got] == wanted.stamp_ns.tolist()
-    assert_equal(model, np.array([estimate.values for estimate in got]), wanted)
+def assert_same(model: Model, got: list[Output], wanted: Estimates) -> None:
+    assert [one.estimate.stamp_ns for one in got] == wanted.stamp_ns.tolist()
+    assert_equal(model, np.array([one.estimate.values for one in got]), wanted)
 
 
 def assert_equal(model: Model, values: np.ndarray, wanted: Estimates) -> None:
@@ -115,39 +118,25 @@ def assert_equal(model: Model, values: np.ndarray, wanted: Estimates) -> None:
 
 
 @pytest.fixture
-def node(ros: None) -> Iterator[Any]:
-    """An estimator in this process; its published estimates are stored in `heard`."""
-    from rclpy.parameter import Parameter
-
-    from cdrj_ros.nodes.estimator import EstimatorNode
-
-    given = {"robot": ROBOT, "tension_sensors": True, "timeout": 3600.0}
-    node = EstimatorNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
-    node.heard = []
-    publish = node.topics.publish
-
-    def remember(output: Any) -> None:
-        node.heard.append(output.estimate)
-        publish(output)
-
-    node.topics.publish = remember
-    yield node
-    node.destroy_node()
+def estimator(ros: None) -> Iterator[Any]:
+    """An estimator in this process; its published estimates are stored in `answers`."""
+    bench = Bench()
+    estimator = bench.estimator(tension_sensors=True)
+    yield estimator
+    bench.close()
 
 
 @dataclass
 class Traffic:
-    """Sends messages to the callbacks of one node and counts them."""
+    """Sends messages to the callbacks of one estimator and counts them."""
 
-    node: Any
+    estimator: Any
     whole: int = 0
     readings: int = 0
     sent: int = 0
-    callbacks: dict[str, Callable[[bytes], None]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for topic in NAMES:
-            self.callbacks[topic] = self.node._listener(topic)
+        self.callbacks = {"motors": self.estimator.motor, "joints": self.estimator.joint}
 
     def send(self, topic: str, payload: bytes) -> None:
         names = names_in(payload)
@@ -159,7 +148,7 @@ class Traffic:
         self.callbacks[topic](payload)
 
     def assert_counted(self) -> None:
-        conditioner = self.node.live.conditioner
+        conditioner = self.estimator.live.conditioner
         refused = conditioner.refused
         assert sum(refused[cause] for cause in WHOLE) == self.whole
         by_reading = sum(count for cause, count in refused.items() if cause not in WHOLE)
@@ -266,11 +255,11 @@ def _one_position_less(stamp: int, topic: str) -> bytes:
     return payload
 
 
-def test_hostile_messages_do_not_change_the_estimates(node: Any) -> None:
+def test_hostile_messages_do_not_change_the_estimates(estimator: Any) -> None:
     rng = np.random.default_rng(SEED)
-    model = node.live.model
-    node.heard = Heard(model, MESSAGES // 4)
-    traffic = Traffic(node)
+    model = estimator.live.model
+    estimator.answers = Heard(model, MESSAGES // 4)
+    traffic = Traffic(estimator)
     expected: Counter[str] = Counter()
     stamps = {"motors": array("q"), "joints": array("q")}  # a list would need more memory
     whole = MESSAGES // 2
@@ -296,9 +285,9 @@ def test_hostile_messages_do_not_change_the_estimates(node: Any) -> None:
         stamps[topic].append(BEGIN + k * MILLISECOND)
 
     wanted = offline(model, stamps)
-    node.heard.assert_same(model, wanted)
+    estimator.answers.assert_same(model, wanted)
     assert wanted.stamp_ns.size > whole // 10
-    conditioner = node.live.conditioner
+    conditioner = estimator.live.conditioner
     assert {c: n for c, n in conditioner.refused.items() if n} == dict(expected)
     assert set(expected) == set(conditioner.refused)
     traffic.assert_counted()
@@ -353,11 +342,11 @@ def wild_tensions(rng: Any, now: int) -> bytes:
 
 
 def test_after_any_messages_every_reading_is_counted_and_a_reset_gives_correct_estimates(
-    node: Any,
+    estimator: Any,
 ) -> None:
     rng = np.random.default_rng(SEED + 1)
-    model = node.live.model
-    traffic = Traffic(node)
+    model = estimator.live.model
+    traffic = Traffic(estimator)
     whole = MESSAGES - MESSAGES // 2
     now = BEGIN
     warm, tensions, k, judged = 0.0, 0, 0, 0
@@ -368,24 +357,25 @@ def test_after_any_messages_every_reading_is_counted_and_a_reset_gives_correct_e
             traffic.send(topic, payload)
         if k % 3 == 0:
             payload = wild_tensions(rng, now)
-            node._on_tensions(payload)
+            estimator.on_tensions(payload)
             tensions += 1
             traffic.whole += not is_tensions(payload)
         if k % 1_009 == 0:
-            node.live.reset()
-        for estimate in node.heard:
+            estimator.live.reset()
+        for output in estimator.answers:
+            estimate = output.estimate
             known = estimate.status.astype(int) & INVALID == 0
             assert np.all(np.isfinite(estimate.tension[known]))
             assert np.all(estimate.tension[known] >= 0.0)
             assert np.all(np.isfinite(estimate.values)) or not known.all()
-        judged += len(node.heard)
-        node.heard.clear()
+        judged += len(estimator.answers)
+        estimator.answers.clear()
         if not warm and traffic.sent + tensions > whole // 2:
             warm = own_mb()
     grown = own_mb() - warm
     assert grown < GROWTH_MB * OF_MESSAGES
     assert judged > whole // 20
-    jumps = node.live.conditioner.clock_jumps
+    jumps = estimator.live.conditioner.clock_jumps
     assert jumps > 10
     traffic.assert_counted()
     print(  # noqa: T201 for make soak
@@ -393,14 +383,14 @@ def test_after_any_messages_every_reading_is_counted_and_a_reset_gives_correct_e
         f"judged, {jumps} jumps of the clock; memory {grown:+.1f} MB"
     )
 
-    node.live.reset()
+    estimator.live.reset()
     stamps: dict[str, list[int]] = {"motors": [], "joints": []}
     for k in range(500):
         stamp = BEGIN + 10**6 * SECOND + k * MILLISECOND
         for topic in ("joints", "motors"):
             traffic.send(topic, valid(topic, stamp))
             stamps[topic].append(stamp)
-    assert_same(model, node.heard, offline(model, stamps))
+    assert_same(model, estimator.answers, offline(model, stamps))
 
 
 def is_tensions(payload: bytes) -> bool:

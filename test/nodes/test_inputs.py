@@ -1,4 +1,4 @@
-"""The node with missing, refused, best-effort, silent or late inputs, and thinned outputs."""
+"""The estimator with missing, refused, best-effort, silent or late inputs, and thinned outputs."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ from support.estimators import (
     ROBOT,
     SECOND,
     Bench,
-    expected,
     feed,
     hear_diagnostics,
+    own_parameters,
     sample_at,
-    tensions,
     values_of,
 )
 
@@ -58,12 +57,12 @@ def logged(bench: Bench, lines: list[tuple[int, str]], level: str, words: str) -
     return bench.until(lambda: any(one == severity and words in text for one, text in lines))
 
 
-def diagnosed(node: Any) -> Any:
-    """The status that the node publishes now, as if a second had passed since the last one."""
+def diagnosed(estimator: Any) -> Any:
+    """The status that the estimator publishes now, as if a second had passed since the last one."""
     kept: list[Any] = []
-    node.diagnostics = SimpleNamespace(publish=kept.append)
-    node.watch.looked_s -= 1.0
-    node._on_diagnostics()
+    estimator.diagnostics = SimpleNamespace(publish=kept.append)
+    estimator.watch.looked_s -= 1.0
+    estimator.diagnose()
     return kept[0].status[0]
 
 
@@ -71,7 +70,7 @@ def diagnosed(node: Any) -> Any:
 def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_published(
     bench: Bench, marks: bool
 ) -> None:
-    node = bench.estimator(health_marks_unsure=marks)
+    estimator = bench.estimator(health="mark" if marks else "report")
     true = load_model(ROBOT, "29,26.26")
     said: list[Any] = []
     hear_diagnostics(bench, said)
@@ -80,29 +79,29 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
     for k in range(0, 9000, 5):
         sample = sample_at(k)
         state, estimate = step(true, state, sample)
-        node.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
-        node.motor(both.encode(sample.stamp_ns, position=sample.motor_angle,
+        estimator.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
+        estimator.motor(both.encode(sample.stamp_ns, position=sample.motor_angle,
                                effort=estimate.motor_effort))  # fmt: skip
-    node._on_diagnostics()
+    estimator.diagnose()
     assert bench.until(lambda: any(one.name.endswith(": health") for one in said))
     status = next(one for one in said if one.name.endswith(": health"))
     assert status.level == status.WARN
     assert status.message.startswith("preload of upper has lost 7.")
-    assert node.output is not None
-    flags = np.asarray(node.output.estimate.status)
+    assert estimator.output is not None
+    flags = np.asarray(estimator.output.estimate.status)
     assert set(flags[:8]) == ({UNSURE} if marks else {OK})
     assert set(flags[8:]) == {OK}, "the lower cable has lost nothing"
     named = {pair.key: pair.value for pair in status.values}["elements marked UNSURE"]
     upper = ", ".join(f"upper/{k}" for k in range(1, 9))
     assert named == (upper if marks else "none")
     if marks:  # once the operator has dealt with it, the status is that of the estimate again
-        node.health.reset()
-        assert node.live.always_unsure is None
+        estimator.health.reset()
+        assert estimator.live.always_unsure is None
         return
-    quiet = bench.estimator(health=False)
+    quiet = bench.estimator(health="disabled")
     quiet.motor(both.encode(BEGIN, position=[0.0], effort=[0.0]))
     quiet.diagnostics = SimpleNamespace(publish=said.append)
-    quiet._on_diagnostics()
+    quiet.diagnose()
     assert len(said[-1].status) == 1
 
 
@@ -112,79 +111,79 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
 def test_a_missing_name_is_reported_with_the_names_that_arrived(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
-    from cdrj_ros.nodes.input_watch import PATIENCE_S
+    from cdrj_ros.nodes.inputs import PATIENCE_S
 
-    node = bench.estimator()
+    estimator = bench.estimator()
     assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
     other = Template(JOINT_STATE, ("winch_motor",), ("position",))
     for k in range(20):
-        node.motor(other.encode(BEGIN + k * MILLISECOND, position=[0.0]))
-        node.joint(JOINT.encode(0, position=[0.0]))
+        estimator.motor(other.encode(BEGIN + k * MILLISECOND, position=[0.0]))
+        estimator.joint(JOINT.encode(0, position=[0.0]))
     words = (
         "no reading of winch, elbow accepted. /cdrj/motor_states: 20 messages, the last names "
         "winch_motor, not winch. /cdrj/joint_states: 20 messages. refused: 20 unstamped "
         "(message with a stamp that is not after zero); 20 unknown_name "
     )
-    node.watch.estimated_s -= PATIENCE_S
-    status = diagnosed(node)
+    estimator.watch.estimated_s -= PATIENCE_S
+    status = diagnosed(estimator)
     assert status.level == status.WARN
     assert words in status.message
     assert logged(bench, log, "WARN", "the last names winch_motor, not winch")
 
 
 def test_topics_that_have_fallen_silent_are_named(bench: Bench, log: list[tuple[int, str]]) -> None:
-    from cdrj_ros.nodes.input_watch import PATIENCE_S
+    from cdrj_ros.nodes.inputs import PATIENCE_S
 
-    node = bench.estimator(timeout=0.05)
+    estimator = bench.estimator(timeout=0.05)
     assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
 
     def two_seconds_pass() -> None:
-        for one in node.inputs:
-            one.heard._seen = one.heard._seen[0], one.heard._seen[1] - 2.0
+        for one in estimator.inputs:
+            one._changed = one._changed[0], one._changed[1] - 2.0
 
-    feed(node, 0, 10)
-    assert bench.until(node.watch.lost)
-    diagnosed(node)
-    assert [one.heard.silent_s for one in node.inputs] == [0.0, 0.0]
+    feed(estimator, 0, 10)
+    assert bench.until(estimator.watch.lost)
+    diagnosed(estimator)
+    assert [one.silent_s for one in estimator.inputs] == [0.0, 0.0]
     two_seconds_pass()
-    node.motor(MOTOR.encode(BEGIN + 10 * MILLISECOND, position=[0.0]))
-    node.watch.estimated_s -= PATIENCE_S
-    diagnosed(node)
+    estimator.motor(MOTOR.encode(BEGIN + 10 * MILLISECOND, position=[0.0]))
+    estimator.watch.estimated_s -= PATIENCE_S
+    diagnosed(estimator)
     words = "no estimate: no further message on /cdrj/joint_states. /cdrj/motor_states: 11 messages"
     assert logged(bench, log, "WARN", words)
 
     two_seconds_pass()
-    health = node.watch.health(node.output, 0.0, 0)
+    health = estimator.watch.health(estimator.output, 0.0, 0)
     assert health.waiting.startswith(
         "no further message on /cdrj/motor_states, /cdrj/joint_states. "
     )
-    node.joint(JOINT.encode(BEGIN + 10 * MILLISECOND, position=[0.0]))
-    node.motor(MOTOR.encode(BEGIN + 11 * MILLISECOND, position=[0.0]))
-    assert node.watch.health(node.output, 0.0, 0).waiting == ""
+    estimator.joint(JOINT.encode(BEGIN + 10 * MILLISECOND, position=[0.0]))
+    estimator.motor(MOTOR.encode(BEGIN + 11 * MILLISECOND, position=[0.0]))
+    assert estimator.watch.health(estimator.output, 0.0, 0).waiting == ""
 
 
 def test_estimates_that_begin_stop_and_resume_are_logged(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
-    node = bench.estimator(timeout=0.2)
+    estimator = bench.estimator(timeout=0.2)
     assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
-    feed(node, 0, 10)
+    feed(estimator, 0, 10)
     assert logged(bench, log, "INFO", "first estimate, ")
     assert logged(bench, log, "WARN", "inputs lost: no estimate for 0.")
-    feed(node, 10, 20)
+    feed(estimator, 10, 20)
     assert logged(bench, log, "INFO", "inputs are back after ")
 
 
 def test_many_refused_readings_are_a_warning_with_the_cause(bench: Bench) -> None:
-    node = bench.estimator()
-    node.live.set_unsure_share(10.0)
-    feed(node, 0, 20)
-    diagnosed(node)
+    estimator = bench.estimator()
+    estimator.live.set_unsure_share(10.0)
+    feed(estimator, 0, 20)
+    diagnosed(estimator)
     for count, level in ((4, b"\0"), (20, b"\1")):
         for k in range(count):
-            node.joint(JOINT.encode(sample_at(20).stamp_ns + k, position=[3.0]))
-        feed(node, 20 + count, 21 + count)
-        status = diagnosed(node)
+            estimator.joint(JOINT.encode(sample_at(20).stamp_ns + k, position=[3.0]))
+        feed(estimator, 20 + count, 21 + count)
+        status = diagnosed(estimator)
         assert status.level == level, status.message
     assert "20 readings per second refused: 20 out_of_range (joint angle outside" in status.message
 
@@ -198,7 +197,7 @@ def test_a_best_effort_publisher_is_received_and_the_cost_is_logged(
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from sensor_msgs.msg import JointState
 
-    node = bench.estimator()
+    estimator = bench.estimator()
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     motors = bench.node.create_publisher(JointState, "/cdrj/motor_states", best_effort)
     joints = bench.node.create_publisher(JointState, "/cdrj/joint_states", 10)
@@ -210,11 +209,11 @@ def test_a_best_effort_publisher_is_received_and_the_cost_is_logged(
         joints.publish(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
         motors.publish(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
         k += 1
-        return node.output is not None
+        return estimator.output is not None
 
     assert bench.until(answered)
     assert logged(bench, log, "WARN", "subscribed best-effort as well. Readings may be lost")
-    motors_heard, joints_heard = node.inputs
+    motors_heard, joints_heard = estimator.inputs
     assert motors_heard.reliability == ReliabilityPolicy.BEST_EFFORT
     assert joints_heard.reliability == ReliabilityPolicy.RELIABLE
 
@@ -226,11 +225,11 @@ def test_an_explicit_reliability_is_kept_and_the_remedy_is_logged(
     from sensor_msgs.msg import JointState
 
     name = "qos_overrides./cdrj/motor_states.subscription.reliability"
-    node = bench.estimator(**{name: "reliable"})
+    estimator = bench.estimator(**{name: "reliable"})
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     bench.node.create_publisher(JointState, "/cdrj/motor_states", best_effort)
     assert logged(bench, log, "WARN", "Set it to best_effort")
-    assert node.inputs[0].reliability == ReliabilityPolicy.RELIABLE
+    assert estimator.inputs[0].reliability == ReliabilityPolicy.RELIABLE
 
 
 # parameters ------------------------------------------------------------------------------------
@@ -240,10 +239,10 @@ def test_parameters_show_the_values_in_force(bench: Bench) -> None:
     from cdrj_msgs.srv import SetPreload
     from rclpy.parameter import Parameter
 
-    node = bench.estimator(**{"friction.rho": 0.35})
+    estimator = bench.estimator(**{"friction.rho": 0.35})
 
     def shown(name: str) -> Any:
-        return node.get_parameter(name).value
+        return estimator.node.get_parameter(name).value
 
     assert list(shown("preload")) == [36.85, 26.26]
     assert (shown("friction.rho"), shown("friction.mu_c")) == (0.35, 0.15)
@@ -251,22 +250,22 @@ def test_parameters_show_the_values_in_force(bench: Bench) -> None:
     answer = bench.call(SetPreload, "/cdrj/estimator/set_preload", request)
     assert answer.success
     assert list(shown("preload")) == [20.0, 26.26]
-    before = node.live.model
+    before = estimator.live.model
     assert [cable.preload for cable in before.robot.cables] == [20.0, 26.26]
 
-    (result,) = node.set_parameters([Parameter("friction.rho", value=-1.0)])
+    (result,) = estimator.node.set_parameters([Parameter("friction.rho", value=-1.0)])
     assert result.successful
     assert shown("friction.rho") == 0.2  # the robot file's
-    (result,) = node.set_parameters([Parameter("unsure_share", value=1)])
+    (result,) = estimator.node.set_parameters([Parameter("unsure_share", value=1)])
     assert result.successful
-    assert (shown("unsure_share"), node.live.options.unsure_share) == (1.0, 1.0)
+    assert (shown("unsure_share"), estimator.live.options.unsure_share) == (1.0, 1.0)
 
 
 def test_integers_are_accepted_for_floating_point_parameters(bench: Bench) -> None:
-    node = bench.estimator("-p", "timeout:=1", "-p", "preload:=[30, 20]", timeout=2)
-    assert node.timeout_s == 2.0
-    assert node.get_parameter("timeout").value == 2.0
-    assert [cable.preload for cable in node.live.model.robot.cables] == [30.0, 20.0]
+    estimator = bench.estimator("-p", "timeout:=1", "-p", "preload:=[30, 20]", timeout=2)
+    assert estimator.timeout_s == 2.0
+    assert estimator.node.get_parameter("timeout").value == 2.0
+    assert [cable.preload for cable in estimator.live.model.robot.cables] == [30.0, 20.0]
 
 
 def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
@@ -274,19 +273,19 @@ def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
 
     path = ROOT / "config" / "estimator.params.yaml"
     assert path.read_text(encoding="utf-8") == parameter_file()
-    node = bench.estimator("--params-file", str(path), timeout=0.5)
-    declared = {name for name in node._parameters if not name.startswith("qos_overrides.")}
-    assert declared - {"use_sim_time", "start_type_description_service"} == {
-        setting.name for setting in settings()
-    }
+    estimator = bench.estimator("--params-file", str(path), timeout=0.5)
+    declared = own_parameters(estimator)
+    assert declared == {setting.name for setting in settings()}
     for setting in settings():
-        descriptor = node.describe_parameter(setting.name)
-        assert descriptor.description == setting.words
+        descriptor = estimator.node.describe_parameter(setting.name)
+        assert descriptor.description == setting.text
+        assert len(setting.text) > 10
+        assert descriptor.read_only is not setting.changeable
         if setting.bounded:
             (limits,) = descriptor.floating_point_range
             assert (limits.from_value, limits.to_value) == (setting.low, setting.high)
         if setting.name not in ("robot", "preload") and not setting.name.startswith("friction."):
-            assert node.get_parameter(setting.name).value == setting.default
+            assert estimator.node.get_parameter(setting.name).value == setting.default
 
 
 # time ------------------------------------------------------------------------------------------
@@ -297,13 +296,13 @@ def test_without_simulated_time_a_steady_clock_detects_missing_inputs(
 ) -> None:
     from cdrj_msgs.msg import CableTensions
 
-    node = bench.estimator(use_sim_time=True, timeout=0.2)
+    estimator = bench.estimator(use_sim_time=True, timeout=0.2)
     said: list[Any] = []
     heard: list[Any] = []
     hear_diagnostics(bench, said)
     bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 100)
-    assert bench.until(lambda: node.topics.tensions.get_subscription_count() > 0)
-    feed(node, 0, 10)
+    assert bench.until(lambda: estimator.outputs.tensions.get_subscription_count() > 0)
+    feed(estimator, 0, 10)
     assert bench.until(lambda: bool(heard) and all(flags & STALE for flags in heard[-1].status))
     assert logged(bench, log, "WARN", "inputs lost")
     assert bench.until(lambda: bool(said) and said[-1].message == "no input for 0.2 s", 5.0)
@@ -313,91 +312,48 @@ def test_without_simulated_time_a_steady_clock_detects_missing_inputs(
 def test_the_clock_of_a_running_node_cannot_be_changed(bench: Bench) -> None:
     from rclpy.parameter import Parameter
 
-    node = bench.estimator()
-    (result,) = node.set_parameters([Parameter("use_sim_time", value=True)])
+    estimator = bench.estimator()
+    (result,) = estimator.node.set_parameters([Parameter("use_sim_time", value=True)])
     assert not result.successful
     assert "use_sim_time is read-only after the start" in result.reason
-    assert node.get_parameter("use_sim_time").value is False
+    assert estimator.node.get_parameter("use_sim_time").value is False
 
 
 def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
     from rclpy.qos import QoSProfile
     from rosgraph_msgs.msg import Clock
 
-    node = bench.estimator(use_sim_time=True)
+    estimator = bench.estimator(use_sim_time=True)
     publisher = bench.node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
     assert bench.until(lambda: publisher.get_subscription_count() > 0)
     message = Clock()
     for count, (sec, nanosec) in enumerate(((-1, 0), (-(2**31), 5), (5, 2**32 - 1)), start=1):
         message.clock.sec, message.clock.nanosec = sec, nanosec
         publisher.publish(message)
-        assert bench.until(lambda: node.clock_refused == count)  # noqa: B023
+        assert bench.until(lambda: estimator.node.clock_refused == count)  # noqa: B023
     for sec, nanosec in ((2**31 - 1, 0), (7, 5)):
         message.clock.sec, message.clock.nanosec = sec, nanosec
         publisher.publish(message)
-        assert bench.until(lambda: node._now_ns() == sec * SECOND + nanosec)  # noqa: B023
-    assert values_of(diagnosed(node))["impossible times on /clock"] == "3"
+        assert bench.until(lambda: estimator.now_ns() == sec * SECOND + nanosec)  # noqa: B023
+    assert values_of(diagnosed(estimator))["impossible times on /clock"] == "3"
 
 
 def test_old_estimates_are_marked_stale_and_reported(bench: Bench) -> None:
     """Joint readings arrive ten seconds late while the motor readings are on time."""
-    node = bench.estimator(timeout=0.5)
-    node.live.set_unsure_share(10.0)
+    estimator = bench.estimator(timeout=0.5)
+    estimator.live.set_unsure_share(10.0)
     published: list[Any] = []
-    node.topics.publish = published.append
+    estimator.outputs.publish = published.append
     late = 1000  # samples of 10 ms
     for k in range(late + 100):
         sample = sample_at(10 * k)
-        node.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+        estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
         if k >= late:
             before = sample_at(10 * (k - late))
-            node.joint(JOINT.encode(before.stamp_ns, position=before.joint_angle))
-    status = diagnosed(node)
+            estimator.joint(JOINT.encode(before.stamp_ns, position=before.joint_angle))
+    status = diagnosed(estimator)
     assert status.level == status.WARN
     assert "estimates are 10 s old" in status.message
     assert float(values_of(status)["age [s]"]) == pytest.approx(10.0, abs=0.2)
     assert len(published) == 100
     assert all(int(flags) & STALE for one in published for flags in one.estimate.status)
-
-
-# output ----------------------------------------------------------------------------------------
-
-
-def send_unequal_rates(node: Any, count: int) -> None:
-    """Send motors at 500 Hz and joints at 1 kHz, with stamps a third of a millisecond apart."""
-    for k in range(count):
-        sample = sample_at(k)
-        node.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
-        if k % 2:
-            stamp = sample.stamp_ns - MILLISECOND // 3
-            node.motor(MOTOR.encode(stamp, position=sample.motor_angle))
-
-
-def test_thinning_omits_messages_and_changes_no_bit(bench: Bench) -> None:
-    everything = bench.estimator()
-    send_unequal_rates(everything, 600)
-    whole = {one.estimate.stamp_ns: one for one in everything.outputs}
-    assert len(whole) == pytest.approx(900, abs=5)  # 1 kHz and 500 Hz
-    for side, rate, given in (
-        ("motors", 500, {"output": "motor_stamps"}),
-        ("slow", 100, {"max_rate": 100}),
-        ("both", 50, {"output": "motor_stamps", "max_rate": 50.0}),
-    ):
-        thinned = bench.estimator("-r", f"__ns:=/{side}", **given)
-        send_unequal_rates(thinned, 600)
-        assert len(thinned.outputs) == pytest.approx(0.6 * rate, abs=2)
-        for one in thinned.outputs:
-            same = whole[one.estimate.stamp_ns]
-            assert np.array_equal(one.estimate.values, same.estimate.values)
-            assert np.array_equal(one.stddev, same.stddev)
-        if "output" in given:
-            remainders = {one.estimate.stamp_ns % MILLISECOND for one in thinned.outputs}
-            assert remainders == {-(MILLISECOND // 3) % MILLISECOND}
-        last = everything.output.estimate
-        assert np.array_equal(thinned.output.estimate.values, last.values)
-
-
-def test_by_default_nothing_is_thinned(bench: Bench) -> None:
-    node = bench.estimator()
-    feed(node, 0, 50)
-    assert np.array_equal(tensions(node), expected((load_model(ROBOT),), (range(50),)))

@@ -14,6 +14,7 @@ from support.estimators import (
     expected,
     feed,
     hear_diagnostics,
+    listen,
     sample_at,
     tensions,
     values_of,
@@ -23,7 +24,7 @@ from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import STALE
 
-OUTPUTS = ("tensions", "nodal_forces", "efforts", "efforts_stddev")
+OUTPUTS = ("tensions", "nodal_forces", "efforts", "efforts_stddev", "tension_states")
 
 
 class Managed:
@@ -37,29 +38,16 @@ class Managed:
         given = {"robot": ROBOT, "timeout": 3600.0, **given}
         overrides = [Parameter(key, value=value) for key, value in given.items()]
         self.bench, self.node = bench, ManagedEstimator(parameter_overrides=overrides)
-        self.node.outputs = []
-        configure = self.node._configure
-
-        def configure_and_remember() -> None:
-            configure()
-            publish = self.node.topics.publish
-
-            def remember(output: Any) -> None:
-                self.node.outputs.append(output)
-                publish(output)
-
-            self.node.topics.publish = remember
-
-        self.node._configure = configure_and_remember
+        self.estimation = self.node.estimation
         bench.executor.add_node(self.node)
-        bench.estimators.append(self.node)
+        bench.nodes.append(self.node)
 
-    def change(self, label: str = "", number: int = 0) -> bool:
-        """Ask for a transition by its label or its number; True if it has been made."""
+    def change(self, label: str) -> bool:
+        """Ask for a transition by its label; True if it has been made."""
         from lifecycle_msgs.msg import Transition
         from lifecycle_msgs.srv import ChangeState
 
-        request = ChangeState.Request(transition=Transition(id=number, label=label))
+        request = ChangeState.Request(transition=Transition(label=label))
         return bool(self.bench.call(ChangeState, "/cdrj/estimator/change_state", request).success)
 
     @property
@@ -68,12 +56,6 @@ class Managed:
 
         answer = self.bench.call(GetState, "/cdrj/estimator/get_state", GetState.Request())
         return str(answer.current_state.label)
-
-    def feed(self, first: int, last: int) -> None:
-        """Give the node samples as its subscriptions would."""
-        for kind, one in zip(("motor", "joint"), self.node.inputs, strict=True):
-            setattr(self.node, kind, self.node._listener(f"{kind}s", one.heard))
-        feed(self.node, first, last)
 
     def ends(self) -> tuple[int, int]:
         """Numbers of open outputs and of subscribed inputs."""
@@ -102,9 +84,9 @@ def test_configure_opens_outputs_activate_opens_inputs_and_the_way_back_closes_t
     one = managed()
     for _ in range(2):
         for label, state, ends in (
-            ("configure", "inactive", (4, 0)),
-            ("activate", "active", (4, 2)),
-            ("deactivate", "inactive", (4, 0)),
+            ("configure", "inactive", (5, 0)),
+            ("activate", "active", (5, 2)),
+            ("deactivate", "inactive", (5, 0)),
             ("cleanup", "unconfigured", (0, 0)),
         ):
             assert one.change(label)
@@ -128,7 +110,6 @@ def test_a_transition_that_the_state_does_not_have_is_refused(
 ) -> None:
     one = managed()
     assert not one.change("activate")
-    assert not one.change(number=4)
     assert not one.change("launch")
     assert one.state == "unconfigured"
     assert one.change("configure")
@@ -136,12 +117,47 @@ def test_a_transition_that_the_state_does_not_have_is_refused(
     assert one.state == "inactive"
 
 
+def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
+    bench: Bench, start_node: Any
+) -> None:
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState, GetState
+
+    process = start_node("estimator", "--managed", "--ros-args", "-p", f"robot:={ROBOT}")
+    states = bench.node.create_client(GetState, "/cdrj/estimator/get_state")
+    client = bench.node.create_client(ChangeState, "/cdrj/estimator/change_state")
+    assert bench.until(lambda: states.service_is_ready() and client.service_is_ready())
+
+    def answer(make: Callable[[], Any]) -> Any:
+        """Ask again if there is none: the node may not have discovered the client yet."""
+        for _ in range(12):
+            future = make()
+            if bench.until(future.done, 5.0):
+                return future.result()
+        raise AssertionError(process.poll())
+
+    def state() -> str:
+        return str(answer(lambda: states.call_async(GetState.Request())).current_state.label)
+
+    assert state() == "unconfigured"
+    for number in (Transition.TRANSITION_DEACTIVATE, 99):
+        request = ChangeState.Request(transition=Transition(id=number))
+        unanswered = client.call_async(request)
+        assert state() == "unconfigured"
+        assert not unanswered.done()
+    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+    client.call_async(request)
+    assert bench.until(lambda: state() == "inactive")
+    assert process.poll() is None
+
+
 def test_an_active_node_estimates_as_an_unmanaged_one(managed: Callable[..., Managed]) -> None:
     one = managed()
     assert one.change("configure")
     assert one.change("activate")
-    one.feed(0, 300)
-    assert np.array_equal(tensions(one.node), expected((load_model(ROBOT),), (range(300),)))
+    listen(one.estimation)
+    feed(one.estimation, 0, 300)
+    assert np.array_equal(tensions(one.estimation), expected((load_model(ROBOT),), (range(300),)))
 
 
 def test_deactivate_publishes_stale_and_activate_continues_the_friction_history(
@@ -153,9 +169,10 @@ def test_deactivate_publishes_stale_and_activate_continues_the_friction_history(
     assert one.change("configure")
     said: list[Any] = []
     bench.node.create_subscription(CableTensions, "/cdrj/tensions", said.append, 1000)
-    assert bench.until(lambda: one.node.topics.tensions.get_subscription_count() == 1)
+    assert bench.until(lambda: one.estimation.outputs.tensions.get_subscription_count() == 1)
     assert one.change("activate")
-    one.feed(0, 300)
+    listen(one.estimation)
+    feed(one.estimation, 0, 300)
     assert bench.until(lambda: len(said) == 300)
     assert one.change("deactivate")
     assert bench.until(lambda: len(said) == 301)
@@ -163,13 +180,14 @@ def test_deactivate_publishes_stale_and_activate_continues_the_friction_history(
     assert not any(status & STALE for status in said[-2].status)
 
     assert one.change("activate")
-    one.feed(300, 400)
+    listen(one.estimation)
+    feed(one.estimation, 300, 400)
     model = load_model(ROBOT)
     state, whole = initial_state(model), []
     for k in range(400):
         state, estimate = step(model, state, sample_at(k))
         whole.append(estimate.tension.copy())
-    assert np.array_equal(tensions(one.node), whole)
+    assert np.array_equal(tensions(one.estimation), whole)
 
 
 def test_a_robot_that_cannot_be_loaded_leaves_the_node_unconfigured_until_it_is_corrected(
@@ -183,7 +201,7 @@ def test_a_robot_that_cannot_be_loaded_leaves_the_node_unconfigured_until_it_is_
     corrected = [Parameter("robot", value=ROBOT), Parameter("timeout", value=2)]
     assert all(result.successful for result in one.node.set_parameters(corrected))
     assert one.change("configure")
-    assert one.node.timeout_s == 2.0
+    assert one.estimation.timeout_s == 2.0
     (result,) = one.node.set_parameters([Parameter("timeout", value=3.0)])
     assert not result.successful
     assert "timeout can only change while unconfigured" in result.reason
@@ -212,11 +230,11 @@ def test_diagnostics_tell_the_state(bench: Bench, managed: Callable[..., Managed
     said: list[Any] = []
     hear_diagnostics(bench, said)
     one = managed()
-    assert bench.until(lambda: one.node.diagnostics.get_subscription_count() == 1)
+    assert bench.until(lambda: one.estimation.diagnostics.get_subscription_count() == 1)
 
     def status() -> Any:
         said.clear()
-        one.node._on_diagnostics()
+        one.estimation.diagnose()
         assert bench.until(lambda: bool(said))
         return said[0]
 
@@ -227,7 +245,8 @@ def test_diagnostics_tell_the_state(bench: Bench, managed: Callable[..., Managed
     assert inactive.message.startswith("inactive: no estimates")
     assert inactive.hardware_id == "prototype"
     assert one.change("activate")
-    one.feed(0, 100)
+    listen(one.estimation)
+    feed(one.estimation, 0, 100)
     active = status()
     assert active.message == "estimating"
     assert one.change("shutdown")

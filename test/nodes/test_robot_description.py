@@ -83,7 +83,7 @@ def make(name: str, given: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
         from cdrj_ros.nodes.estimator import EstimatorNode
 
         estimator = EstimatorNode(parameter_overrides=options)
-        return estimator, estimator.live.model.layout.joints
+        return estimator, estimator.estimation.live.model.layout.joints
     if name == "rig":
         from cdrj_ros.nodes.rig import RigNode
 

@@ -63,6 +63,7 @@ def shortened(real: Any, allowed: Any) -> dict[tuple[str, str], set[str]]:
 @pytest.fixture
 def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     """An observer node, and one node of each executable with all their topics."""
+    from geometry_msgs.msg import WrenchStamped
     from rclpy.experimental import EventsExecutor
     from rclpy.node import Node
     from rclpy.parameter import Parameter
@@ -77,7 +78,6 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     from cdrj_ros.nodes.watch import WatchNode
 
     given = {"robot": ROBOT, "tension_sensors": True, "use_sim_time": True}
-    given |= {"tension_states": True, "wrenches": True}
     estimator = ManagedEstimator(
         parameter_overrides=[Parameter(k, value=v) for k, v in given.items()]
     )
@@ -93,6 +93,7 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     rig = RigNode(parameter_overrides=asked)
     markers = MarkersNode(parameter_overrides=[Parameter("robot", value=ROBOT)])
     onlooker = Node("onlooker")
+    onlooker.create_subscription(WrenchStamped, "/cdrj/wrenches/upper_3", MagicMock(), 1)
     listeners = [listener_of(node, MagicMock()) for node in (estimator, rig, markers)]
     every = [estimator, replay, watch, rig, markers, onlooker, *listeners]
     executor = EventsExecutor()
@@ -194,20 +195,21 @@ def test_a_node_writes_no_file_itself(path: Path) -> None:
 
 def test_the_state_file_is_named_on_the_command_line_and_nowhere_else() -> None:
     """The only file of the node: its path is set in the constructor; no message can change it."""
-    tree = ast.parse((PACKAGE / "nodes" / "estimator.py").read_text("utf-8"))
+    tree = ast.parse((PACKAGE / "nodes" / "estimation.py").read_text("utf-8"))
     assigned = [
-        ast.unparse(node.value)
+        ast.unparse(node)
         for node in ast.walk(tree)
-        if isinstance(node, ast.Assign)
-        and any(isinstance(t, ast.Attribute) and t.attr == "_state_file" for t in node.targets)
+        if isinstance(node, ast.Attribute)
+        and node.attr == "_state_file"
+        and isinstance(node.ctx, ast.Store)
     ]
-    assert assigned == ["state_file"]
+    assert assigned == ["self._state_file"]
     made = [
-        [ast.unparse(argument) for argument in call.args]
-        for name, call in calls(PACKAGE / "nodes" / "estimator_command.py")
-        if name in ("EstimatorNode", "ManagedEstimator")
+        ast.unparse(call.args[0])
+        for name, call in calls(PACKAGE / "nodes" / "estimator.py")
+        if name in ("EstimatorNode", "spin_managed")
     ]
-    assert made == [["own.state_file"]] * 2
+    assert made == ["own.state_file"] * 2
     written = [
         ast.unparse(call)
         for path in (PACKAGE / "nodes").glob("*.py")

@@ -34,7 +34,7 @@ def test_validate_imports_nothing_that_only_writing_a_bag_needs(imported: list[l
 def test_the_estimator_node_imports_nothing_that_it_does_not_need() -> None:
     """Nothing of recordings, no YAML that is not plain."""
     code = (
-        "import sys, cdrj_ros.nodes.estimator_command; "
+        "import sys, cdrj_ros.nodes.estimator; "
         "from cdrj_ros.model.loading import load_model; load_model('prototype'); "
         "slow = {'matplotlib', 'rich', 'jinja2', 'rosbags', 'mcap', 'lz4', 'zstandard'}; "
         "slow |= {'ruamel.yaml', 'scipy.interpolate', 'scipy.optimize', 'scipy.signal', 'sympy'}; "

@@ -44,10 +44,10 @@ class Bench:
         self.executor = EventsExecutor()
         self.node = Node("bench")
         self.executor.add_node(self.node)
-        self.estimators: list[Any] = []
+        self.nodes: list[Any] = []
 
     def estimator(self, *arguments: str, state_file: Path | None = None, **given: Any) -> Any:
-        """Create an estimator node whose outputs are stored in `outputs`."""
+        """The estimation of a new node, with what it publishes in ``answers``, see ``feed``."""
         from rclpy.parameter import Parameter
 
         from cdrj_ros.nodes.estimator import EstimatorNode
@@ -58,21 +58,10 @@ class Bench:
             parameter_overrides=[Parameter(key, value=value) for key, value in given.items()],
             cli_args=["--ros-args", *arguments],
         )
-        node.outputs = []
-        publish = node.topics.publish
-
-        def remember(output: Any) -> None:
-            node.outputs.append(output)
-            publish(output)
-
-        node.topics.publish = remember
-        node.motor, node.joint = (
-            node._listener(kind, one.heard)
-            for kind, one in zip(("motors", "joints"), node.inputs, strict=False)
-        )
         self.executor.add_node(node)
-        self.estimators.append(node)
-        return node
+        self.nodes.append(node)
+        listen(node.estimation)
+        return node.estimation
 
     def until(self, condition: Callable[[], bool], patience_s: float = PATIENCE_S) -> bool:
         from time import monotonic
@@ -94,28 +83,46 @@ class Bench:
 
     def close(self) -> None:
         self.executor.shutdown()
-        for node in (*self.estimators, self.node):
+        for node in (*self.nodes, self.node):
             node.destroy_node()
 
 
-def feed(node: Any, first: int, last: int, begin: int = BEGIN) -> None:
+def listen(estimation: Any) -> None:
+    """Let ``motor`` and ``joint`` take payloads as the subscriptions do; record what is published.
+
+    Tests feed many messages; the tests over DDS show that subscriptions lead to the same callbacks.
+    """
+    if not hasattr(estimation, "answers"):
+        estimation.answers = []
+        publish = estimation.outputs.publish
+
+        def remember(output: Any) -> None:
+            estimation.answers.append(output)
+            publish(output)
+
+        estimation.outputs.publish = remember
+    for kind, topic in zip(("motor", "joint"), estimation.inputs, strict=False):
+        setattr(estimation, kind, estimation.angle_callback(f"{kind}s", topic))
+
+
+def feed(estimator: Any, first: int, last: int, begin: int = BEGIN) -> None:
     for k in range(first, last):
         sample = sample_at(k, begin)
-        node.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
-        node.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+        estimator.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
+        estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
 
 
-def hold(node: Any, k: int, displaced: float = 0.0) -> None:
+def hold(estimator: Any, k: int, displaced: float = 0.0) -> None:
     """Repeat the readings of one sample until the robot counts as at rest."""
     sample = sample_at(k)
     for ahead in range(1, 320):
         stamp = sample.stamp_ns + ahead * MILLISECOND
-        node.joint(JOINT.encode(stamp, position=sample.joint_angle))
-        node.motor(MOTOR.encode(stamp, position=sample.motor_angle + displaced))
+        estimator.joint(JOINT.encode(stamp, position=sample.joint_angle))
+        estimator.motor(MOTOR.encode(stamp, position=sample.motor_angle + displaced))
 
 
-def tensions(node: Any) -> np.ndarray:
-    return np.array([output.estimate.tension for output in node.outputs])
+def tensions(estimator: Any) -> np.ndarray:
+    return np.array([output.estimate.tension for output in estimator.answers])
 
 
 def expected(models: Sequence[Model], pieces: Sequence[range], begin: int = BEGIN) -> np.ndarray:
@@ -138,6 +145,13 @@ def changed(model: Model, **friction: float) -> Model:
     return prepare(build_robot(with_numbers(dict(model.robot.document), values), "changed"))
 
 
+def own_parameters(estimator: Any) -> set[str]:
+    """Names of the node's parameters, without those of ROS itself."""
+    every = estimator.node.get_parameters_by_prefix("")
+    of_ros = ("qos_overrides.", "use_sim_time", "start_type_description_service")
+    return {name for name in every if not name.startswith(of_ros)}
+
+
 def hear_diagnostics(bench: Bench, said: list[Any]) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
 
@@ -152,17 +166,17 @@ def values_of(status: Any) -> dict[str, str]:
 
 
 class Clock:
-    """Publishes /clock and waits until the node has received it."""
+    """Publishes /clock and waits until the estimator has received it."""
 
-    def __init__(self, bench: Bench, node: Any) -> None:
+    def __init__(self, bench: Bench, estimator: Any) -> None:
         from rclpy.qos import QoSProfile
         from rosgraph_msgs.msg import Clock as Message
 
-        self.bench, self.message, self.estimator = bench, Message(), node
+        self.bench, self.message, self.estimator = bench, Message(), estimator
         self.publisher = bench.node.create_publisher(Message, "/clock", QoSProfile(depth=100))
         assert bench.until(lambda: self.publisher.get_subscription_count() > 0)
 
     def set(self, ns: int) -> None:
         self.message.clock.sec, self.message.clock.nanosec = divmod(ns, SECOND)
         self.publisher.publish(self.message)
-        assert self.bench.until(lambda: self.estimator._now_ns() == ns)
+        assert self.bench.until(lambda: self.estimator.now_ns() == ns)

@@ -23,7 +23,7 @@ _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(
     [
         f"cdrj_ros.nodes.{name}"
-        for name in ("entry", "estimator_command", "markers", "replay", "rig", "watch")
+        for name in ("entry", "estimator", "markers", "replay", "rig", "watch")
     ]
 )
 

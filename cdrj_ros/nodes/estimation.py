@@ -1,0 +1,359 @@
+"""The estimator inside a node: it subscribes to the inputs, estimates and publishes.
+
+``EstimatorNode`` and the lifecycle node ``ManagedEstimator`` have one each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic, perf_counter, time_ns
+from typing import Any, Final
+
+from cdrj_msgs.msg import CableTensions
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+
+from cdrj_ros._core import JointStateDecoder
+from cdrj_ros.conditioning.conditioner import Kind
+from cdrj_ros.estimation.session import Output
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
+from cdrj_ros.foundation.text import counted
+from cdrj_ros.messages.cdr import MessageError
+from cdrj_ros.messages.conversions import marked_stale
+from cdrj_ros.messages.decoders import cable_tensions
+from cdrj_ros.messages.topics import (
+    DIAGNOSTICS,
+    FEW,
+    JOINT_STATES,
+    MOTOR_STATES,
+    TENSION_SENSORS,
+)
+from cdrj_ros.nodes.changes import SIMULATED, Changes
+from cdrj_ros.nodes.diagnostics import HealthWatch, StepTimes, diagnostic_array, status_of
+from cdrj_ros.nodes.inputs import InputTopic, InputWatch, has_chosen
+from cdrj_ros.nodes.outputs import Outputs, RateLimit
+from cdrj_ros.nodes.parameters import read, settings
+from cdrj_ros.nodes.robot_description import given_model
+from cdrj_ros.nodes.settings import declare
+from cdrj_ros.nodes.silence import Silence, StampClock
+from cdrj_ros.nodes.spinning import CheckedClock
+
+WATCHES: Final = 4
+"""Number of checks of the inputs per timeout."""
+
+WATCH_S: Final = 1.0
+"""Maximum time between two checks of the inputs, however long the timeout is [s]."""
+
+DIAGNOSIS_S: Final = 1.0
+"""Time between two messages on /diagnostics [s]."""
+
+IDLE: Final = {
+    "unconfigured": "no robot is loaded; the transition configure loads it",
+    "inactive": "no estimates; the transition activate starts them",
+    "finalized": "shut down; end the process",
+}
+"""What diagnostics say of the states without estimates."""
+
+
+class Estimation:
+    """Subscribes to the inputs of a node, steps the estimator and publishes the estimates."""
+
+    live: LiveEstimator
+    """The estimator, while configured."""
+
+    def __init__(
+        self, node: CheckedClock, state_file: Path | None = None, *, managed: bool = False
+    ) -> None:
+        """Declare the parameters and publish diagnostics; ``configure`` loads the robot.
+
+        Args:
+            node: the node, whose parameters, topics and services these are.
+            state_file: read by ``configure`` and updated every second; not a parameter, so that no
+                other node can choose the file to be written.
+            managed: whether every parameter may change while no robot is loaded.
+
+        Raises:
+            ParameterException: a given parameter has another type, or is out of range.
+        """
+        self.node, self._state_file, self._managed = node, state_file, managed
+        self.state = "unconfigured"
+        """``unconfigured``, ``inactive``, ``active`` or ``finalized``."""
+        self.output: Output | None = None
+        """The last estimate."""
+        self._simulated = False
+        self._chosen: dict[str, bool] = {}
+        """Whether the user has chosen the reliability of an input, by topic."""
+        declare(node, settings(), fixed=not managed)
+        self._given: list[Parameter] = []
+        self._changes = Changes(self)
+        self._diagnosed_s = monotonic()
+        self.diagnostics = node.create_publisher(DiagnosticArray, DIAGNOSTICS, FEW)
+        node.create_timer(DIAGNOSIS_S, self.diagnose)
+        # a simulated clock may stand still or be set back, so timers run on a steady clock as well
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(DIAGNOSIS_S / 2.0, self._on_steady, clock=self._steady)
+
+    @property
+    def configured(self) -> bool:
+        """Whether the robot is loaded, and outputs and services are open."""
+        return self.state in ("inactive", "active")
+
+    # --- states -----------------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        """Read the parameters and the robot file, prepare the estimator, open outputs and services.
+
+        Raises:
+            CdrjError: a parameter, the robot file or the state file is missing or invalid.
+        """
+        node, started = self.node, read(self.node)
+        model = given_model(node, started.robot, started.preload)
+        self.timeout_s, self.stamps = started.timeout_s, StampClock(started.same_clock_s)
+        self.live = LiveEstimator(model, started.options)
+        if started.friction:
+            self.live.set_numbers(started.friction)
+        self.health: HealthWatch | None = None
+        if started.health != "disabled" and self.live.encoderless is None:  # it needs every joint's angle
+            self.health = HealthWatch(self.live, marks_unsure=started.health == "mark")
+        self._read_state()
+        self._limit = RateLimit(started.max_rate_hz)
+        self.output = None
+        self.times = StepTimes()
+        self._simulated = bool(node.get_parameter(SIMULATED).value)
+        self.silence = Silence(self.timeout_s, self._simulated)
+        self._counted, self._counted_ns = 0, self.now_ns()
+        self.outputs = Outputs(node, self.live, started.frame_id)
+        self._changes.offer_services()
+        self._given = [node.get_parameter_or(one.name) for one in settings() if one.changeable]
+        self.state = "inactive"
+        self._changes.show_in_force()
+        layout = model.layout
+        node.get_logger().info(
+            f"{model.robot.name}: {counted(len(layout.motors), 'motor')}, "
+            f"{counted(len(layout.joints), 'joint')}, {counted(len(layout.elements), 'element')}, "
+            f"{counted(len(layout.pulleys), 'pulley')}"
+        )
+
+    def activate(self) -> None:
+        """Subscribe to the inputs and check them regularly."""
+        self.inputs = self._subscribe()
+        self.watch = InputWatch(
+            self.node, self.live, self.inputs, self.silence, self.stamps, self.now_ns
+        )
+        period_s = self.timeout_s / WATCHES
+        self._checks = [
+            self.node.create_timer(min(period_s, WATCH_S), self._on_watch, clock=self._steady),
+            self.node.create_timer(period_s, self._on_watch),
+        ]
+        self.state = "active"
+
+    def deactivate(self) -> None:
+        """Publish the last estimate as STALE, write the state file and close the inputs."""
+        self.state = "inactive"
+        for timer in self._checks:
+            self.node.destroy_timer(timer)
+        for one in self.inputs:
+            one.close()
+        self.forget()
+        self.live.suspend()
+
+    def clean_up(self) -> None:
+        """Close outputs and services, unload the robot; parameters return to what was given."""
+        self.state = "unconfigured"
+        self.outputs.close()
+        self._changes.close()
+        del self.live, self.outputs
+        unset = Parameter.Type.NOT_SET
+        self.node.set_parameters(
+            [
+                Parameter(one.name, Parameter.Type.DOUBLE_ARRAY, []) if one.type_ == unset else one
+                for one in self._given
+            ]
+        )
+
+    def shut_down(self) -> None:
+        """Deactivate and clean up, whatever the state."""
+        if self.state == "active":
+            self.deactivate()
+        if self.configured:
+            self.clean_up()
+        self.state = "finalized"
+
+    def _subscribe(self) -> list[InputTopic]:
+        robot, resolve = self.live.model.robot, self.node.resolve_topic_name
+        motors = self.live.model.layout.motors
+        joints = tuple(joint.name for joint in robot.as_read.joints)
+        kinds: dict[str, tuple[Kind, tuple[str, ...]]] = {MOTOR_STATES: ("motors", motors)}
+        if joints and resolve(MOTOR_STATES) == resolve(JOINT_STATES):
+            kinds = {MOTOR_STATES: ("both", motors + joints)}
+        elif joints:
+            kinds[JOINT_STATES] = ("joints", joints)
+        inputs = []
+        for name, (kind, axes) in kinds.items():
+            topic = self._input(JointState, name, axes)
+            topic.subscribe(self.angle_callback(kind, topic))
+            inputs.append(topic)
+        if self.live.options.tension_sensors:
+            topic = self._input(CableTensions, TENSION_SENSORS, ())
+            topic.subscribe(self.on_tensions)
+            inputs.append(topic)
+        return inputs
+
+    def _input(self, message: Any, name: str, axes: tuple[str, ...]) -> InputTopic:
+        if name not in self._chosen:
+            self._chosen[name] = has_chosen(self.node, name)
+        return InputTopic(self.node, message, name, axes, chosen=self._chosen[name])
+
+    # --- from a reading to an estimate ------------------------------------------------------------
+
+    def angle_callback(self, kind: Kind, topic: InputTopic) -> Callable[[bytes], None]:
+        """The callback of a topic of angles: decodes, conditions, steps and publishes."""
+        live = self.live
+        health = self.health if kind != "joints" else None
+        fed = kind != "joints" and (live.options.track_preload or live.encoderless is not None)
+        message = JointStateDecoder(efforts=fed)
+
+        def on_angles(payload: bytes) -> None:
+            begin = perf_counter()
+            if not message.decode(payload):
+                live.conditioner.refuse("malformed")
+                return
+            topic.messages += 1
+            stamp_ns = message.stamp_ns
+            wanted = health is not None and health.wants_efforts(stamp_ns)
+            if fed and live.wants_efforts(stamp_ns):
+                live.feed_efforts(stamp_ns, message.names, message.efforts)
+            if health is not None and wanted:
+                health.read_efforts(stamp_ns, message.names, message.efforts)
+            jumped, outputs = live.feed_message(kind, message)
+            if jumped:
+                self.node.get_logger().warning(
+                    "the clock of the inputs went back: estimate restarted",
+                    throttle_duration_sec=1.0,
+                )
+            if outputs:
+                self._publish(outputs, (perf_counter() - begin) / len(outputs))
+            else:  # which may need an explanation
+                topic.names, topic.positions = message.names, message.positions
+
+        return on_angles
+
+    def _publish(self, outputs: list[Output], step_s: float) -> None:
+        """Publish the estimates that one message led to; those older than the timeout as STALE.
+
+        Args:
+            outputs: at least one.
+            step_s: time that each has taken [s].
+        """
+        self.times.add(step_s)
+        newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.lag_ns
+        now_ns = self.now_ns()
+        self.stamps.note(newest_ns, now_ns)
+        fresh_ns = self.stamps.stale_before_ns(now_ns, self.timeout_s)
+        for output in outputs:
+            estimate = output.estimate
+            self.output = output
+            if not self._limit.passes(estimate.stamp_ns):
+                continue
+            if estimate.stamp_ns < fresh_ns:
+                output = output._replace(estimate=marked_stale(estimate))  # noqa: PLW2901
+            self.outputs.publish(output)
+        self.live.finish()
+        if self.health is not None:
+            self.health.follow(outputs[-1])
+        self.watch.note()
+
+    def on_tensions(self, payload: bytes) -> None:
+        """Take a message of load cells; a malformed one is counted."""
+        try:
+            readings = cable_tensions(payload)
+            self.live.feed_tensions(*readings)
+            if self.health is not None:
+                self.health.read_tensions(*readings)
+        except MessageError:
+            self.live.conditioner.refuse("malformed")
+
+    # --- time -------------------------------------------------------------------------------------
+
+    def now_ns(self) -> int:
+        """Time of the node's clock, which may be simulated [ns]."""
+        if not self._simulated:  # the same time; rclpy's clock takes 3 us or more
+            return time_ns()
+        return int(self.node.get_clock().now().nanoseconds)
+
+    def _on_watch(self) -> None:
+        """Republish the last estimate as STALE once the inputs have been silent for the timeout."""
+        if self.output is not None and self.watch.lost():
+            self.outputs.publish_stale(self.output)
+
+    def _on_steady(self) -> None:
+        """Publish diagnostics if the timer on the node's clock has not done so."""
+        if monotonic() - self._diagnosed_s > 1.5 * DIAGNOSIS_S:
+            self.diagnose()
+
+    def diagnose(self) -> None:
+        """Publish diagnostics and write the state file."""
+        self._diagnosed_s = monotonic()
+        name = self.node.get_fully_qualified_name().lstrip("/")
+        statuses = [self._status(name)]
+        if self.configured and self.health is not None and self.health.heard:
+            statuses.append(self.health.status(f"{name}: health"))
+        stamp = self.node.get_clock().now().to_msg()
+        self.diagnostics.publish(diagnostic_array(stamp, *statuses))
+        self.write_state()
+
+    def _status(self, name: str) -> DiagnosticStatus:
+        if self.state == "active":
+            now_ns = self.now_ns()
+            elapsed_s = (now_ns - self._counted_ns) * 1e-9
+            since = self.outputs.published - self._counted
+            self._counted, self._counted_ns = self.outputs.published, now_ns
+            rate_hz = since / elapsed_s if elapsed_s > 0.0 else 0.0
+            health = self.watch.health(self.output, rate_hz, self.node.clock_refused)
+            self.watch.warn(health)
+            status = status_of(name, self.live, self.output, health, self.times)
+        else:
+            status = DiagnosticStatus(
+                level=DiagnosticStatus.WARN,
+                name=name,
+                message=f"{self.state}: {IDLE[self.state]}",
+                hardware_id=self.live.model.robot.name if self.configured else "",
+            )
+        if self._managed:
+            status.values.append(KeyValue(key="lifecycle state", value=self.state))
+        return status
+
+    # --- state file -------------------------------------------------------------------------------
+
+    def _read_state(self) -> None:
+        if self._state_file is None:
+            return
+        try:
+            if words := read_state(self.live, self._state_file):
+                self.node.get_logger().info(words)
+        except StateFileError as error:
+            self.node.get_logger().warning(f"{error}; starting without it")
+
+    def write_state(self) -> None:
+        """Write the state file, if there is one."""
+        if self._state_file is None or not self.configured:
+            return
+        try:
+            write_state(self.live, self._state_file)
+        except StateFileError as error:
+            self.node.get_logger().warning(str(error), throttle_duration_sec=60.0)
+
+    def forget(self) -> None:
+        """Republish the last estimate as STALE, then discard it."""
+        if self.output is not None:
+            self.outputs.publish_stale(self.output)
+        self.output = None
+        if self.health is not None:
+            self.health.reset()
+        self.silence.forget()
+        self._limit.reset()
+        self.write_state()

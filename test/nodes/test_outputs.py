@@ -1,0 +1,184 @@
+"""What the node publishes: values, frames, a maximum rate, and nothing that nobody listens to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.estimators import (
+    JOINT,
+    MOTOR,
+    ROBOT,
+    Bench,
+    expected,
+    feed,
+    sample_at,
+    tensions,
+)
+
+from cdrj_ros.messages.cdr import JOINT_STATE, read_layout
+from cdrj_ros.messages.conversions import marked_stale
+from cdrj_ros.model.loading import load_model
+
+PLACED = str(Path(__file__).parents[2] / "config" / "robots" / "prototype_positions.yaml")
+
+
+@pytest.fixture
+def bench(ros: None) -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench: Bench) -> None:
+    from geometry_msgs.msg import WrenchStamped
+    from sensor_msgs.msg import JointState
+
+    estimator = bench.estimator(robot=PLACED, frame_id="arm")
+    states: list[Any] = []
+    wrenches: list[Any] = []
+    bench.node.create_subscription(JointState, "/cdrj/tension_states", states.append, 10)
+    bench.node.create_subscription(WrenchStamped, "/cdrj/wrenches/upper_3", wrenches.append, 10)
+    outputs = estimator.outputs
+    assert bench.until(lambda: bool(outputs.wanted and outputs.states_wanted))
+    feed(estimator, 0, 5)
+    assert bench.until(lambda: len(states) == len(wrenches) == 5)
+    layout, estimate = estimator.live.model.layout, estimator.output.estimate
+    state, wrench = states[-1], wrenches[-1]
+    assert tuple(state.name) == layout.elements
+    assert np.array_equal(state.effort, estimate.tension)
+    assert not len(state.velocity)
+    assert not len(state.position)
+    k = layout.pulleys.index("upper/3")
+    force = wrench.wrench.force
+    wanted = [estimate.values[getattr(layout, f"force_{axis}")][k] for axis in "xyz"]
+    assert [force.x, force.y, force.z] == wanted
+    assert np.hypot(force.x, force.y) > 1.0
+    assert wrench.header.frame_id == "arm"
+    assert wrench.header.stamp.sec * 10**9 + wrench.header.stamp.nanosec == estimate.stamp_ns
+
+    for unknown in (marked_stale(estimate), estimate._replace(solved=False)):
+        outputs.publish(estimator.output._replace(estimate=unknown))
+    feed(estimator, 5, 6)
+    assert bench.until(lambda: len(states) > 5 and len(wrenches) > 5)
+    assert len(states) == len(wrenches) == 6, "a message without status says nothing unknown"
+
+
+def test_wrenches_of_cables_without_positions_are_in_the_frame_of_each_pulley(bench: Bench) -> None:
+    from geometry_msgs.msg import WrenchStamped
+
+    estimator = bench.estimator()
+    wrenches: list[Any] = []
+    bench.node.create_subscription(WrenchStamped, "/cdrj/wrenches/lower_5", wrenches.append, 10)
+    assert bench.until(lambda: bool(estimator.outputs.wanted))
+    feed(estimator, 0, 1)
+    assert bench.until(lambda: bool(wrenches))
+    assert wrenches[0].header.frame_id == "lower_5"
+    opened = {name for name, _ in bench.node.get_topic_names_and_types() if "wrenches" in name}
+    assert opened == {"/cdrj/wrenches/lower_5"}
+
+
+def efforts_of(payload: bytes) -> tuple[int, tuple[str, ...], np.ndarray]:
+    """Stamp [ns], names and efforts of a JointState."""
+    layout = read_layout(payload, JOINT_STATE.fields)
+    sec, nanosec = np.frombuffer(payload, "<i4", 2, 4).tolist()
+    span = layout.numbers["effort"]
+    effort = np.frombuffer(payload, span.dtype, span.count, span.offset)
+    return sec * 1_000_000_000 + nanosec, layout.texts["name"], effort
+
+
+def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_otherwise(
+    bench: Bench,
+) -> None:
+    from sensor_msgs.msg import JointState
+
+    estimator = bench.estimator()
+    heard: dict[str, list[bytes]] = {"efforts": [], "efforts_stddev": []}
+    for topic, payloads in heard.items():
+        bench.node.create_subscription(JointState, f"/cdrj/{topic}", payloads.append, 100, raw=True)
+    assert bench.until(lambda: estimator.outputs.efforts.get_subscription_count() > 0)
+    assert bench.until(lambda: estimator.outputs.stddev_wanted)
+    far = sample_at(0)
+    estimator.joint(JOINT.encode(far.stamp_ns, position=far.joint_angle))
+    estimator.motor(MOTOR.encode(far.stamp_ns, position=far.motor_angle + 1e4))
+    assert not estimator.output.estimate.solved
+    assert bench.until(lambda: all(len(payloads) == 1 for payloads in heard.values()))
+    for (payload,) in heard.values():
+        stamp, names, effort = efforts_of(payload)
+        assert (stamp, names, effort.size) == (far.stamp_ns, ("winch", "elbow"), 0)
+    estimator.live.reset()
+    feed(estimator, 1, 3)
+    assert bench.until(lambda: all(len(payloads) == 3 for payloads in heard.values()))
+    estimate, stddev = estimator.output
+    layout = estimate.layout
+    wanted = estimate.values[layout.motor_effort.start : layout.joint_effort.stop]
+    assert np.array_equal(efforts_of(heard["efforts"][-1])[2], wanted)
+    said = efforts_of(heard["efforts_stddev"][-1])[2]
+    assert np.array_equal(said, stddev[-2:])
+    assert np.all(said > 0.0)
+
+
+def test_a_maximum_rate_omits_messages_and_changes_no_bit(bench: Bench) -> None:
+    everything, slow = bench.estimator(), bench.estimator("-r", "__ns:=/slow", max_rate=100)
+    for one in (everything, slow):
+        feed(one, 0, 600)
+    assert np.array_equal(tensions(everything), expected((load_model(ROBOT),), (range(600),)))
+    whole = {one.estimate.stamp_ns: one for one in everything.answers}
+    assert len(slow.answers) == pytest.approx(60, abs=1)
+    for one in slow.answers:
+        same = whole[one.estimate.stamp_ns]
+        assert np.array_equal(one.estimate.values, same.estimate.values)
+        assert np.array_equal(one.stddev, same.stddev)
+    last = everything.output.estimate
+    assert np.array_equal(slow.output.estimate.values, last.values)
+
+
+def test_quality_of_service_may_be_overridden_by_parameters(bench: Bench) -> None:
+    from rclpy.qos import ReliabilityPolicy
+
+    bench.estimator(**{"qos_overrides./cdrj/tensions.publisher.reliability": "best_effort"})
+    for topic, wanted in (
+        ("/cdrj/tensions", ReliabilityPolicy.BEST_EFFORT),
+        ("/cdrj/efforts", ReliabilityPolicy.RELIABLE),
+    ):
+        assert bench.until(lambda: bool(bench.node.get_publishers_info_by_topic(topic)))  # noqa: B023
+        (info,) = bench.node.get_publishers_info_by_topic(topic)
+        assert info.qos_profile.reliability == wanted
+
+
+def published(estimator: Any, interval: int, late: int) -> list[list[int]]:
+    """Stamps published after each of 400 motor readings 1 ms apart [ns].
+
+    Args:
+        estimator: of a node.
+        interval: of the joint's readings [ms].
+        late: how much later than the motor's these arrive [ms].
+    """
+    found: list[list[int]] = []
+    for k in range(400):
+        before = len(estimator.answers)
+        sample = sample_at(k)
+        estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+        if k >= late and (k - late) % interval == 0:
+            then = sample_at(k - late)
+            estimator.joint(JOINT.encode(then.stamp_ns, position=then.joint_angle))
+        found.append([one.estimate.stamp_ns for one in estimator.answers[before:]])
+    return found
+
+
+@pytest.mark.parametrize(("interval", "late"), [(2, 3), (1, 1), (10, 0), (50, 5)])
+def test_a_node_that_predicts_publishes_most_stamps_at_once_and_none_twice(
+    interval: int, late: int, bench: Bench
+) -> None:
+    estimator = bench.estimator(conditioning="predict")
+    found = published(estimator, interval, late)
+    stamps = [stamp for one in found for stamp in one]
+    assert stamps == sorted(set(stamps))
+    at_once = [sample_at(k).stamp_ns in found[k] for k in range(400)]
+    assert np.mean(at_once[100:]) == pytest.approx(min(20 - late, interval) / interval, abs=0.05)
+    other = bench.estimator("-r", "__ns:=/other", conditioning="wait")
+    published(other, interval, late)
+    assert np.array_equal(estimator.live.state.values, other.live.state.values)
