@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import numpy as np
 import pytest
+from support.remote import ROBOT, Remote
 
 from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.decoders import cable_tensions
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.loading import load_model
@@ -21,7 +19,6 @@ from cdrj_ros.rig.motion import sine
 from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder
 from cdrj_ros.rig.truth import simulate
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 WHOLE, LOST = "36.85,26.26", "29.48,26.26"
 """Preloads of the robot file, and those after a loss of 20 % in the upper cable [N]."""
 LOST_N = 7.37
@@ -31,11 +28,9 @@ Both cables then have lost 7.37 N, since they share a motor and balance each oth
 FREQUENCY_HZ = 0.25
 EVERY = 2
 """Only every n-th sample of the 250 Hz simulation is read: 125 Hz."""
-PATIENCE_S = 120.0
 BURST, AHEAD = 20, 60
 """Samples sent between two checks of the answers, and samples allowed without an answer: together
 0.64 s.  Efforts 1 s ahead of the joint's angles are discarded, and topics may arrive one by one."""
-INPUTS = ("motor_states", "joint_states")
 MOTOR = Template(JOINT_STATE, ("winch",), ("position", "effort"))
 MOTOR_ALONE = Template(JOINT_STATE, ("winch",), ("position",))
 JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
@@ -73,62 +68,20 @@ def measure(preload: str, cycles: int, *faults: Fault) -> Measured:
     )
 
 
-class Remote:
-    """An estimator process in its own namespace, with the test's ends of its topics."""
-
-    def __init__(self, node: Any, start_node: Any, side: str, **parameters: Any) -> None:
-        from cdrj_msgs.msg import CableTensions
-        from sensor_msgs.msg import JointState
-
-        self.node = node
-        self.answers: list[bytes] = []
-        self.motors, self.joints = (
-            node.create_publisher(JointState, f"/{side}/{topic}", 1000) for topic in INPUTS
+def send(remote: Remote, measured: Measured, count: int, *, efforts: bool = True) -> None:
+    """Send the first ``count`` samples and wait for their estimates."""
+    for k in range(count):
+        stamp = int(measured.stamp_ns[k])
+        remote.inputs["joint_states"].publish(JOINT.encode(stamp, position=measured.joint[k]))
+        angle = measured.motor[k]
+        remote.inputs["motor_states"].publish(
+            MOTOR.encode(stamp, position=angle, effort=measured.effort[k])
+            if efforts
+            else MOTOR_ALONE.encode(stamp, position=angle)
         )
-        answers = node.create_subscription(
-            CableTensions, f"/{side}/tensions", self.answers.append, 1000, raw=True
-        )
-        given = {"robot": ROBOT, "timeout": 3600.0, **parameters}
-        start_node(
-            "estimator", "--ros-args", "-r", f"__ns:=/{side}",
-            *(part for key, value in given.items() for part in ("-p", f"{key}:={value}")),
-        )  # fmt: skip
-        assert self.until(
-            lambda: (
-                self.motors.get_subscription_count() == 1
-                and self.joints.get_subscription_count() == 1
-                and node.count_publishers(answers.topic_name) == 1
-            )
-        )
-
-    def until(self, condition: Any) -> bool:
-        deadline = monotonic() + PATIENCE_S
-        while not condition():
-            if monotonic() > deadline:
-                return False
-            self.node.spin_once(timeout_sec=0.01)
-        return True
-
-    def send(self, measured: Measured, count: int, *, efforts: bool = True) -> None:
-        """Send the first ``count`` samples and wait for their estimates."""
-        for k in range(count):
-            stamp = int(measured.stamp_ns[k])
-            self.joints.publish(JOINT.encode(stamp, position=measured.joint[k]))
-            angle = measured.motor[k]
-            self.motors.publish(
-                MOTOR.encode(stamp, position=angle, effort=measured.effort[k])
-                if efforts
-                else MOTOR_ALONE.encode(stamp, position=angle)
-            )
-            if k % BURST == BURST - 1:
-                assert self.until(lambda: len(self.answers) > k - AHEAD)  # noqa: B023
-        assert self.until(lambda: len(self.answers) == count)
-
-    def heard(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tensions and standard deviations of all estimates [N], shapes (n, elements)."""
-        got = [cable_tensions(one) for one in self.answers]
-        tension, stddev = (np.array([one[k] for one in got]) for k in (2, 3))
-        return tension, stddev
+        if k % BURST == BURST - 1:
+            assert remote.until(lambda: len(remote.answers) > k - AHEAD)  # noqa: B023
+    assert remote.until(lambda: len(remote.answers) == count)
 
 
 @pytest.mark.parametrize(
@@ -140,8 +93,9 @@ def test_the_motors_effort_recovers_most_of_a_lost_preload_within_ten_cycles(
     brisk_node: Any, start_node: Any, preload: str, cycles: int, faults: tuple[Fault, ...]
 ) -> None:
     measured = measure(preload, cycles, *faults)
-    one = Remote(brisk_node, start_node, "tracked", track_preload=True)
-    one.send(measured, measured.stamp_ns.size)
+    one = Remote(brisk_node, start_node, "tracked")
+    one.start(track_preload=True)
+    send(one, measured, measured.stamp_ns.size)
     tension, stddev = one.heard()
     tenth = slice(-round(250.0 / FREQUENCY_HZ / EVERY), None)
     error = (tension - measured.tension)[tenth]
@@ -156,10 +110,12 @@ def test_without_track_preload_efforts_change_no_byte_and_recover_nothing(
 ) -> None:
     measured = measure(LOST, 10)
     count = measured.stamp_ns.size // 4
-    told = Remote(brisk_node, start_node, "told", health="report")
+    told = Remote(brisk_node, start_node, "told")
+    told.start(health="report")
     untold = Remote(brisk_node, start_node, "untold")
-    told.send(measured, count)
-    untold.send(measured, count, efforts=False)
+    untold.start()
+    send(told, measured, count)
+    send(untold, measured, count, efforts=False)
     assert told.answers == untold.answers
     error = told.heard()[0] - measured.tension[:count]
     assert error[:, :8].mean() > 0.95 * LOST_N

@@ -4,30 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import numpy as np
 import pytest
+from support.remote import ROBOT, Remote
 
 from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
-from cdrj_ros.messages.decoders import cable_tensions
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 
-ROOT = Path(__file__).parents[2]
-ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 LOST = "25.8,26.26"
 """Preloads after a loss of 30 % in the upper cable [N]."""
-PATIENCE_S = 120.0
-INPUTS = ("motor_states", "joint_states")
 MOTOR = Template(JOINT_STATE, ("winch",), ("position",))
 JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
 CELLS = ("upper/8", "lower/8")
+RAW = {"tracking_bandwidth": 0.0}
+"""No filter between counts, since the tests compare with run()."""
 CELL = Template(CABLE_TENSIONS, CELLS, ("tension", "stddev"))
 
 
@@ -42,107 +39,22 @@ def readings(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples
     return recorded(model, 6)
 
 
-class Remote:
-    """An estimator process in its own namespace, with the test's ends of its topics."""
-
-    def __init__(self, node: Any, start_node: Any, side: str) -> None:
-        from cdrj_msgs.msg import CableTensions
-        from rcl_interfaces.msg import Log
-        from rclpy.qos import DurabilityPolicy, QoSProfile
-        from sensor_msgs.msg import JointState
-
-        self.node, self.side = node, side
-        self._start_node = start_node
-        self.answers: list[bytes] = []
-        self.inputs = {
-            topic: node.create_publisher(JointState, f"/{side}/{topic}", 2000) for topic in INPUTS
-        }
-        self.cells = node.create_publisher(CableTensions, f"/{side}/tension_sensors", 2000)
-        node.create_subscription(
-            CableTensions, f"/{side}/tensions", self.answers.append, 2000, raw=True
-        )
-        # announced after that for the tensions: who publishes to it knows both
-        self.logged = 0
-        kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(Log, "/rosout", self._on_log, kept)
-
-    def _on_log(self, message: Any) -> None:
-        self.logged += message.name == f"{self.side}.estimator"
-
-    def start(self, *own: str, **parameters: Any) -> None:
-        """Start a process and wait until it is connected; a killed one's endpoints remain."""
-        before, logged = self._ends(), self.logged
-        # no filter between counts, since the tests compare with run()
-        given = {"robot": ROBOT, "timeout": 3600.0, "tracking_bandwidth": 0.0, **parameters}
-        self.process = self._start_node(
-            "estimator", *own, "--ros-args", "-r", f"__ns:=/{self.side}",
-            *(part for key, value in given.items() for part in ("-p", f"{key}:={value}")),
-        )  # fmt: skip
-
-        def connected() -> bool:
-            now = self._ends()
-            return (
-                self.logged > logged  # so that it sends its first tensions here, too
-                and all(new - old for new, old in zip(now, before, strict=True))
-                and all(
-                    publisher.get_subscription_count() == len(found)
-                    for publisher, found in zip(self.inputs.values(), now, strict=False)
-                )
-            )
-
-        assert self.until(connected)
-
-    def _ends(self) -> list[set[bytes]]:
-        infos = [
-            *(self.node.get_subscriptions_info_by_topic(f"/{self.side}/{t}") for t in INPUTS),
-            self.node.get_publishers_info_by_topic(f"/{self.side}/tensions"),
-        ]
-        return [{bytes(info.endpoint_gid) for info in one} for one in infos]
-
-    def until(self, condition: Any, patience_s: float = PATIENCE_S) -> bool:
-        deadline = monotonic() + patience_s
-        while not condition():
-            if monotonic() > deadline:
-                return False
-            self.node.spin_once(timeout_sec=0.01)
-        return True
-
-    def send(self, readings: Samples, first: int, last: int, cells: Any = None) -> None:
-        """Send readings, with load cell tensions at every fourth; wait for the estimates."""
-        begin = len(self.answers)
-        few = 100 if cells is None else 10  # a load cell's reading is valid for 0.2 s
-        for k in range(first, last):
-            stamp = int(readings.stamp_ns[k])
-            if cells is not None and k % 4 == 0:
-                noise = np.full(len(CELLS), 0.05)
-                self.cells.publish(CELL.encode(stamp, tension=cells[k], stddev=noise))
-            joint = JOINT.encode(stamp, position=readings.joint_angle[k])
-            self.inputs["joint_states"].publish(joint)
-            motor = MOTOR.encode(stamp, position=readings.motor_angle[k])
-            self.inputs["motor_states"].publish(motor)
-            if k % few == few - 1:
-                self.until(lambda: len(self.answers) > begin + k - first - 2 * few)  # noqa: B023
-        assert self.until(lambda: len(self.answers) == begin + last - first)
-
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        """Call a service of the estimator; returns its response."""
-        client = self.node.create_client(kind, f"/{self.side}/estimator/{name}")
-        assert self.until(client.service_is_ready)
-        answer = client.call_async(request)
-        assert self.until(answer.done)
-        return answer.result()
-
-    def heard(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tensions and standard deviations of all estimates [N], shapes (n, elements)."""
-        got = [cable_tensions(one) for one in self.answers]
-        tension, stddev = (np.array([one[k] for one in got]) for k in (2, 3))
-        return tension, stddev
-
-    def kill(self) -> None:
-        """Kill the process by SIGKILL."""
-        self.process.kill()
-        self.process.wait()
-        self.answers.clear()
+def send(remote: Remote, readings: Samples, first: int, last: int, cells: Any = None) -> None:
+    """Send readings, with load cell tensions at every fourth; wait for the estimates."""
+    begin = len(remote.answers)
+    few = 100 if cells is None else 10  # a load cell's reading is valid for 0.2 s
+    for k in range(first, last):
+        stamp = int(readings.stamp_ns[k])
+        if cells is not None and k % 4 == 0:
+            noise = np.full(len(CELLS), 0.05)
+            remote.cells.publish(CELL.encode(stamp, tension=cells[k], stddev=noise))
+        joint = JOINT.encode(stamp, position=readings.joint_angle[k])
+        remote.inputs["joint_states"].publish(joint)
+        motor = MOTOR.encode(stamp, position=readings.motor_angle[k])
+        remote.inputs["motor_states"].publish(motor)
+        if k % few == few - 1:
+            remote.until(lambda: len(remote.answers) > begin + k - first - 2 * few)  # noqa: B023
+    assert remote.until(lambda: len(remote.answers) == begin + last - first)
 
 
 def figures(words: str) -> None:
@@ -162,17 +74,17 @@ def test_of_two_estimators_one_is_killed_and_continues_and_the_other_is_not_affe
     """Each estimator is a process; one is killed in motion and restarts from its state file."""
     state_file = tmp_path / "state"
     left, right = (Remote(brisk_node, start_node, side) for side in ("left", "right"))
-    left.start("--state-file", str(state_file))
-    right.start()
-    left.send(readings, 0, 800)
-    right.send(readings, 0, 800)
+    left.start("--state-file", str(state_file), **RAW)
+    right.start(**RAW)
+    send(left, readings, 0, 800)
+    send(right, readings, 0, 800)
     written = state_file.stat().st_mtime_ns if state_file.exists() else 0
     assert left.until(lambda: state_file.exists() and state_file.stat().st_mtime_ns > written)
 
     left.kill()
-    right.send(readings, 800, 1000)
-    left.start("--state-file", str(state_file))
-    left.send(readings, 805, 1000)
+    send(right, readings, 800, 1000)
+    left.start("--state-file", str(state_file), **RAW)
+    send(left, readings, 805, 1000)
 
     assert right.process.poll() is None
     truth = alone(model, readings)
@@ -188,12 +100,12 @@ def test_without_a_state_file_a_restart_is_within_two_sigma_and_soon_within_thre
     brisk_node: Any, model: Model, readings: Samples, start_node: Any
 ) -> None:
     one = Remote(brisk_node, start_node, "cold")
-    one.start()
+    one.start(**RAW)
     begin, end = 3000, 6500
-    one.send(readings, begin - 500, begin)
+    send(one, readings, begin - 500, begin)
     one.kill()
-    one.start()
-    one.send(readings, begin, end)
+    one.start(**RAW)
+    send(one, readings, begin, end)
     tension, stddev = one.heard()
     truth = alone(model, readings)[begin:end]
     error = np.abs(tension - truth)
@@ -224,14 +136,14 @@ def test_values_set_by_services_survive_a_kill(
     still = Samples(readings.stamp_ns, readings.motor_angle[k], readings.joint_angle[k])
     one = Remote(brisk_node, start_node, "set")
     arguments = ("--state-file", str(tmp_path / "state"))
-    one.start(*arguments)
-    one.send(still, 0, 800)
+    one.start(*arguments, **RAW)
+    send(one, still, 0, 800)
     assert one.call(Trigger, "tare", Trigger.Request()).success
     request = SetPreload.Request(cable=["lower"], preload=[20.0])
     assert one.call(SetPreload, "set_preload", request).success
     one.kill()
-    one.start(*arguments)
-    one.send(still, 799, 900)
+    one.start(*arguments, **RAW)
+    send(one, still, 799, 900)
     tension, _ = one.heard()
     assert np.allclose(tension[0, :8], 36.85)
     assert np.allclose(tension[0, 8:], 20.0)
@@ -257,9 +169,9 @@ def test_load_cells_over_dds_find_a_lost_preload_in_every_element(
     columns = [lost.layout.elements.index(name) for name in CELLS]
     cells = truth[:, columns] + np.random.default_rng(0).normal(0.0, 0.05, (len(truth), 2))
     one = Remote(brisk_node, start_node, "measured")
-    one.start(tension_sensors=True)
+    one.start(tension_sensors=True, **RAW)
     assert one.until(lambda: one.cells.get_subscription_count() == 1)
-    one.send(readings, 0, len(truth), cells)
+    send(one, readings, 0, len(truth), cells)
     tension, stddev = one.heard()
     error = np.abs(tension - truth)
     assert error[0].max() > 10.0
