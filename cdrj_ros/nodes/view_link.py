@@ -7,6 +7,7 @@ from queue import SimpleQueue
 from time import monotonic
 from typing import Any, Final
 
+from markupsafe import Markup
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.node import Node
@@ -16,6 +17,7 @@ from std_srvs.srv import Trigger
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.parameters import FRICTION, settings
 from cdrj_ros.view.controls import Controls, Knob
+from cdrj_ros.view.markup import filled
 
 READ_S: Final = 1.0
 """Time between two readings of the parameters in force [s]."""
@@ -158,17 +160,19 @@ class EstimatorLink:
                 self._say(f"no answer from {self.name}")
 
     def _on_trigger(self, reply: Any) -> None:
-        self._say(reply.message if reply.success else f"**refused:** {reply.message}")
+        self._say(reply.message if reply.success else _refused(reply.message))
 
     def _on_set(self, names: tuple[str, ...], reply: Any) -> None:
         reasons = [one.reason for one in reply.results if not one.successful]
         if self.controls is not None and reasons:
             for name in names:
                 self.controls.release(name)
-        self._say(f"**refused:** {reasons[0]}" if reasons else "")
+        self._say(_refused(reasons[0]) if reasons else "")
         self._read_s = -READ_S
 
     def _on_values(self, reply: Any) -> None:
+        if len(reply.values) != 1 + len(FRICTION):
+            return  # no estimator of this version
         preload, *friction = reply.values
         self._preload = list(preload.double_array_value)
         values = {
@@ -183,6 +187,10 @@ class EstimatorLink:
     def _say(self, words: str) -> None:
         if self.controls is not None:
             self.controls.answer(words)
+
+
+def _refused(reason: str) -> Markup:
+    return filled("<b>refused:</b> {}", reason)
 
 
 TRIGGERS: Final[Mapping[str, str]] = {

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any, Final
 
-from cdrj_ros.foundation.text import printable
 from cdrj_ros.nodes.feed import Rate
 from cdrj_ros.report.live_table import FOREIGN_S
+from cdrj_ros.view.markup import filled
 
 DIAGNOSED_S: Final = 3.0
 """Time after which a diagnosis is no longer shown [s]."""
@@ -56,7 +56,7 @@ class Heard:
 
 
 def words_of(heard: Heard, there: bool, publishers: int, now_ns: int) -> tuple[str, ...]:
-    """The state as paragraphs of Markdown.
+    """The state in paragraphs, see ``markup.plain``.
 
     Args:
         heard: what has been received.
@@ -66,25 +66,25 @@ def words_of(heard: Heard, there: bool, publishers: int, now_ns: int) -> tuple[s
     """
     rate = heard.rate.hz(heard.count)
     if heard.fresh:
-        facts = ["**Stale:** the estimator's inputs are late" if heard.stale else "**Estimating**"]
-        if rate is not None:
-            facts.append(f"{rate:.0f} Hz")
+        state = (
+            "<b>Stale:</b> the estimator's inputs are late" if heard.stale else "<b>Estimating</b>"
+        )
+        hertz = "" if rate is None else f" · {rate:.0f} Hz"
         age_s = (now_ns - heard.stamp_ns) * 1e-9
         foreign = abs(age_s) > FOREIGN_S
-        facts.append("recorded stamps" if foreign else f"age {1e3 * max(age_s, 0.0):.0f} ms")
-        return (" · ".join(facts), *_diagnosed(heard))
-    since = monotonic() - heard.last_s
+        age = "recorded stamps" if foreign else f"age {1e3 * max(age_s, 0.0):.0f} ms"
+        return (filled(state + "{} · {}", hertz, age), *_diagnosed(heard))
+    since = f"{monotonic() - heard.last_s:.0f} s"
     if not there and not publishers:
-        gone = "**No estimator:** " + (
-            f"{heard.node} is gone, its last tensions are {since:.0f} s old"
-            if heard.count
-            else f"nobody publishes {heard.topic}, and {heard.node} is not running"
-        )
-        return (gone,)
+        if heard.count:
+            words = "<b>No estimator:</b> {} is gone, its last tensions are {} old"
+            return (filled(words, heard.node, since),)
+        words = "<b>No estimator:</b> nobody publishes {}, and {} is not running"
+        return (filled(words, heard.topic, heard.node),)
     if not publishers:
-        return (f"**No tensions:** nobody publishes {heard.topic}", *_diagnosed(heard))
-    silent = f"for {since:.0f} s" if heard.count else "yet"
-    return (f"**No tensions** on {heard.topic} {silent}", *_diagnosed(heard))
+        return (filled("<b>No tensions:</b> nobody publishes {}", heard.topic), *_diagnosed(heard))
+    silent = f"for {since}" if heard.count else "yet"
+    return (filled("<b>No tensions</b> on {} {}", heard.topic, silent), *_diagnosed(heard))
 
 
 def _diagnosed(heard: Heard) -> tuple[str, ...]:
@@ -93,8 +93,6 @@ def _diagnosed(heard: Heard) -> tuple[str, ...]:
     if status is None or monotonic() - heard.diagnosed_s > DIAGNOSED_S:
         return ()
     values = {value.key: value.value for value in status.values}
-    lines = [f"{LEVELS.get(status.level, '?')}: {printable(status.message)}"]
-    kept = [f"{key} {printable(values[key])}" for key in SHOWN if values.get(key, "none") != "none"]
-    if kept:
-        lines.append("<small>" + " · ".join(kept) + "</small>")
-    return tuple(lines)
+    message = f"{LEVELS.get(status.level, '?')}: {status.message}"
+    kept = [f"{key} {values[key]}" for key in SHOWN if values.get(key, "none") != "none"]
+    return (message, *([filled("<small>{}</small>", " · ".join(kept))] if kept else []))

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import Any, Final
 
+from cdrj_ros.foundation.text import printable
+from cdrj_ros.view.markup import paragraphs
+
 HELD_S: Final = 1.5
 """Time after a change by hand during which a slider does not follow the value in force [s]."""
 
@@ -55,14 +58,14 @@ class Controls:
             button = gui.add_button(label, hint=hint)
             button.on_click(lambda _, press=press: press())
             self._buttons.append(button)
-        self._answer = gui.add_markdown("")
+        self._answer = gui.add_html("")
         self._sliders = {knob.name: self._slider(gui, knob) for knob in knobs}
         self.enable(False)
 
     def _slider(self, gui: Any, knob: Knob) -> Any:
         step = (knob.high - knob.low) / STEPS
         slider = gui.add_slider(
-            knob.label, knob.low, knob.high, step, knob.start, hint=knob.description
+            printable(knob.label), knob.low, knob.high, step, knob.start, hint=knob.description
         )
 
         @slider.on_update  # type: ignore[untyped-decorator]
@@ -79,8 +82,8 @@ class Controls:
             one.disabled = not able
 
     def answer(self, words: str) -> None:
-        """Show the estimator's answer."""
-        self._answer.content = words
+        """Show the estimator's answer, see ``markup.plain``."""
+        self._answer.content = paragraphs([words] if words else [])
 
     def release(self, name: str) -> None:
         """Let a slider return to the value in force, because a change was refused."""
@@ -90,7 +93,7 @@ class Controls:
         """Show the values in force."""
         for name, value in values.items():
             knob, slider = self._knobs[name], self._sliders[name]
-            slider.label = f"{knob.label} = {value:.4g}{knob.unit and ' ' + knob.unit}"
+            slider.label = f"{printable(knob.label)} = {value:.4g}{knob.unit and ' ' + knob.unit}"
             if monotonic() - self._touched[name] > HELD_S:
                 shown = min(max(value, knob.low), knob.high)
                 if abs(shown - slider.value) > 1e-9 * max(abs(shown), 1.0):

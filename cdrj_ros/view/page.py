@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import Final
 
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.view.aim import Aim
 from cdrj_ros.view.drawing import Drawing, Labels
 from cdrj_ros.view.history import History, Table, choices
 from cdrj_ros.view.looks import Picture, picture_of
+from cdrj_ros.view.markup import paragraphs
 from cdrj_ros.view.plots import Plots, TimeAxis
 from cdrj_ros.view.server import address_of, open_server
 from cdrj_ros.view.snapshot import Snapshot, nothing_known
@@ -76,7 +78,7 @@ class Page:
         """Number of pictures drawn."""
         self._plotted_s = 0.0
         self._flat = not any(cable.spatial for cable in model.robot.cables)
-        self.gui.set_panel_label(title)
+        self.gui.set_panel_label(printable(title))
         self.drawing = Drawing(self.server.scene, model, self.choose)
         self._build(place.dark, axis)
         self._theme(place.dark)
@@ -115,7 +117,7 @@ class Page:
         Args:
             shown: the values.
             table: values over time.
-            words: the state in words, one paragraph of Markdown each.
+            words: the state in words, one paragraph each, see ``markup.plain``.
             now_ns: time that is marked in the curves [ns]; None for none, whose time is 0 at the
                 end.
 
@@ -125,7 +127,7 @@ class Page:
         picture = picture_of(self.model, shown)
         with self.server.atomic():
             self.drawing.update(picture, self.chosen, self._labels.value, self._forces.value)
-        self.words.content = "\n\n".join(words)
+        self.words.content = paragraphs(words)
         self.pictures += 1
         if self.plot_is_due():
             self._plotted_s = monotonic()
@@ -143,7 +145,7 @@ class Page:
 
     def _build(self, dark: bool, axis: TimeAxis) -> None:
         gui, layout = self.gui, self.model.layout
-        self.words = gui.add_markdown("")
+        self.words = gui.add_html("")
         """State in words."""
         self.above = gui.add_folder("Time")
         self.above.visible = False

@@ -7,6 +7,7 @@ from time import monotonic
 from typing import Any, Final
 
 from cdrj_ros.view.film import Film
+from cdrj_ros.view.markup import filled
 from cdrj_ros.view.page import Page
 
 RATES: Final = ("0.1", "0.25", "0.5", "1", "2", "5", "10")
@@ -79,7 +80,7 @@ class Player:
             return
         self._behind = not self.page.plot_is_due()
         words = (
-            f"**{self.title}**",
+            filled("<b>{}</b>", self.title),
             f"{self.time_s:.2f} s of {self.film.duration_s:.2f} s",
         )
         self.page.show(shown, self.film.table, words, shown.stamp_ns)

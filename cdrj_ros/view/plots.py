@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.report.live_table import SIGMAS
 from cdrj_ros.view.history import Curves
+from cdrj_ros.view.markup import filled, paragraphs
 
 TENSION: Final = "#2f9e44"
 BAND: Final = "rgba(47, 158, 68, 0.25)"
@@ -53,7 +54,7 @@ class Plots:
             axis: of all plots.
         """
         self._build_s = math.inf
-        self._words = gui.add_markdown("")
+        self._words = gui.add_html("")
         line: dict[str, Any] = {"width": 2, "points": {"show": False}}
         hidden: dict[str, Any] = {"stroke": "transparent", "width": 0, "points": {"show": False}}
         time = {"label": "t"}
@@ -111,15 +112,18 @@ class Plots:
         thin = slice(None, None, 1 + len(curves.time_s) // POINTS)
         kept = Curves(curves.element, curves.pulley, *(column[thin] for column in curves[2:]))
         if len(kept.time_s) < 2:
-            self._words.content = "Waiting for values."
+            self._words.content = paragraphs(["Waiting for values."])
             self._set_visible(False, False)
             return
         self._set_visible(True, bool(kept.pulley))
         at = None if now_s is None else int(np.argmin(np.abs(kept.time_s - now_s)))
         t, spread = kept.time_s, SIGMAS * kept.stddev
-        beside = f" · friction and slip at pulley **{kept.pulley}**" if kept.pulley else ""
         compared = " · dashed: reference" if np.isfinite(kept.reference).any() else ""
-        self._words.content = f"Element **{kept.element}** ± 2σ{compared}{beside}"
+        beside = (
+            filled(" · friction and slip at pulley <b>{}</b>", kept.pulley) if kept.pulley else ""
+        )
+        words = filled("Element <b>{}</b> ± 2σ{}{}", kept.element, compared, beside)
+        self._words.content = paragraphs([words])
         _show(self._tension, (
             t, kept.tension + spread, kept.tension - spread, kept.tension, kept.reference,
             _point(kept.tension, at),

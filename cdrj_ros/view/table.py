@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import Final
 
 import numpy as np
 
-from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.report.live_table import SIGMAS, round_scale, status_words
 from cdrj_ros.report.scene import Colour
 from cdrj_ros.view.looks import CableLook, Picture, cable_numbers
+from cdrj_ros.view.markup import plain
 from cdrj_ros.view.snapshot import Snapshot
 
 ROW: Final = (
@@ -62,7 +61,7 @@ def _row(look: CableLook, shown: Snapshot, e: int, limit: float, chosen: bool) -
     spread = f" ± {SIGMAS * stddev:.1f}" if np.isfinite(stddev) else ""
     return ROW.format(
         weight="font-weight:700;" if chosen else "",
-        name=escape(printable(look.name)),
+        name=plain(look.name),
         share=100.0 * min(max(tension / limit, 0.0), 1.0) if known else 0.0,
         colour=css(look.colour),
         value=f"{tension:.1f}{spread} N" if known else "–",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ import pytest
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.view.server import address_of, allowed, load_viser, open_server
 
+HERE = socket.gethostname().lower()
 HANDSHAKE = {
     "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
     "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Protocol": "viser-v1.1.1",
@@ -38,23 +40,41 @@ def server() -> Iterator[Any]:
         ("localhost", "localhost:8080", "null", False),
         ("localhost", "example.org:8080", "http://example.org:8080", False),
         ("localhost", None, None, False),
-        ("0.0.0.0", "robot.lan:8080", "http://robot.lan:8080", True),
-        ("0.0.0.0", "robot.lan:8080", "http://example.org", False),
+        ("localhost", "192.0.2.7:8080", "http://192.0.2.7:8080", False),
+        ("localhost", "localhost@example.org", None, False),
+        ("localhost", "localhost:8080; img-src *", None, False),
+        ("127.0.0.2", "127.0.0.2:8080", "http://127.0.0.2:8080", True),
+        ("127.0.0.2", "example.org:8080", "http://example.org:8080", False),
+        ("robot.lan", "robot.lan:8080", "http://robot.lan:8080", True),
+        ("192.0.2.7", "192.0.2.7", "http://192.0.2.7", True),
+        ("192.0.2.7", "example.org:8080", "http://example.org:8080", False),
+        ("0.0.0.0", "192.0.2.7:8080", "http://192.0.2.7:8080", True),
+        ("0.0.0.0", f"{HERE}:8080", f"http://{HERE}:8080", True),
+        ("0.0.0.0", f"{HERE}.local", f"http://{HERE}.local", True),
+        ("0.0.0.0", f"{HERE}.example.org", f"http://{HERE}.example.org", False),
+        ("0.0.0.0", "example.org:8080", "http://example.org:8080", False),
+        ("0.0.0.0", "192.0.2.7:8080", "http://example.org", False),
+        ("::", "[2001:db8::1]:8080", "http://[2001:db8::1]:8080", True),
+        ("::", "example.org", None, False),
     ],
 )
-def test_a_request_needs_the_own_origin_and_locally_a_local_name(
+def test_a_request_needs_the_own_origin_and_a_name_of_this_machine(
     host: str, asked: str | None, origin: str | None, answer: bool
 ) -> None:
     assert allowed(host, asked, origin) is answer
 
 
-def answer_of(server: Any, **headers: str) -> int:
+def asked_of(server: Any, headers: dict[str, str]) -> http.client.HTTPResponse:
     connection = http.client.HTTPConnection("localhost", server.get_port(), timeout=30.0)
     try:
-        connection.request("GET", "/", headers={**HANDSHAKE, **headers})
-        return connection.getresponse().status
+        connection.request("GET", "/", headers=headers)
+        return connection.getresponse()
     finally:
         connection.close()
+
+
+def answer_of(server: Any, **headers: str) -> int:
+    return asked_of(server, {**HANDSHAKE, **headers}).status
 
 
 def test_the_server_refuses_pages_of_others_and_foreign_names(server: Any) -> None:
@@ -62,6 +82,20 @@ def test_the_server_refuses_pages_of_others_and_foreign_names(server: Any) -> No
     assert answer_of(server, Origin=own) == 101
     assert answer_of(server, Origin="http://example.org") == 403
     assert answer_of(server, Host="example.org", Origin="http://example.org") == 403
+
+
+def test_the_page_may_neither_ask_other_servers_nor_be_framed(server: Any) -> None:
+    answer = asked_of(server, {})
+    assert answer.status == 200
+    rules = dict(
+        rule.strip().split(" ", 1) for rule in answer.headers["Content-Security-Policy"].split(";")
+    )
+    for kind in ("default-src", "frame-src", "frame-ancestors", "base-uri", "form-action"):
+        assert rules[kind] == "'none'"
+    assert f"ws://localhost:{server.get_port()}" in rules["connect-src"].split()
+    assert not any(
+        word.startswith(("http", "*")) for rule in rules.values() for word in rule.split()
+    )
 
 
 def test_the_tunnel_to_a_public_server_is_off(server: Any) -> None:

@@ -1,0 +1,205 @@
+"""Texts of others reach the page as plain text, through whichever door they come."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+from support.browser import chromium
+
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.view import page as pages
+from cdrj_ros.view.controls import Controls
+from cdrj_ros.view.history import Curves, History
+from cdrj_ros.view.looks import picture_of
+from cdrj_ros.view.page import Page, Place
+from cdrj_ros.view.player import Player
+from cdrj_ros.view.plots import Plots, TimeAxis
+from cdrj_ros.view.server import open_server
+from cdrj_ros.view.snapshot import nothing_known
+from cdrj_ros.view.table import table_of
+
+PAYLOADS = (
+    "<script>ran()</script>",
+    "<iframe srcdoc='<script>parent.ran()</script>'></iframe>",
+    '<iframe src="javascript:parent.ran()"></iframe>',
+    "<img src=x onerror=ran()>",
+    "<svg onload=ran()>",
+    "<svg><script>ran()</script></svg>",
+    "<math><mtext></p><img src=x onerror=ran()>",
+    "<details open ontoggle=ran()>x</details>",
+    "<style>@import 'http://192.0.2.1/';</style>",
+    "<link rel=stylesheet href=http://192.0.2.1/>",
+    "<meta http-equiv=refresh content='0;url=http://192.0.2.1/'>",
+    "<base href=http://192.0.2.1/>",
+    "<form action=http://192.0.2.1/><button>x</button></form>",
+    "<object data='data:text/html,<script>parent.ran()</script>'></object>",
+    "</div></td></table><b onclick=ran()>x",
+    "<!--><img src=x onerror=ran()>-->",
+    "&lt;img src=x onerror=ran()&gt;&#60;b&#62;",
+    "[x](javascript:ran()) ![x](http://192.0.2.1/) http://192.0.2.1/ `{ran()}` **x**",
+    "{0.__class__} {} {texts[0]} %s",
+    "'\" onmouseover=ran() \x1b[31m\u202e\x00</b>",
+)
+TAGS = {"div", "b", "small", "table", "tr", "td", "style"}
+"""All that the page's own HTML consists of."""
+
+
+class Read(HTMLParser):
+    """Text and tags of HTML, as the standard library reads it."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.text = ""
+        self.tags: set[str] = set()
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        assert {name for name, _ in attrs} <= {"style"}
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+    def handle_comment(self, data: str) -> None:
+        raise AssertionError(f"comment {data}")
+
+
+def shown(payload: str) -> str:
+    """The characters that a reader sees of a text."""
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in payload
+    )
+
+
+class Gui:
+    """A viser gui whose HTML is noted and which has no Markdown."""
+
+    def __init__(self, real: Any) -> None:
+        self._real = real
+        self.html: list[Any] = []
+
+    def __getattr__(self, name: str) -> Any:
+        assert name != "add_markdown"
+        return getattr(self._real, name)
+
+    def add_html(self, content: str) -> Any:
+        self.html.append(self._real.add_html(content))
+        return self.html[-1]
+
+    def read(self) -> Read:
+        assert all(type(one.content) is str for one in self.html), "viser cannot send others"
+        return Read("".join(one.content for one in self.html))
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[Page]:
+    pytest.importorskip("viser")
+
+    class Server:
+        def __init__(self, real: Any) -> None:
+            self._real, self.gui = real, Gui(real.gui)
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._real, name)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pages, "open_server", lambda host, port: Server(open_server(host, port)))
+        one = Page(load_model("finger"), Place(port=0), "title", TimeAxis("t", 0.0, 1.0))
+    yield one
+    one.close()
+
+
+def assert_plain(read: Read, payload: str) -> None:
+    assert read.tags <= TAGS
+    assert shown(payload) in read.text
+
+
+@pytest.mark.parametrize("payload", PAYLOADS)
+def test_every_door_of_the_page_shows_a_payload_as_its_characters(page: Page, payload: str) -> None:
+    nothing, history = nothing_known(page.model), History(page.model.layout, 4).table()
+    player = Player(MagicMock(watched=True), MagicMock(duration_s=1.0), payload)
+    player.page.gui.add_slider.return_value.max = 1.0  # type: ignore[attr-defined]
+    player.page.gui.add_dropdown.return_value.value = "1"  # type: ignore[attr-defined]
+    player.tick()
+    (_, _, words, _), _ = player.page.show.call_args  # type: ignore[attr-defined]
+    for texts in ((payload,), words):
+        page.show(nothing, history, texts)
+        assert_plain(page.gui.read(), payload)
+    gui = Gui(page.server._real.gui)
+    Controls(gui, (), lambda *_: None, {}).answer(payload)
+    assert_plain(gui.read(), payload)
+    gui = Gui(page.server._real.gui)
+    column = np.zeros(3)
+    Plots(gui, TimeAxis("t", 0.0, 1.0)).show(
+        Curves(payload, payload, np.arange(3.0), *[column] * 5), None
+    )
+    assert gui.read().text.count(shown(payload)) == 2
+    assert gui.read().tags <= TAGS
+    picture = picture_of(page.model, nothing)
+    odd = replace(picture, cables=(picture.cables[0]._replace(name=payload), *picture.cables[1:]))
+    assert_plain(Read(table_of(page.model, nothing, odd, payload)), payload)
+
+
+@pytest.mark.parametrize("payload", PAYLOADS)
+def test_diagnostics_and_answers_are_plain_text(page: Page, payload: str) -> None:
+    pytest.importorskip("rclpy")
+    from cdrj_ros.nodes import view_link, view_words
+
+    heard = view_words.Heard(payload, payload, count=1)
+    value = MagicMock(key="slack elements", value=payload)
+    heard.diagnose(MagicMock(level=b"\x01", message=payload, values=[value]))
+    states: list[tuple[str, ...]] = []
+    for there, publishers, fresh in ((False, 0, False), (True, 0, False), (True, 1, True)):
+        heard.fresh = fresh
+        states.append(view_words.words_of(heard, there, publishers, 0))
+
+    def call(request: Any) -> Any:
+        refusal = MagicMock(successful=False, reason=payload)
+        values = [MagicMock(double_array_value=[1.0], double_value=0.1)] * (
+            1 + len(view_link.FRICTION)
+        )
+        accepted = "success" not in refused
+        reply = MagicMock(results=[refusal], values=values, message=payload, success=accepted)
+        future = MagicMock()
+        future.result.return_value = reply
+        future.add_done_callback.side_effect = lambda then: then(future)
+        return future
+
+    refused: set[str] = set()
+    node = MagicMock()
+    node.create_client.return_value.call_async.side_effect = call
+    link = view_link.EstimatorLink(node, "estimator", page.model)
+    link.controls = MagicMock()
+    for ask in (link.press("tare"), link.press("reset"), lambda: link.change("friction.mu_c", 0.1)):
+        ask()
+        link.poll()
+        states.append((link.controls.answer.call_args.args[0],))
+        refused.add("success")
+    assert len(states) == 6
+    for texts in states:
+        page.show(nothing_known(page.model), History(page.model.layout, 1).table(), texts)
+        assert_plain(page.gui.read(), payload)
+
+
+def test_no_payload_runs_in_a_browser(page: Page, tmp_path: Path) -> None:
+    with chromium(tmp_path, 1100, 620) as browser:
+        browser.get(page.address)
+        words = [f"{k}: {payload}" for k, payload in enumerate(PAYLOADS)]
+        table = History(page.model.layout, 1).table()
+        browser.execute_script("window.count = 0; window.ran = () => { window.count += 1; };")
+        page.show(nothing_known(page.model), table, words)
+        wait = "const done = arguments[arguments.length - 1]; const look = () => "
+        wait += "document.body.innerText.includes('19: ') ? setTimeout(done, 500, window.count) "
+        wait += ": setTimeout(look, 50); look();"
+        assert browser.execute_async_script(wait) == 0
+        text = browser.execute_script("return document.body.innerText")
+        for payload in PAYLOADS:
+            assert shown(payload) in text
