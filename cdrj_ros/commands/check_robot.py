@@ -93,7 +93,7 @@ def _body(argv: Sequence[str]) -> int:
         write_png(draw_robot(inspection), arguments.png)
         told.append(f"drawing: {arguments.png}")
     if arguments.html:
-        from cdrj_ros.report.robot_page import write_robot_page
+        from cdrj_ros.report.html import write_robot_page
 
         write_robot_page(arguments.html, inspection, suspicions)
         told.append(f"page: {arguments.html}")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 from cdrj_ros.commands.check_robot_shares import print_shares
 from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.inspection.shares import Shares
-from cdrj_ros.report.cable_tables import CableTable, cable_tables, headline
-from cdrj_ros.report.columns import UNLIMITED
+from cdrj_ros.report.parameters import CableTable, cable_tables, headline
+from cdrj_ros.report.table import UNLIMITED
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -73,7 +73,7 @@ def validate() -> NoReturn:
         if several_large(sys.argv[1:]):
             from cdrj_ros.campaign.processes import prepare_processes
 
-            prepare_processes("cdrj_ros.judgement.bag_task")
+            prepare_processes("cdrj_ros.judgement.validation")
         from cdrj_ros.commands.validate import main
 
         return main

@@ -14,9 +14,9 @@ from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.residuals import Pool
 from cdrj_ros.identification.settings import Settings
 from cdrj_ros.identification.unknowns import Unknown
-from cdrj_ros.judgement.bag_task import validate_bag
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.metrics import pooled_errors
+from cdrj_ros.judgement.validation import validate_bag
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import with_numbers

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.identification.left_out import model_error
-from cdrj_ros.judgement.bag_task import validate_bag
 from cdrj_ros.judgement.channels import BagComparison
+from cdrj_ros.judgement.validation import validate_bag
 from cdrj_ros.model.prepared import Model
 
 Vector = NDArray[np.float64]

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from cdrj_ros import __version__
 from cdrj_ros.bag import Topics
 from cdrj_ros.foundation.output import say
+from cdrj_ros.judgement.comparison import DROP_CAUSES
 from cdrj_ros.judgement.limits import Judgement
 from cdrj_ros.judgement.metrics import Errors
-from cdrj_ros.judgement.placement import DROP_CAUSES
 from cdrj_ros.model.prepared import Model
 
 if TYPE_CHECKING:
@@ -135,9 +135,8 @@ def print_results(
     judgement: Judgement | None = None,
 ) -> None:
     """Print notes, counters and the table, then the names of the files; arguments as above."""
-    from cdrj_ros.report.health import health_of
-    from cdrj_ros.report.judgement_table import print_judgement
-    from cdrj_ros.report.table import print_errors
+    from cdrj_ros.report.table import print_errors, print_judgement
+    from cdrj_ros.report.verdict import health_of
 
     for bag in errors.bags:
         for note in bag.notes:

@@ -33,12 +33,12 @@ from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.files import check_outputs, size_of
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
-from cdrj_ros.judgement.bag_task import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
 from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.estimates_bag import OUTPUTS
+from cdrj_ros.judgement.estimating import OUTPUTS
+from cdrj_ros.judgement.inputs import Window, require_reference_topics
 from cdrj_ros.judgement.limits import judge, load_limits
 from cdrj_ros.judgement.metrics import errors_of
-from cdrj_ros.judgement.references import Window, require_reference_topics
+from cdrj_ros.judgement.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.robot.description import Robot
 
@@ -228,7 +228,7 @@ def _body(argv: Sequence[str]) -> int:
                 say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
     outside = judgement is not None and bool(judgement.outside)
     if judgement is not None and outside and arguments.quiet:
-        from cdrj_ros.report.judgement_table import print_judgement
+        from cdrj_ros.report.table import print_judgement
 
         print_judgement(judgement)
     if failed:

@@ -57,10 +57,9 @@ def body(argv: Sequence[str]) -> int:
     from cdrj_ros.view.server import load_viser
 
     load_viser()
-    from cdrj_ros.view.film import film_of
+    from cdrj_ros.view.film import Player, film_of
     from cdrj_ros.view.page import PICTURE_HZ, Page, Place
-    from cdrj_ros.view.player import Player
-    from cdrj_ros.view.plots import TimeAxis
+    from cdrj_ros.view.panels import TimeAxis
 
     model = load_model(arguments.robot, arguments.preload)
     recording = read_inputs(arguments.bag, topics_of(arguments), model)

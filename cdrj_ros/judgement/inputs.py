@@ -1,10 +1,25 @@
-"""The inputs of a recording: its angles, checked, conditioned and counted."""
+"""The inputs and references of a recording: read, checked, conditioned, cut into passes."""
 
 from __future__ import annotations
 
-from cdrj_ros.bag import Recording, Topics, read_recording
-from cdrj_ros.conditioning.whole_recording import Conditioned, condition
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.bag import Recording, Series, Topics, open_source, read_recording
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.conditioning.whole_recording import Conditioned, angles_of, condition
+from cdrj_ros.estimation.estimator import Angles
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.text import printable
+from cdrj_ros.judgement.channels import ANGLE, FORCE_VECTOR, Channel
+from cdrj_ros.judgement.reversals import clock_resets
+from cdrj_ros.model.channels import EFFORT
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot
 
@@ -71,3 +86,240 @@ def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int
     if conditioned.steps:
         counts["stepped_readings"] = conditioned.steps
     return counts
+
+
+def read_alone(path: str, topics: Topics, robot: Robot) -> Recording:
+    """Read a bag for a robot with joints without encoder.
+
+    The efforts of the motors are those on the topic of their angles or, where it has none, the
+    recorded references, which are then inputs and not compared.  Recorded angles of the joints
+    without encoder become references.
+
+    Raises:
+        BagError: as ``read_recording``, or no motor has an effort.
+    """
+    if not robot.as_read.joints and topics.joints not in open_source(path).channels():
+        topics = replace(topics, joints=topics.motors)
+    recording = read_recording(path, topics, motor_efforts=True, force_vectors=True)
+    references, efforts = dict(recording.references), {}
+    notes = list(recording.notes)
+    for motor in robot.motors:
+        reference = f"{EFFORT}/{motor.name}"
+        if motor.name in recording.motor_efforts:
+            efforts[motor.name] = recording.motor_efforts[motor.name]
+        elif reference in references:
+            efforts[motor.name] = references.pop(reference)
+            notes.append(f"{reference} is an input here, and not compared.")
+    unmeasured = [robot.joints[j].name for j in robot.unmeasured]
+    if not efforts:
+        raise BagError(
+            f"{path} has no efforts of {', '.join(motor.name for motor in robot.motors)}, from "
+            f"which {', '.join(unmeasured)} would be estimated"
+        )
+    joints = {name: one for name, one in recording.joints.items() if name not in unmeasured}
+    for name in unmeasured:
+        if name in recording.joints:
+            references[f"{ANGLE}/{name}"] = angles_of(robot, name, recording.joints[name])
+    return replace(
+        recording, joints=joints, references=references, motor_efforts=efforts, notes=tuple(notes)
+    )
+
+
+def condition_alone(model: Model, recording: Recording) -> Conditioned:
+    """As ``condition_recording``, without the joints that have no encoder."""
+    robot = model.robot.as_read
+    joints: Mapping[str, Series] = recording.joints
+    if set(joints) <= set(recording.motors):
+        joints = {joint.name: joints[joint.name] for joint in robot.joints}
+    return condition(robot, recording.motors, joints)
+
+
+def with_estimated_joints(robot: Robot, segment: Samples, angles: Sequence[Angles]) -> Samples:
+    """A segment with the estimated angles of the joints without encoder, for drawing over them.
+
+    Args:
+        robot: the robot.
+        segment: with the joints that have encoders.
+        angles: estimated over the segment, one after another.
+    """
+    joint_angle = np.empty((segment.stamp_ns.size, len(robot.joints)))
+    measured = [j for j, joint in enumerate(robot.joints) if joint.measured]
+    joint_angle[:, measured] = segment.joint_angle
+    for k, j in enumerate(robot.unmeasured):
+        value = np.concatenate([one.value[:, k] for one in angles])
+        joint_angle[:, j] = np.where(np.isfinite(value), value, robot.joints[j].reference_angle)
+    return replace(segment, joint_angle=joint_angle)
+
+
+WHOLE: Final = (0.0, float("inf"))
+"""The window that covers a whole recording [s]."""
+
+Window = tuple[float, float]
+"""Begin and end of the compared references, relative to the start of the recording [s]."""
+
+
+def require_reference_topics(path: str, topics: Topics) -> None:
+    """Refuse a bag without reference topics before reading it, if its index lists the topics.
+
+    Raises:
+        BagError: there is no reference topic, or the bag cannot be opened.
+    """
+    source = open_source(path)
+    there = source.channels()
+    known = source.channels_known() and {topics.motors, topics.joints} <= set(there)
+    if known and not set(topics.references).intersection(there):
+        raise _no_references(path)
+
+
+def references_in(
+    path: str, recording: Recording, conditioned: Conditioned, window: Window
+) -> Mapping[str, Series]:
+    """The references within a window, by channel.
+
+    Raises:
+        BagError: there is nothing to compare.
+    """
+    references = _windowed(recording, window)
+    if not references:
+        raise _no_references(path, recording)
+    if not any(segment.stamp_ns.size for segment in conditioned.segments):
+        raise BagError(f"{path}: not one sample of all motors and joints was acceptable")
+    return references
+
+
+def in_frames_of(robot: Robot, recording: Recording) -> Recording:
+    """The recording, with a note in place of the force vectors in another frame than the estimates.
+
+    The estimated forces of a cable without positions are in each pulley's own frame, and cannot be
+    compared with those in a frame that the messages name.  For a cable with positions both are
+    taken to be in the base frame, also where the messages name no frame or another.
+    """
+    unplaced = [cable.name for cable in robot.cables if not (cable.routed or cable.spatial)]
+    starts = tuple(f"{FORCE_VECTOR}/{cable}/" for cable in unplaced)
+    foreign = {name for name in recording.references if name.startswith(starts)}
+    if not foreign or not recording.force_frame:
+        return recording
+    note = (
+        f"The recorded forces are in the frame {printable(recording.force_frame)}, but the robot "
+        f"file gives no positions of {', '.join(unplaced)}: only magnitudes were compared."
+    )
+    return replace(
+        recording,
+        references={n: one for n, one in recording.references.items() if n not in foreign},
+        notes=(*recording.notes, note),
+    )
+
+
+def _windowed(recording: Recording, window: Window) -> Mapping[str, Series]:
+    """The references within the window, without channels that have no sample in it."""
+    begin, end = window
+    if window == WHOLE:
+        return recording.references
+    kept = {}
+    for name, series in recording.references.items():
+        since = (series.log_ns - recording.start_ns) * 1e-9
+        inside = (since >= begin) & (since < end)
+        if inside.any():
+            kept[name] = Series(
+                series.stamp_ns[inside], series.log_ns[inside], series.value[inside]
+            )
+    return kept
+
+
+def duration_s(recording: Recording, window: Window) -> float:
+    """Duration of the part of a recording within a window [s]."""
+    begin, end = window
+    length = (recording.end_ns - recording.start_ns) * 1e-9
+    return max(min(length, end) - begin, 0.0)
+
+
+def _no_references(path: str, recording: Recording | None = None) -> BagError:
+    when = " in that time" if recording is not None and recording.references else ""
+    notes = () if recording is None else recording.notes
+    refused = "; ".join(note for note in notes if " malformed messages, the first: " in note)
+    advice = "name their topics with --reference (CableTensions, NodalForces, or JointState with "
+    return BagError(f"{path} holds no references{when}; {refused or advice + 'efforts)'}")
+
+
+BETWEEN_PASSES_NS: Final = 1_000_000_000
+"""Time inserted between two passes when they are joined [ns]."""
+
+
+def slices_of(stamps: NDArray[np.int64]) -> list[slice]:
+    """Slices of stamps that increase strictly; the stamps go back between slices."""
+    starts = np.flatnonzero(np.diff(stamps) <= 0) + 1
+    edges = [0, *starts.tolist(), stamps.size]
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def references_of_passes(
+    references: Mapping[str, Series], recording: Recording, passes: int
+) -> list[dict[str, Series]]:
+    """References of every pass, cut where the clock was set back."""
+    if passes == 1 or not references:
+        return [dict(references) for _ in range(passes)]
+    clock = next(iter({**recording.joints, **recording.motors}.values()))
+    return [
+        dict(zip(references, column, strict=True))
+        for column in zip(
+            *(passes_of(series, passes - 1, clock) for series in references.values()), strict=True
+        )
+    ]
+
+
+def passes_of(series: Series, jumps: int, clock: Series) -> list[Series]:
+    """Cut a series at the jumps of its clock into ``jumps + 1`` parts.
+
+    If its own stamps show a different number of jumps, the series is cut at the log times of the
+    jumps of ``clock``.  If their number differs too, every part is the whole series, and the stamps
+    alone assign samples to passes.
+    """
+    at = clock_resets(series.stamp_ns)
+    if len(at) != jumps:
+        others = clock_resets(clock.stamp_ns)
+        if len(others) != jumps:
+            return [series] * (jumps + 1)
+        at = np.searchsorted(series.log_ns, clock.log_ns[others])
+    edges = [0, *at.tolist(), series.stamp_ns.size]
+    return [
+        Series(series.stamp_ns[a:b], series.log_ns[a:b], series.value[a:b])
+        for a, b in pairwise(edges)
+    ]
+
+
+def one_after_another(passes: Sequence[Sequence[Channel]]) -> tuple[Channel, ...]:
+    """Join the channels of several passes, with the stamps of later passes shifted.
+
+    Args:
+        passes: channels of the same names in the same order, of every pass.
+    """
+    if len(passes) == 1:
+        return tuple(passes[0])
+    shifts, end = [], None
+    for channels in passes:
+        stamps = [channel.stamp_ns for channel in channels if len(channel.stamp_ns)]
+        begin = min((int(own[0]) for own in stamps), default=0)
+        shifts.append(0 if end is None else end + BETWEEN_PASSES_NS - begin)
+        if stamps:
+            end = max(int(own[-1]) for own in stamps) + shifts[-1]
+    return tuple(
+        _joined(
+            [replace(one, stamp_ns=one.stamp_ns + s) for one, s in zip(of, shifts, strict=True)]
+        )
+        for of in zip(*passes, strict=True)
+    )
+
+
+def _joined(parts: Sequence[Channel]) -> Channel:
+    def column(name: str) -> NDArray[Any] | None:
+        own = [getattr(part, name) for part in parts]
+        return None if any(one is None for one in own) else np.concatenate(own)
+
+    dropped: Counter[str] = Counter()
+    for part in parts:
+        dropped.update(part.dropped)
+    arrays: dict[str, Any] = {
+        name: column(name)
+        for name in ("stamp_ns", "estimate", "reference", "angle", "stddev", "reversal")
+    }
+    return replace(parts[0], dropped=dict(dropped), **arrays)

@@ -33,14 +33,14 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
-from cdrj_ros.view.looks import FORCE, Picture, dashes_of, middle_of, picture_of
-from cdrj_ros.view.snapshot import (
+from cdrj_ros.view.history import (
     joint_angles,
     joint_axes,
     nothing_known,
     pulley_columns,
     tension_columns,
 )
+from cdrj_ros.view.picture import FORCE, Picture, dashes_of, middle_of, picture_of
 
 Namespace = Literal["cables", "wheels", "forces", "labels"]
 

@@ -39,14 +39,9 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
-from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, knobs_of
-from cdrj_ros.nodes.view_words import Heard, words_of
-from cdrj_ros.view.controls import Controls
-from cdrj_ros.view.history import History
-from cdrj_ros.view.page import PICTURE_HZ, Page, Place
-from cdrj_ros.view.plots import TimeAxis
-from cdrj_ros.view.server import load_viser
-from cdrj_ros.view.snapshot import (
+from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, Heard, knobs_of, words_of
+from cdrj_ros.view.history import (
+    History,
     Snapshot,
     joint_angles,
     joint_axes,
@@ -54,6 +49,9 @@ from cdrj_ros.view.snapshot import (
     pulley_columns,
     tension_columns,
 )
+from cdrj_ros.view.page import PICTURE_HZ, Page, Place
+from cdrj_ros.view.panels import Controls, TimeAxis
+from cdrj_ros.view.server import load_viser
 
 AXIS: Final = TimeAxis("s before now", -60.0, 0.0)
 """Of the curves; as long as the history at the highest rate of pictures."""

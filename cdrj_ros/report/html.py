@@ -13,9 +13,12 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from typing import TYPE_CHECKING, Any, Final
 
 from cdrj_ros.foundation.files import write_text
+from cdrj_ros.foundation.text import counted
+from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.judgement.channels import QUANTITIES, BagComparison, Channel, quantity_of
 from cdrj_ros.judgement.limits import Judgement
 from cdrj_ros.judgement.metrics import (
@@ -27,20 +30,58 @@ from cdrj_ros.judgement.metrics import (
     Errors,
 )
 from cdrj_ros.judgement.reversals import AROUND_NS, REVERSAL_SHARE
-from cdrj_ros.report.health import health_lines
-from cdrj_ros.report.judgement_table import OUTSIDE_HEADINGS, judgement_rows, judgement_sentence
-from cdrj_ros.report.numbers import format_amount, format_percent, format_r2
-from cdrj_ros.report.parameters import parameter_tables
+from cdrj_ros.report.parameters import cable_tables, headline, parameter_tables
 from cdrj_ros.report.pictures import Picture, channel_pictures, drawing_svg, friction_pictures
-from cdrj_ros.report.table import HEADINGS, Beside, cause_in_words, headings_of, table_groups
-from cdrj_ros.report.templates import style, template
-from cdrj_ros.report.verdict import direction_words, origin_of, telling_channels, verdict
+from cdrj_ros.report.table import (
+    HEADINGS,
+    OUTSIDE_HEADINGS,
+    Beside,
+    cause_in_words,
+    format_amount,
+    format_percent,
+    format_r2,
+    headings_of,
+    judgement_rows,
+    judgement_sentence,
+    table_groups,
+)
+from cdrj_ros.report.verdict import (
+    direction_words,
+    health_lines,
+    origin_of,
+    telling_channels,
+    verdict,
+)
 from cdrj_ros.robot.description import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from cdrj_ros.report.sheets import Sheets
+    from cdrj_ros.report.canvas import Sheets
+
+
+def template(name: str) -> Any:
+    """A template of ``assets/``, which may import others from there."""
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    environment = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        loader=FunctionLoader(_asset),
+    )
+    return environment.get_template(name)
+
+
+def style() -> str:
+    """The style sheet of all pages."""
+    return _asset("report.css").strip()
+
+
+def _asset(name: str) -> str:
+    return (resources.files("cdrj_ros.report") / "assets" / name).read_text(encoding="utf-8")
+
 
 PICTURE_BUDGET: Final = 2_700_000
 """Characters available for pictures on one page; channels beyond it are listed but not drawn."""
@@ -198,7 +239,7 @@ def _health(bag: BagComparison) -> dict[str, Any] | None:
 
 def _sections(errors: Errors) -> dict[tuple[int, str], _Section]:
     """Sections of all channels; the telling channels of all recordings use the budget first."""
-    from cdrj_ros.report.sheets import Sheets  # imports matplotlib
+    from cdrj_ros.report.canvas import Sheets  # imports matplotlib
 
     budget, sheets = PICTURE_BUDGET, Sheets()
     telling = [telling_channels([channel.name for channel in bag.channels]) for bag in errors.bags]
@@ -266,3 +307,42 @@ def _friction(bag: BagComparison, key: str) -> dict[str, Any] | None:
         f"{format_amount(most.mean, 'N')}; largest {format_percent(most.largest_share)}"
     )
     return {"line": line, "pictures": friction_pictures(bag.friction, most, key)}
+
+
+def write_robot_page(
+    path: str | os.PathLike[str], inspection: Inspection, suspicions: Sequence[Suspicion]
+) -> None:
+    """Write one self-contained HTML page on a robot, whole or not at all.
+
+    Args:
+        path: the file, replaced if it exists.
+        inspection: of ``cdrj_ros.inspection.ranges``.
+        suspicions: of ``cdrj_ros.inspection.suspicions``.
+
+    Raises:
+        OSError: the file cannot be written; an existing file is then kept.
+    """
+    from cdrj_ros.report.drawing import draw_robot
+
+    robot = inspection.model.robot
+    grave = [entry for entry in suspicions if entry.grave]
+    page = template("robot.html").render(
+        title=robot.name,
+        style=style(),
+        headline=headline(inspection),
+        verdict=f"{counted(len(grave), 'suspicious value')}" if grave else "nothing suspicious",
+        grave=_by_name(grave),
+        remarks=_by_name([entry for entry in suspicions if not entry.grave]),
+        drawing=drawing_svg(draw_robot(inspection), f"Cables of {robot.name}"),
+        cables=cable_tables(inspection),
+        parameters=parameter_tables(robot),
+    )
+    write_text(path, page + "\n")
+
+
+def _by_name(suspicions: Sequence[Suspicion]) -> dict[str, str]:
+    """Texts by the name of what they concern."""
+    texts: dict[str, str] = {}
+    for entry in suspicions:
+        texts[entry.where] = "; ".join(filter(None, (texts.get(entry.where), entry.text)))
+    return texts

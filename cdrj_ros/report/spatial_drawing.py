@@ -18,10 +18,18 @@ from numpy.typing import NDArray
 
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.model.spatial_paths import bodies_in_space, paths_in_space
-from cdrj_ros.report.body_outlines import outlines
-from cdrj_ros.report.drawing_style import FONT_SIZE, INK, MUTED, RULE, RULE_LIGHT, cable_colour
-from cdrj_ros.report.scale_drawing import GHOST, ghost_poses, poses_text
-from cdrj_ros.report.scene import LONG_SPAN
+from cdrj_ros.report.scale_drawing import (
+    FONT_SIZE,
+    GHOST,
+    INK,
+    MUTED,
+    RULE,
+    RULE_LIGHT,
+    cable_colour,
+    ghost_poses,
+    poses_text,
+)
+from cdrj_ros.report.scene import LONG_SPAN, outlines
 from cdrj_ros.robot.description import Robot, Winch
 
 Points = NDArray[np.float64]

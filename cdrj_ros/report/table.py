@@ -1,29 +1,126 @@
-"""Tables of the figures of a comparison, and of the figures outside their limits."""
+"""Tables of figures in a terminal, of those outside their limits, and the format of numbers."""
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from typing import TYPE_CHECKING, Final, TextIO
 
+from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.judgement.channels import ANGLE, FORCE_VECTOR, FRICTION, QUANTITIES, quantity_of
+from cdrj_ros.judgement.comparison import DROP_CAUSES
+from cdrj_ros.judgement.limits import Judgement, Outside
 from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
-from cdrj_ros.judgement.placement import DROP_CAUSES
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
-from cdrj_ros.report.columns import new_table, print_table
-from cdrj_ros.report.numbers import (
-    decimals_for,
-    format_angle,
-    format_number,
-    format_percent,
-    format_r2,
-    scale_for,
-)
 
 if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
+
+
+ABSENT: Final = "\N{EN DASH}"
+"""Text in place of an unknown figure."""
+
+_MINUS: Final = "\N{MINUS SIGN}"
+
+
+def format_number(value: float | None, decimals: int) -> str:
+    """A figure with that many decimals, or ABSENT."""
+    return ABSENT if value is None else f"{value:.{decimals}f}".replace("-", _MINUS)
+
+
+def format_percent(share: float | None, decimals: int = 2) -> str:
+    """A share in percent, with decimals only below 100 %, or ABSENT."""
+    if share is None:
+        return ABSENT
+    return f"{100.0 * share:.{decimals}f} %" if share < 1.0 else f"{100.0 * share:.0f} %"
+
+
+def format_r2(r2: float | None) -> str:
+    """R² with four decimals, or with one where it is far below zero."""
+    if r2 is None:
+        return ABSENT
+    return f"{r2:.4f}".replace("-", _MINUS) if r2 > -10.0 else f"{r2:.1f}".replace("-", _MINUS)
+
+
+def format_angle(degrees: float | None) -> str:
+    """An angle with two digits or more, down to thousandths: "0.25°", "0.001°", "143°"; or ABSENT.
+
+    Angles of a thousandth of a degree are those of rounded numbers.
+    """
+    if degrees is None:
+        return ABSENT
+    return f"{format_number(degrees, min(max(decimals_for(degrees) - 1, 0), 3))}°"
+
+
+def format_amount(value: float | None, unit: str) -> str:
+    """A value with two or more digits and its unit, milli-units if small: "0.21 N", "8.4 mN·m"."""
+    if value is None:
+        return ABSENT
+    factor, scaled_unit = scale_for(value, unit)
+    decimals = max(decimals_for(factor * value) - 1, 0)
+    return f"{format_number(factor * value, decimals)} {scaled_unit}"
+
+
+def scale_for(largest: float | None, unit: str) -> tuple[float, str]:
+    """Factor and unit for numbers up to ``largest`` [unit]: milli-units below 0.1.
+
+    The threshold is 0.0995, which rounds to 0.10 with two digits.
+    """
+    if largest is not None and 0.0 < largest < 0.0995 and " or " not in unit:
+        return 1e3, f"m{unit}"
+    return 1.0, unit
+
+
+def decimals_for(magnitude: float) -> int:
+    """Decimals that show three digits of a number of this magnitude: 2 for 4.2, 4 for 0.042."""
+    if not magnitude > 0.0:
+        return 2
+    return min(max(2 - math.floor(math.log10(magnitude)), 0), 9)
+
+
+UNLIMITED: Final = 100_000
+"""Width at which no table is wrapped [characters]."""
+
+
+def new_table(title: str = "") -> Table:
+    """An empty table."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    heading = Text(printable(title)) if title else None
+    return Table(title=heading, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+
+
+def print_table(table: Table, file: TextIO | None) -> None:
+    """Print a table with rules if the terminal is wide enough, otherwise as plain columns."""
+    from rich.console import Console
+
+    stream = sys.stdout if file is None else file
+    if stream.isatty():
+        console = Console(file=stream)
+        room = console.options.update(max_width=UNLIMITED)
+        if console.measure(table, options=room).maximum <= console.width:
+            console.print(table)
+            return
+    stream.write(plain(table))
+
+
+def plain(table: Table) -> str:
+    """A table as aligned columns of text without rules, of any width."""
+    from rich.console import Console
+
+    table.box, table.show_edge = None, False
+    console = Console(file=StringIO(), width=UNLIMITED, color_system=None, force_terminal=False)
+    with console.capture() as captured:
+        console.print(table)
+    return "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
+
 
 HEADINGS: Final = ("mean |error|", "mean rel.", "RMSE", "max |error|", "R²")
 """Headings of the figures in every table, in the order of metrics.FIGURES."""
@@ -217,3 +314,74 @@ def _columns(row: Row, beside: Beside | None) -> list[Text]:
 
     cells = [f"  {row.label}", *row.cells, *([row.aside] if beside else [])]
     return [Text(printable(cell)) for cell in cells]
+
+
+OUTSIDE_HEADINGS: Final = ("outside its limit", "figure", "is", "allowed", "beyond by", "in")
+"""Headings of the table of figures outside their limits."""
+
+FIGURE_NAMES: Final[Mapping[str, str]] = {
+    "n": "samples",
+    "mean_abs_error": "mean |error|",
+    "mean_relative_error": "mean relative error",
+    "rmse": "RMSE",
+    "max_abs_error": "largest |error|",
+    "r2": "R²",
+    "reversal_error": "mean |error| at reversals",
+    "smooth_error": "mean |error| elsewhere",
+    "coverage": "share within ±2σ",
+    "mean_direction_error_deg": "mean direction error",
+    "max_direction_error_deg": "largest direction error",
+}
+"""Name of every figure in words."""
+
+
+def judgement_rows(judgement: Judgement) -> list[tuple[str, str, str, str, str, str]]:
+    """Figures outside their limits: channel, figure, value, bound, excess, and recording."""
+    rows = []
+    for one in judgement.outside:
+        value, bound, by = (_figure_text(one, number) for number in (one.value, one.bound, one.by))
+        if one.by is not None and one.bound:
+            by += f" ({100.0 * one.by / abs(one.bound):.2g} %)"
+        allowed = f"{'at least' if one.least else 'at most'} {bound}"
+        rows.append((one.channel, FIGURE_NAMES[one.figure], value, allowed, by, one.where))
+    return rows
+
+
+def judgement_sentence(judgement: Judgement) -> str:
+    """Summary of the comparison with limits in one sentence."""
+    outside, checked = len(judgement.outside), judgement.checked
+    if not outside:
+        return f"Within all {checked} limits of {judgement.source}."
+    are = "is" if outside == 1 else "are"
+    return f"{outside} of {checked} figures {are} outside the limits of {judgement.source}."
+
+
+def print_judgement(judgement: Judgement, file: TextIO | None = None) -> None:
+    """Print the figures outside their limits and their excess."""
+    from rich.text import Text
+
+    say(judgement_sentence(judgement), file=file)
+    if rows := judgement_rows(judgement):
+        table = new_table()
+        for heading in OUTSIDE_HEADINGS:
+            table.add_column(heading, no_wrap=True)
+        for row in rows:
+            table.add_row(*(Text(printable(cell)) for cell in row))
+        print_table(table, file)
+
+
+def _figure_text(one: Outside, value: float | None) -> str:
+    figure = one.figure
+    if value is None:
+        return "not known"
+    if figure in ("mean_relative_error", "coverage"):
+        return format_percent(value)
+    if figure.endswith("_deg"):
+        return format_angle(value)
+    if figure == "r2":
+        return format_r2(value)
+    if figure == "n":
+        return f"{value:.0f}"
+    quantity = QUANTITIES.get(one.channel.partition("/")[0])
+    unit = one.unit or (quantity.unit if quantity else "")
+    return f"{value:.4g} {unit}".rstrip()

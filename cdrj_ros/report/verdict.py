@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from cdrj_ros.health.recorded import Alarm
+from cdrj_ros.health.recorded import Verdict as HealthVerdict
 from cdrj_ros.judgement.channels import (
     ANGLE,
     FORCE_VECTOR,
@@ -16,8 +18,13 @@ from cdrj_ros.judgement.channels import (
 )
 from cdrj_ros.judgement.metrics import ChannelError, Errors, mean_over_channels
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
-from cdrj_ros.report.numbers import format_amount, format_angle, format_percent, format_r2
-from cdrj_ros.report.table import table_groups
+from cdrj_ros.report.table import (
+    format_amount,
+    format_angle,
+    format_percent,
+    format_r2,
+    table_groups,
+)
 
 RELATIVE_GRADES: Final = ((0.02, "closely"), (0.05, "well"), (0.15, "roughly"))
 """Largest mean relative error for each word; the paper reports 4 % to 16 % for its channels."""
@@ -263,3 +270,31 @@ def _members(quantity: str, errors: Mapping[str, ChannelError]) -> dict[str, Cha
 
 def _amount(error: ChannelError, value: float | None, quantity: str) -> str:
     return format_amount(value, error.unit or QUANTITIES[quantity].unit)
+
+
+def health_of(bag: BagComparison) -> list[str]:
+    """The verdict in lines that name the recording; none if the monitor did not run."""
+    lines = health_lines(bag.health) if bag.health else []
+    return [f"health: {bag.path}: {line}" for line in lines]
+
+
+def health_lines(verdict: HealthVerdict) -> list[str]:
+    """The verdict first, then one line for every alarm."""
+    sensors = ", ".join(verdict.sensors)
+    compared = f"{_counted(verdict.cycles)} compared by {sensors}"
+    if not verdict.alarms:
+        return [f"{verdict.message} ({compared})"]
+    return [f"alarm ({compared})", *(_line(one) for one in verdict.alarms)]
+
+
+def _line(alarm: Alarm) -> str:
+    if alarm.first_cycle == alarm.last_cycle:
+        cycles = f"cycle {alarm.first_cycle}"
+    else:
+        cycles = f"cycles {alarm.first_cycle} to {alarm.last_cycle}"
+    span = f"{alarm.begin_s:.1f} to {alarm.end_s:.1f} s"
+    return f"{alarm.level}, {cycles}, {span}: {alarm.message}"
+
+
+def _counted(cycles: int) -> str:
+    return "1 cycle" if cycles == 1 else f"{cycles} cycles"

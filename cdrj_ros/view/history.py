@@ -1,14 +1,142 @@
-"""The last values of all elements and pulleys, for curves over time."""
+"""The values that a picture shows, and the last ones for curves over time."""
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.prepared import Layout
-from cdrj_ros.view.snapshot import Snapshot, usable
+from cdrj_ros._core import Axis
+from cdrj_ros.conditioning.limits import axes_of
+from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.model.status import INVALID, STALE
+from cdrj_ros.robot.description import Robot
+
+Vector = NDArray[np.float64]
+Flags = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """Estimates and references at one time; NaN where a value is unknown."""
+
+    stamp_ns: int
+    """Time of the estimate [ns]; 0 if there is none."""
+    angle: Vector
+    """Of every joint [rad] or [m], shape (joints,)."""
+    tension: Vector
+    """[N], shape (elements,)."""
+    stddev: Vector
+    """Of ``tension`` [N], shape (elements,)."""
+    reference: Vector
+    """Measured or true tension [N], shape (elements,)."""
+    status: Flags
+    """Flags of ``cdrj_ros.model.status``, shape (elements,)."""
+    force: NDArray[np.float64]
+    """Of the cable on every pulley [N], shape (pulleys, 3)."""
+    friction: Vector
+    """[N], shape (pulleys,)."""
+    slip_speed: Vector
+    """[m/s], shape (pulleys,)."""
+    pulley_status: Flags
+    """Shape (pulleys,)."""
+
+
+def nothing_known(model: Model) -> Snapshot:
+    """A snapshot in the reference pose in which every estimate is INVALID."""
+    layout = model.layout
+    elements, pulleys = len(layout.elements), len(layout.pulleys)
+
+    def unknown(*shape: int) -> Vector:
+        return np.full(shape, np.nan)
+
+    return Snapshot(
+        0,
+        np.array([joint.reference_angle for joint in model.robot.joints]),
+        unknown(elements),
+        unknown(elements),
+        unknown(elements),
+        np.full(elements, INVALID, np.uint8),
+        unknown(pulleys, 3),
+        unknown(pulleys),
+        unknown(pulleys),
+        np.full(pulleys, INVALID, np.uint8),
+    )
+
+
+def usable(status: Flags) -> NDArray[np.bool_]:
+    """Where a value may be used: it is neither STALE nor INVALID."""
+    return np.asarray((status & (STALE | INVALID)) == 0)
+
+
+def columns_of(message: Any, fields: Sequence[str], names: Sequence[str]) -> dict[str, Vector]:
+    """Fields of a message in the order of ``names``, NaN for a name that the message lacks.
+
+    Args:
+        message: has a list ``name`` and, by each field's name, as many numbers; or None.
+        fields: names of the fields; one of another length counts as unknown.
+        names: the order of the result.
+    """
+    given = {} if message is None else {name: k for k, name in enumerate(message.name)}
+    columns = {}
+    for field in fields:
+        column = np.full(len(names), np.nan)
+        values = [] if message is None else getattr(message, field)
+        if len(values) == len(given):
+            for at, name in enumerate(names):
+                if name in given:
+                    column[at] = values[given[name]]
+        columns[field] = column
+    return columns
+
+
+def flags_of(column: Vector) -> Flags:
+    """Status flags from numbers; INVALID where unknown."""
+    return np.where(np.isnan(column), INVALID, column).astype(np.uint8)
+
+
+def tension_columns(message: Any, layout: Layout) -> tuple[Vector, Vector, Flags]:
+    """Tension, standard deviation and flags from a message of the type CableTensions."""
+    found = columns_of(message, ("tension", "stddev", "status"), layout.elements)
+    return found["tension"], found["stddev"], flags_of(found["status"])
+
+
+def pulley_columns(
+    message: Any, layout: Layout
+) -> tuple[NDArray[np.float64], Vector, Vector, Flags]:
+    """Force, friction, slip speed and flags from a message of the type NodalForces."""
+    axes = ("force_x", "force_y", "force_z")
+    found = columns_of(message, (*axes, "friction", "slip_speed", "status"), layout.pulleys)
+    force = np.column_stack([found[axis] for axis in axes])
+    return force, found["friction"], found["slip_speed"], flags_of(found["status"])
+
+
+def joint_angles(message: Any, joints: Sequence[Axis], before: Vector) -> Vector:
+    """Angles of all joints after a message of the type JointState, as the estimator converts them.
+
+    Args:
+        message: a joint of which it has no finite reading keeps its angle; or None.
+        joints: their names, sensors and ranges, see ``joint_axes``.
+        before: the angles before, shape (joints,) [rad] or [m].  A reading that wraps around stands
+            for the angle in range that is nearest to this one.
+    """
+    readings = columns_of(message, ("position",), [joint.name for joint in joints])["position"]
+    angles = before.copy()
+    for j, (joint, reading) in enumerate(zip(joints, readings.tolist(), strict=True)):
+        if isfinite(reading):
+            angle = joint.angle_near(reading, float(before[j]))
+            angles[j] = min(max(angle, joint.lower), joint.upper)
+    return angles
+
+
+def joint_axes(robot: Robot) -> list[Axis]:
+    """Names, sensors and ranges of a robot's joints."""
+    return axes_of(robot)[len(robot.motors) :]
+
 
 Vector = NDArray[np.float64]
 

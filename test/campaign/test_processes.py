@@ -121,4 +121,4 @@ def test_the_command_prepares_processes_before_its_slow_imports(
     monkeypatch.setattr("cdrj_ros.campaign.processes.prepare_processes", prepared.append)
     monkeypatch.setattr(entry, "run_interruptibly", lambda _, load: load())
     entry.validate()
-    assert prepared == ["cdrj_ros.judgement.bag_task"] * several
+    assert prepared == ["cdrj_ros.judgement.validation"] * several

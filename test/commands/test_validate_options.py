@@ -19,10 +19,9 @@ from rosbags.highlevel import AnyReader
 
 from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
 from cdrj_ros.commands import validate
-from cdrj_ros.judgement import bag_task
+from cdrj_ros.judgement import validation
 from cdrj_ros.judgement.channels import estimate_channels
-from cdrj_ros.judgement.estimates_bag import OUTPUTS
-from cdrj_ros.judgement.estimating import estimate
+from cdrj_ros.judgement.estimating import OUTPUTS, estimate
 from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 
@@ -224,7 +223,7 @@ def test_a_bag_without_references_is_refused_before_any_bag_is_read(
     def never(*_: object) -> Recording:
         raise AssertionError("read")
 
-    monkeypatch.setattr(bag_task, "read_inputs", never)
+    monkeypatch.setattr(validation, "read_inputs", never)
     assert run(tmp_path, second, bare)[0] == 2
     one_line(capsys, [f"{bare} holds no references", "--reference"])
 

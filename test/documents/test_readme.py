@@ -168,8 +168,8 @@ def test_the_picture_of_the_readme_shows_the_last_demonstration(figures: ModuleT
 
 def test_the_demonstration_measures_what_the_offline_path_computes() -> None:
     """docs/demo.json must match the current code; node and offline results agree."""
-    from cdrj_ros.judgement.bag_task import validate_bag
     from cdrj_ros.judgement.metrics import pooled_errors
+    from cdrj_ros.judgement.validation import validate_bag
     from cdrj_ros.model.loading import load_model
 
     kept = json.loads((ROOT / "docs" / "demo.json").read_text())

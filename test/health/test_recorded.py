@@ -17,7 +17,7 @@ from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.health.monitor import HealthMonitor
 from cdrj_ros.health.recorded import RecordedHealth
-from cdrj_ros.judgement.bag_task import BagTask, Health, compare_bag
+from cdrj_ros.judgement.validation import BagTask, Health, compare_bag
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot

@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 
 from cdrj_ros.judgement.channels import QUANTITIES, Angle, Channel, unit_of
-from cdrj_ros.judgement.comparison import Comparing, compare, summed_up, unknown_references
+from cdrj_ros.judgement.comparison import (
+    DROP_CAUSES,
+    Comparing,
+    compare,
+    summed_up,
+    unknown_references,
+)
 from cdrj_ros.judgement.metrics import mean_over_channels, pooled_errors
-from cdrj_ros.judgement.placement import DROP_CAUSES
 from cdrj_ros.report.figures import hysteresis
-from cdrj_ros.report.series import Window
+from cdrj_ros.report.pictures import Window
 from cdrj_ros.report.table import table_groups
 
 EPOCH_NS = 1_722_000_000_123_456_789

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.judgement.channels import BagComparison, Channel
 from cdrj_ros.judgement.comparison import Comparing, compare
+from cdrj_ros.judgement.inputs import one_after_another, passes_of
 from cdrj_ros.judgement.metrics import (
     DIRECTION_SHARE,
     ChannelError,
@@ -18,7 +19,6 @@ from cdrj_ros.judgement.metrics import (
     mean_over_channels,
     pooled_errors,
 )
-from cdrj_ros.judgement.passes import one_after_another, passes_of
 
 Floats = NDArray[np.float64]
 NAME = "force_vector/upper/3"

@@ -10,8 +10,8 @@ from support.motor_alone import without_encoder
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.judgement.bag_task import BagTask, compare_bag_with
-from cdrj_ros.judgement.motor_alone import condition_alone, read_alone
+from cdrj_ros.judgement.inputs import condition_alone, read_alone
+from cdrj_ros.judgement.validation import BagTask, compare_bag_with
 
 BAG = str(Path(__file__).parents[2] / "bags" / "prototype_preload_36_26")
 

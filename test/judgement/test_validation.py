@@ -17,14 +17,18 @@ from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
 from cdrj_ros.conditioning import whole_recording
 from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.judgement import estimates_bag, estimating
-from cdrj_ros.judgement.bag_task import BagTask, compare_bag_with
+from cdrj_ros.judgement import estimating
 from cdrj_ros.judgement.channels import estimate_channels
 from cdrj_ros.judgement.comparison import compare
-from cdrj_ros.judgement.estimates_bag import OUTPUTS, log_times, write_estimates
-from cdrj_ros.judgement.estimating import estimate
+from cdrj_ros.judgement.estimating import OUTPUTS, estimate, log_times, write_estimates
 from cdrj_ros.judgement.inputs import condition_recording, read_inputs
-from cdrj_ros.judgement.validation import MAX_GAP_NS, Validation, validate_recording
+from cdrj_ros.judgement.validation import (
+    MAX_GAP_NS,
+    BagTask,
+    Validation,
+    compare_bag_with,
+    validate_recording,
+)
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import UNSURE
 
@@ -126,7 +130,7 @@ def test_an_hour_at_1_khz_takes_less_than_a_gigabyte(
     """By the growth from a short recording to a longer one, written with estimates."""
     monkeypatch.setattr(whole_recording, "PIECE", 512)
     monkeypatch.setattr(estimating, "AT_ONCE", 512)
-    monkeypatch.setattr(estimates_bag, "AT_ONCE", 512)
+    monkeypatch.setattr(estimating, "LOGS_AT_ONCE", 512)
     model, recording = load_model(ROBOT), read_inputs(BAG, Topics(), load_model(ROBOT))
     peaks = []
     for run, seconds in enumerate((1, *SPANS_S)):  # the first run imports modules

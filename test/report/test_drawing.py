@@ -13,7 +13,7 @@ from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report.drawing import draw_robot, write_png
-from cdrj_ros.report.pose import cable_line, pose_of
+from cdrj_ros.report.scene import cable_line, pose_of
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from cdrj_ros.judgement.channels import Channel
 from cdrj_ros.judgement.reversals import turning_points
 from cdrj_ros.report import figures
-from cdrj_ros.report.canvas import PALETTE
+from cdrj_ros.report.canvas import PALETTE, Sheets
 from cdrj_ros.report.figures import hysteresis, over_time
-from cdrj_ros.report.pictures import channel_pictures
-from cdrj_ros.report.series import Window, closer_look
-from cdrj_ros.report.sheets import Sheets
+from cdrj_ros.report.pictures import Window, channel_pictures, closer_look
 
 TIME = 0.01 * np.arange(60)
 CHANNEL = Channel(

@@ -18,7 +18,7 @@ from cdrj_ros.judgement.comparison import compare, summed_up
 from cdrj_ros.judgement.limits import Judgement, Outside
 from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
-from cdrj_ros.report import html, templates
+from cdrj_ros.report import html
 from cdrj_ros.report.canvas import PALETTE
 from cdrj_ros.report.html import RobotShown, write_report
 from cdrj_ros.report.pictures import Picture
@@ -235,7 +235,7 @@ def test_a_page_is_made_from_hardly_any_samples(tmp_path: Path, n: int) -> None:
 
 
 def test_page_and_pictures_share_their_colours() -> None:
-    css = templates.style()
+    css = html.style()
     light = css[: css.index("@media")]
     for role, colour in PALETTE.items():
         assert f"--{role}: {colour};" in light

@@ -12,7 +12,8 @@ import pytest
 def imported() -> list[list[str]]:
     """What is slow of the imports of the report, and after these of validate, in one process."""
     code = (
-        "import sys; from cdrj_ros.report import table, results_json, html, verdict, series; "
+        "import sys; "
+        "from cdrj_ros.report import html, pictures, results_json, scene, table, verdict; "
         "print(*sorted({'matplotlib', 'rich', 'rclpy'} & set(sys.modules))); "
         "import cdrj_ros.commands.validate; "
         "print(*sorted({'rosbags', 'mcap.writer', 'rich', 'matplotlib'} & set(sys.modules)))"

@@ -7,7 +7,7 @@ import pytest
 
 from cdrj_ros.judgement.channels import BagComparison, Channel
 from cdrj_ros.judgement.reversals import envelope, envelopes, turning_points
-from cdrj_ros.report.series import closer_look, gaps, loop_window
+from cdrj_ros.report.pictures import closer_look, gaps, loop_window
 
 
 def made(angle: np.ndarray, error: np.ndarray, step_ns: int = 1_000_000) -> Channel:

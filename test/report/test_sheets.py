@@ -8,10 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cdrj_ros.judgement.channels import Channel
+from cdrj_ros.report.canvas import Sheets, inline_svg
 from cdrj_ros.report.figures import hysteresis, over_time
-from cdrj_ros.report.series import Window
-from cdrj_ros.report.sheets import Sheets
-from cdrj_ros.report.svg import inline_svg
+from cdrj_ros.report.pictures import Window
 
 MILLISECOND = 1_000_000
 

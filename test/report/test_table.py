@@ -7,15 +7,19 @@ import io
 import pytest
 
 from cdrj_ros.judgement.metrics import NO_SAMPLES, ChannelError
-from cdrj_ros.report.columns import plain
-from cdrj_ros.report.numbers import (
+from cdrj_ros.report.table import (
+    HEADINGS,
+    Beside,
     decimals_for,
+    errors_table,
     format_amount,
     format_number,
     format_percent,
     format_r2,
+    plain,
+    print_errors,
+    table_groups,
 )
-from cdrj_ros.report.table import HEADINGS, Beside, errors_table, print_errors, table_groups
 
 ERRORS = {
     "effort/spindle": ChannelError(5, 0.00025, 0.021, 0.00041, 0.0012, 0.981),

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.commands.simulate import main as simulate
-from cdrj_ros.judgement.bag_task import validate_bag
+from cdrj_ros.judgement.validation import validate_bag
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 

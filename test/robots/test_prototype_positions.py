@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from cdrj_ros.bag import Topics
-from cdrj_ros.judgement.bag_task import validate_bag
 from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.judgement.metrics import pooled_errors
+from cdrj_ros.judgement.validation import validate_bag
 from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Node, Pulley, Robot

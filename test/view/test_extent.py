@@ -9,8 +9,7 @@ import pytest
 
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.report.scene import scene_of
-from cdrj_ros.view.extent import extent_of
-from cdrj_ros.view.looks import typical_radius
+from cdrj_ros.view.picture import extent_of, typical_radius
 
 ROBOTS = sorted(
     path.stem for path in (Path(__file__).parents[2] / "config" / "robots").glob("*.yaml")

@@ -15,15 +15,13 @@ from support.browser import chromium
 
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.view import page as pages
-from cdrj_ros.view.controls import Controls
-from cdrj_ros.view.history import Curves, History
-from cdrj_ros.view.looks import picture_of
+from cdrj_ros.view.film import Player
+from cdrj_ros.view.history import Curves, History, nothing_known
+from cdrj_ros.view.html import table_of
 from cdrj_ros.view.page import Page, Place
-from cdrj_ros.view.player import Player
-from cdrj_ros.view.plots import Plots, TimeAxis
+from cdrj_ros.view.panels import Controls, Plots, TimeAxis
+from cdrj_ros.view.picture import picture_of
 from cdrj_ros.view.server import open_server
-from cdrj_ros.view.snapshot import nothing_known
-from cdrj_ros.view.table import table_of
 
 PAYLOADS = (
     "<script>ran()</script>",
@@ -151,15 +149,15 @@ def test_every_door_of_the_page_shows_a_payload_as_its_characters(page: Page, pa
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_diagnostics_and_answers_are_plain_text(page: Page, payload: str) -> None:
     pytest.importorskip("rclpy")
-    from cdrj_ros.nodes import view_link, view_words
+    from cdrj_ros.nodes import view_link
 
-    heard = view_words.Heard(payload, payload, count=1)
+    heard = view_link.Heard(payload, payload, count=1)
     value = MagicMock(key="slack elements", value=payload)
     heard.diagnose(MagicMock(level=b"\x01", message=payload, values=[value]))
     states: list[tuple[str, ...]] = []
     for there, publishers, fresh in ((False, 0, False), (True, 0, False), (True, 1, True)):
         heard.fresh = fresh
-        states.append(view_words.words_of(heard, there, publishers, 0))
+        states.append(view_link.words_of(heard, there, publishers, 0))
 
     def call(request: Any) -> Any:
         refusal = MagicMock(successful=False, reason=payload)

@@ -11,11 +11,10 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.report.scene import LIMIT_COLOUR
-from cdrj_ros.view.history import History, choices, place_of
-from cdrj_ros.view.looks import PALE, SLIPPING, STICKING, THIN, UNKNOWN, dashes_of, picture_of
-from cdrj_ros.view.snapshot import Snapshot, columns_of, nothing_known
-from cdrj_ros.view.table import table_of
-from cdrj_ros.view.tubes import dashed_tube, tube
+from cdrj_ros.view.drawing import dashed_tube, tube
+from cdrj_ros.view.history import History, Snapshot, choices, columns_of, nothing_known, place_of
+from cdrj_ros.view.html import table_of
+from cdrj_ros.view.picture import PALE, SLIPPING, STICKING, THIN, UNKNOWN, dashes_of, picture_of
 
 
 @pytest.fixture(scope="module")

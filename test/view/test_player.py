@@ -8,8 +8,8 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from cdrj_ros.view import player as players
-from cdrj_ros.view.player import Player
+from cdrj_ros.view import film as players
+from cdrj_ros.view.film import Player
 
 
 @pytest.fixture

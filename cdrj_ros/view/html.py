@@ -1,18 +1,38 @@
-"""The tensions of all elements as a table with bars, in HTML."""
+"""HTML of the page: texts of others as plain text, and the table of tensions."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
+from markupsafe import Markup, escape
 
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.report.live_table import SIGMAS, round_scale, status_words
 from cdrj_ros.report.scene import Colour
-from cdrj_ros.view.looks import CableLook, Picture, cable_numbers
-from cdrj_ros.view.markup import plain
-from cdrj_ros.view.snapshot import Snapshot
+from cdrj_ros.view.history import Snapshot
+from cdrj_ros.view.picture import CableLook, Picture, cable_numbers
+
+
+def filled(template: str, *texts: object) -> Markup:
+    """A template of HTML with texts in place of every ``{}``, all but ``Markup`` as plain text."""
+    return Markup(template).format(*map(plain, texts))
+
+
+def plain(text: object) -> Markup:
+    """A text as HTML that shows its characters; ``Markup`` remains as it is."""
+    return text if isinstance(text, Markup) else escape(printable(text))
+
+
+def paragraphs(texts: Iterable[object]) -> str:
+    """HTML with one paragraph for each text, see ``plain``."""
+    lines = Markup("").join(filled("<div>{}</div>", text) for text in texts)
+    style = "padding:0 .8em;font-size:14px;line-height:1.55;overflow-wrap:anywhere"
+    return str(filled(f"<div style='{style}'>{{}}</div>", lines))  # viser sends exact strings only
+
 
 ROW: Final = (
     "<tr style='{weight}'><td style='white-space:nowrap;max-width:9em;overflow:hidden;"
