@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.bag import Recording, Series, Topics, open_source, read_recording
+from cdrj_ros.bag.source import Source
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned, angles_of, condition
 from cdrj_ros.estimation.estimator import Angles
@@ -19,6 +20,8 @@ from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.judgement.channels import ANGLE, FORCE_VECTOR, Channel
 from cdrj_ros.judgement.reversals import clock_resets
+from cdrj_ros.messages import topics as standard
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, REFERENCE_ARRAYS
 from cdrj_ros.model.channels import EFFORT
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot
@@ -34,14 +37,79 @@ def read_inputs(
 ) -> Recording:
     """Read a bag and check that it has all motors and joints of a robot.
 
+    Where the bag has none of the default topics of references, those found by the type of their
+    messages are read, and a note names them; see ``reference_topics``.
+
     Raises:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
     """
-    recording = read_recording(
-        path, topics, motor_efforts=motor_efforts, force_vectors=force_vectors
-    )
+    recording = _read(path, topics, motor_efforts=motor_efforts, force_vectors=force_vectors)
     require_axes(path, recording, model.robot)
     return recording
+
+
+def _read(path: str, topics: Topics, **wanted: bool) -> Recording:
+    """Read a bag with the references that it has."""
+    source = open_source(path)
+    found = reference_topics(source, topics)
+    recording = read_recording(source, found, **wanted)
+    if not recording.references and found == topics:  # a bag without index names topics when read
+        found = reference_topics(source, topics)
+        if found != topics:
+            recording = read_recording(path, found, **wanted)
+    if found == topics:
+        return recording
+    note = f"References by message type: {', '.join(map(printable, found.references))}."
+    return replace(recording, notes=(*recording.notes, note))
+
+
+def reference_topics(source: Source, topics: Topics) -> Topics:
+    """The topics with those references that a bag has in place of absent default ones.
+
+    Taken are the only topic of CableTensions and the only one of NodalForces that are not the
+    estimator's, and topics of JointState beside them in the same namespace.  Topics that are not
+    the default ones (with or without a prefix) were chosen by the user and remain.
+
+    Raises:
+        BagError: several topics of one type could be the reference.
+    """
+    defaults = Topics().references
+    prefix = topics.references[0].removesuffix(defaults[0]) if topics.references else ""
+    there = source.channels()
+    if topics.references != tuple(prefix + name for name in defaults):
+        return topics
+    if topics.motors not in there or there.keys() & set(topics.references):
+        return topics
+    candidates = _candidates(source, topics)
+    chosen = []
+    for kind in (CABLE_TENSIONS.name, NODAL_FORCES.name):
+        of_kind = [name for name in candidates if there[name].msgtype == kind]
+        of_kind = [name for name in of_kind if name.startswith(f"{prefix}/")]
+        if len(of_kind) > 1:
+            raise BagError(
+                f"{source.path} has several topics that may be the reference; choose with "
+                f"--reference among {', '.join(map(printable, of_kind))}"
+            )
+        chosen += of_kind
+    spaces = {name.rpartition("/")[0] for name in chosen}
+    chosen += [
+        name
+        for name in candidates
+        if there[name].msgtype == JOINT_STATE.name and name.rpartition("/")[0] in spaces
+    ]
+    return replace(topics, references=tuple(chosen)) if chosen else topics
+
+
+def _candidates(source: Source, topics: Topics) -> list[str]:
+    """Topics whose type references may have, without inputs and what the estimator publishes."""
+    own = tuple(map(standard.in_namespace, _OF_ESTIMATOR))
+    return sorted(
+        name
+        for name, channel in source.channels().items()
+        if channel.msgtype in REFERENCE_ARRAYS
+        and name not in (topics.motors, topics.joints)
+        and not name.endswith(own)
+    )
 
 
 def require_axes(path: str, recording: Recording, robot: Robot) -> None:
@@ -65,12 +133,14 @@ def require_axes(path: str, recording: Recording, robot: Robot) -> None:
 def condition_recording(model: Model, recording: Recording) -> Conditioned:
     """Pass the recording's readings through the gates that the node uses.
 
-    If motors and joints share a topic, an unknown name is counted only once.
+    If motors and joints share a topic, an unknown name is counted only once.  The samples have no
+    joints without encoder.
     """
-    joints = recording.joints
-    if set(joints) == set(recording.motors):
-        joints = {name: joints[name] for name in model.layout.joints}
-    return condition(model.robot, recording.motors, joints)
+    robot = model.robot.as_read
+    joints: Mapping[str, Series] = recording.joints
+    if joints.keys() <= recording.motors.keys():
+        joints = {joint.name: joints[joint.name] for joint in robot.joints}
+    return condition(robot, recording.motors, joints)
 
 
 def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int]:
@@ -88,7 +158,7 @@ def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int
     return counts
 
 
-def read_alone(path: str, topics: Topics, robot: Robot) -> Recording:
+def read_encoderless(path: str, topics: Topics, robot: Robot) -> Recording:
     """Read a bag for a robot with joints without encoder.
 
     The efforts of the motors are those on the topic of their angles or, where it has none, the
@@ -100,7 +170,7 @@ def read_alone(path: str, topics: Topics, robot: Robot) -> Recording:
     """
     if not robot.as_read.joints and topics.joints not in open_source(path).channels():
         topics = replace(topics, joints=topics.motors)
-    recording = read_recording(path, topics, motor_efforts=True, force_vectors=True)
+    recording = _read(path, topics, motor_efforts=True, force_vectors=True)
     references, efforts = dict(recording.references), {}
     notes = list(recording.notes)
     for motor in robot.motors:
@@ -125,15 +195,6 @@ def read_alone(path: str, topics: Topics, robot: Robot) -> Recording:
     )
 
 
-def condition_alone(model: Model, recording: Recording) -> Conditioned:
-    """As ``condition_recording``, without the joints that have no encoder."""
-    robot = model.robot.as_read
-    joints: Mapping[str, Series] = recording.joints
-    if set(joints) <= set(recording.motors):
-        joints = {joint.name: joints[joint.name] for joint in robot.joints}
-    return condition(robot, recording.motors, joints)
-
-
 def with_estimated_joints(robot: Robot, segment: Samples, angles: Sequence[Angles]) -> Samples:
     """A segment with the estimated angles of the joints without encoder, for drawing over them.
 
@@ -154,6 +215,19 @@ def with_estimated_joints(robot: Robot, segment: Samples, angles: Sequence[Angle
 WHOLE: Final = (0.0, float("inf"))
 """The window that covers a whole recording [s]."""
 
+_MALFORMED: Final = " malformed messages, the first: "
+"""Part of the notes on topics whose messages were refused."""
+
+_OF_ESTIMATOR: Final = (
+    standard.TENSIONS,
+    standard.NODAL_FORCES,
+    standard.EFFORTS,
+    standard.TENSION_STATES,
+    standard.JOINT_ANGLES,
+    standard.TENSION_SENSORS,
+)
+"""Topics that the estimator publishes or, of load cells, hears; no references."""
+
 Window = tuple[float, float]
 """Begin and end of the compared references, relative to the start of the recording [s]."""
 
@@ -165,10 +239,10 @@ def require_reference_topics(path: str, topics: Topics) -> None:
         BagError: there is no reference topic, or the bag cannot be opened.
     """
     source = open_source(path)
-    there = source.channels()
-    known = source.channels_known() and {topics.motors, topics.joints} <= set(there)
-    if known and not set(topics.references).intersection(there):
-        raise _no_references(path)
+    there = source.channels().keys()
+    known = source.channels_known() and {topics.motors, topics.joints} <= there
+    if known and not there & set(reference_topics(source, topics).references):
+        raise _no_references(path, topics)
 
 
 def references_in(
@@ -181,7 +255,7 @@ def references_in(
     """
     references = _windowed(recording, window)
     if not references:
-        raise _no_references(path, recording)
+        raise _no_references(path, Topics(), recording)
     if not any(segment.stamp_ns.size for segment in conditioned.segments):
         raise BagError(f"{path}: not one sample of all motors and joints was acceptable")
     return references
@@ -233,12 +307,19 @@ def duration_s(recording: Recording, window: Window) -> float:
     return max(min(length, end) - begin, 0.0)
 
 
-def _no_references(path: str, recording: Recording | None = None) -> BagError:
-    when = " in that time" if recording is not None and recording.references else ""
-    notes = () if recording is None else recording.notes
-    refused = "; ".join(note for note in notes if " malformed messages, the first: " in note)
-    advice = "name their topics with --reference (CableTensions, NodalForces, or JointState with "
-    return BagError(f"{path} holds no references{when}; {refused or advice + 'efforts)'}")
+def _no_references(path: str, topics: Topics, recording: Recording | None = None) -> BagError:
+    if recording is not None and recording.references:
+        return BagError(f"{path} holds no references in that time")
+    refused = [] if recording is None else [n for n in recording.notes if _MALFORMED in n]
+    if refused:
+        return BagError(f"{path} holds no references; {'; '.join(refused)}")
+    source = open_source(path if recording is None else recording.path)
+    types = {name: source.channels()[name].msgtype for name in _candidates(source, topics)}
+    listed = ", ".join(f"{printable(n)} ({one.rpartition('/')[2]})" for n, one in types.items())
+    return BagError(
+        f"{path} holds no references; name their topics with --reference (CableTensions, "
+        f"NodalForces, or JointState with efforts), of which it has {listed or 'no other'}"
+    )
 
 
 BETWEEN_PASSES_NS: Final = 1_000_000_000

@@ -38,13 +38,12 @@ from cdrj_ros.judgement.estimating import (
 from cdrj_ros.judgement.inputs import (
     WHOLE,
     Window,
-    condition_alone,
     condition_recording,
     counters_of,
     duration_s,
     in_frames_of,
     one_after_another,
-    read_alone,
+    read_encoderless,
     read_inputs,
     references_in,
     references_of_passes,
@@ -386,9 +385,9 @@ def compare_bag_with(
     sensors = None  # a robot with joints without encoder has no health monitor, as in the node
     path = str(Path(task.folder, task.path)) if task.folder else task.path
     if model.robot.unmeasured:
-        recording = read_alone(path, task.topics, model.robot)
+        recording = read_encoderless(path, task.topics, model.robot)
         require_axes(path, recording, model.robot.as_read)
-        conditioned = condition_alone(model, recording)
+        conditioned = condition_recording(model, recording)
     else:
         efforts = task.health != "off"
         recording = read_inputs(path, task.topics, model, motor_efforts=efforts, force_vectors=True)

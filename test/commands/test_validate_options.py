@@ -228,6 +228,56 @@ def test_a_bag_without_references_is_refused_before_any_bag_is_read(
     one_line(capsys, [f"{bare} holds no references", "--reference"])
 
 
+def moved(short: Path, out: Path, **topics: str) -> Path:
+    """A copy of a bag whose references are on other topics, by the last part of their names."""
+    recording = read_recording(short)
+    with BagWriter(out) as bag:
+        bag.copy(short, ["/cdrj/motor_states", "/cdrj/joint_states"])
+        for kind, topic in topics.items():
+            prefix = "tension/" if "tensions" in kind else "effort/"
+            names, series = stacked(dict(recording.references), prefix)
+            if prefix == "tension/":
+                bag.write_tensions(
+                    topic, series.stamp_ns, names, series.value, log_ns=series.log_ns
+                )
+            else:
+                bag.write_joint_states(
+                    topic, series.stamp_ns, names, effort=series.value, log_ns=series.log_ns
+                )
+    return out
+
+
+def test_references_on_other_topics_are_found_by_their_type_and_named(
+    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    default = run(tmp_path, second)[1]["all"]["channels"]
+    capsys.readouterr()
+    truth = moved(
+        second, tmp_path / "truth", tensions="/truth/tensions", efforts="/truth/states",
+        tensions_of_estimator="/cdrj/tensions", efforts_elsewhere="/arm/states",
+    )  # fmt: skip
+    code, figures = run(tmp_path, truth)
+    assert code == 0
+    assert figures["all"]["channels"] == default
+    note = "References by message type: /truth/tensions, /truth/states."
+    assert figures["bags"][0]["notes"] == [note]
+    assert note in capsys.readouterr().out
+
+
+def test_references_that_are_not_certain_are_listed(
+    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    several = moved(second, tmp_path / "several", tensions="/a/cells", tensions_b="/b/cells")
+    assert run(tmp_path, several)[0] == 2
+    one_line(capsys, ["several topics that may be the reference", "among /a/cells, /b/cells"])
+    assert run(tmp_path, several, "--reference", "/b/cells")[0] == 0
+    capsys.readouterr()
+    wrong = ["--reference", "/reference/tensions"]
+    assert run(tmp_path, several, *wrong)[0] == 2
+    listed = "of which it has /a/cells (CableTensions), /b/cells (CableTensions)"
+    one_line(capsys, ["holds no references; name their topics with --reference", listed])
+
+
 def test_references_that_cannot_be_read_are_named_with_the_reason(
     second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

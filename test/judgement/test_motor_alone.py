@@ -10,7 +10,7 @@ from support.motor_alone import without_encoder
 
 from cdrj_ros.bag import Topics
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.judgement.inputs import condition_alone, read_alone
+from cdrj_ros.judgement.inputs import condition_recording, read_encoderless
 from cdrj_ros.judgement.validation import BagTask, compare_bag_with
 
 BAG = str(Path(__file__).parents[2] / "bags" / "prototype_preload_36_26")
@@ -31,14 +31,14 @@ def test_efforts_are_inputs_and_the_recorded_angle_is_a_reference() -> None:
 
 def test_samples_hold_only_joints_with_encoders() -> None:
     model = without_encoder("prototype", "elbow")
-    recording = read_alone(BAG, Topics(), model.robot)
+    recording = read_encoderless(BAG, Topics(), model.robot)
     assert "elbow" not in recording.joints
     assert set(recording.motor_efforts) == {"winch"}
-    (segment,) = condition_alone(model, recording).segments
+    (segment,) = condition_recording(model, recording).segments
     assert segment.joint_angle.shape == (segment.stamp_ns.size, 0)
 
 
 def test_a_bag_without_efforts_is_refused() -> None:
     robot = without_encoder("prototype", "elbow").robot
     with pytest.raises(BagError, match="no efforts of winch, from which elbow"):
-        read_alone(BAG, Topics(references=()), robot)
+        read_encoderless(BAG, Topics(references=()), robot)
