@@ -87,7 +87,9 @@ def _nodes():
     offer_services(replay, MagicMock(), MagicMock())
     yield "replay", replay
     yield "watch", WatchNode(forces=True, choice=Choice())
-    yield "markers", MarkersNode(parameter_overrides=_overrides(robot="prototype"))
+    markers = MarkersNode(parameter_overrides=_overrides(robot="prototype"))
+    markers.inputs.listen(True)
+    yield "markers", markers
     view = ViewNode(parameter_overrides=_overrides(robot="prototype", port=0))
     view.page.close()
     yield "view", view

@@ -43,20 +43,23 @@ def read_inputs(
     Raises:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
     """
-    recording = _read(path, topics, motor_efforts=motor_efforts, force_vectors=force_vectors)
+    recording = _read(path, topics, motor_efforts, force_vectors)
     require_axes(path, recording, model.robot)
     return recording
 
 
-def _read(path: str, topics: Topics, **wanted: bool) -> Recording:
+def _read(path: str, topics: Topics, motor_efforts: bool, force_vectors: bool) -> Recording:
     """Read a bag with the references that it has."""
+
+    def read(of: Source | str) -> Recording:
+        return read_recording(of, found, motor_efforts=motor_efforts, force_vectors=force_vectors)
+
     source = open_source(path)
     found = reference_topics(source, topics)
-    recording = read_recording(source, found, **wanted)
+    recording = read(source)
     if not recording.references and found == topics:  # a bag without index names topics when read
         found = reference_topics(source, topics)
-        if found != topics:
-            recording = read_recording(path, found, **wanted)
+        recording = recording if found == topics else read(path)
     if found == topics:
         return recording
     note = f"References by message type: {', '.join(map(printable, found.references))}."
@@ -170,7 +173,7 @@ def read_encoderless(path: str, topics: Topics, robot: Robot) -> Recording:
     """
     if not robot.as_read.joints and topics.joints not in open_source(path).channels():
         topics = replace(topics, joints=topics.motors)
-    recording = _read(path, topics, motor_efforts=True, force_vectors=True)
+    recording = _read(path, topics, True, True)
     references, efforts = dict(recording.references), {}
     notes = list(recording.notes)
     for motor in robot.motors:

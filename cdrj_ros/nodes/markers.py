@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from time import monotonic
 from typing import Any, Final, Literal
 
 import numpy as np
-from cdrj_msgs.msg import CableTensions, NodalForces
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Point, Quaternion, Vector3
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
-from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.model.status import STALE
 from cdrj_ros.nodes.rig_declaring import declare_flag, declare_number, declare_text
 from cdrj_ros.nodes.robot_description import declared_model
 from cdrj_ros.nodes.spinning import (
@@ -33,23 +27,17 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
-from cdrj_ros.view.history import (
-    joint_angles,
-    joint_axes,
-    nothing_known,
-    pulley_columns,
-    tension_columns,
-)
-from cdrj_ros.view.picture import FORCE, Picture, dashes_of, middle_of, picture_of
+from cdrj_ros.nodes.view_inputs import Inputs
+from cdrj_ros.view.picture import FORCE, LINKS, Picture, dashes_of, middle_of, picture_of
 
-Namespace = Literal["cables", "wheels", "forces", "labels"]
+Namespace = Literal["cables", "bodies", "links", "forces", "labels"]
 
-SILENCE_S: Final = 0.5
-"""Time without tensions after which all cables are drawn as stale [s]."""
+BODY: Final = 0.5
+"""Opacity of bodies and links."""
 
 
 class MarkersNode(Node):
-    """Stores the last messages and draws them at a fixed rate while anybody subscribes."""
+    """Draws the last messages at a fixed rate, and hears them, only while anybody subscribes."""
 
     def __init__(self, **options: Any) -> None:
         """Read the parameters and the robot file, then open the topics.
@@ -66,32 +54,14 @@ class MarkersNode(Node):
             self, "force_scale", 0.0005, 0.0, 1.0, "Length of the arrow of a force [m/N]"
         )
         rate = declare_number(self, "rate", 30.0, 0.1, 30.0, "Rate of the pictures [Hz]")
-        self._unknown = nothing_known(self.model)
-        self._joints = joint_axes(self.model.robot)
-        self.angles = self._unknown.angle
-        self.tensions: CableTensions | None = None
-        self.nodal_forces: NodalForces | None = None
-        self._heard_s = -np.inf
+        self.inputs = Inputs(self, self.model)
         self.drawn = 0
         """Number of pictures drawn."""
-        quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self.create_subscription(JointState, "joint_states", self._on_joints, quality)
-        self.create_subscription(CableTensions, "tensions", self._on_tensions, quality)
-        self.create_subscription(NodalForces, "nodal_forces", self._on_forces, quality)
         self._publisher = self.create_publisher(MarkerArray, "markers", 1)
         self.create_timer(1.0 / rate, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _on_joints(self, message: JointState) -> None:
-        self.angles = joint_angles(message, self._joints, self.angles)
-
-    def _on_tensions(self, message: CableTensions) -> None:
-        self.tensions, self._heard_s = message, monotonic()
-
-    def _on_forces(self, message: NodalForces) -> None:
-        self.nodal_forces = message
-
     def _on_timer(self) -> None:
-        if self._publisher.get_subscription_count() == 0:
+        if not self.inputs.listen(self._publisher.get_subscription_count() > 0):
             return
         try:
             self._publisher.publish(self.picture())
@@ -102,17 +72,9 @@ class MarkersNode(Node):
 
     def picture(self) -> MarkerArray:
         """All markers of the current state."""
-        layout = self.model.layout
-        tension, stddev, status = tension_columns(self.tensions, layout)
-        if monotonic() - self._heard_s > SILENCE_S:
-            status = status | np.uint8(STALE)
-        force, friction, slip_speed, pulley_status = pulley_columns(self.nodal_forces, layout)
-        shown = replace(
-            self._unknown, angle=self.angles, tension=tension, stddev=stddev, status=status,
-            force=force, friction=friction, slip_speed=slip_speed, pulley_status=pulley_status,
-        )  # fmt: skip
+        shown = self.inputs.snapshot()
         picture = picture_of(self.model, shown, force_scale=self._force_scale)
-        markers = [*self._cables(picture), *self._wheels(picture)]
+        markers = [*self._cables(picture), *self._bodies(picture), *self._links(picture)]
         if self._forces:
             markers += self._arrows(picture)
         return MarkerArray(markers=markers)
@@ -142,27 +104,49 @@ class MarkersNode(Node):
                 label.text = look.label
                 yield label
 
-    def _wheels(self, picture: Picture) -> Iterator[Marker]:
-        """One disc per winch, pulley and anchor; slipping pulleys in another colour."""
-        for k, look in enumerate(picture.wheels):
-            marker = self._marker("wheels", k, Marker.CYLINDER)
-            x, y, z = look.centre
-            marker.pose.position = Point(x=x, y=y, z=z)
-            size = 2.0 * look.radius
-            marker.scale = Vector3(x=size, y=size, z=look.thickness)
-            marker.color = _rgba(look.colour, 0.5)
+    def _bodies(self, picture: Picture) -> Iterator[Marker]:
+        """A cylinder or sphere for every winch, pulley, eyelet and anchor, in its size."""
+        for k, look in enumerate(picture.bodies):
+            body = look.body
+            ball = body.shape in ("sphere", "point")
+            marker = self._marker("bodies", k, Marker.SPHERE if ball else Marker.CYLINDER)
+            marker.pose.position = _points(body.centre)[0]
+            size = 2.0 * body.radius
+            marker.pose.orientation = _turned_to(body.axis)
+            marker.scale = Vector3(x=size, y=size, z=size if ball else body.length)
+            marker.color = _rgba(look.colour, BODY)
+            yield marker
+
+    def _links(self, picture: Picture) -> Iterator[Marker]:
+        """A cylinder for every link."""
+        for k, (start, end) in enumerate(picture.links):
+            marker = self._marker("links", k, Marker.CYLINDER)
+            length, size = float(np.linalg.norm(end - start)), 2.0 * picture.link_width
+            marker.pose.position = _points(0.5 * (start + end))[0]
+            marker.pose.orientation = _turned_to((end - start) / length)
+            marker.scale = Vector3(x=size, y=size, z=length)
+            marker.color = _rgba(LINKS, BODY)
             yield marker
 
     def _arrows(self, picture: Picture) -> Iterator[Marker]:
         """One arrow per pulley of the cables given by positions."""
         for look in picture.arrows:
-            marker = self._marker("forces", look.wheel, Marker.ARROW)
+            marker = self._marker("forces", look.body, Marker.ARROW)
             if np.isnan(look.end).any():
                 marker.action = Marker.DELETE
             marker.scale = Vector3(x=look.width, y=2.5 * look.width, z=0.0)
             marker.color = _rgba(FORCE, 0.9)
             marker.points = _points(np.array([look.start, np.nan_to_num(look.end)]))
             yield marker
+
+
+def _turned_to(axis: NDArray[np.float64]) -> Quaternion:
+    """The rotation that turns the z axis to a unit vector."""
+    x, y, z = axis.tolist()
+    if z < -1.0 + 1e-12:
+        return Quaternion(x=1.0, y=0.0, z=0.0, w=0.0)
+    w = float(np.sqrt(0.5 * (1.0 + z)))
+    return Quaternion(x=-0.5 * y / w, y=0.5 * x / w, z=0.0, w=w)
 
 
 def _points(path: NDArray[np.float64]) -> list[Point]:

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
-from time import monotonic
 from typing import Any, Final
 
 import numpy as np
-from cdrj_msgs.msg import CableTensions, NodalForces
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from rclpy.utilities import remove_ros_args
-from sensor_msgs.msg import JointState
 
 from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError
@@ -39,25 +33,15 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
+from cdrj_ros.nodes.view_inputs import Inputs
 from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, Heard, knobs_of, words_of
-from cdrj_ros.view.history import (
-    History,
-    Snapshot,
-    joint_angles,
-    joint_axes,
-    nothing_known,
-    pulley_columns,
-    tension_columns,
-)
+from cdrj_ros.view.history import History
 from cdrj_ros.view.page import PICTURE_HZ, Page, Place
 from cdrj_ros.view.panels import Controls, TimeAxis
 from cdrj_ros.view.server import load_viser
 
 AXIS: Final = TimeAxis("s before now", -60.0, 0.0)
 """Of the curves; as long as the history at the highest rate of pictures."""
-
-SILENCE_S: Final = 0.5
-"""Time without tensions after which all of them are shown as STALE [s]."""
 
 REFERENCES: Final = (f"truth/{topics.TENSIONS}", "reference/tensions", "/reference/tensions")
 """Topics of true or measured tensions, by default."""
@@ -82,16 +66,13 @@ class ViewNode(Node):
         rate = declare_number(self, "rate", PICTURE_HZ, 0.1, PICTURE_HZ, "Rate of pictures [Hz]")
         estimator = declare_text(self, "estimator", "estimator", "Name of the estimator's node")
         references = declare_names(self, "references", "Topics of true or measured tensions")
-        self._references = references or list(REFERENCES)
         self.page = Page(self.model, place, f"cdrj_ros · {self.model.robot.name}", AXIS)
         self.link = EstimatorLink(self, estimator, self.model)
         self._add_controls()
         self.history = History(self.model.layout)
-        self._shown = nothing_known(self.model)
-        self._joints = joint_axes(self.model.robot)
-        self._opened: list[Any] = []
+        self.inputs = Inputs(self, self.model, references or REFERENCES)
+        self._diagnostics: Any = None
         self.heard = Heard(self.resolve_topic_name(topics.TENSIONS), self.link.name)
-        self._payloads: dict[str, bytes] = {}
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / rate, self._on_timer, clock=steady)
         self.get_logger().info(f"open {self.page.address} in a browser")
@@ -108,95 +89,40 @@ class ViewNode(Node):
             )
         self.page.below.visible = True
 
-    # --- messages ---------------------------------------------------------------------------------
-
-    def _listen(self) -> None:
-        """Subscribe, because a browser shows the page."""
-        quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-        def keep(message: Any, topic: str) -> None:
-            def on_message(payload: bytes) -> None:
-                self._payloads[topic] = payload
-                if topic == topics.TENSIONS:
-                    self.heard.note()
-
-            one = self.create_subscription(message, topic, on_message, quality, raw=True)
-            self._opened.append(one)
-
-        keep(CableTensions, topics.TENSIONS)
-        keep(NodalForces, topics.NODAL_FORCES)
-        keep(JointState, topics.JOINT_STATES)
-        for topic in self._references:
-            keep(CableTensions, topic)
-        self._opened.append(
-            self.create_subscription(
+    def listen(self, wanted: bool) -> bool:
+        """Subscribe while a browser shows the page; returns ``wanted``."""
+        if wanted and self._diagnostics is None:
+            self._diagnostics = self.create_subscription(
                 DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, topics.FEW
             )
-        )
+        elif not wanted and self._diagnostics is not None:
+            self.destroy_subscription(self._diagnostics)
+            self._diagnostics = None
+            self.history.clear()
+        return self.inputs.listen(wanted)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if "/" + status.name.lstrip("/") == self.link.name:
                 self.heard.diagnose(status)
 
-    def _leave(self) -> None:
-        """End the subscriptions, because no browser shows the page."""
-        for one in self._opened:
-            self.destroy_subscription(one)
-        self._opened.clear()
-        self._payloads.clear()
-        self.history.clear()
-
-    # --- time -------------------------------------------------------------------------------------
-
     def _on_timer(self) -> None:
-        if self.page.watched != bool(self._opened):
-            if self._opened:
-                self._leave()
-            else:
-                self._listen()
-        if not self._opened:
+        if not self.listen(self.page.watched):
             return
         there = self.link.poll()
         try:
-            self._shown = self._snapshot()
-            if self.heard.fresh:
-                self.history.add(self._shown)
-            publishers = self.count_publishers(self.heard.topic)
-            words = words_of(self.heard, there, publishers, self.get_clock().now().nanoseconds)
-            self.page.show(self._shown, self.history.table(), words)
+            shown, heard = self.inputs.snapshot(), self.heard
+            heard.last_s = self.inputs.heard_s.get(topics.TENSIONS, heard.last_s)
+            heard.count = self.inputs.count
+            heard.fresh, heard.stamp_ns = self.inputs.fresh, shown.stamp_ns
+            heard.stale = bool(np.all(shown.status & STALE))
+            if heard.fresh:
+                self.history.add(shown)
+            publishers = self.count_publishers(heard.topic)
+            words = words_of(heard, there, publishers, self.get_clock().now().nanoseconds)
+            self.page.show(shown, self.history.table(), words)
         except CdrjError as error:
             self.get_logger().warning(f"nothing drawn: {error}", throttle_duration_sec=5.0)
-
-    def _last(self, message: Any, topic: str) -> Any:
-        payload = self._payloads.get(topic)
-        return None if payload is None else deserialize_message(payload, message)
-
-    def _snapshot(self) -> Snapshot:
-        """The values of the last messages."""
-        layout = self.model.layout
-        tensions = self._last(CableTensions, topics.TENSIONS)
-        tension, stddev, status = tension_columns(tensions, layout)
-        if tensions is not None:
-            stamp = tensions.header.stamp
-            self.heard.stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
-        forces = pulley_columns(self._last(NodalForces, topics.NODAL_FORCES), layout)
-        force, friction, slip_speed, pulley_status = forces
-        self.heard.stale = bool(np.all(status & STALE))
-        self.heard.fresh = monotonic() - self.heard.last_s <= SILENCE_S
-        if not self.heard.fresh:
-            status, pulley_status = status | np.uint8(STALE), pulley_status | np.uint8(STALE)
-        reference = np.full(len(layout.elements), np.nan)
-        for topic in self._references:
-            measured, _, _ = tension_columns(self._last(CableTensions, topic), layout)
-            reference = np.where(np.isnan(reference), measured, reference)
-        joint_states = self._last(JointState, topics.JOINT_STATES)
-        angle = joint_angles(joint_states, self._joints, self._shown.angle)
-        return replace(
-            self._shown, stamp_ns=self.heard.stamp_ns, angle=angle, tension=tension,
-            stddev=stddev, status=status, force=force, friction=friction, slip_speed=slip_speed,
-            pulley_status=pulley_status, reference=reference,
-        )  # fmt: skip
 
 
 def _body(argv: Sequence[str]) -> int:

@@ -239,10 +239,6 @@ class Heard:
     """Steady time of the last diagnosis [s]."""
     rate: Rate = field(default_factory=Rate)
 
-    def note(self) -> None:
-        """Count a message with tensions."""
-        self.last_s, self.count = monotonic(), self.count + 1
-
     def diagnose(self, status: Any) -> None:
         """Store a DiagnosticStatus."""
         self.diagnosis, self.diagnosed_s = status, monotonic()

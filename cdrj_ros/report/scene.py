@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import cos, pi, sin
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.prepared import Model, Shape, shape_at
-from cdrj_ros.model.spatial_paths import Body, paths_in_space
-from cdrj_ros.robot.description import Anchor, Place, Pulley, Winch
+from cdrj_ros.model.prepared import Model, Shape, placed, shape_at
+from cdrj_ros.model.spatial_paths import Body as SpatialBody
+from cdrj_ros.model.spatial_paths import bodies_in_space, paths_in_space
+from cdrj_ros.robot.description import Anchor, Frame, Node, Place, Pulley, Robot, Winch
+from cdrj_ros.robot.space import SpatialFrame
 
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
@@ -27,33 +29,28 @@ class Pose:
     """Frames and cable geometry of a robot in one pose."""
 
     frames: dict[str, tuple[float, float, float]]
-    """Origin (x, y) [m] and angle [rad] of every frame in the base."""
+    """Origin (x, y) [m] and angle [rad] of every planar frame in the base."""
+    origins: dict[str, Vector]
+    """Origin of every frame, planar or in space, in the base [m], shape (3,)."""
     shape: Shape
 
 
 def pose_of(model: Model, joint_angle: Vector) -> Pose:
     """Frames and tangents at joint angles [rad] or [m], shape (joints,)."""
     robot = model.robot
-    values = dict(zip(model.layout.joints, joint_angle.tolist(), strict=True))
-    frames: dict[str, tuple[float, float, float]] = {}
-    for frame in robot.frames:
-        x, y, turned = frames[frame.parent] if frame.parent else (0.0, 0.0, 0.0)
-        c, s = cos(turned), sin(turned)
-        x, y = x + c * frame.x - s * frame.y, y + s * frame.x + c * frame.y
-        angle = turned + frame.angle
-        q = values[frame.joint] if frame.joint else 0.0
-        if frame.motion == "revolute":
-            angle += q
-        elif frame.motion == "prismatic":
-            dx, dy = frame.direction
-            x += q * (cos(angle) * dx - sin(angle) * dy)
-            y += q * (sin(angle) * dx + cos(angle) * dy)
-        elif frame.motion == "rolling":
-            x += 2.0 * frame.rolling_radius * cos(angle + q)
-            y += 2.0 * frame.rolling_radius * sin(angle + q)
-            angle += 2.0 * q
-        frames[frame.name] = (x, y, angle)
-    return Pose(frames, shape_at(model, joint_angle))
+    shape, views = placed(model, joint_angle)
+    planar: Any = views.pose
+    spatial: Any = views.spatial_pose
+    frames = {
+        frame.name: (float(row.x), float(row.y), float(row.angle))
+        for frame, row in zip(robot.frames, planar, strict=True)
+    }
+    origins = {name: np.array([x, y, 0.0]) for name, (x, y, _) in frames.items()}
+    origins |= {
+        frame.name: row.origin.copy()
+        for frame, row in zip(robot.spatial_frames, spatial, strict=True)
+    }
+    return Pose(frames, origins, shape)
 
 
 def centre_of(pose: Pose, place: Place) -> tuple[float, float]:
@@ -100,18 +97,27 @@ def strands_and_arcs(
         yield ends[0], ends[1], arc
 
 
-Vector = NDArray[np.float64]
-Points = NDArray[np.float64]
 Colour = tuple[float, float, float]
-Centre = tuple[float, float, float]
 
 Kind = Literal["winch", "pulley", "anchor"]
-"""What a cable touches."""
+"""What a node is to its cable; an eyelet and a round body count as pulleys."""
+
+BodyShape = Literal["disc", "cylinder", "sphere", "point"]
+"""Shape of a body."""
+
+UPWARDS: Final = np.array([0.0, 0.0, 1.0])
+"""Axis of the bodies of cables in the plane."""
+
+CIRCLE_POINTS: Final = 49
+"""Points of a drawn circle, the first one twice."""
+
+GENERATORS: Final = 6
+"""Lines along a drawn cylinder."""
 
 ROW: Final = 3.0
 """Distance between unrolled cables, in radii of the largest pulley [-]."""
 
-LONG_SPAN: Final = 5.0
+LONG_SPAN: Final = 2.5
 """Length of a span at an end, over the size of the rest, beyond which it hides the rest."""
 
 SLACK_COLOUR: Final[Colour] = (0.27, 0.46, 0.87)
@@ -120,20 +126,25 @@ HIGH_COLOUR: Final[Colour] = (0.94, 0.70, 0.16)
 LIMIT_COLOUR: Final[Colour] = (0.84, 0.15, 0.16)
 
 
-@dataclass(frozen=True)
-class Wheel:
-    """A winch, pulley or anchor."""
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A winch, pulley, round body, eyelet or anchor."""
 
     name: str
     """``cable/node``."""
     kind: Kind
-    centre: tuple[float, float, float]
-    """[m]; of a node in space the middle of its contact with the cable."""
+    shape: BodyShape
+    centre: Vector
+    """[m], shape (3,); of a point in space the middle of its contact with the cable."""
     radius: float
-    """[m]; 0 for an anchor at a point, and in space."""
+    """[m]; 0 of a point."""
+    axis: Vector
+    """Unit vector of the axis of a disc or cylinder, shape (3,)."""
+    length: float
+    """Of a cylinder along its axis [m]; 0 of other shapes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
     """What is drawn in one pose."""
 
@@ -142,8 +153,11 @@ class Scene:
 
     An element includes half of the arc on either of its pulleys, so that the cable is complete.
     """
-    wheels: tuple[Wheel, ...]
+    bodies: tuple[Body, ...]
     """In the order of the cables and their nodes."""
+    links: tuple[Points, ...]
+    """Both ends of every link [m], shape (2, 3): from the origin of a moving frame to the origin of
+    the frame that it carries, or to the farthest node on it."""
 
 
 def scene_of(model: Model, joint_angle: Vector) -> Scene:
@@ -151,26 +165,71 @@ def scene_of(model: Model, joint_angle: Vector) -> Scene:
     robot = model.robot
     pose = pose_of(model, joint_angle)
     in_space = paths_in_space(model, joint_angle) if robot.spatial_frames else []
+    round_bodies = {
+        (body.cable, body.node): body
+        for body in (bodies_in_space(model, joint_angle) if robot.spatial_frames else ())
+    }
     elements: list[Points] = []
-    wheels: list[Wheel] = []
+    bodies: list[Body] = []
     row = 0
     for c, cable in enumerate(robot.cables):
         if cable.spatial:
             paths, centres = _elements_in_space(in_space[c])
         elif cable.routed:
             paths = _placed_elements(model, pose, c)
-            centres = [(*centre_of(pose, n.place), 0.0) for n in cable.nodes if n.place]
+            centres = [np.array([*centre_of(pose, n.place), 0.0]) for n in cable.nodes if n.place]
         else:
             paths, centres = _unrolled(model, c, row)
             row += 1
         elements += paths
         for k, (node, centre) in enumerate(zip(cable.nodes, centres, strict=True)):
-            kind: Kind = "pulley"
-            if isinstance(node, (Winch, Anchor)):
-                kind = "winch" if isinstance(node, Winch) else "anchor"
-            radius = 0.0 if cable.spatial else node.radius
-            wheels.append(Wheel(f"{cable.name}/{k + 1}", kind, centre, radius))
-    return Scene(tuple(elements), tuple(wheels))
+            name, kind = f"{cable.name}/{k + 1}", _kind(node)
+            if (c, k) in round_bodies:
+                bodies.append(_round_body(name, kind, round_bodies[c, k]))
+            else:
+                radius = 0.0 if cable.spatial else node.radius
+                shape: BodyShape = "disc" if radius > 0.0 or not cable.spatial else "point"
+                bodies.append(Body(name, kind, shape, centre, radius, UPWARDS, 0.0))
+    return Scene(tuple(elements), tuple(bodies), tuple(_links(robot, pose, bodies)))
+
+
+def _kind(node: Node) -> Kind:
+    if isinstance(node, Winch):
+        return "winch"
+    return "anchor" if isinstance(node, Anchor) else "pulley"
+
+
+def _round_body(name: str, kind: Kind, body: SpatialBody) -> Body:
+    """A round body as it is drawn: a cylinder a little further than the cable touches it."""
+    axis = body.basis[2]
+    if body.kind == "sphere":
+        return Body(name, kind, "sphere", body.centre, body.radius, axis, 0.0)
+    if body.kind == "pulley":
+        return Body(name, kind, "disc", body.centre, body.radius, axis, 0.0)
+    along = (body.points - body.centre) @ axis if len(body.points) else np.zeros(1)
+    low, high = float(along.min()) - body.radius, float(along.max()) + body.radius
+    middle = body.centre + 0.5 * (low + high) * axis
+    return Body(name, kind, "cylinder", middle, body.radius, axis, high - low)
+
+
+def _links(robot: Robot, pose: Pose, bodies: Sequence[Body]) -> Iterator[Points]:
+    """Ends of the links of frames that move with a joint."""
+    carried: dict[str, list[Vector]] = {}
+    of_nodes = (node for cable in robot.cables for node in cable.nodes)
+    for node, body in zip(of_nodes, bodies, strict=True):
+        place = node.space or node.place
+        if place is not None:
+            carried.setdefault(place.frame, []).append(body.centre)
+    frames: tuple[Frame | SpatialFrame, ...] = (*robot.frames, *robot.spatial_frames)
+    for frame in frames:
+        if frame.motion == "fixed":
+            continue
+        start = pose.origins[frame.name]
+        ends = [pose.origins[one.name] for one in frames if one.parent == frame.name]
+        ends = ends or carried.get(frame.name, [])
+        away = [float(np.linalg.norm(end - start)) for end in ends]
+        if max(away, default=0.0) > 0.0:
+            yield np.array([start, ends[int(np.argmax(away))]])
 
 
 def inner_size(model: Model, scene: Scene) -> float:
@@ -181,7 +240,7 @@ def inner_size(model: Model, scene: Scene) -> float:
     return float(np.ptp(np.concatenate(inner or scene.elements), axis=0).max())
 
 
-def _elements_in_space(pieces: list[Points]) -> tuple[list[Points], list[Centre]]:
+def _elements_in_space(pieces: list[Points]) -> tuple[list[Points], list[Vector]]:
     """Elements of one cable, and the middle of its contact with every node.
 
     Args:
@@ -197,8 +256,7 @@ def _elements_in_space(pieces: list[Points]) -> tuple[list[Points], list[Centre]
         np.concatenate([one[len(one) // 2 :], other[: len(other) // 2 + 1]])
         for one, other in pairwise(filled)
     ]
-    middles = [piece[len(piece) // 2] for piece in filled]
-    return paths, [(float(x), float(y), float(z)) for x, y, z in middles]
+    return paths, [piece[len(piece) // 2] for piece in filled]
 
 
 def _placed_elements(model: Model, pose: Pose, c: int) -> list[Points]:
@@ -212,7 +270,7 @@ def _placed_elements(model: Model, pose: Pose, c: int) -> list[Points]:
     return paths
 
 
-def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[Centre]]:
+def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[Vector]]:
     """Elements and nodes of a cable as a straight line, in the reference pose."""
     robot = model.robot
     reference = np.array([joint.reference_angle for joint in robot.joints])
@@ -221,9 +279,8 @@ def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[Centre
     cable = robot.cables[c]
     along = np.concatenate([[0.0], np.cumsum(lengths[first : first + len(cable.nodes) - 1])])
     y = -row * ROW * max(node.radius for cable in robot.cables for node in cable.nodes)
-    nodes = [(float(x), y) for x in along]
-    paths = [_in_space(nodes[e : e + 2]) for e in range(len(nodes) - 1)]
-    return paths, [(x, y, 0.0) for x, y in nodes]
+    nodes = _in_space([(float(x), y) for x in along])
+    return [nodes[e : e + 2] for e in range(len(nodes) - 1)], list(nodes)
 
 
 def _in_space(points: list[tuple[float, float]]) -> Points:
@@ -247,41 +304,34 @@ def tension_colour(tension: float, preload: float, limit: float) -> Colour:
     return red, green, blue
 
 
-Points = NDArray[np.float64]
-
-CIRCLE_POINTS: Final = 49
-"""Points of a drawn circle, the first one twice."""
-
-GENERATORS: Final = 6
-"""Lines along a drawn cylinder."""
+def across(axis: Vector) -> tuple[Vector, Vector]:
+    """Two unit vectors at right angles to an axis and to each other, shape (3,) each."""
+    least = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    one = np.cross(axis, least)
+    one /= np.linalg.norm(one)
+    return one, np.cross(axis, one)
 
 
 def outlines(body: Body) -> list[Points]:
-    """Lines that show a body, each of shape (points, 3) [m].
+    """Lines that show a body, each of shape (points, 3) [m]; none of a point.
 
-    A pulley is a circle, a sphere three great circles; a cylinder is drawn a little further than
-    the cable touches it.
+    A disc is a circle, a sphere three great circles; a cylinder has lines along its side.
     """
-    x, y, z = body.basis
-    if body.kind == "sphere":
-        return [_circle(body, body.centre, u, v) for u, v in ((x, y), (y, z), (z, x))]
-    if body.kind == "pulley":
-        return [_circle(body, body.centre, x, y)]
-    low, high = _heights(body)
-    ends = [_circle(body, body.centre + height * z, x, y) for height in (low, high)]
+    if body.shape == "point":
+        return []
+    x, y = across(body.axis)
+    if body.shape == "sphere":
+        return [
+            _circle(body, body.centre, u, v) for u, v in ((x, y), (y, body.axis), (body.axis, x))
+        ]
+    half = 0.5 * body.length * body.axis
+    ends = [_circle(body, body.centre + end, x, y) for end in (-half, half)]
+    if body.shape == "disc":
+        return ends[:1]
     step = (CIRCLE_POINTS - 1) // GENERATORS
     return [*ends, *(np.array([ends[0][k], ends[1][k]]) for k in range(0, CIRCLE_POINTS - 1, step))]
 
 
-def _heights(body: Body) -> tuple[float, float]:
-    """Lower and upper end of a drawn cylinder along its axis, from its centre [m]."""
-    touched = (body.points - body.centre) @ body.basis[2] if len(body.points) else np.zeros(1)
-    return float(touched.min()) - body.radius, float(touched.max()) + body.radius
-
-
-def _circle(body: Body, centre: Points, u: Points, v: Points) -> Points:
-    angles = np.linspace(0.0, 2.0 * pi, CIRCLE_POINTS)
-    points: Points = centre + body.radius * (
-        np.outer(np.cos(angles), u) + np.outer(np.sin(angles), v)
-    )
-    return points
+def _circle(body: Body, centre: Vector, u: Vector, v: Vector) -> Points:
+    angles = np.linspace(0.0, 2.0 * pi, CIRCLE_POINTS)[:, None]
+    return np.asarray(centre + body.radius * (np.cos(angles) * u + np.sin(angles) * v))

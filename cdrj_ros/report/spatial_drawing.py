@@ -17,8 +17,9 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped,unused-ig
 from numpy.typing import NDArray
 
 from cdrj_ros.inspection.checks import Inspection
-from cdrj_ros.model.spatial_paths import bodies_in_space, paths_in_space
+from cdrj_ros.model.spatial_paths import paths_in_space
 from cdrj_ros.report.scale_drawing import (
+    BODY,
     FONT_SIZE,
     GHOST,
     INK,
@@ -29,13 +30,16 @@ from cdrj_ros.report.scale_drawing import (
     ghost_poses,
     poses_text,
 )
-from cdrj_ros.report.scene import LONG_SPAN, outlines
-from cdrj_ros.robot.description import Robot, Winch
+from cdrj_ros.report.scene import LONG_SPAN, outlines, scene_of
+from cdrj_ros.robot.description import Robot
 
 Points = NDArray[np.float64]
 
 SIZE: Final = (980.0, 860.0)
 """Default width and height [px]."""
+
+LINK: Final = 6.0
+"""Width of a link [px]."""
 
 VIEWS: Final = (
     ("from above", 90.0, -90.0, "ortho"),
@@ -61,10 +65,11 @@ def draw_in_space(inspection: Inspection, size: tuple[float, float] | None = Non
     ghosts = [paths_in_space(model, pose) for pose in ghost_poses(robot)]
     paths = paths_in_space(model, reference)
     shortened = _shorten(paths, ghosts)
+    scene = scene_of(model, reference)
     bodies = [
         line
-        for body in bodies_in_space(model, reference)
-        if not (shortened and isinstance(robot.cables[body.cable].nodes[body.node], Winch))
+        for body in scene.bodies
+        if not (shortened and body.kind == "winch")
         for line in outlines(body)
     ]
     box = _box([*ghosts, paths], bodies)
@@ -75,6 +80,8 @@ def draw_in_space(inspection: Inspection, size: tuple[float, float] | None = Non
         axes.set_proj_type(projection)
         for ghost in ghosts:
             _draw(axes, ghost, bold=False)
+        for ends in scene.links:
+            axes.plot(*ends.T, color=BODY, linewidth=LINK, solid_capstyle="round", zorder=0)
         for line in bodies:
             axes.plot(*line.T, color=MUTED, linewidth=0.7)
         _draw(axes, paths, bold=True)

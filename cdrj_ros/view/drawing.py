@@ -10,8 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.scene import Colour
-from cdrj_ros.view.picture import CableLook, Picture, WheelLook, dashes_of, extent_of, middle_of
+from cdrj_ros.report.scene import Colour, across
+from cdrj_ros.view.picture import (
+    LINKS,
+    BodyLook,
+    CableLook,
+    Picture,
+    dashes_of,
+    extent_of,
+    middle_of,
+)
 
 Points = NDArray[np.float64]
 Faces = NDArray[np.uint32]
@@ -52,21 +60,25 @@ def dashed_tube(ends: Points, radius: float) -> tuple[Points, Faces]:
     return _around(ends.reshape(dashes, 2, 3), radius), _faces(dashes, 2)
 
 
-def disc(centre: Points, radius: float, thickness: float, sides: int = 32) -> tuple[Points, Faces]:
-    """Mesh of a disc across the z axis.
+def cylinder(
+    centre: Points, axis: Points, radius: float, length: float, sides: int = 32
+) -> tuple[Points, Faces]:
+    """Mesh of a cylinder, or a disc if it is short.
 
     Args:
         centre: [m], shape (3,).
+        axis: unit vector, shape (3,).
         radius: [m].
-        thickness: along the z axis [m].
+        length: along the axis [m].
         sides: number of flat sides of the rim.
 
     Returns:
         Vertices [m], shape (2 * sides + 2, 3), and faces, shape (f, 3).
     """
-    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-    rim = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(sides)])
-    half = np.array([0.0, 0.0, 0.5 * thickness])
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[:, None]
+    x, y = across(axis)
+    rim = radius * (np.cos(angle) * x + np.sin(angle) * y)
+    half = 0.5 * length * axis
     vertices = np.concatenate([rim - half, rim + half, -half[None], half[None]]) + centre
     a = np.arange(sides)
     b, under, over = (a + 1) % sides, np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
@@ -128,7 +140,7 @@ LEAST: Final = 0.006
 """Least radius of a taut cable in the units of the scene."""
 
 CLEAR: Final = 0.5
-"""Opacity of a wheel, so that cables behind it are visible."""
+"""Opacity of a body, so that cables behind it are visible."""
 
 LAYER: Final = 2.5
 """Distance between the layers of two cables in the plane, in widths of a cable."""
@@ -161,15 +173,15 @@ class Drawing:
         self._scene, self._model, self._on_click = scene, model, on_click
         self.cables: dict[str, Any] = {}
         """Mesh of every element, by name."""
-        self.wheels: dict[str, Any] = {}
-        """Disc or ball of every winch, pulley and anchor, by name."""
+        self.bodies: dict[str, Any] = {}
+        """Mesh or ball of every winch, pulley, round body, eyelet and anchor, by name."""
+        self._links: dict[int, Any] = {}
         self._labels: dict[str, Any] = {}
         self._dashed: dict[str, bool] = {}
         self._arrows: Any = None
         self._width = 0.0
         """Of a taut cable as it is drawn [m]."""
         self._wider = 1.0
-        self._flat = {cable.name for cable in model.robot.cables if not cable.spatial}
         low, high = extent_of(model)
         self._middle = 0.5 * (low + high)
         self._scale = SIZE / float(np.linalg.norm(high - low))
@@ -193,29 +205,29 @@ class Drawing:
         widest = max(look.width for look in picture.cables)
         self._wider = max(1.0, LEAST / (self._scale * widest))
         self._width = self._wider * widest
-        for look in picture.cables:
-            self._draw_cable(look, f"element {look.name}" == chosen)
-            wanted = labels == "all" or (labels == "chosen" and chosen == f"element {look.name}")
-            self._draw_label(look, wanted)
-        for wheel in picture.wheels:
-            self._draw_wheel(wheel, f"pulley {wheel.name}" == chosen)
+        for cable in picture.cables:
+            plotted = chosen == f"element {cable.name}"
+            self._draw_cable(cable, plotted)
+            self._draw_label(cable, labels == "all" or (labels == "chosen" and plotted))
+        for look in picture.bodies:
+            self._draw_body(look, f"pulley {look.body.name}" == chosen)
+        self._draw_links(picture)
         self._draw_arrows(picture, forces)
 
-    def _placed(self, name: str, points: Vector, width: float) -> Vector:
+    def _placed(self, name: str, points: Vector) -> Vector:
         """Points [m] of a cable in the coordinates of the scene, whose origin is the middle.
 
         Args:
-            name: of an element or wheel of the cable.
+            name: of an element or body of the cable; of a link empty, which lies behind.
             points: [m], shape (..., 3).
-            width: of a cable [m].
         """
-        layer = self._layers[name.rpartition("/")[0]]
-        ahead = np.array([0.0, 0.0, LAYER * width * layer])
+        layer = self._layers[name.rpartition("/")[0]] if name else -1
+        ahead = np.array([0.0, 0.0, LAYER * self._width * layer])
         return np.asarray(self._scale * (points - self._middle + ahead))
 
     def _draw_cable(self, look: CableLook, chosen: bool) -> None:
         radius = self._scale * self._wider * look.width * (CHOSEN if chosen else 1.0)
-        path = self._placed(look.name, look.path, self._width)
+        path = self._placed(look.name, look.path)
         if look.dashed:
             vertices, faces = dashed_tube(dashes_of(path), radius)
         else:
@@ -241,7 +253,7 @@ class Drawing:
             if handle is not None:
                 handle.visible = False
             return
-        middle = self._placed(look.name, middle_of(look.path), self._width)
+        middle = self._placed(look.name, middle_of(look.path))
         if handle is None:
             self._labels[look.name] = self._scene.add_label(
                 f"/labels/{look.name}", look.label, position=middle,
@@ -253,43 +265,53 @@ class Drawing:
         if not np.array_equal(handle.position, middle):
             handle.position = middle
 
-    def _draw_wheel(self, look: WheelLook, chosen: bool) -> None:
-        """A disc, or a ball for a cable in space.
+    def _draw_body(self, look: BodyLook, chosen: bool) -> None:
+        """A mesh of a disc or cylinder, a ball of a sphere or point.
 
-        The disc is moved by its vertices, as the cables are: browsers show those later than
+        A mesh is moved by its vertices, as the cables are: browsers show those later than
         positions.
         """
-        centre = self._placed(look.name, np.array(look.centre), self._width)
-        flat = look.name.rpartition("/")[0] in self._flat
-        handle = self.wheels.get(look.name)
-        if handle is None:
-            handle = self._add_wheel(look, centre, flat)
-            self.wheels[look.name] = handle
-        elif flat:
-            handle.vertices = self._disc(look, centre)[0].astype(np.float32)
-        elif not np.array_equal(handle.position, centre):
+        body = look.body
+        centre, ball = self._placed(body.name, body.centre), body.shape in ("sphere", "point")
+        radius, length = self._scale * body.radius, self._scale * body.length
+        handle: Any = self.bodies.get(body.name)
+        if ball and handle is None:
+            handle = self._scene.add_icosphere(
+                f"/bodies/{body.name}", radius, rgb(look.colour), position=centre, opacity=CLEAR,
+                cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+        elif ball and not np.array_equal(handle.position, centre):
             handle.position = centre
+        elif not ball:
+            mesh = cylinder(centre, body.axis, radius, length)
+            handle = self._mesh(handle, f"/bodies/{body.name}", mesh, look.colour)
+        if body.name not in self.bodies:
+            self.bodies[body.name] = handle
+            if body.kind == "pulley":
+                handle.on_click(lambda _: self._on_click(f"pulley {body.name}"))
         handle.color = rgb(look.colour)
         handle.opacity = 1.0 if chosen else CLEAR
 
-    def _disc(self, look: WheelLook, centre: Vector) -> tuple[Vector, NDArray[np.uint32]]:
-        return disc(centre, self._scale * look.radius, self._scale * look.thickness)
-
-    def _add_wheel(self, look: WheelLook, centre: Vector, flat: bool) -> Any:
-        name, colour = f"/wheels/{look.name}", rgb(look.colour)
-        if flat:
-            vertices, faces = self._disc(look, centre)
-            handle = self._scene.add_mesh_simple(
-                name, vertices.astype(np.float32), faces, color=colour, opacity=CLEAR,
-                flat_shading=True, cast_shadow=False, receive_shadow=False,
+    def _draw_links(self, picture: Picture) -> None:
+        """Links of the robot, behind cables in the plane."""
+        for k, ends in enumerate(picture.links):
+            start, end = self._placed("", ends)
+            length = float(np.linalg.norm(end - start))
+            mesh = cylinder(
+                0.5 * (start + end), (end - start) / max(length, 1e-12),
+                self._scale * picture.link_width, length,
             )  # fmt: skip
-        else:
-            handle = self._scene.add_icosphere(
-                name, self._scale * look.radius, colour, position=centre, opacity=CLEAR,
+            self._links[k] = self._mesh(self._links.get(k), f"/links/{k}", mesh, LINKS)
+
+    def _mesh(self, handle: Any, name: str, mesh: tuple[Points, Faces], colour: Colour) -> Any:
+        """Add a mesh that is seen through, or move it."""
+        vertices, faces = mesh[0].astype(np.float32), mesh[1]
+        if handle is None:
+            return self._scene.add_mesh_simple(
+                name, vertices, faces, color=rgb(colour), opacity=CLEAR, flat_shading=False,
                 cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
-        if look.kind == "pulley":
-            handle.on_click(lambda _: self._on_click(f"pulley {look.name}"))
+        handle.vertices = vertices
         return handle
 
     def _draw_arrows(self, picture: Picture, wanted: bool) -> None:
@@ -300,7 +322,7 @@ class Drawing:
             return
         ends: NDArray[np.float32] = np.array(
             [
-                [self._placed(picture.wheels[a.wheel].name, end, self._width) for end in a[1:3]]
+                [self._placed(picture.bodies[a.body].body.name, end) for end in a[1:3]]
                 for a in known
             ],
             np.float32,

@@ -138,8 +138,6 @@ def joint_axes(robot: Robot) -> list[Axis]:
     return axes_of(robot)[len(robot.motors) :]
 
 
-Vector = NDArray[np.float64]
-
 PICTURES: Final = 1800
 """Number of snapshots that are kept: one minute at 30 Hz."""
 

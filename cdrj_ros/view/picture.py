@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,8 +16,8 @@ from cdrj_ros.model.status import SLACK, UNSURE
 from cdrj_ros.report.live_table import SIGMAS
 from cdrj_ros.report.scene import (
     LONG_SPAN,
+    Body,
     Colour,
-    Kind,
     Scene,
     inner_size,
     scene_of,
@@ -45,23 +45,23 @@ def extent_of(model: Model) -> tuple[Vector, Vector]:
 
 
 def _points(model: Model, scene: Scene) -> Iterator[Points]:
-    """Points of all elements and wheels but those of long ends; each of shape (n, 3)."""
-    elements, wheels = iter(scene.elements), iter(scene.wheels)
+    """Points of all elements and bodies but those of long ends; each of shape (n, 3)."""
+    elements, bodies = iter(scene.elements), iter(scene.bodies)
     cables = [
-        ([next(elements) for _ in cable.nodes[1:]], [next(wheels) for _ in cable.nodes])
+        ([next(elements) for _ in cable.nodes[1:]], [next(bodies) for _ in cable.nodes])
         for cable in model.robot.cables
     ]
+    yield from scene.links
     most = LONG_SPAN * inner_size(model, scene)
     for paths, own in cables:
         first = int(np.linalg.norm(paths[0][-1] - paths[0][0]) > most)
         last = int(np.linalg.norm(paths[-1][-1] - paths[-1][0]) > most)
         yield from paths[first : len(paths) - last]
-        for wheel in own[first : len(own) - last]:
-            corner = wheel.radius * np.array([1.0, 1.0, 0.0])
-            yield np.array(wheel.centre) + np.array([corner, -corner])
+        for body in own[first : len(own) - last]:
+            flat = body.axis if body.shape == "disc" else np.zeros(3)
+            corner = body.radius * np.sqrt(1.0 - flat**2)
+            yield body.centre + np.array([corner, -corner])
 
-
-Points = NDArray[np.float64]
 
 SLIP_SPEED: Final = 1e-4
 """Slip speed from which a pulley is drawn as slipping [m/s]."""
@@ -70,6 +70,7 @@ SLIPPING: Final[Colour] = (0.96, 0.55, 0.15)
 STICKING: Final[Colour] = (0.72, 0.72, 0.70)
 UNKNOWN: Final[Colour] = (0.55, 0.55, 0.55)
 FORCE: Final[Colour] = (0.20, 0.20, 0.22)
+LINKS: Final[Colour] = (0.80, 0.81, 0.83)
 
 DASHES: Final = 12
 """Number of dashes of an element whose tension must not be used."""
@@ -79,6 +80,9 @@ PALE: Final = 0.4
 
 POINTS_ONLY: Final = 0.05
 """Radius on which the picture of a robot without pulleys is based, as a share of its size."""
+
+LINK: Final = 0.45
+"""Radius of a link, as a share of the usual radius of a pulley."""
 
 THIN: Final = 0.4
 """Width of a slack element, as a share of that of a taut one."""
@@ -100,25 +104,19 @@ class CableLook(NamedTuple):
     """Name, tension and two standard deviations."""
 
 
-class WheelLook(NamedTuple):
-    """One winch, pulley or anchor."""
+class BodyLook(NamedTuple):
+    """One winch, pulley, round body, eyelet or anchor."""
 
-    name: str
-    kind: Kind
-    centre: tuple[float, float, float]
-    """[m]."""
-    radius: float
-    """[m]."""
-    thickness: float
-    """[m]."""
+    body: Body
+    """As it is drawn: a point has a radius, and a disc a length along its axis."""
     colour: Colour
 
 
 class ArrowLook(NamedTuple):
     """Force of a cable on a pulley."""
 
-    wheel: int
-    """Index of the pulley in ``Picture.wheels``."""
+    body: int
+    """Index of the pulley in ``Picture.bodies``."""
     start: Points
     """[m], shape (3,)."""
     end: Points
@@ -133,8 +131,12 @@ class Picture:
 
     cables: tuple[CableLook, ...]
     """In the order of ``Layout.elements``."""
-    wheels: tuple[WheelLook, ...]
-    """In the order of ``Scene.wheels``."""
+    bodies: tuple[BodyLook, ...]
+    """In the order of ``Scene.bodies``."""
+    links: tuple[Points, ...]
+    """Both ends of every link [m], shape (2, 3)."""
+    link_width: float
+    """Radius of a link [m]."""
     arrows: tuple[ArrowLook, ...]
     """Of the pulleys of cables given by positions."""
 
@@ -153,7 +155,9 @@ def picture_of(model: Model, shown: Snapshot, *, force_scale: float = 0.0005) ->
     scene = scene_of(model, shown.angle)
     return Picture(
         tuple(_cables(model, scene, shown)),
-        tuple(_wheels(model, scene, shown)),
+        tuple(_bodies(model, scene, shown)),
+        scene.links,
+        LINK * typical_radius(model, scene),
         tuple(_arrows(model, scene, shown, force_scale)),
     )
 
@@ -214,21 +218,21 @@ def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[CableLook]:
     return looks
 
 
-def _wheels(model: Model, scene: Scene, shown: Snapshot) -> list[WheelLook]:
+def _bodies(model: Model, scene: Scene, shown: Snapshot) -> list[BodyLook]:
     known = usable(shown.pulley_status)
     slipping = known & (np.abs(np.nan_to_num(shown.slip_speed)) > SLIP_SPEED)
     slips = dict(zip(model.layout.pulleys, slipping.tolist(), strict=True))
     least = 0.3 * typical_radius(model, scene)
     return [
-        WheelLook(
-            wheel.name,
-            wheel.kind,
-            wheel.centre,
-            max(wheel.radius, least),
-            0.5 * least,
-            SLIPPING if slips.get(wheel.name) else STICKING,
+        BodyLook(
+            replace(
+                body,
+                radius=max(body.radius, least),
+                length=0.5 * least if body.shape == "disc" else body.length,
+            ),
+            SLIPPING if slips.get(body.name) else STICKING,
         )
-        for wheel in scene.wheels
+        for body in scene.bodies
     ]
 
 
@@ -239,8 +243,8 @@ def _arrows(model: Model, scene: Scene, shown: Snapshot, scale: float) -> list[A
     placed = {cable.name for cable in model.robot.cables if cable.routed or cable.spatial}
     width = 0.05 * typical_radius(model, scene)
     looks = []
-    for k, wheel in enumerate(scene.wheels):
-        if wheel.name.rpartition("/")[0] in placed and wheel.kind == "pulley":
-            start = np.array(wheel.centre)
-            looks.append(ArrowLook(k, start, start + scale * by_name[wheel.name], width))
+    for k, body in enumerate(scene.bodies):
+        if body.name.rpartition("/")[0] in placed and body.kind == "pulley":
+            end = body.centre + scale * by_name[body.name]
+            looks.append(ArrowLook(k, body.centre, end, width))
     return looks

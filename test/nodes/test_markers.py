@@ -35,50 +35,49 @@ def drawing(ros: None) -> Iterator[Callable[..., Any]]:
         one.destroy_node()
 
 
-def tensions_of(node: Any, tension: float, status: int = 0) -> Any:
-    from cdrj_msgs.msg import CableTensions
+def hear(node: Any, topic: str, message: Any) -> dict[str, Any]:
+    """The markers after a message, by namespace and number."""
+    from rclpy.serialization import serialize_message
 
-    names = list(node.model.layout.elements)
-    return CableTensions(
-        name=names, tension=[tension] * len(names), status=[status] * len(names), stddev=[]
-    )
+    node.inputs.hear(topic, serialize_message(message))
+    return markers_of(node)
 
 
-def cables(node: Any) -> list[Any]:
-    return [marker for marker in node.picture().markers if marker.ns == "cables"]
+def markers_of(node: Any) -> dict[str, Any]:
+    return {f"{marker.ns}/{marker.id}": marker for marker in node.picture().markers}
 
 
 def colour(marker: Any) -> tuple[float, float, float]:
     return marker.color.r, marker.color.g, marker.color.b
 
 
-def test_colour_width_and_line_show_tension_and_status(drawing: Any) -> None:
+def test_colour_width_and_line_show_tension_and_status(
+    drawing: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from cdrj_msgs.msg import CableTensions as T
     from visualization_msgs.msg import Marker
 
-    node = drawing()
-    cable = node.model.robot.cables[0]
-
-    def first(tension: float, status: int = 0) -> Any:
-        node._on_tensions(tensions_of(node, tension, status))
-        return cables(node)[0]
-
-    taut = first(cable.preload)
-    assert colour(taut) == pytest.approx(tension_colour(cable.preload, cable.preload, 150.0))
-    assert colour(first(150.0)) == pytest.approx(LIMIT_COLOUR)
-    assert first(0.0, T.SLACK).scale.x < 0.5 * taut.scale.x
-    assert first(9.0, T.UNSURE).color.a < 0.5 < taut.color.a
-    for flag in (T.STALE, T.INVALID):
-        assert first(150.0, flag).type == Marker.LINE_LIST
-        assert colour(first(150.0, flag)) != pytest.approx(LIMIT_COLOUR)
-
-
-def test_without_tensions_every_cable_is_dashed(drawing: Any) -> None:
-    from visualization_msgs.msg import Marker
+    from cdrj_ros.nodes import view_inputs
 
     node = drawing()
-    assert {marker.type for marker in cables(node)} == {Marker.LINE_LIST}
-    assert len(cables(node)) == len(node.model.layout.elements)
+    names = list(node.model.layout.elements)
+    preload = node.model.robot.cables[0].preload
+    tension = [preload, 150.0, 0.0, 9.0, 150.0, 150.0, *[1.0] * (len(names) - 6)]
+    status = [0, 0, T.SLACK, T.UNSURE, T.STALE, T.INVALID, *[0] * (len(names) - 6)]
+    drawn = hear(node, "tensions", T(name=names, tension=tension, status=status, stddev=[]))
+    taut, high, slack, unsure, stale, invalid = (drawn[f"cables/{k}"] for k in range(6))
+    assert colour(taut) == pytest.approx(tension_colour(preload, preload, 150.0))
+    assert colour(high) == pytest.approx(LIMIT_COLOUR)
+    assert slack.scale.x < 0.5 * taut.scale.x
+    assert unsure.color.a < 0.5 < taut.color.a
+    for marker in (stale, invalid):
+        assert marker.type == Marker.LINE_LIST
+        assert colour(marker) != pytest.approx(LIMIT_COLOUR)
+    later = monotonic() + view_inputs.SILENCE_S + 0.1
+    monkeypatch.setattr(view_inputs, "monotonic", lambda: later)
+    cables = [marker for marker in node.picture().markers if marker.ns == "cables"]
+    assert {marker.type for marker in cables} == {Marker.LINE_LIST}
+    assert len(cables) == len(names)
 
 
 def test_the_picture_follows_the_joints_and_ignores_invalid_angles(drawing: Any) -> None:
@@ -86,18 +85,15 @@ def test_the_picture_follows_the_joints_and_ignores_invalid_angles(drawing: Any)
 
     node = drawing()
 
-    def last_point() -> tuple[float, float]:
-        point = cables(node)[4].points[-1]
+    def last_point(message: Any) -> tuple[float, float]:
+        point = hear(node, "joint_states", message)["cables/4"].points[-1]
         return point.x, point.y
 
-    before = last_point()
-    node._on_joints(JointState(name=["mcp"], position=[float("nan")]))
-    node._on_joints(JointState(name=["mcp"], position=[]))
-    node._on_joints(JointState(name=["unknown"], position=[1.0]))
-    assert last_point() == before
-    node._on_joints(JointState(name=["pip", "mcp"], position=[0.1, 0.6]))
-    assert last_point() != before
-    np.testing.assert_allclose(node.angles, [0.6, 0.1])
+    before = last_point(JointState(name=["unknown"], position=[1.0]))
+    assert last_point(JointState(name=["mcp"], position=[float("nan")])) == before
+    assert last_point(JointState(name=["mcp"], position=[])) == before
+    assert last_point(JointState(name=["pip", "mcp"], position=[0.1, 0.6])) != before
+    np.testing.assert_allclose(node.inputs.snapshot().angle, [0.6, 0.1])
 
 
 def test_slipping_pulleys_change_colour_and_forces_become_arrows(drawing: Any) -> None:
@@ -107,28 +103,65 @@ def test_slipping_pulleys_change_colour_and_forces_become_arrows(drawing: Any) -
     node = drawing(labels=True, force_scale=0.001)
     name = node.model.layout.pulleys[0]
 
-    def hear(speed: float, status: int = 0) -> dict[str, Any]:
-        node._on_forces(
-            NodalForces(
-                name=[name], force_x=[10.0], force_y=[0.0], force_z=[0.0], magnitude=[10.0],
-                friction=[0.0], slip_speed=[speed], status=[status],
-            )
+    def force(speed: float, status: int = 0) -> dict[str, Any]:
+        message = NodalForces(
+            name=[name], force_x=[10.0], force_y=[0.0], force_z=[0.0], magnitude=[10.0],
+            friction=[0.0], slip_speed=[speed], status=[status],
         )  # fmt: skip
-        markers = node.picture().markers
-        return {f"{marker.ns}/{marker.id}": marker for marker in markers}
+        return hear(node, "nodal_forces", message)
 
-    still, moving = hear(0.0), hear(0.01)
-    assert colour(still["wheels/1"]) != colour(moving["wheels/1"])
+    assert markers_of(node)["forces/1"].action == Marker.DELETE
+    still, moving = force(0.0), force(0.01)
+    assert colour(still["bodies/1"]) != colour(moving["bodies/1"])
     start, end = moving["forces/1"].points
     assert end.x - start.x == pytest.approx(0.01)
     assert end.y == pytest.approx(start.y)
-    gone = hear(0.01, NodalForces.INVALID)
+    gone = force(0.01, NodalForces.INVALID)
     assert gone["forces/1"].action == Marker.DELETE
-    assert colour(gone["wheels/1"]) == colour(still["wheels/1"])
+    assert colour(gone["bodies/1"]) == colour(still["bodies/1"])
     assert any(marker.text for marker in moving.values())
 
 
-def test_nothing_is_drawn_without_a_subscriber(drawing: Any) -> None:
+@pytest.mark.parametrize("robot", ["finger", "finger3d"])
+def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(
+    drawing: Any, robot: str
+) -> None:
+    from scipy.spatial.transform import Rotation
+    from visualization_msgs.msg import Marker
+
+    from cdrj_ros.report.scene import scene_of
+
+    node = drawing(robot=robot)
+    model, drawn = node.model, markers_of(node)
+    scene = scene_of(model, np.array([joint.reference_angle for joint in model.robot.joints]))
+
+    def along(marker: Any) -> Any:
+        turned = marker.pose.orientation
+        return Rotation.from_quat([turned.x, turned.y, turned.z, turned.w]).apply([0.0, 0.0, 1.0])
+
+    round_ones = 0
+    for k, body in enumerate(scene.bodies):
+        marker = drawn[f"bodies/{k}"]
+        flat = body.shape in ("disc", "cylinder")
+        assert marker.type == (Marker.CYLINDER if flat else Marker.SPHERE)
+        np.testing.assert_allclose(along(marker), body.axis, atol=1e-9)
+        if body.radius > 0.002:
+            round_ones += 1
+            assert marker.scale.x == marker.scale.y == pytest.approx(2.0 * body.radius)
+    assert round_ones >= 3
+    assert len(scene.links) >= 2
+    for k, (start, end) in enumerate(scene.links):
+        marker = drawn[f"links/{k}"]
+        middle = marker.pose.position
+        half = 0.5 * marker.scale.z * along(marker)
+        np.testing.assert_allclose(
+            np.array([middle.x, middle.y, middle.z]) - half, start, atol=1e-9
+        )
+        np.testing.assert_allclose(np.array([middle.x, middle.y, middle.z]) + half, end, atol=1e-9)
+
+
+def test_nothing_is_heard_or_drawn_without_a_subscriber(drawing: Any) -> None:
+    from cdrj_msgs.msg import CableTensions
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
     from visualization_msgs.msg import MarkerArray
@@ -137,17 +170,29 @@ def test_nothing_is_drawn_without_a_subscriber(drawing: Any) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     executor.add_node(user)
-    try:
-        for _ in range(20):
-            executor.spin_once(timeout_sec=0.05)
-        assert node.drawn == 0
-        heard: list[Any] = []
-        user.create_subscription(MarkerArray, "markers", heard.append, 1)
+    publisher = user.create_publisher(CableTensions, "tensions", 1)
+    names = list(node.model.layout.elements)
+    message = CableTensions(name=names, tension=[9.0] * len(names), status=[0] * len(names))
+    got: list[Any] = []
+
+    def spin_until(condition: Callable[[], bool]) -> None:
         deadline = monotonic() + PATIENCE_S
-        while not heard and monotonic() < deadline:
+        while not condition():
+            assert monotonic() < deadline
+            publisher.publish(message)
             executor.spin_once(timeout_sec=0.05)
-        assert node.drawn > 0
-        assert heard[0].markers
+
+    try:
+        ticks = iter(range(20))
+        spin_until(lambda: next(ticks) == 19)
+        assert (node.drawn, node.inputs.count) == (0, 0)
+        assert publisher.get_subscription_count() == 0
+        listener = user.create_subscription(MarkerArray, "markers", got.append, 1)
+        spin_until(lambda: bool(got) and got[-1].markers[0].type != got[0].markers[0].type)
+        assert node.inputs.count > 0
+        user.destroy_subscription(listener)
+        spin_until(lambda: publisher.get_subscription_count() == 0)
+        assert not node.inputs.listening
     finally:
         executor.shutdown()
         user.destroy_node()

@@ -67,6 +67,7 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     from rclpy.experimental import EventsExecutor
     from rclpy.node import Node
     from rclpy.parameter import Parameter
+    from visualization_msgs.msg import MarkerArray
 
     from cdrj_ros.nodes.feed import Choice
     from cdrj_ros.nodes.managed import ManagedEstimator
@@ -94,6 +95,7 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     markers = MarkersNode(parameter_overrides=[Parameter("robot", value=ROBOT)])
     onlooker = Node("onlooker")
     onlooker.create_subscription(WrenchStamped, "/cdrj/wrenches/upper_3", MagicMock(), 1)
+    onlooker.create_subscription(MarkerArray, "/cdrj/markers", MagicMock(), 1)
     listeners = [listener_of(node, MagicMock()) for node in (estimator, rig, markers)]
     every = [estimator, replay, watch, rig, markers, onlooker, *listeners]
     executor = EventsExecutor()
@@ -117,7 +119,7 @@ def view(nodes: tuple[Any, Any]) -> Iterator[Any]:
     given = {"robot": ROBOT, "port": 0}
     node = ViewNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
     listener = listener_of(node, MagicMock())
-    node._listen()
+    node.listen(True)
     yield node
     node.page.close()
     for one in (listener, node):

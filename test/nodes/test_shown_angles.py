@@ -61,25 +61,20 @@ def shown(
     path.write_text(TEXT, encoding="utf-8")
     given: dict[str, Any] = {"robot": str(path)}
     messages = [JointState(name=["q"], position=[reading]) for reading in READING.tolist()]
-    angles = []
     if request.param == "markers":
-        from cdrj_ros.nodes.markers import MarkersNode
-
-        node = MarkersNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
-        for message in messages:
-            node._on_joints(message)
-            angles.append(node.angles[0])
+        from cdrj_ros.nodes.markers import MarkersNode as ShowingNode
     else:
         pytest.importorskip("viser")
-        from cdrj_ros.nodes.view import ViewNode
+        from cdrj_ros.nodes.view import ViewNode as ShowingNode  # type: ignore[assignment]
 
         given["port"] = 0
-        node = ViewNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
-        for message in messages:
-            node._payloads[topics.JOINT_STATES] = serialize_message(message)
-            node._shown = node._snapshot()
-            angles.append(node._shown.angle[0])
-        node.page.close()
+    node = ShowingNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
+    angles = []
+    for message in messages:
+        node.inputs.hear(topics.JOINT_STATES, serialize_message(message))
+        angles.append(node.inputs.snapshot().angle[0])
+    if request.param == "view":
+        node.page.close()  # type: ignore[attr-defined]
     try:
         yield np.array(angles)
     finally:

@@ -163,7 +163,7 @@ def test_nothing_is_subscribed_or_drawn_before_a_browser_comes(scene: Scene) -> 
     ticks = scene.view.get_clock().now()
     drawn = scene.view.page.pictures
     while (scene.view.get_clock().now() - ticks).nanoseconds < 300_000_000:
-        assert scene.view._opened == []
+        assert not scene.view.inputs.listening
         sleep(0.02)
     assert scene.view.page.pictures == drawn
 
@@ -337,7 +337,7 @@ def test_the_page_outlives_the_estimator_and_says_that_it_is_gone(page: Scene) -
 
 def test_the_subscriptions_end_with_the_last_browser(page: Scene) -> None:
     page.browser.close()
-    wait_for(lambda: page.view._opened == [], "the end of the subscriptions")
+    wait_for(lambda: not page.view.inputs.listening, "the end of the subscriptions")
     drawn = page.view.page.pictures
     sleep(0.2)
     assert page.view.page.pictures == drawn

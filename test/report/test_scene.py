@@ -39,8 +39,8 @@ def test_a_cable_given_by_tables_is_drawn_unrolled() -> None:
     np.testing.assert_allclose(lengths, shape_at(model, np.zeros(1)).length, rtol=1e-12)
     rows = {round(float(path[0, 1]), 9) for path in scene.elements}
     assert len(rows) == 2, "one line per cable"
-    assert [wheel.name for wheel in scene.wheels[:2]] == ["upper/1", "upper/2"]
-    assert [wheel.kind for wheel in scene.wheels[7:9]] == ["pulley", "anchor"]
+    assert [body.name for body in scene.bodies[:2]] == ["upper/1", "upper/2"]
+    assert [body.kind for body in scene.bodies[7:9]] == ["pulley", "anchor"]
 
 
 def test_colours_run_from_slack_to_the_limit() -> None:

@@ -55,10 +55,10 @@ def test_a_pulley_is_coloured_by_slip_and_an_unknown_force_has_no_arrow(
     shown.slip_speed[0] = -1e-3
     shown.pulley_status[1] = INVALID
     picture = picture_of(model, shown)
-    colours = {one.name: one.colour for one in picture.wheels}
+    colours = {one.body.name: one.colour for one in picture.bodies}
     assert colours[model.layout.pulleys[0]] == SLIPPING
     assert colours[model.layout.pulleys[2]] == STICKING
-    ends = {picture.wheels[one.wheel].name: one.end for one in picture.arrows}
+    ends = {picture.bodies[one.body].body.name: one.end for one in picture.arrows}
     assert np.isnan(ends[model.layout.pulleys[1]]).all()
     assert np.isfinite(ends[model.layout.pulleys[0]]).all()
 

@@ -1,0 +1,123 @@
+"""The last messages of an estimator, heard only while somebody looks at a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from time import monotonic
+from typing import Any, Final
+
+import numpy as np
+from cdrj_msgs.msg import CableTensions, NodalForces
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from cdrj_ros.messages import topics
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.status import STALE
+from cdrj_ros.view.history import (
+    Snapshot,
+    joint_angles,
+    joint_axes,
+    nothing_known,
+    pulley_columns,
+    tension_columns,
+)
+
+SILENCE_S: Final = 0.5
+"""Time without tensions or forces after which all of them are shown as STALE [s]."""
+
+
+class Inputs:
+    """Subscriptions that keep the last message of every topic, undecoded until it is drawn."""
+
+    def __init__(self, node: Node, model: Model, references: Sequence[str] = ()) -> None:
+        """Remember what to subscribe to.
+
+        Args:
+            node: the subscriber.
+            model: gives the names of elements, pulleys and joints.
+            references: topics of true or measured tensions; the first that has an element counts.
+        """
+        self._node, self._model, self._references = node, model, tuple(references)
+        self._joints = joint_axes(model.robot)
+        self._opened: list[Any] = []
+        self._payloads: dict[str, bytes] = {}
+        self._shown = nothing_known(model)
+        self.heard_s: dict[str, float] = {}
+        """Steady time of the last message of every topic [s]."""
+        self.count = 0
+        """Number of messages with tensions."""
+
+    @property
+    def listening(self) -> bool:
+        """Whether there are subscriptions."""
+        return bool(self._opened)
+
+    @property
+    def fresh(self) -> bool:
+        """Whether tensions are not older than ``SILENCE_S``."""
+        return self._fresh(topics.TENSIONS)
+
+    def _fresh(self, topic: str) -> bool:
+        return monotonic() - self.heard_s.get(topic, -float("inf")) <= SILENCE_S
+
+    def listen(self, wanted: bool) -> bool:
+        """Subscribe, or end the subscriptions and forget the messages; returns ``wanted``."""
+        if wanted and not self._opened:
+            quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+            kinds = {
+                topics.TENSIONS: CableTensions,
+                topics.NODAL_FORCES: NodalForces,
+                topics.JOINT_STATES: JointState,
+            } | dict.fromkeys(self._references, CableTensions)
+            for topic, kind in kinds.items():
+                hear = partial(self.hear, topic)
+                one = self._node.create_subscription(kind, topic, hear, quality, raw=True)
+                self._opened.append(one)
+        elif not wanted and self._opened:
+            for one in self._opened:
+                self._node.destroy_subscription(one)
+            self._opened.clear()
+            self._payloads.clear()
+        return wanted
+
+    def hear(self, topic: str, payload: bytes) -> None:
+        """Keep a serialised message."""
+        self._payloads[topic], self.heard_s[topic] = payload, monotonic()
+        self.count += topic == topics.TENSIONS
+
+    def _last(self, kind: Any, topic: str) -> Any:
+        payload = self._payloads.get(topic)
+        return None if payload is None else deserialize_message(payload, kind)
+
+    def snapshot(self) -> Snapshot:
+        """The values of the last messages, STALE after ``SILENCE_S``."""
+        layout = self._model.layout
+        message = self._last(CableTensions, topics.TENSIONS)
+        tension, stddev, status = tension_columns(message, layout)
+        forces = self._last(NodalForces, topics.NODAL_FORCES)
+        force, friction, slip_speed, pulley_status = pulley_columns(forces, layout)
+        stamp_ns = self._shown.stamp_ns
+        if message is not None:
+            stamp = message.header.stamp
+            stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        if not self.fresh:
+            status = status | np.uint8(STALE)
+        if not self._fresh(topics.NODAL_FORCES):
+            pulley_status = pulley_status | np.uint8(STALE)
+        reference = np.full(len(layout.elements), np.nan)
+        for topic in self._references:
+            measured, _, _ = tension_columns(self._last(CableTensions, topic), layout)
+            reference = np.where(np.isnan(reference), measured, reference)
+        joint_states = self._last(JointState, topics.JOINT_STATES)
+        self._shown = replace(
+            self._shown, stamp_ns=stamp_ns, tension=tension, stddev=stddev, status=status,
+            angle=joint_angles(joint_states, self._joints, self._shown.angle), force=force,
+            friction=friction, slip_speed=slip_speed, pulley_status=pulley_status,
+            reference=reference,
+        )  # fmt: skip
+        return self._shown
