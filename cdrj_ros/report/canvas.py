@@ -159,6 +159,7 @@ def add_text(
         fontsize=FONT_SIZE,
         ha=align,
         va="baseline",
+        parse_math=False,
     )
 
 
@@ -230,7 +231,7 @@ def inline_svg(figure: Figure, label: str, key: str) -> str:
         "class": "picture",
         "viewBox": f"0 0 {width} {height}",
         "role": "img",
-        "aria-label": label,
+        "aria-label": printable(label),
     }
     return ElementTree.tostring(root, encoding="unicode")
 

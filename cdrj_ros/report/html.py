@@ -17,7 +17,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any, Final
 
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.text import counted
+from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.judgement.channels import QUANTITIES, BagComparison, Channel, quantity_of
 from cdrj_ros.judgement.limits import Judgement
@@ -66,12 +66,18 @@ def template(name: str) -> Any:
 
     environment = Environment(
         autoescape=True,
+        finalize=_shown,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         loader=FunctionLoader(_asset),
     )
     return environment.get_template(name)
+
+
+def _shown(value: object) -> object:
+    """Text of others without control characters; jinja escapes it."""
+    return printable(value) if type(value) is str else value
 
 
 def style() -> str:

@@ -13,6 +13,7 @@ import pytest
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from cdrj_ros.health.recorded import Alarm, Verdict
 from cdrj_ros.judgement.channels import Angle, BagComparison, Channel
 from cdrj_ros.judgement.comparison import compare, summed_up
 from cdrj_ros.judgement.limits import Judgement, Outside
@@ -21,6 +22,7 @@ from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.report import html
 from cdrj_ros.report.canvas import PALETTE
 from cdrj_ros.report.html import RobotShown, write_report
+from cdrj_ros.report.parameters import robot_summary
 from cdrj_ros.report.pictures import Picture
 from cdrj_ros.report.table import Beside
 from cdrj_ros.report.verdict import telling_channels
@@ -38,10 +40,13 @@ class Strict(HTMLParser):
         self.open: list[str] = []
         self.ids: set[str] = set()
         self.tags: set[str] = set()
+        self.attributes: set[str] = set()
+        self.text = ""
         self.links: set[str] = set()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.add(tag)
+        self.attributes |= {name for name, _ in attrs}
         for name, value in attrs:
             if name == "id":
                 assert value not in self.ids, f"id {value} twice"
@@ -52,6 +57,9 @@ class Strict(HTMLParser):
                 self.links.add(str(value)[4:-1])
         if tag not in VOID:
             self.open.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.handle_starttag(tag, attrs)
@@ -143,27 +151,58 @@ def test_where_the_browser_cannot_print_collapsed_sections_the_paper_has_a_notic
     assert page.count("<details>") == page.count("<details><summary>") > 0
 
 
-def test_names_from_the_inputs_are_escaped(tmp_path: Path) -> None:
-    nasty = '<script>alert("x")</script>&$title$'
-    stamps = np.arange(500, dtype=np.int64) * 1_000_000
-    values = np.sin(stamps * 1e-8)
+NASTY = (
+    "<script>ran()</script>", "<iframe srcdoc='<script>ran()</script>'>",
+    "<img src=x onerror=ran()>", '" onmouseover="ran()" x="', "' onclick='ran()",
+    "</style><svg onload=ran()>", "]]><b>", "--><b>", "</title></textarea><b>",
+    "{{ 7 * 7 }} {% raw %}", "&lt;b&gt;&#60;b&#62;", "$title$ \\frac{",
+    "javascript:ran()", "\x1b[31m\x00\u202e", "a\nb",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("nasty", NASTY)
+def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
+    tmp_path: Path, nasty: str, comparison: BagComparison
+) -> None:
+    stamps = np.arange(50, dtype=np.int64) * 1_000_000
+    values = np.sin(stamps * 1e-7)
     name = f"tension/{nasty}/1"
     channels = compare(
-        stamps,
-        {name: values},
-        {name: (stamps, values)},
-        max_gap_ns=10_000_000,
+        stamps, {name: values}, {name: (stamps, values)}, max_gap_ns=10_000_000,
         angle=Angle(nasty, stamps, values),
+    )  # fmt: skip
+    alarm = Alarm("warn", nasty, 0.0, 1.0, 1, 1)
+    bag = replace(
+        summed_up(nasty, 0.5, channels, (f"effort/{nasty}",), {nasty: 1}, (nasty,), {nasty: nasty}),
+        friction=(PulleyFriction(f"{nasty}/2", 1.0, 2.0, 0.1, 0.2, values, values),),
+        health=Verdict("warn", nasty, 1, (nasty,), (alarm,), {nasty: nasty}),
     )
-    more = {"counters": {nasty: 1}, "notes": (nasty,), "facts": {nasty: nasty}}
-    bag = summed_up(nasty, 0.5, channels, (f"effort/{nasty}",), **more)  # type: ignore[arg-type]
-    text = written(tmp_path, bag, bag, title=nasty, robot_summary=nasty)
-    assert "<script" not in text
-    assert "&lt;script&gt;alert(&#34;x&#34;)&lt;/script&gt;&amp;$title$" in text
-    parser = Strict()
+    robot = load_robot(ROBOT)
+    cables = tuple(replace(one, name=nasty, law=nasty) for one in robot.cables)  # type: ignore[arg-type]
+    axes = tuple(replace(one, name=nasty) for one in robot.joints)
+    document = {**robot.document, "identified": {nasty: [nasty, {nasty: nasty}]}}
+    robot = replace(robot, name=nasty, cables=cables, joints=axes, document=document)
+    write_report(
+        tmp_path / "r.html", errors_of([bag, bag]), title=nasty, versions={nasty: nasty},
+        robot=RobotShown(robot_summary(robot), robot), beside=Beside(nasty, {name: nasty}),
+        judgement=Judgement(nasty, 1, (Outside(nasty, nasty, "rmse", 1.0, 0.5, False),)),
+    )  # fmt: skip
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    plain, parser = Strict(), Strict()
+    plain.feed(written(tmp_path, comparison_of_two(comparison)))
     parser.feed(text)
-    assert "script" not in parser.tags
-    assert text.count("<svg") == 2 * 3
+    parser.close()
+    allowed = plain.tags | {"a", "ul", "li", "dl", "dt", "dd", "details", "summary", "div", "span"}
+    assert parser.tags <= allowed
+    assert parser.attributes <= plain.attributes | {"title", "aria-label"}
+    assert not any(one.startswith("on") for one in parser.attributes)
+    assert all(link.startswith("#") for link in parser.links)
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in nasty)
+    assert parser.text.count(shown) > 25
+
+
+def comparison_of_two(comparison: BagComparison) -> BagComparison:
+    return replace(comparison, channels=comparison.channels[:2])
 
 
 @pytest.fixture(scope="module")
