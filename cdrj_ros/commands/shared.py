@@ -11,7 +11,7 @@ from cdrj_ros import __version__
 from cdrj_ros.bag import Topics
 from cdrj_ros.foundation.output import say
 from cdrj_ros.judgement.comparison import DROP_CAUSES
-from cdrj_ros.judgement.limits import Judgement
+from cdrj_ros.judgement.limits import LimitCheck
 from cdrj_ros.judgement.metrics import Errors
 from cdrj_ros.model.prepared import Model
 
@@ -88,7 +88,7 @@ def write_files(
     model: Model,
     errors: Errors,
     title: str,
-    judgement: Judgement | None = None,
+    limit_check: LimitCheck | None = None,
     *,
     preload_stated: bool = True,
 ) -> None:
@@ -99,13 +99,13 @@ def write_files(
         model: the prepared robot.
         errors: the recordings and their figures.
         title: of the report.
-        judgement: result of comparing with limits, where there were any.
+        limit_check: result of comparing with limits, where there were any.
         preload_stated: whether the model's preload is that of every recording.
     """
     if arguments.json:
         from cdrj_ros.report.results_json import write_results
 
-        write_results(arguments.json, errors, judgement)
+        write_results(arguments.json, errors, limit_check)
     if arguments.html:
         from cdrj_ros.inspection.ranges import inspect_robot
         from cdrj_ros.report.drawing import draw_robot
@@ -123,7 +123,7 @@ def write_files(
             ),
             versions=versions(),
             beside=_published(model),
-            judgement=judgement,
+            limit_check=limit_check,
         )
 
 
@@ -132,10 +132,10 @@ def print_results(
     model: Model,
     errors: Errors,
     title: str,
-    judgement: Judgement | None = None,
+    limit_check: LimitCheck | None = None,
 ) -> None:
     """Print notes, counters and the table, then the names of the files; arguments as above."""
-    from cdrj_ros.report.table import print_errors, print_judgement
+    from cdrj_ros.report.table import print_errors, print_limits
     from cdrj_ros.report.verdict import health_of
 
     for bag in errors.bags:
@@ -150,8 +150,8 @@ def print_results(
     print_errors(errors.pooled, title=title, beside=_published(model))
     for line in (line for bag in errors.bags for line in health_of(bag)):
         say(line)
-    if judgement:
-        print_judgement(judgement)
+    if limit_check:
+        print_limits(limit_check)
     if arguments.json:
         say(f"figures: {arguments.json}")
     if arguments.html:

@@ -36,7 +36,7 @@ from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.estimating import OUTPUTS
 from cdrj_ros.judgement.inputs import Window, require_reference_topics
-from cdrj_ros.judgement.limits import judge, load_limits
+from cdrj_ros.judgement.limits import check_limits, load_limits
 from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.judgement.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
 from cdrj_ros.model.loading import robot_path
@@ -217,20 +217,20 @@ def _body(argv: Sequence[str]) -> int:
     if not bags:
         return BAD_INPUT
     errors = errors_of(bags)
-    judgement = judge(limits, errors) if limits else None
+    limit_check = check_limits(limits, errors) if limits else None
     title = f"{model.robot.name}: estimate against reference"
     stated = len(set(preloads)) == 1
-    write_files(arguments, model, errors, title, judgement, preload_stated=stated)
+    write_files(arguments, model, errors, title, limit_check, preload_stated=stated)
     if not arguments.quiet:
-        print_results(arguments, model, errors, title, judgement)
+        print_results(arguments, model, errors, title, limit_check)
         for task in tasks:
             if task.written and task.path not in {one.name for one in failed}:
                 say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
-    outside = judgement is not None and bool(judgement.outside)
-    if judgement is not None and outside and arguments.quiet:
-        from cdrj_ros.report.table import print_judgement
+    outside = limit_check is not None and bool(limit_check.outside)
+    if limit_check is not None and outside and arguments.quiet:
+        from cdrj_ros.report.table import print_limits
 
-        print_judgement(judgement)
+        print_limits(limit_check)
     if failed:
         return BAD_INPUT
     return OUTSIDE_LIMITS if outside else DONE

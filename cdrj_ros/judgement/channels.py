@@ -227,7 +227,7 @@ def checked_stamps(stamps: ArrayLike, owner: str) -> Stamps:
     return array
 
 
-def telling_angles(model: Model, segment: Samples) -> dict[str, Angle]:
+def plot_angles(model: Model, segment: Samples) -> dict[str, Angle]:
     """Angle over which each channel is plotted, by channel name.
 
     A tension or nodal force is plotted over the joint that changes the length of its cable most, or

@@ -76,7 +76,7 @@ def _ahead(items: Iterator[T]) -> Iterator[T]:
             yield item
 
 
-def pieces_alone(model: Model, samples: Samples, efforts: Table) -> Iterator[Estimates]:
+def pieces_encoderless(model: Model, samples: Samples, efforts: Table) -> Iterator[Estimates]:
     """As ``pieces_of``, for a robot with joints without encoder.
 
     Args:

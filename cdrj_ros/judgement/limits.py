@@ -77,7 +77,7 @@ class Outside:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class LimitCheck:
     """Result of comparing figures with limits."""
 
     source: str
@@ -130,7 +130,7 @@ def parse_limits(text: str, source: str) -> Limits:
     return Limits(source, tuple(limits), judged == "each")
 
 
-def judge(limits: Limits, errors: Errors) -> Judgement:
+def check_limits(limits: Limits, errors: Errors) -> LimitCheck:
     """Compare the figures with their limits; an unknown figure counts as outside."""
     judged = [("all recordings", errors.pooled)]
     if len(errors.bags) == 1:
@@ -144,7 +144,7 @@ def judge(limits: Limits, errors: Errors) -> Judgement:
             count, found = _check(limit, where, _matching(limit.pattern, figures))
             checked += count
             outside += found
-    return Judgement(limits.source, checked, tuple(outside))
+    return LimitCheck(limits.source, checked, tuple(outside))
 
 
 def _check(

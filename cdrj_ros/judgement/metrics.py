@@ -129,8 +129,8 @@ def channel_error(
         turned = turned[np.isfinite(turned)]
     relative: float | None = None
     if (largest := float(magnitude.max())) > 0.0:
-        telling = magnitude >= MINIMUM_SHARE * largest
-        relative = float(np.mean(size[telling] / magnitude[telling]))
+        significant = magnitude >= MINIMUM_SHARE * largest
+        relative = float(np.mean(size[significant] / magnitude[significant]))
     return ChannelError(
         n=n,
         mean_abs_error=float(size.mean()),

@@ -105,8 +105,8 @@ class FrictionSums:
         if not n:
             return ()
         mean_share = self._share_sum / np.maximum(self._taut, 1)
-        telling = int(mean_share.argmax())
-        passed, friction = self._loop(telling)
+        largest = int(mean_share.argmax())
+        passed, friction = self._loop(largest)
         return tuple(
             PulleyFriction(
                 name,
@@ -114,8 +114,8 @@ class FrictionSums:
                 float(self._most[k]),
                 float(mean_share[k]),
                 float(self._share_most[k]),
-                passed if k == telling else None,
-                friction if k == telling else None,
+                passed if k == largest else None,
+                friction if k == largest else None,
             )
             for k, name in enumerate(self._layout.pulleys)
         )

@@ -24,14 +24,14 @@ from cdrj_ros.judgement.channels import (
     Channel,
     Floats,
     estimate_channels,
+    plot_angles,
     stddev_channels,
-    telling_angles,
 )
 from cdrj_ros.judgement.comparison import Comparing, summed_up, unknown_references
 from cdrj_ros.judgement.estimating import (
     OUTPUTS,
     log_times,
-    pieces_alone,
+    pieces_encoderless,
     pieces_of,
     write_estimates,
 )
@@ -175,7 +175,7 @@ class Validation:
         if not self._model.robot.unmeasured:
             return pieces_of(self._model, segment, spread=self._spread)
         efforts = efforts_at(segment.stamp_ns, self._model.layout.motors, heard)
-        return pieces_alone(self._model, segment, efforts)
+        return pieces_encoderless(self._model, segment, efforts)
 
     def result(self) -> BagComparison:
         """The comparison of all pieces."""
@@ -285,7 +285,7 @@ def _comparing(
 def _channels(model: Model, segment: Samples, comparing: Comparing) -> tuple[Channel, ...]:
     """The channels of one pass; ``segment`` has the angles."""
     zones = reversal_zones(segment.stamp_ns, (*segment.motor_angle.T, *segment.joint_angle.T))
-    return comparing.channels(telling_angles(model, segment), zones)
+    return comparing.channels(plot_angles(model, segment), zones)
 
 
 def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:

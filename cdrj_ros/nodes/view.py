@@ -34,7 +34,7 @@ from cdrj_ros.nodes.spinning import (
     starting,
 )
 from cdrj_ros.nodes.view_inputs import Inputs
-from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, Heard, knobs_of, words_of
+from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, Heard, slider_ranges, words_of
 from cdrj_ros.view.history import History
 from cdrj_ros.view.page import PICTURE_HZ, Page, Place
 from cdrj_ros.view.panels import Controls, TimeAxis
@@ -83,7 +83,7 @@ class ViewNode(Node):
         with self.page.below:
             self.link.controls = Controls(
                 gui,
-                knobs_of(self.model),
+                slider_ranges(self.model),
                 link.change,
                 {name: (hint, link.press(name)) for name, hint in TRIGGERS.items()},
             )

@@ -20,7 +20,7 @@ from cdrj_ros.nodes.feed import Rate
 from cdrj_ros.nodes.parameters import FRICTION, settings
 from cdrj_ros.report.live_table import FOREIGN_S
 from cdrj_ros.view.html import filled
-from cdrj_ros.view.panels import Controls, Knob
+from cdrj_ros.view.panels import Controls, SliderRange
 
 READ_S: Final = 1.0
 """Time between two readings of the parameters in force [s]."""
@@ -31,14 +31,14 @@ PATIENCE_S: Final = 3.0
 PRELOAD: Final = "preload"
 
 
-def knobs_of(model: Model) -> list[Knob]:
+def slider_ranges(model: Model) -> list[SliderRange]:
     """Sliders for the preload of every cable and the common friction."""
-    knobs = []
+    ranges = []
     for cable in model.robot.cables:
         limit = min(cable.maximum_tension, max(4.0 * cable.preload, 20.0))
         text = "Tension of the cable in the reference pose. A change restarts the estimate."
-        knobs.append(
-            Knob(f"{PRELOAD}/{cable.name}", f"preload {cable.name}", text, "N", 0.0, limit,
+        ranges.append(
+            SliderRange(f"{PRELOAD}/{cable.name}", f"preload {cable.name}", text, "N", 0.0, limit,
                  min(cable.preload, limit))
         )  # fmt: skip
     described = {one.name: one for one in settings()}
@@ -48,8 +48,10 @@ def knobs_of(model: Model) -> list[Knob]:
         one = described[f"friction.{key}"]
         high = min(max(3.0 * largest, LEAST.get(key, 1.0)), one.high)
         words = one.description.partition(" Common value")[0]
-        knobs.append(Knob(one.name, key.replace("_", " "), words, one.unit, 0.0, high, largest))
-    return knobs
+        ranges.append(
+            SliderRange(one.name, key.replace("_", " "), words, one.unit, 0.0, high, largest)
+        )
+    return ranges
 
 
 LEAST: Final[Mapping[str, float]] = {"mu_c": 0.5, "mu_s": 0.5, "rho": 2.0, "bearing_friction": 0.5}
@@ -85,7 +87,7 @@ class EstimatorLink:
         self.controls: Controls | None = None
 
     def change(self, name: str, value: float) -> None:
-        """Ask for a value of a knob."""
+        """Ask for a value of a slider."""
         self._wishes.put((name, value))
 
     def press(self, name: str) -> Callable[[], None]:
@@ -115,7 +117,7 @@ class EstimatorLink:
         return True
 
     def _collect(self) -> list[str]:
-        """Take what the page asked for; of several values of one knob only the last counts."""
+        """Take what the page asked for; of several values of one slider only the last counts."""
         pressed = []
         while not self._wishes.empty():
             name, value = self._wishes.get()

@@ -20,7 +20,7 @@ from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.judgement.channels import QUANTITIES, BagComparison, Channel, quantity_of
-from cdrj_ros.judgement.limits import Judgement
+from cdrj_ros.judgement.limits import LimitCheck
 from cdrj_ros.judgement.metrics import (
     COVERAGE_SIGMAS,
     DIRECTION_SHARE,
@@ -41,15 +41,15 @@ from cdrj_ros.report.table import (
     format_percent,
     format_r2,
     headings_of,
-    judgement_rows,
-    judgement_sentence,
+    limits_sentence,
+    outside_rows,
     table_groups,
 )
 from cdrj_ros.report.verdict import (
     direction_words,
     health_lines,
+    key_channels,
     origin_of,
-    telling_channels,
     verdict,
 )
 from cdrj_ros.robot.description import Robot
@@ -125,7 +125,7 @@ def write_report(
     robot: RobotShown,
     versions: Mapping[str, str],
     beside: Beside | None = None,
-    judgement: Judgement | None = None,
+    limit_check: LimitCheck | None = None,
 ) -> None:
     """Write the comparisons as one self-contained HTML page, whole or not at all.
 
@@ -136,7 +136,7 @@ def write_report(
         robot: robot and parameters to show.
         versions: names and versions of the software that produced the estimates.
         beside: an additional column of the table, for example published figures.
-        judgement: result of the comparison with limits, if any.
+        limit_check: result of the comparison with limits, if any.
 
     Raises:
         OSError: the file cannot be written; an existing file is then kept.
@@ -145,7 +145,7 @@ def write_report(
         title=title,
         style=style(),
         verdict=verdict(errors),
-        limits=_limits(judgement) if judgement else None,
+        limits=_limits(limit_check) if limit_check else None,
         several=len(errors.bags) > 1,
         table=_table(errors.pooled, _anchors(errors.bags), beside),
         bags=_bags(errors),
@@ -162,13 +162,13 @@ def write_report(
     write_text(path, page + "\n")
 
 
-def _limits(judgement: Judgement) -> dict[str, Any]:
+def _limits(limit_check: LimitCheck) -> dict[str, Any]:
     """Verdict on the limits, and the figures outside them."""
     return {
-        "kind": "outside" if judgement.outside else "within",
-        "sentence": judgement_sentence(judgement),
+        "kind": "outside" if limit_check.outside else "within",
+        "sentence": limits_sentence(limit_check),
         "headings": OUTSIDE_HEADINGS,
-        "rows": judgement_rows(judgement),
+        "rows": outside_rows(limit_check),
     }
 
 
@@ -210,12 +210,12 @@ def _bags(errors: Errors) -> list[dict[str, Any]]:
     sections = _sections(errors)
     shown = []
     for number, (bag, own) in enumerate(zip(errors.bags, errors.of_bags, strict=True)):
-        telling = telling_channels([channel.name for channel in bag.channels])
+        keys = key_channels([channel.name for channel in bag.channels])
         folded = {
             title: [
                 sections[number, channel.name]
                 for channel in bag.channels
-                if quantity_of(channel.name) == quantity and channel.name not in telling
+                if quantity_of(channel.name) == quantity and channel.name not in keys
             ]
             for quantity, (title, _) in QUANTITIES.items()
         }
@@ -227,7 +227,7 @@ def _bags(errors: Errors) -> list[dict[str, Any]]:
                 "notes": bag.notes,
                 "health": _health(bag),
                 "table": _table(own, anchors) if len(errors.bags) > 1 else None,
-                "telling": [sections[number, name] for name in telling],
+                "key": [sections[number, name] for name in keys],
                 "friction": _friction(bag, f"bag{number + 1}-friction"),
                 "folded": {title: rest for title, rest in folded.items() if rest},
             }
@@ -244,17 +244,17 @@ def _health(bag: BagComparison) -> dict[str, Any] | None:
 
 
 def _sections(errors: Errors) -> dict[tuple[int, str], _Section]:
-    """Sections of all channels; the telling channels of all recordings use the budget first."""
+    """Sections of all channels; the key channels of all recordings use the budget first."""
     from cdrj_ros.report.canvas import Sheets  # imports matplotlib
 
     budget, sheets = PICTURE_BUDGET, Sheets()
-    telling = [telling_channels([channel.name for channel in bag.channels]) for bag in errors.bags]
+    keys = [key_channels([channel.name for channel in bag.channels]) for bag in errors.bags]
     sections: dict[tuple[int, str], _Section] = {}
     for first in (True, False):
         for number, bag in enumerate(errors.bags):
             label = f"{bag.path}, " if len(errors.bags) > 1 else ""
             for index, channel in enumerate(bag.channels):
-                if (channel.name in telling[number]) is not first:
+                if (channel.name in keys[number]) is not first:
                     continue
                 section = _section(
                     channel,

@@ -20,7 +20,7 @@ from typing import Final, TypeAlias
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.health.recorded import Verdict
 from cdrj_ros.judgement.channels import unit_of
-from cdrj_ros.judgement.limits import Judgement
+from cdrj_ros.judgement.limits import LimitCheck
 from cdrj_ros.judgement.metrics import FIGURES, ChannelError, Errors
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
 
@@ -31,7 +31,7 @@ VERSION: Final = 2
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
 
-def results(errors: Errors, judgement: Judgement | None = None) -> dict[str, Json]:
+def results(errors: Errors, limit_check: LimitCheck | None = None) -> dict[str, Json]:
     """Content of the file written by ``write_results``, as plain lists and dictionaries.
 
     ``all`` holds the figures of the pooled samples of all recordings.
@@ -53,19 +53,19 @@ def results(errors: Errors, judgement: Judgement | None = None) -> dict[str, Jso
             for comparison, own in zip(errors.bags, errors.of_bags, strict=True)
         ],
         "all": {"channels": _channels(errors.pooled)},
-        "limits": None if judgement is None else _limits(judgement),
+        "limits": None if limit_check is None else _limits(limit_check),
     }
 
 
 def write_results(
-    path: str | os.PathLike[str], errors: Errors, judgement: Judgement | None = None
+    path: str | os.PathLike[str], errors: Errors, limit_check: LimitCheck | None = None
 ) -> None:
     """Write the figures as JSON atomically.
 
     Raises:
         OSError: the file cannot be written; an existing file is then kept.
     """
-    text = json.dumps(results(errors, judgement), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(results(errors, limit_check), indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
 
 
@@ -108,10 +108,10 @@ def _health(verdict: Verdict) -> dict[str, Json]:
     }
 
 
-def _limits(judgement: Judgement) -> dict[str, Json]:
+def _limits(limit_check: LimitCheck) -> dict[str, Json]:
     return {
-        "file": judgement.source,
-        "checked": judgement.checked,
+        "file": limit_check.source,
+        "checked": limit_check.checked,
         "outside": [
             {
                 "where": one.where,
@@ -121,7 +121,7 @@ def _limits(judgement: Judgement) -> dict[str, Json]:
                 "min" if one.least else "max": one.bound,
                 "by": _finite(one.by),
             }
-            for one in judgement.outside
+            for one in limit_check.outside
         ],
     }
 

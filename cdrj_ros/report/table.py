@@ -13,7 +13,7 @@ from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.judgement.channels import ANGLE, FORCE_VECTOR, FRICTION, QUANTITIES, quantity_of
 from cdrj_ros.judgement.comparison import DROP_CAUSES
-from cdrj_ros.judgement.limits import Judgement, Outside
+from cdrj_ros.judgement.limits import LimitCheck, Outside
 from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 
@@ -335,10 +335,10 @@ FIGURE_NAMES: Final[Mapping[str, str]] = {
 """Name of every figure in words."""
 
 
-def judgement_rows(judgement: Judgement) -> list[tuple[str, str, str, str, str, str]]:
+def outside_rows(limit_check: LimitCheck) -> list[tuple[str, str, str, str, str, str]]:
     """Figures outside their limits: channel, figure, value, bound, excess, and recording."""
     rows = []
-    for one in judgement.outside:
+    for one in limit_check.outside:
         value, bound, by = (_figure_text(one, number) for number in (one.value, one.bound, one.by))
         if one.by is not None and one.bound:
             by += f" ({100.0 * one.by / abs(one.bound):.2g} %)"
@@ -347,21 +347,21 @@ def judgement_rows(judgement: Judgement) -> list[tuple[str, str, str, str, str, 
     return rows
 
 
-def judgement_sentence(judgement: Judgement) -> str:
+def limits_sentence(limit_check: LimitCheck) -> str:
     """Summary of the comparison with limits in one sentence."""
-    outside, checked = len(judgement.outside), judgement.checked
+    outside, checked = len(limit_check.outside), limit_check.checked
     if not outside:
-        return f"Within all {checked} limits of {judgement.source}."
+        return f"Within all {checked} limits of {limit_check.source}."
     are = "is" if outside == 1 else "are"
-    return f"{outside} of {checked} figures {are} outside the limits of {judgement.source}."
+    return f"{outside} of {checked} figures {are} outside the limits of {limit_check.source}."
 
 
-def print_judgement(judgement: Judgement, file: TextIO | None = None) -> None:
+def print_limits(limit_check: LimitCheck, file: TextIO | None = None) -> None:
     """Print the figures outside their limits and their excess."""
     from rich.text import Text
 
-    say(judgement_sentence(judgement), file=file)
-    if rows := judgement_rows(judgement):
+    say(limits_sentence(limit_check), file=file)
+    if rows := outside_rows(limit_check):
         table = new_table()
         for heading in OUTSIDE_HEADINGS:
             table.add_column(heading, no_wrap=True)

@@ -88,7 +88,7 @@ def last_elements(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for _, name in last.values())
 
 
-def telling_channels(names: Sequence[str]) -> tuple[str, ...]:
+def key_channels(names: Sequence[str]) -> tuple[str, ...]:
     """The most informative channels, in display order.
 
     The tension of a cable's last element contains the friction of all its pulleys.  The force at
@@ -96,14 +96,14 @@ def telling_channels(names: Sequence[str]) -> tuple[str, ...]:
     vector, where it is compared, and the efforts follow.  At most MOST_OF_A_KIND channels of each
     kind are chosen.
     """
-    forces, vectors = (_telling_nodes(names, quantity) for quantity in (NODAL_FORCE, FORCE_VECTOR))
+    forces, vectors = (_key_nodes(names, quantity) for quantity in (NODAL_FORCE, FORCE_VECTOR))
     efforts = [name for name in names if quantity_of(name) in (EFFORT, ANGLE)]
     kinds = (last_elements(names), forces, vectors, efforts)
     chosen = tuple(name for kind in kinds for name in kind[:MOST_OF_A_KIND])
     return chosen or tuple(names[:MOST_OF_A_KIND])
 
 
-def _telling_nodes(names: Sequence[str], quantity: str) -> list[str]:
+def _key_nodes(names: Sequence[str], quantity: str) -> list[str]:
     """The channel of node 3 of each cable, or of its last node."""
     nodes: dict[str, tuple[tuple[bool, int], str]] = {}
     for name in names:

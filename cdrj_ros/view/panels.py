@@ -188,7 +188,7 @@ STEPS: Final = 200
 
 
 @dataclass(frozen=True)
-class Knob:
+class SliderRange:
     """A number that a slider sets."""
 
     name: str
@@ -207,7 +207,7 @@ class Controls:
     def __init__(
         self,
         gui: Any,
-        knobs: Sequence[Knob],
+        ranges: Sequence[SliderRange],
         on_change: Callable[[str, float], None],
         buttons: Mapping[str, tuple[str, Callable[[], None]]],
     ) -> None:
@@ -215,13 +215,13 @@ class Controls:
 
         Args:
             gui: of a viser server.
-            knobs: what the sliders set.
-            on_change: called with a knob's name and value, in a thread of the server.
+            ranges: what the sliders set.
+            on_change: called with a slider's name and value, in a thread of the server.
             buttons: label, and explanation and function of every button.
         """
         self._on_change = on_change
-        self._knobs = {knob.name: knob for knob in knobs}
-        self._touched = dict.fromkeys(self._knobs, -HELD_S)
+        self._ranges = {limits.name: limits for limits in ranges}
+        self._touched = dict.fromkeys(self._ranges, -HELD_S)
         self._setting = False
         self._buttons = []
         for label, (hint, press) in buttons.items():
@@ -229,20 +229,25 @@ class Controls:
             button.on_click(lambda _, press=press: press())
             self._buttons.append(button)
         self._answer = gui.add_html("")
-        self._sliders = {knob.name: self._slider(gui, knob) for knob in knobs}
+        self._sliders = {limits.name: self._slider(gui, limits) for limits in ranges}
         self.enable(False)
 
-    def _slider(self, gui: Any, knob: Knob) -> Any:
-        step = (knob.high - knob.low) / STEPS
+    def _slider(self, gui: Any, limits: SliderRange) -> Any:
+        step = (limits.high - limits.low) / STEPS
         slider = gui.add_slider(
-            printable(knob.label), knob.low, knob.high, step, knob.start, hint=knob.description
+            printable(limits.label),
+            limits.low,
+            limits.high,
+            step,
+            limits.start,
+            hint=limits.description,
         )
 
         @slider.on_update  # type: ignore[untyped-decorator]
         def _(event: Any) -> None:
             if event.client is not None:  # not set by this program
-                self._touched[knob.name] = monotonic()
-                self._on_change(knob.name, float(slider.value))
+                self._touched[limits.name] = monotonic()
+                self._on_change(limits.name, float(slider.value))
 
         return slider
 
@@ -262,9 +267,11 @@ class Controls:
     def in_force(self, values: Mapping[str, float]) -> None:
         """Show the values in force."""
         for name, value in values.items():
-            knob, slider = self._knobs[name], self._sliders[name]
-            slider.label = f"{printable(knob.label)} = {value:.4g}{knob.unit and ' ' + knob.unit}"
+            limits, slider = self._ranges[name], self._sliders[name]
+            slider.label = (
+                f"{printable(limits.label)} = {value:.4g}{limits.unit and ' ' + limits.unit}"
+            )
             if monotonic() - self._touched[name] > HELD_S:
-                shown = min(max(value, knob.low), knob.high)
+                shown = min(max(value, limits.low), limits.high)
                 if abs(shown - slider.value) > 1e-9 * max(abs(shown), 1.0):
                     slider.value = shown

@@ -1,4 +1,4 @@
-"""Parsing of limits files, and judgement by limits."""
+"""Parsing of limits files, and comparison with limits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.judgement.channels import BagComparison, Channel
-from cdrj_ros.judgement.limits import LimitsError, judge, load_limits, parse_limits
+from cdrj_ros.judgement.limits import LimitsError, check_limits, load_limits, parse_limits
 from cdrj_ros.judgement.metrics import errors_of
 
 NESTED = "d: &d0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -32,22 +32,22 @@ def bag(path: str = "a", error: float = 0.1, stddev: float | None = None) -> Bag
 
 
 def judged(text: str, *bags: BagComparison) -> list[tuple[str, str, str, float | None, float]]:
-    judgement = judge(parse_limits(text, "limits.yaml"), errors_of(bags or [bag()]))
-    return [(o.where, o.channel, o.figure, o.value, o.bound) for o in judgement.outside]
+    limit_check = check_limits(parse_limits(text, "limits.yaml"), errors_of(bags or [bag()]))
+    return [(o.where, o.channel, o.figure, o.value, o.bound) for o in limit_check.outside]
 
 
 def test_figures_within_their_limits_are_only_counted() -> None:
-    judgement = judge(
+    limit_check = check_limits(
         parse_limits("channels: {tension/*: {rmse: {max: 0.5}, r2: {min: 0.5, max: 1}}}", "f"),
         errors_of([bag()]),
     )
-    assert judgement.checked == 6
-    assert judgement.outside == ()
+    assert limit_check.checked == 6
+    assert limit_check.outside == ()
 
 
 def test_a_figure_outside_is_named_with_its_bound_and_excess() -> None:
     limits = parse_limits("channels: {tension/upper/?: {rmse: {max: 0.15}}}", "f")
-    (outside,) = judge(limits, errors_of([bag()])).outside
+    (outside,) = check_limits(limits, errors_of([bag()])).outside
     assert (outside.channel, outside.figure, outside.least) == ("tension/upper/2", "rmse", False)
     assert outside.by == pytest.approx(0.05)
 

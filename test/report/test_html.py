@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from cdrj_ros.health.recorded import Alarm, Verdict
 from cdrj_ros.judgement.channels import Angle, BagComparison, Channel
 from cdrj_ros.judgement.comparison import compare, summed_up
-from cdrj_ros.judgement.limits import Judgement, Outside
+from cdrj_ros.judgement.limits import LimitCheck, Outside
 from cdrj_ros.judgement.metrics import errors_of
 from cdrj_ros.judgement.pulley_friction import PulleyFriction
 from cdrj_ros.report import html
@@ -25,7 +25,7 @@ from cdrj_ros.report.html import RobotShown, write_report
 from cdrj_ros.report.parameters import robot_summary
 from cdrj_ros.report.pictures import Picture
 from cdrj_ros.report.table import Beside
-from cdrj_ros.report.verdict import telling_channels
+from cdrj_ros.report.verdict import key_channels
 from cdrj_ros.robot.reader import load_robot
 
 ROBOT = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
@@ -85,7 +85,7 @@ def written(path: Path, *comparisons: BagComparison, **more: object) -> str:
 @pytest.fixture(scope="module")
 def shown(comparison: BagComparison) -> BagComparison:
     """The key channels and three others, because a channel takes 0.3 s to draw."""
-    names = {*telling_channels([channel.name for channel in comparison.channels])}
+    names = {*key_channels([channel.name for channel in comparison.channels])}
     names |= {"tension/upper/1", "nodal_force/upper/7", "nodal_force/lower/2"}
     assert len(names) == 9
     channels = tuple(channel for channel in comparison.channels if channel.name in names)
@@ -185,7 +185,7 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
     write_report(
         tmp_path / "r.html", errors_of([bag, bag]), title=nasty, versions={nasty: nasty},
         robot=RobotShown(robot_summary(robot), robot), beside=Beside(nasty, {name: nasty}),
-        judgement=Judgement(nasty, 1, (Outside(nasty, nasty, "rmse", 1.0, 0.5, False),)),
+        limit_check=LimitCheck(nasty, 1, (Outside(nasty, nasty, "rmse", 1.0, 0.5, False),)),
     )  # fmt: skip
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     plain, parser = Strict(), Strict()
@@ -247,7 +247,7 @@ def test_two_recordings_stay_below_three_megabytes_and_have_their_key_pictures(
     bags = [made_up(duration_s=1.0, rate_hz=100.0, path=path) for path in ("one", "two")]
     written(tmp_path, *bags)
     assert 2_000_000 < (tmp_path / "report.html").stat().st_size < 3_000_000
-    key = telling_channels([channel.name for channel in bags[0].channels])
+    key = key_channels([channel.name for channel in bags[0].channels])
     first = {(f"{path}, ", name) for path in ("one", "two") for name in key}
     assert set(drawn[: len(first)]) == first
 
@@ -308,7 +308,7 @@ def test_the_page_has_bands_friction_parameters_and_limits(
     drawing = Figure(figsize=(6.0, 3.0))
     write_report(
         tmp_path / "r.html", errors_of([bag]), title="t", versions={},
-        judgement=Judgement("limits.yaml", 3, (outside,)), robot=RobotShown("r", robot, drawing),
+        limit_check=LimitCheck("limits.yaml", 3, (outside,)), robot=RobotShown("r", robot, drawing),
     )  # fmt: skip
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     parser = Strict()

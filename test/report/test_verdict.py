@@ -7,7 +7,7 @@ import pytest
 
 from cdrj_ros.judgement.channels import BagComparison, Channel
 from cdrj_ros.judgement.metrics import errors_of
-from cdrj_ros.report.verdict import last_elements, telling_channels, verdict
+from cdrj_ros.report.verdict import key_channels, last_elements, verdict
 
 
 def scaled(name: str, factor: float) -> Channel:
@@ -73,7 +73,7 @@ def test_key_numbers_cover_last_elements_and_every_quantity(comparison: BagCompa
 def test_the_key_channels_are_those_of_the_source(comparison: BagComparison) -> None:
     names = [channel.name for channel in comparison.channels]
     assert last_elements(names) == ("tension/upper/8", "tension/lower/8")
-    assert telling_channels(names) == (
+    assert key_channels(names) == (
         "tension/upper/8",
         "tension/lower/8",
         "nodal_force/upper/3",
@@ -86,5 +86,5 @@ def test_the_key_channels_are_those_of_the_source(comparison: BagComparison) -> 
 def test_elements_are_ordered_as_numbers() -> None:
     names = [f"tension/upper/{i}" for i in (9, 10, 2)]
     assert last_elements(names) == ("tension/upper/10",)
-    assert telling_channels([f"nodal_force/a/{i}" for i in (1, 2)]) == ("nodal_force/a/2",)
-    assert telling_channels(["friction/a/1"]) == ("friction/a/1",)
+    assert key_channels([f"nodal_force/a/{i}" for i in (1, 2)]) == ("nodal_force/a/2",)
+    assert key_channels(["friction/a/1"]) == ("friction/a/1",)
