@@ -258,17 +258,7 @@ def mean_over_channels(errors: Iterable[ChannelError]) -> ChannelError:
         values = known(figure)
         return float(np.mean(values)) if values else None
 
-    return ChannelError(
-        n=sum(error.n for error in listed),
-        mean_abs_error=mean("mean_abs_error"),
-        mean_relative_error=mean("mean_relative_error"),
-        rmse=mean("rmse"),
-        max_abs_error=max(known("max_abs_error"), default=None),
-        r2=mean("r2"),
-        reversal_error=mean("reversal_error"),
-        smooth_error=mean("smooth_error"),
-        coverage=mean("coverage"),
-        mean_direction_error_deg=mean("mean_direction_error_deg"),
-        max_direction_error_deg=max(known("max_direction_error_deg"), default=None),
-        unit=" or ".join(sorted({error.unit for error in listed} - {""})),
-    )
+    maxima = {figure: max(known(figure), default=None) for figure in FIGURES if "max_" in figure}
+    means = {figure: mean(figure) for figure in FIGURES if figure not in maxima}
+    unit = " or ".join(sorted({error.unit for error in listed} - {""}))
+    return ChannelError(n=sum(error.n for error in listed), unit=unit, **means, **maxima)

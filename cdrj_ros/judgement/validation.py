@@ -350,21 +350,6 @@ prepared_model = cache(load_model)
 """The model of a robot file with preloads, loaded once per process."""
 
 
-def compare_bag(task: BagTask, progress: Progress | None = None) -> BagComparison:
-    """Run the estimator on one bag and compare it with the bag's references.
-
-    Args:
-        task: the work.
-        progress: called with the completed fraction, from 0 to 1.
-
-    Raises:
-        BagError: the bag cannot be read or has nothing to compare.
-        RobotFileError: the robot file describes no possible robot.
-    """
-    model = prepared_model(str(Path(task.folder, task.robot)), task.preload)
-    return compare_bag_with(model, task, progress)
-
-
 def validate_bag(
     model: Model,
     path: str,
@@ -374,26 +359,35 @@ def validate_bag(
     spread: bool = False,
 ) -> BagComparison:
     """``compare_bag`` with a given model; ``spread`` requests standard deviations."""
-    return compare_bag_with(model, BagTask(path, topics, spread=spread), progress)
+    return compare_bag(BagTask(path, topics, spread=spread), progress, model)
 
 
-def compare_bag_with(
-    model: Model, task: BagTask, progress: Progress | None = None
+def compare_bag(
+    task: BagTask, progress: Progress | None = None, model: Model | None = None
 ) -> BagComparison:
-    """``compare_bag`` with a given model."""
+    """Run the estimator on one bag and compare it with the bag's references.
+
+    Args:
+        task: the work.
+        progress: called with the completed fraction, from 0 to 1.
+        model: the prepared robot; by default that of the task's robot file.
+
+    Raises:
+        BagError: the bag cannot be read or has nothing to compare.
+        RobotFileError: the robot file describes no possible robot.
+    """
+    model = model or prepared_model(str(Path(task.folder, task.robot)), task.preload)
     begin = perf_counter()
     sensors = None  # a robot with joints without encoder has no health monitor, as in the node
     path = str(Path(task.folder, task.path)) if task.folder else task.path
     if model.robot.unmeasured:
         recording = read_encoderless(path, task.topics, model.robot)
         require_axes(path, recording, model.robot.as_read)
-        conditioned = condition_recording(model, recording)
     else:
         efforts = task.health != "off"
         recording = read_inputs(path, task.topics, model, motor_efforts=efforts, force_vectors=True)
-        conditioned = condition_recording(model, recording)
-        if task.health != "off":
-            sensors = _sensors(path, task, model, recording)
+        sensors = _sensors(path, task, model, recording) if efforts else None
+    conditioned = condition_recording(model, recording)
     log_ns = log_times(recording, conditioned) if task.written else None
     if len(conditioned.segments) == 1:
         recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
@@ -407,15 +401,9 @@ def compare_bag_with(
 
     begin = perf_counter()
     validation = Validation(
-        model,
-        task.path,
-        recording,
-        conditioned,
-        spread=task.spread,
-        window=task.window,
-        progress=on,
-        sensors=sensors,
-    )
+        model, task.path, recording, conditioned, spread=task.spread, window=task.window,
+        progress=on, sensors=sensors,
+    )  # fmt: skip
     if log_ns is not None:
         written = str(Path(task.folder, task.written))
         write_estimates(written, path, log_ns, validation.pieces(), task.outputs)

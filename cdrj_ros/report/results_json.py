@@ -15,18 +15,19 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from typing import Final, TypeAlias
+from dataclasses import asdict
+from typing import Any, Final, TypeAlias
 
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.health.recorded import Verdict
 from cdrj_ros.judgement.channels import unit_of
 from cdrj_ros.judgement.limits import LimitCheck
 from cdrj_ros.judgement.metrics import FIGURES, ChannelError, Errors
-from cdrj_ros.judgement.pulley_friction import PulleyFriction
 
 FORMAT: Final = "cdrj_ros/validation"
 VERSION: Final = 2
 """Incremented when a key changes its meaning or is removed, but not for new keys."""
+
+FRICTION_FIGURES: Final = ("mean", "largest", "mean_share", "largest_share")
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
@@ -36,22 +37,26 @@ def results(errors: Errors, limit_check: LimitCheck | None = None) -> dict[str, 
 
     ``all`` holds the figures of the pooled samples of all recordings.
     """
+    bags: list[Json] = [
+        {
+            "path": bag.path,
+            "duration_s": _finite(bag.duration_s),
+            "channels": _channels(own),
+            "friction": {
+                one.name: {name: _finite(getattr(one, name)) for name in FRICTION_FIGURES}
+                for one in bag.friction
+            },
+            "counters": {cause: int(n) for cause, n in bag.counters.items()},
+            "notes": list(bag.notes),
+            "facts": dict(bag.facts),
+            "health": _plain(asdict(bag.health)) if bag.health else None,
+        }
+        for bag, own in zip(errors.bags, errors.of_bags, strict=True)
+    ]
     return {
         "format": FORMAT,
         "version": VERSION,
-        "bags": [
-            {
-                "path": comparison.path,
-                "duration_s": _finite(comparison.duration_s),
-                "channels": _channels(own),
-                "friction": {one.name: _friction(one) for one in comparison.friction},
-                "counters": {cause: int(n) for cause, n in comparison.counters.items()},
-                "notes": list(comparison.notes),
-                "facts": dict(comparison.facts),
-                "health": None if comparison.health is None else _health(comparison.health),
-            }
-            for comparison, own in zip(errors.bags, errors.of_bags, strict=True)
-        ],
+        "bags": bags,
         "all": {"channels": _channels(errors.pooled)},
         "limits": None if limit_check is None else _limits(limit_check),
     }
@@ -80,51 +85,29 @@ def _channels(errors: Mapping[str, ChannelError]) -> dict[str, Json]:
     }
 
 
-def _friction(one: PulleyFriction) -> dict[str, Json]:
-    return {
-        name: _finite(getattr(one, name))
-        for name in ("mean", "largest", "mean_share", "largest_share")
-    }
-
-
-def _health(verdict: Verdict) -> dict[str, Json]:
-    return {
-        "level": verdict.level,
-        "message": verdict.message,
-        "cycles": verdict.cycles,
-        "sensors": list(verdict.sensors),
-        "alarms": [
-            {
-                "level": one.level,
-                "message": one.message,
-                "first_cycle": one.first_cycle,
-                "last_cycle": one.last_cycle,
-                "begin_s": _finite(one.begin_s),
-                "end_s": _finite(one.end_s),
-            }
-            for one in verdict.alarms
-        ],
-        "values": dict(verdict.values),
-    }
-
-
 def _limits(limit_check: LimitCheck) -> dict[str, Json]:
-    return {
-        "file": limit_check.source,
-        "checked": limit_check.checked,
-        "outside": [
-            {
-                "where": one.where,
-                "channel": one.channel,
-                "figure": one.figure,
-                "value": _finite(one.value),
-                "min" if one.least else "max": one.bound,
-                "by": _finite(one.by),
-            }
-            for one in limit_check.outside
-        ],
-    }
+    outside: list[Json] = [
+        {
+            "where": one.where,
+            "channel": one.channel,
+            "figure": one.figure,
+            "value": _finite(one.value),
+            "min" if one.least else "max": one.bound,
+            "by": _finite(one.by),
+        }
+        for one in limit_check.outside
+    ]
+    return {"file": limit_check.source, "checked": limit_check.checked, "outside": outside}
 
 
 def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
+
+
+def _plain(value: Any) -> Json:
+    """A value of dataclasses with lists for tuples, and null for numbers that are not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    return _finite(value) if isinstance(value, float) else value

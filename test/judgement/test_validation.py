@@ -26,7 +26,7 @@ from cdrj_ros.judgement.validation import (
     MAX_GAP_NS,
     BagTask,
     Validation,
-    compare_bag_with,
+    compare_bag,
     validate_recording,
 )
 from cdrj_ros.model.loading import load_model
@@ -140,7 +140,7 @@ def test_an_hour_at_1_khz_takes_less_than_a_gigabyte(
         gc.collect()
         tracemalloc.start()
         try:
-            found = compare_bag_with(model, task)
+            found = compare_bag(task, model=model)
             peaks.append(tracemalloc.get_traced_memory()[1])
         finally:
             tracemalloc.stop()

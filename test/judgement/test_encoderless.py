@@ -11,14 +11,14 @@ from support.motor_alone import without_encoder
 from cdrj_ros.bag import Topics
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.judgement.inputs import condition_recording, read_encoderless
-from cdrj_ros.judgement.validation import BagTask, compare_bag_with
+from cdrj_ros.judgement.validation import BagTask, compare_bag
 
 BAG = str(Path(__file__).parents[2] / "bags" / "prototype_preload_36_26")
 
 
 def test_efforts_are_inputs_and_the_recorded_angle_is_a_reference() -> None:
     model = without_encoder("prototype", "elbow")
-    compared = compare_bag_with(model, BagTask(BAG, Topics(), window=(1.0, 20.0)))
+    compared = compare_bag(BagTask(BAG, Topics(), window=(1.0, 20.0)), model=model)
     channels = {channel.name: channel for channel in compared.channels}
     assert "effort/winch" not in channels
     assert "effort/winch is an input here, and not compared." in compared.notes
