@@ -70,9 +70,9 @@ class Inputs:
         if wanted and not self._opened:
             quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
             kinds = {
+                topics.JOINT_STATES: JointState,
                 topics.TENSIONS: CableTensions,
                 topics.NODAL_FORCES: NodalForces,
-                topics.JOINT_STATES: JointState,
             } | dict.fromkeys(self._references, CableTensions)
             for topic, kind in kinds.items():
                 hear = partial(self.hear, topic)
