@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from cdrj_ros.judgement.channels import Channel
 from cdrj_ros.judgement.reversals import turning_points
 from cdrj_ros.report import figures
-from cdrj_ros.report.canvas import PALETTE, Sheets
+from cdrj_ros.report.canvas import PALETTE, Sheets, inline_svg
 from cdrj_ros.report.figures import hysteresis, over_time
 from cdrj_ros.report.pictures import Window, channel_pictures, closer_look
 
@@ -100,3 +101,47 @@ def test_the_part_that_is_tinted_is_enlarged(monkeypatch: pytest.MonkeyPatch) ->
     look = closer_look(CHANNEL, turning_points(CHANNEL.angle))
     assert [one.get("shade") for one in seen] == [look, None]
     assert [one.get("window") for one in seen] == [None, look]
+
+
+MILLISECOND = 1_000_000
+
+
+def made(reference: Sequence[float], error: float, half: float | None, *, gap: int = 0) -> Channel:
+    n = len(reference)
+    stamps = MILLISECOND * np.arange(n, dtype=np.int64)
+    stamps[n // 2 :] += gap * MILLISECOND
+    truth = np.array(reference)
+    return Channel(
+        name="tension/upper/1", unit="N", stamp_ns=stamps, reference=truth,
+        estimate=truth + error * np.cos(np.arange(n)), angle=0.1 * np.sin(0.1 * np.arange(n)),
+        angle_name="elbow", stddev=None if half is None else np.full(n, 0.5 * half),
+    )  # fmt: skip
+
+
+CHANNELS = (
+    made(30.0 + np.sin(np.arange(200)), 0.1, 0.3),
+    made(np.linspace(500.0, 900.0, 90), 20.0, None, gap=700),
+    made([4.0, 4.0, 4.0], 0.0, None),  # a horizontal line without error
+    made([1.0], 0.5, 5.0),
+    made(3.0 * np.sin(0.2 * np.arange(70)), 0.01, 2.0, gap=300),
+)
+
+
+def pictures(one: Channel, sheets: Sheets | None) -> list[str]:
+    n = len(one.stamp_ns)
+    part = Window(n // 3, n, n // 3)
+
+    def svg(figure: Figure) -> str:
+        return inline_svg(figure, "a channel", "key")
+
+    return [
+        svg(over_time(one, 0, shade=part, sheets=sheets)),
+        svg(over_time(one, 0, window=part, sheets=sheets)),
+        svg(hysteresis(one, part, sheets=sheets)),
+    ]
+
+
+def test_nothing_of_an_earlier_picture_remains() -> None:
+    sheets = Sheets()
+    for one in (*CHANNELS, *reversed(CHANNELS)):
+        assert pictures(one, sheets) == pictures(one, None)

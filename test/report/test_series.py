@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.channels import BagComparison, Channel
+from cdrj_ros.judgement.channels import Channel
 from cdrj_ros.judgement.reversals import envelope, envelopes, turning_points
 from cdrj_ros.report.pictures import closer_look, gaps, loop_window
 
@@ -32,28 +32,14 @@ def test_the_envelope_keeps_every_buckets_peaks_in_few_points(n: int) -> None:
         assert series[inside].min() == series[bucket].min()
 
 
-def test_a_single_spike_in_ten_minutes_survives_wherever_it_is() -> None:
-    for at in (0, 1, 299_999, 599_998, 599_999):
-        series = np.zeros(600_000)
-        series[at] = -7.0
-        assert at in envelope(320, series)
-
-
-def test_an_envelope_of_several_series_keeps_the_peaks_of_each() -> None:
-    random = np.random.default_rng(3)
-    one, two = random.normal(size=(2, 50_000))
-    kept = envelope(100, one, two)
-    for series in (one, two):
-        assert series.argmax() in kept
-        assert series.argmin() in kept
-
-
 @pytest.mark.parametrize("n", [3, 640, 50_001])
-def test_envelopes_of_many_drawings_are_those_of_each(n: int) -> None:
+def test_an_envelope_of_several_series_keeps_the_peaks_of_each(n: int) -> None:
     one, two = np.random.default_rng(n).normal(size=(2, 5, n))
-    rows = envelopes(100, one, two)
-    for row, x, y in zip(rows, one, two, strict=True):
-        assert np.unique(row).tolist() == envelope(100, x, y).tolist()
+    for row, x, y in zip(envelopes(100, one, two), one, two, strict=True):
+        kept = np.unique(row)
+        assert kept.tolist() == envelope(100, x, y).tolist()
+        for series in (x, y):
+            assert {int(series.argmax()), int(series.argmin())} <= set(kept.tolist())
 
 
 def test_a_missing_stretch_breaks_the_line() -> None:
@@ -73,12 +59,8 @@ def test_turning_points_are_the_reversals_and_not_the_noise() -> None:
     assert len(turning_points(time)) == 0
     assert len(turning_points(np.zeros(100))) == 0
     assert len(turning_points(np.full(100, np.nan))) == 0
-
-
-def test_turning_points_are_found_where_part_of_the_angle_is_missing() -> None:
-    angle = np.sin(np.arange(3000) * 2 * np.pi / 1000)
-    angle[:100] = np.nan
-    np.testing.assert_allclose(turning_points(angle), [250, 750, 1250, 1750, 2250, 2750], atol=2)
+    angle[:3000] = np.nan
+    np.testing.assert_allclose(turning_points(angle), expected[1:], atol=20)
 
 
 def test_the_detail_shows_the_largest_error_and_its_reversal() -> None:
@@ -118,9 +100,3 @@ def test_very_short_recordings_have_windows(n: int) -> None:
     turns = turning_points(channel.angle)
     for window in (closer_look(channel, turns), loop_window(channel, turns)):
         assert 0 <= window.begin < window.end <= n
-
-
-def test_windows_of_the_made_up_recording_are_full(comparison: BagComparison) -> None:
-    for channel in comparison.channels:
-        look = closer_look(channel, turning_points(channel.angle))
-        assert look.end - look.begin >= 4999

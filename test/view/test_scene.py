@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,11 @@ import pytest
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import shape_at
 from cdrj_ros.report.scene import LIMIT_COLOUR, SLACK_COLOUR, scene_of, tension_colour
+from cdrj_ros.view.picture import extent_of, typical_radius
+
+ROBOTS = sorted(
+    path.stem for path in (Path(__file__).parents[2] / "config" / "robots").glob("*.yaml")
+)
 
 
 @pytest.mark.parametrize("name", ["finger", "parallel", "hoist", "prototype_positions"])
@@ -67,3 +73,22 @@ def test_the_elements_of_a_cable_in_space_meet(name: str) -> None:
         assert all(np.isfinite(path).all() for path in paths)
         first += count
     assert np.ptp(np.concatenate(scene.elements)[:, 2]) > 0.01, "not in a plane"
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_robot_fills_the_picture_with_pulleys_neither_tiny_nor_huge(name: str) -> None:
+    model = load_model(name)
+    low, high = extent_of(model)
+    scene = scene_of(model, np.array([joint.reference_angle for joint in model.robot.joints]))
+    share = typical_radius(model, scene) / float((high - low).max())
+    assert 0.002 < share < 0.3
+    for path in scene.elements if name == "finger" else ():  # without long ends: all of it
+        assert (path >= low - 1e-12).all()
+        assert (path <= high + 1e-12).all()
+
+
+@pytest.mark.parametrize(("name", "size"), [("wrist", 0.03), ("finger3d", 0.12)])
+def test_long_ends_do_not_hide_the_rest(name: str, size: float) -> None:
+    low, high = extent_of(load_model(name))
+    assert (high - low).max() < size
+    assert low[0] < 0.0 < high[0]
