@@ -259,7 +259,7 @@ def plot_angles(model: Model, segment: Samples) -> dict[str, Angle]:
             by_cable[cable.name] = angles[winches[0]]
         elif layout.joints:
             by_cable[cable.name] = angles[layout.joints[0]]
-    told = {f"{EFFORT}/{name}": angle for name, angle in angles.items()}
+    chosen = {f"{EFFORT}/{name}": angle for name, angle in angles.items()}
     for prefix, names in (
         (TENSION, layout.elements),
         (NODAL_FORCE, layout.pulleys),
@@ -268,7 +268,7 @@ def plot_angles(model: Model, segment: Samples) -> dict[str, Angle]:
         for name in names:
             cable_name = name.rpartition("/")[0]
             if cable_name in by_cable:
-                told[f"{prefix}/{name}"] = by_cable[cable_name]
+                chosen[f"{prefix}/{name}"] = by_cable[cable_name]
     if len(layout.joints) == 1:  # the hysteresis loop is clearest over the joint angle
-        told |= {f"{EFFORT}/{name}": angles[layout.joints[0]] for name in layout.motors}
-    return told
+        chosen |= {f"{EFFORT}/{name}": angles[layout.joints[0]] for name in layout.motors}
+    return chosen

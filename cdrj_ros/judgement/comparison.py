@@ -41,7 +41,7 @@ DROP_CAUSES: Final[Mapping[str, str]] = MappingProxyType(
 """Reasons for leaving out a reference: name of the counter, and what it counts in words."""
 
 
-class Placement(NamedTuple):
+class Neighbours(NamedTuple):
     """Position of reference stamps among the estimates' stamps; arrays have shape (k,)."""
 
     stamp_ns: Stamps
@@ -58,7 +58,7 @@ class Placement(NamedTuple):
     """Number of stamps left out, by cause."""
 
 
-def place(stamps: Stamps, own_stamps: Stamps, max_gap_ns: int) -> Placement:
+def neighbours_of(stamps: Stamps, own_stamps: Stamps, max_gap_ns: int) -> Neighbours:
     """Find the neighbours of every stamp.
 
     Args:
@@ -93,22 +93,22 @@ def place(stamps: Stamps, own_stamps: Stamps, max_gap_ns: int) -> Placement:
     )
     # Subtract as integers: epoch stamps in nanoseconds exceed the 53-bit mantissa of a float.
     share = (wanted - own_stamps[left]).astype(np.float64) / np.maximum(width, 1)
-    return Placement(wanted, source, left, right, share, dropped)
+    return Neighbours(wanted, source, left, right, share, dropped)
 
 
-def interpolated(before: Floats, after: Floats, placement: Placement, part: slice) -> Floats:
+def interpolated(before: Floats, after: Floats, neighbours: Neighbours, part: slice) -> Floats:
     """Linear interpolation between neighbours; exactly ``before`` where the stamps coincide.
 
     Args:
-        before, after: values at ``placement.left[part]`` and ``placement.right[part]``, shape (k,)
-            or, of vectors, (k, 3).
-        placement: of all stamps.
+        before, after: values at ``neighbours.left[part]`` and ``neighbours.right[part]``, shape
+            (k,) or, of vectors, (k, 3).
+        neighbours: of all stamps.
         part: the stamps to interpolate at.
     """
-    same = placement.left[part] == placement.right[part]
+    same = neighbours.left[part] == neighbours.right[part]
     if same.all():
         return before
-    share = placement.share[part]
+    share = neighbours.share[part]
     if before.ndim > 1:
         same, share = same[:, None], share[:, None]
     with np.errstate(invalid="ignore", over="ignore"):
@@ -121,7 +121,7 @@ def angle_at(stamp_ns: Stamps, angle: Angle | None, max_gap_ns: int) -> Floats:
     result = np.full(len(stamp_ns), np.nan)
     if angle is not None:
         values = np.asarray(angle.value, dtype=np.float64)
-        there = place(stamp_ns, np.asarray(angle.stamp_ns, dtype=np.int64), max_gap_ns)
+        there = neighbours_of(stamp_ns, np.asarray(angle.stamp_ns, dtype=np.int64), max_gap_ns)
         everything = slice(None)
         result[there.source] = interpolated(
             values[there.left], values[there.right], there, everything
@@ -177,9 +177,9 @@ def compare(
 class _Target(NamedTuple):
     """A channel's reference, and the estimates at its stamps received so far."""
 
-    placement: Placement
+    neighbours: Neighbours
     reference: Floats
-    """Reference values at the stamps of ``placement``, shape (k,) or (k, 3)."""
+    """Reference values at the stamps of ``neighbours``, shape (k,) or (k, 3)."""
     estimate: Floats
     """Estimates at the same stamps, of the same shape; NaN until they are filled in."""
     not_finite: int
@@ -216,21 +216,21 @@ class Comparing:
         self._taken = 0
         self._last: dict[str, tuple[Floats, float]] = {}
         self._stddev: dict[str, Floats] = {}
-        placements: dict[int, Placement] = {}
+        shared: dict[int, Neighbours] = {}
         self._targets: dict[str, _Target] = {}
         for name in names:
             quantity_of(name)
             if name in references:
-                self._targets[name] = self._target(name, references[name], own_stamps, placements)
+                self._targets[name] = self._target(name, references[name], own_stamps, shared)
 
     def _target(
         self,
         name: str,
         reference: Reference,
         own_stamps: Stamps,
-        placements: dict[int, Placement],
+        shared: dict[int, Neighbours],
     ) -> _Target:
-        """Place one reference; references that share an array of stamps share the placement."""
+        """Find the neighbours of one reference, once for all that share an array of stamps."""
         given_stamps, given_values = reference
         stamps = integer_stamps(given_stamps, name)
         recorded = np.asarray(given_values, dtype=np.float64)
@@ -242,16 +242,16 @@ class Comparing:
         finite = _finite(recorded)
         if finite.all():
             key = id(given_stamps)
-            if key not in placements:
-                placements[key] = place(stamps, own_stamps, self._max_gap_ns)
-            placement = placements[key]
+            if key not in shared:
+                shared[key] = neighbours_of(stamps, own_stamps, self._max_gap_ns)
+            neighbours = shared[key]
         else:
-            placement = place(stamps[finite], own_stamps, self._max_gap_ns)
+            neighbours = neighbours_of(stamps[finite], own_stamps, self._max_gap_ns)
             recorded = recorded[finite]
-        recorded = recorded[_places(placement.source)]
+        recorded = recorded[_as_slice(neighbours.source)]
         empty = np.full(recorded.shape, np.nan)
         left_out = int(np.count_nonzero(~finite))
-        return _Target(placement, recorded, empty, left_out)
+        return _Target(neighbours, recorded, empty, left_out)
 
     def add(self, estimates: Mapping[str, Floats], stddev: Mapping[str, Floats], n: int) -> None:
         """Add the next ``n`` estimates.
@@ -302,15 +302,15 @@ class Comparing:
         made = []
         for name, target in self._targets.items():
             own = angle.get(name) if isinstance(angle, Mapping) else angle
-            placement, usable = target.placement, _finite(target.estimate)
-            key = id(placement), id(own)
+            neighbours, usable = target.neighbours, _finite(target.estimate)
+            key = id(neighbours), id(own)
             if key not in angles:
-                angles[key] = angle_at(placement.stamp_ns, own, self._max_gap_ns)
-            if zones is not None and id(placement) not in reversals:
-                reversals[id(placement)] = within(zones, placement.stamp_ns)
-            reversal = reversals.get(id(placement))
+                angles[key] = angle_at(neighbours.stamp_ns, own, self._max_gap_ns)
+            if zones is not None and id(neighbours) not in reversals:
+                reversals[id(neighbours)] = within(zones, neighbours.stamp_ns)
+            reversal = reversals.get(id(neighbours))
             dropped = dict.fromkeys(DROP_CAUSES, 0)
-            dropped.update(placement.dropped)
+            dropped.update(neighbours.dropped)
             dropped["reference_not_finite"] = target.not_finite
             dropped["estimate_not_finite"] = int(np.count_nonzero(~usable))
             whole = bool(usable.all())
@@ -319,7 +319,7 @@ class Comparing:
                 Channel(
                     name=name,
                     unit=unit_of(name, _unit_of_axis(name, own)),
-                    stamp_ns=_taken(placement.stamp_ns, kept),
+                    stamp_ns=_taken(neighbours.stamp_ns, kept),
                     estimate=_taken(target.estimate, kept),
                     reference=_taken(target.reference, kept),
                     angle=_taken(angles[key], kept),
@@ -352,7 +352,7 @@ def _unit_of_axis(name: str, angle: Angle | None) -> str:
     return angle.unit if angle is not None and name.endswith(f"/{angle.name}") else "rad"
 
 
-def _places(source: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+def _as_slice(source: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     """The indices, as a slice where they follow each other: nothing is copied then."""
     if source.size and not np.any(np.diff(source) != 1):
         return slice(int(source[0]), int(source[-1]) + 1)
@@ -370,23 +370,23 @@ def _fill(
     """Interpolate at the stamps that fall on or between ``previous`` and ``values``.
 
     Args:
-        target: the reference and its placement.
+        target: the reference and its neighbours.
         into: array to write to, shape (k,) or (k, 3).
         values: estimates ``begin`` to ``begin + len(values) - 1``.
         begin: index of the first of them.
         previous: the estimate before them, NaN if there is none.
         accept: applied to the neighbours of every stamp.
     """
-    placement = target.placement
-    first, last = np.searchsorted(placement.right, (begin, begin + len(values)))
+    neighbours = target.neighbours
+    first, last = np.searchsorted(neighbours.right, (begin, begin + len(values)))
     part = slice(int(first), int(last))
-    left = placement.left[part] - begin
+    left = neighbours.left[part] - begin
     before = values[np.maximum(left, 0)]
     before[left < 0] = previous
-    after = values[placement.right[part] - begin]
+    after = values[neighbours.right[part] - begin]
     if accept is not None:
         before, after = accept(before), accept(after)
-    into[part] = interpolated(before, after, placement, part)
+    into[part] = interpolated(before, after, neighbours, part)
 
 
 def _known(given: Floats) -> Floats:
