@@ -116,8 +116,8 @@ def interpolated(before: Floats, after: Floats, neighbours: Neighbours, part: sl
     return np.where(same, before, between)
 
 
-def angle_at(stamp_ns: Stamps, angle: Angle | None, max_gap_ns: int) -> Floats:
-    """Angle [rad] at the stamps, NaN where no reading is close enough, shape of ``stamp_ns``."""
+def values_at(stamp_ns: Stamps, angle: Angle | None, max_gap_ns: int) -> Floats:
+    """Values of a series at stamps, NaN where no reading is close enough, shape of ``stamp_ns``."""
     result = np.full(len(stamp_ns), np.nan)
     if angle is not None:
         values = np.asarray(angle.value, dtype=np.float64)
@@ -305,7 +305,7 @@ class Comparing:
             neighbours, usable = target.neighbours, _finite(target.estimate)
             key = id(neighbours), id(own)
             if key not in angles:
-                angles[key] = angle_at(neighbours.stamp_ns, own, self._max_gap_ns)
+                angles[key] = values_at(neighbours.stamp_ns, own, self._max_gap_ns)
             if zones is not None and id(neighbours) not in reversals:
                 reversals[id(neighbours)] = within(zones, neighbours.stamp_ns)
             reversal = reversals.get(id(neighbours))

@@ -16,7 +16,8 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.conditioning.whole_recording import Conditioned
 from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.judgement.channels import stddev_channels
+from cdrj_ros.judgement.channels import Angle, stddev_channels
+from cdrj_ros.judgement.comparison import values_at
 from cdrj_ros.judgement.estimating import pieces_of
 from cdrj_ros.judgement.inputs import BETWEEN_PASSES_NS, references_of_passes
 from cdrj_ros.judgement.validation import MAX_GAP_NS
@@ -156,12 +157,7 @@ def at_stamps(series: Series, stamps: NDArray[np.int64]) -> Vector:
     times, first = np.unique(series.stamp_ns[fine], return_index=True)
     if not times.size:
         return np.full(stamps.size, np.nan)
-    zero = times[0]
-    values = np.interp(stamps - zero, times - zero, series.value[fine][first], np.nan, np.nan)
-    after = np.clip(np.searchsorted(times, stamps), 1, max(times.size - 1, 1))
-    if times.size > 1:
-        values[times[after] - times[after - 1] > MAX_GAP_NS] = np.nan
-    return np.asarray(values)
+    return values_at(stamps, Angle("", times, series.value[fine][first]), MAX_GAP_NS)
 
 
 def _joined(parts: Sequence[Film]) -> Film:

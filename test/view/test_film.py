@@ -74,7 +74,7 @@ def test_a_reference_is_unknown_outside_and_in_gaps() -> None:
     series = Series(times, times, np.array([1.0, 2.0, 3.0]))
     wanted = np.array([-1, 25_000_000, second, 2 * second, 3 * second])
     found = films.at_stamps(series, wanted)
-    np.testing.assert_allclose(found, [np.nan, 1.5, np.nan, np.nan, np.nan])
+    np.testing.assert_allclose(found, [np.nan, 1.5, np.nan, 3.0, np.nan])
 
 
 def test_a_recording_without_a_sample_is_refused() -> None:
