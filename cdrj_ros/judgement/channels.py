@@ -37,23 +37,27 @@ class Quantity(NamedTuple):
     """Title for headings: "Tension"."""
     unit: str
     """Unit of the channel's values: "N", "N·m" or "rad"."""
+    place: str
+    """What has one value each: "element", "node"."""
+    several: str
+    """Many channels, after their number: "element tensions"."""
+    signed: bool = False
+    """Whether it passes through zero, where relative errors are meaningless."""
+    prismatic_unit: str = ""
+    """Unit at a prismatic joint, if it is another one."""
 
 
 QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
     {
-        TENSION: Quantity("Tension", "N"),
-        NODAL_FORCE: Quantity("Nodal force", "N"),
-        FORCE_VECTOR: Quantity("Force vector", "N"),
-        FRICTION: Quantity("Friction", "N"),
-        EFFORT: Quantity("Effort", "N·m"),
-        ANGLE: Quantity("Angle", "rad"),
+        TENSION: Quantity("Tension", "N", "element", "element tensions"),
+        NODAL_FORCE: Quantity("Nodal force", "N", "node", "nodal forces"),
+        FORCE_VECTOR: Quantity("Force vector", "N", "node", "nodal forces as vectors"),
+        FRICTION: Quantity("Friction", "N", "node", "pulley frictions", True),
+        EFFORT: Quantity("Effort", "N·m", "effort", "efforts", True, "N"),
+        ANGLE: Quantity("Angle", "rad", "angle", "angles", True, "m"),
     }
 )
 """All quantities that can be compared, by prefix, in display order."""
-
-
-OF_PRISMATIC: Final[Mapping[str, str]] = MappingProxyType({EFFORT: "N", ANGLE: "m"})
-"""Units of the quantities that have another one at a prismatic joint."""
 
 
 def quantity_of(name: str) -> str:
@@ -72,10 +76,8 @@ def unit_of(name: str, axis: str = "rad") -> str:
         name: of the channel.
         axis: unit of the angle of its motor or joint, "m" for a prismatic joint.
     """
-    quantity = quantity_of(name)
-    if axis == "m" and quantity in OF_PRISMATIC:
-        return OF_PRISMATIC[quantity]
-    return QUANTITIES[quantity].unit
+    quantity = QUANTITIES[quantity_of(name)]
+    return (axis == "m" and quantity.prismatic_unit) or quantity.unit
 
 
 def estimate_channels(layout: Layout, values: Floats) -> dict[str, Floats]:

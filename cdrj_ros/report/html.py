@@ -212,12 +212,12 @@ def _bags(errors: Errors) -> list[dict[str, Any]]:
     for number, (bag, own) in enumerate(zip(errors.bags, errors.of_bags, strict=True)):
         keys = key_channels([channel.name for channel in bag.channels])
         folded = {
-            title: [
+            known.title: [
                 sections[number, channel.name]
                 for channel in bag.channels
                 if quantity_of(channel.name) == quantity and channel.name not in keys
             ]
-            for quantity, (title, _) in QUANTITIES.items()
+            for quantity, known in QUANTITIES.items()
         }
         anchors = {name: _anchor(number, index) for index, name in enumerate(own)}
         shown.append(

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Final, TextIO
 
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.judgement.channels import ANGLE, FORCE_VECTOR, FRICTION, QUANTITIES, quantity_of
+from cdrj_ros.judgement.channels import QUANTITIES, quantity_of
 from cdrj_ros.judgement.comparison import DROP_CAUSES
 from cdrj_ros.judgement.limits import LimitCheck, Outside
 from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
-from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -135,17 +134,6 @@ MORE_HEADINGS: Final[Mapping[str, str]] = {
 """Headings of the figures that are shown only if a channel has them."""
 
 
-SUMMARY_LABELS: Final[Mapping[str, str]] = {
-    TENSION: "all elements",
-    NODAL_FORCE: "all nodes",
-    FORCE_VECTOR: "all nodes",
-    FRICTION: "all nodes",
-    EFFORT: "all efforts",
-    ANGLE: "all angles",
-}
-"""Label of each quantity's summary line, the mean over its channels."""
-
-
 @dataclass(frozen=True)
 class Beside:
     """An additional column of a table."""
@@ -211,12 +199,12 @@ def table_groups(
     asides = beside.texts if beside else {}
     more = _more(errors)
     groups = []
-    for quantity, (title, unit) in QUANTITIES.items():
+    for quantity, known in QUANTITIES.items():
         members = {name: e for name, e in errors.items() if quantity_of(name) == quantity}
         if not members:
             continue
         overall = mean_over_channels(members.values())
-        factor, scaled_unit = scale_for(overall.max_abs_error, overall.unit or unit)
+        factor, scaled_unit = scale_for(overall.max_abs_error, overall.unit or known.unit)
         decimals = _decimals(members.values(), factor)
         rows = tuple(
             Row(
@@ -230,8 +218,8 @@ def table_groups(
         summary = None
         if len(rows) > 1:
             cells = _cells(overall, factor, decimals, more)
-            summary = Row("", SUMMARY_LABELS[quantity], cells, asides.get(quantity, ""))
-        groups.append(Group(quantity, f"{title} [{scaled_unit}]", rows, summary))
+            summary = Row("", f"all {known.place}s", cells, asides.get(quantity, ""))
+        groups.append(Group(quantity, f"{known.title} [{scaled_unit}]", rows, summary))
     return tuple(groups)
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from cdrj_ros.foundation.text import counted
 from cdrj_ros.health.recorded import Alarm
 from cdrj_ros.health.recorded import Verdict as HealthVerdict
 from cdrj_ros.judgement.channels import (
     ANGLE,
     FORCE_VECTOR,
-    FRICTION,
     QUANTITIES,
     BagComparison,
     quantity_of,
@@ -31,9 +31,6 @@ RELATIVE_GRADES: Final = ((0.02, "closely"), (0.05, "well"), (0.15, "roughly"))
 
 R2_GRADES: Final = ((0.98, "closely"), (0.94, "well"), (0.80, "roughly"))
 """Least R² for each word, for quantities that pass through zero."""
-
-PASSES_THROUGH_ZERO: Final = frozenset({EFFORT, FRICTION, ANGLE})
-"""Quantities judged by R², since relative errors are meaningless near zero."""
 
 MOST_OF_A_KIND: Final = 4
 """Largest number of unfolded channels of one kind."""
@@ -125,7 +122,7 @@ def direction_words(error: ChannelError) -> str:
 
 
 def _by_r2(quantity: str, error: ChannelError) -> bool:
-    return quantity in PASSES_THROUGH_ZERO or error.mean_relative_error is None
+    return QUANTITIES[quantity].signed or error.mean_relative_error is None
 
 
 def _grade(quantity: str, error: ChannelError) -> str | None:
@@ -141,14 +138,7 @@ def _grade(quantity: str, error: ChannelError) -> str | None:
 def _sentence(quantity: str, errors: Mapping[str, ChannelError]) -> str:
     members = _members(quantity, errors)
     overall = mean_over_channels(members.values())
-    noun = {
-        TENSION: "tension",
-        NODAL_FORCE: "nodal force",
-        FORCE_VECTOR: "force vector",
-        FRICTION: "friction",
-        EFFORT: "effort",
-        ANGLE: "angle",
-    }[quantity]
+    noun = QUANTITIES[quantity].title.lower()
     subject = f"The estimated {noun}" + ("s" if len(members) > 1 else "")
     follow = "follow" if len(members) > 1 else "follows"
     grade = _grade(quantity, overall)
@@ -184,7 +174,7 @@ def _detail(
     title = QUANTITIES[quantity].title.lower()
     duration = sum(comparison.duration_s for comparison in comparisons)
     recordings = "one recording" if len(comparisons) == 1 else f"{len(comparisons)} recordings"
-    channels = "1 channel" if len(errors) == 1 else f"{len(errors)} channels"
+    channels = counted(len(errors), "channel")
     largest = _amount(worst, worst.max_abs_error, quantity)
     return (
         f"The largest {title} error of any sample is {largest}, in {worst_name}"
@@ -229,18 +219,18 @@ def _keys(errors: Mapping[str, ChannelError]) -> tuple[KeyNumber, ...]:
             "Last element of each cable" if len(last) > 1 else f"Last element, {next(iter(last))}"
         )
         numbers.append(_key(TENSION, label, last))
-    nouns: dict[str, Callable[[int], str]] = {
-        TENSION: lambda n: f"All {n} element tensions" if n > 1 else "Tension",
-        NODAL_FORCE: lambda n: f"All {n} nodal forces" if n > 1 else "Nodal force",
-        FORCE_VECTOR: lambda n: f"All {n} nodal forces as vectors" if n > 1 else "Force vector",
-        FRICTION: lambda n: f"Friction at {n} pulleys" if n > 1 else "Friction",
-        EFFORT: lambda n: {1: "Effort", 2: "Both efforts"}.get(n, f"All {n} efforts"),
-        ANGLE: lambda n: {1: "Angle", 2: "Both angles"}.get(n, f"All {n} angles"),
-    }
     for group in groups:
         members = _members(group.quantity, errors)
-        numbers.append(_key(group.quantity, nouns[group.quantity](len(members)), members))
+        numbers.append(_key(group.quantity, _counted_label(group.quantity, len(members)), members))
     return tuple(numbers)
+
+
+def _counted_label(quantity: str, n: int) -> str:
+    """All channels of a quantity: "Tension", "Both efforts", "All 16 element tensions"."""
+    known = QUANTITIES[quantity]
+    if n == 1:
+        return known.title
+    return f"Both {known.several}" if n == 2 and known.signed else f"All {n} {known.several}"
 
 
 def _key(quantity: str, label: str, members: Mapping[str, ChannelError]) -> KeyNumber:
@@ -281,7 +271,7 @@ def health_of(bag: BagComparison) -> list[str]:
 def health_lines(verdict: HealthVerdict) -> list[str]:
     """The verdict first, then one line for every alarm."""
     sensors = ", ".join(verdict.sensors)
-    compared = f"{_counted(verdict.cycles)} compared by {sensors}"
+    compared = f"{counted(verdict.cycles, 'cycle')} compared by {sensors}"
     if not verdict.alarms:
         return [f"{verdict.message} ({compared})"]
     return [f"alarm ({compared})", *(_line(one) for one in verdict.alarms)]
@@ -294,7 +284,3 @@ def _line(alarm: Alarm) -> str:
         cycles = f"cycles {alarm.first_cycle} to {alarm.last_cycle}"
     span = f"{alarm.begin_s:.1f} to {alarm.end_s:.1f} s"
     return f"{alarm.level}, {cycles}, {span}: {alarm.message}"
-
-
-def _counted(cycles: int) -> str:
-    return "1 cycle" if cycles == 1 else f"{cycles} cycles"
