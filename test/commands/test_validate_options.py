@@ -160,6 +160,9 @@ def test_limits_decide_the_exit_code_and_violations_are_listed(
     assert "1 of 1 figures is outside" in printed
     assert "tension/upper/8" in printed
     assert "1 of 1 figures is outside" in (tmp_path / "r.html").read_text()
+    limits.write_text("channels: {tension/*: {rsme: {max: 0.05}}}")  # before any bag is read
+    assert run(tmp_path, "/no/such/bag", "--limits", limits)[0] == 2
+    one_line(capsys, ["channels.tension/*.rsme is not a known key", "'rmse'"])
 
 
 @pytest.fixture(scope="module")
@@ -340,21 +343,15 @@ def test_every_bag_may_have_its_own_preloads(
     one_line(capsys, ["--preload must be given once, or once for each of the 3 bags; got 2"])
 
 
-def test_an_invalid_limits_file_is_refused_in_one_line_before_any_bag_is_read(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    limits = tmp_path / "limits.yaml"
-    limits.write_text("channels: {tension/*: {rsme: {max: 0.05}}}")
-    assert run(tmp_path, "/no/such/bag", "--limits", limits)[0] == 2
-    one_line(capsys, ["channels.tension/*.rsme is not a known key", "'rmse'"])
-
-
 def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
     recording: Recording, tmp_path: Path
 ) -> None:
-    original = write(tmp_path / "original", recording, delay_ns=5_000_000)
+    late = 1_000_000 * SECONDS + 5_000_000  # log times of another clock
+    original = write(tmp_path / "original", recording, delay_ns=late)
     out = tmp_path / "out"
-    assert run(tmp_path, original, "--write-bag", out)[0] == 0
+    code, figures = run(tmp_path, original, "--write-bag", out)
+    assert code == 0
+    assert figures["all"]["channels"]["tension/upper/8"]["mean_relative_error"] < 0.02
     model = load_model(str(ROBOT))
     read = read_inputs(str(original), Topics(), model)
     expected = estimate(model, condition_recording(model, read))
@@ -363,7 +360,7 @@ def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
     assert again.notes == ()
     for name, series in again.references.items():
         np.testing.assert_array_equal(series.stamp_ns, expected.stamp_ns)
-        np.testing.assert_array_equal(series.log_ns, expected.stamp_ns + 5_000_000)
+        np.testing.assert_array_equal(series.log_ns, expected.stamp_ns + late)
         np.testing.assert_array_equal(series.value, named[name])
     assert set(again.references) == set(named)
     before, after = read_recording(original), read_recording(out)
@@ -425,35 +422,24 @@ def test_a_reader_without_types_decodes_the_written_bag(written_bag: Path) -> No
     assert counts == {t: read.references[name].value.size for t, name in wanted.items()}
 
 
-def test_estimates_in_the_original_are_replaced_by_the_new_ones(
-    short: Path, tmp_path: Path
+def test_a_written_bag_replaces_older_estimates_and_no_folder(
+    recording: Recording, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    once, twice = tmp_path / "once", tmp_path / "twice"
+    once, twice, several = (tmp_path / name for name in ("once", "twice", "several"))
     assert run(tmp_path, short, "--write-bag", once)[0] == 0
     assert run(tmp_path, once, "--write-bag", twice)[0] == 0
-    counts = [
-        read_recording(path, Topics(references=OUTPUTS)).references["tension/upper/1"].value.size
-        for path in (once, twice)
-    ]
-    assert counts[0] == counts[1]
-
-
-def test_a_bag_is_never_overwritten(
-    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    assert run(tmp_path, short, "--write-bag", out)[0] == 2
-    one_line(capsys, [f"{out} exists already"])
-    assert list(out.iterdir()) == []
-
-
-def test_several_written_bags_lie_in_one_folder(
-    recording: Recording, short: Path, tmp_path: Path
-) -> None:
+    topics = Topics(references=OUTPUTS)
+    one, other = (read_recording(path, topics).references for path in (once, twice))
+    assert one["tension/upper/1"].value.size == other["tension/upper/1"].value.size
+    several.mkdir()
+    capsys.readouterr()
+    assert run(tmp_path, short, "--write-bag", several)[0] == 2
+    one_line(capsys, [f"{several} exists already"])
+    assert list(several.iterdir()) == []
+    several.rmdir()
     shorter = write(tmp_path / "shorter", recording, until_s=2.0)
-    assert run(tmp_path, short, shorter, "--write-bag", tmp_path / "out")[0] == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"short", "shorter"}
+    assert run(tmp_path, short, shorter, "--write-bag", several)[0] == 0
+    assert {path.name for path in several.iterdir()} == {"short", "shorter"}
 
 
 def test_a_prefix_chooses_one_of_several_robots(
@@ -525,13 +511,6 @@ def test_invalid_options_are_refused_in_one_line(
     one_line(capsys, words)
 
 
-def test_log_times_of_another_clock_do_not_matter(recording: Recording, tmp_path: Path) -> None:
-    late = write(tmp_path / "late", recording, delay_ns=1_000_000 * SECONDS)
-    code, figures = run(tmp_path, late)
-    assert code == 0
-    assert figures["all"]["channels"]["tension/upper/8"]["mean_relative_error"] < 0.02
-
-
 def _inputs(path: Path, **arrays: Any) -> Path:
     stamps = np.arange(1, 101) * 10_000_000
     with BagWriter(path) as bag:
@@ -541,17 +520,14 @@ def _inputs(path: Path, **arrays: Any) -> Path:
     return path
 
 
-def test_velocities_alone_are_no_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(tmp_path, _inputs(tmp_path / "bag", velocity=np.zeros((100, 1))))[0] == 2
-    one_line(capsys, ["/cdrj/motor_states has no motor angles", "100 malformed messages"])
-
-
-def test_an_empty_bag_is_refused_with_the_missing_topic(
+def test_bags_without_angles_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with BagWriter(tmp_path / "bag"):
+    assert run(tmp_path, _inputs(tmp_path / "bag", velocity=np.zeros((100, 1))))[0] == 2
+    one_line(capsys, ["/cdrj/motor_states has no motor angles", "100 malformed messages"])
+    with BagWriter(tmp_path / "empty"):
         pass
-    assert run(tmp_path, tmp_path / "bag")[0] == 2
+    assert run(tmp_path, tmp_path / "empty")[0] == 2
     one_line(capsys, ["has no topic /cdrj/motor_states, but none"])
 
 
