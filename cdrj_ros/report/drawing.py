@@ -32,7 +32,7 @@ from cdrj_ros.report.scale_drawing import (
     legend_handles,
     poses_text,
 )
-from cdrj_ros.report.scene import cable_line, pose_of
+from cdrj_ros.report.scene import by_cable, scene_of
 from cdrj_ros.report.spatial_drawing import draw_in_space
 from cdrj_ros.robot.description import Anchor, Cable, Winch
 
@@ -247,9 +247,11 @@ def _fitting_size(
     robot = inspection.model.robot
     points = np.vstack(
         [
-            cable_line(inspection.model, pose_of(inspection.model, pose), c)
+            path[:, :2]
             for pose in [inspection.poses[0], *ghost_poses(robot)]
-            for c in placed
+            for c, (paths, _) in enumerate(by_cable(robot, scene_of(inspection.model, pose)))
+            for path in paths
+            if c in placed
         ]
     )
     across, up = np.maximum(np.ptp(points, axis=0), 1e-6)

@@ -7,7 +7,7 @@ Importing this module imports matplotlib, which is slow; import it where picture
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import cos, degrees, hypot, pi, sin
 from typing import Final
 
@@ -20,8 +20,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from cdrj_ros.inspection.checks import Inspection
-from cdrj_ros.report.scene import Pose, cable_line, centre_of, pose_of, strands_and_arcs
-from cdrj_ros.robot.description import Anchor, Cable, Robot, Winch
+from cdrj_ros.report.scene import Body, Pose, by_cable, scene_of, straight_piece
+from cdrj_ros.robot.description import Robot
 
 CABLE_COLOURS: Final = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5e4fa2", "#7f7f7f",
@@ -82,46 +82,35 @@ def draw_placed(
     """
     robot = inspection.model.robot
     reference = np.array([joint.reference_angle for joint in robot.joints])
-    poses = [pose_of(inspection.model, angle) for angle in ghost_poses(robot)]
-    poses.append(pose_of(inspection.model, reference))
-    for k, pose in enumerate(poses):
-        bold = k == len(poses) - 1
-        _draw_bodies(axes, robot, pose, cables, bold)
-        for c in cables:
-            line = cable_line(inspection.model, pose, c)
+    for angle in (*ghost_poses(robot), reference):
+        bold = angle is reference
+        scene = scene_of(inspection.model, angle)
+        drawn = {c: one for c, one in enumerate(by_cable(robot, scene)) if c in cables}
+        _draw_frames(axes, robot, scene.pose, [b for _, own in drawn.values() for b in own], bold)
+        for c, (paths, bodies) in drawn.items():
+            line = np.concatenate(paths)[:, :2]
             axes.plot(
                 line[:, 0], line[:, 1], color=cable_colour(c), linewidth=1.9 if bold else 1.0,
                 alpha=1.0 if bold else GHOST, zorder=5 if bold else 3,
                 solid_joinstyle="round", solid_capstyle="round",
             )  # fmt: skip
-            _draw_nodes(axes, robot.cables[c], pose, line, cable_colour(c), bold)
+            _draw_nodes(axes, bodies, line, cable_colour(c), bold)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.04)
     axes.autoscale_view()
     axes.apply_aspect()  # the element numbers are placed in pixel coordinates
-    _number_elements(axes, inspection, poses[-1], cables)
+    _number_elements(axes, {c: paths for c, (paths, _) in drawn.items()})
     _dress(axes, handles, columns)
 
 
-def _carried(
-    robot: Robot, pose: Pose, cables: Sequence[int]
-) -> dict[str, list[tuple[float, float]]]:
-    """Outlines of the nodes that each frame carries [m]."""
-    carried: dict[str, list[tuple[float, float]]] = {}
-    for c in cables:
-        for node in robot.cables[c].nodes:
-            if node.place is None:
-                continue
-            x, y = centre_of(pose, node.place)
-            angles = np.linspace(0.0, 2.0 * pi, 24) if node.radius > 0.0 else np.zeros(1)
-            circle = [(x + node.radius * cos(a), y + node.radius * sin(a)) for a in angles]
-            carried.setdefault(node.place.frame, []).extend(circle)
-    return carried
-
-
-def _draw_bodies(axes: Axes, robot: Robot, pose: Pose, cables: Sequence[int], bold: bool) -> None:
+def _draw_frames(axes: Axes, robot: Robot, pose: Pose, bodies: Sequence[Body], bold: bool) -> None:
     """Draw moving frames as the hull of their nodes, with joint axes and rolling circles."""
-    carried = _carried(robot, pose, cables)
+    carried: dict[str, list[tuple[float, float]]] = {}
+    for body in bodies:
+        x, y = body.centre[:2].tolist()
+        angles = np.linspace(0.0, 2.0 * pi, 24) if body.radius > 0.0 else np.zeros(1)
+        circle = [(x + body.radius * cos(a), y + body.radius * sin(a)) for a in angles]
+        carried.setdefault(body.frame, []).extend(circle)
     for frame in robot.frames:
         if frame.motion == "fixed" or frame.parent is None:
             continue
@@ -178,37 +167,30 @@ def _hull(points: Sequence[tuple[float, float]]) -> Points:
     return np.array([*half(ordered), *half(ordered[::-1])] or ordered)
 
 
-def _draw_nodes(
-    axes: Axes, cable: Cable, pose: Pose, line: Points, colour: str, bold: bool
-) -> None:
+def _draw_nodes(axes: Axes, bodies: Sequence[Body], line: Points, colour: str, bold: bool) -> None:
     """Draw a cable's nodes; in faded poses only those on moving frames."""
     alpha = 1.0 if bold else GHOST
     zorder = 4 if bold else 2
-    for node in cable.nodes:
-        assert node.place is not None
-        if not bold and node.place.frame == "base":
+    for body in bodies:
+        if not bold and body.frame == "base":
             continue
-        x, y = centre_of(pose, node.place)
-        if isinstance(node, Winch):
-            axes.add_patch(
-                Circle(
-                    (x, y), node.radius, facecolor="white", edgecolor=INK, linewidth=1.6,
-                    alpha=alpha, zorder=zorder,
-                )
-            )  # fmt: skip
-            axes.add_patch(
-                Circle((x, y), 0.35 * node.radius, facecolor=INK, alpha=alpha, zorder=zorder)
+        x, y = body.centre[:2].tolist()
+        if body.kind == "anchor":
+            end = line[0 if body is bodies[0] else -1].tolist()
+            _draw_anchor(axes, (x, y), body.radius, end, colour, bold)
+            continue
+        edge, width = (INK, 1.6) if body.kind == "winch" else (MUTED, 0.9)
+        axes.add_patch(
+            Circle(
+                (x, y), body.radius, facecolor="white", edgecolor=edge, linewidth=width,
+                alpha=alpha, zorder=zorder,
             )
-        elif isinstance(node, Anchor):
-            end = line[0 if node is cable.nodes[0] else -1].tolist()
-            _draw_anchor(axes, (x, y), node.radius, end, colour, bold)
-        else:
+        )  # fmt: skip
+        if body.kind == "winch":
             axes.add_patch(
-                Circle(
-                    (x, y), node.radius, facecolor="white", edgecolor=MUTED, linewidth=0.9,
-                    alpha=alpha, zorder=zorder,
-                )
-            )  # fmt: skip
+                Circle((x, y), 0.35 * body.radius, facecolor=INK, alpha=alpha, zorder=zorder)
+            )
+        else:
             axes.plot([x], [y], marker="o", markersize=2.2, color=MUTED, alpha=alpha, zorder=zorder)
 
 
@@ -237,12 +219,12 @@ def _draw_anchor(
     )  # fmt: skip
 
 
-def _number_elements(axes: Axes, inspection: Inspection, pose: Pose, cables: Sequence[int]) -> None:
+def _number_elements(axes: Axes, cables: Mapping[int, Sequence[Points]]) -> None:
     """Number the elements, each number beside its line and without overlap."""
     taken: list[tuple[float, float]] = []
-    for c in cables:
-        for e, (start, end, _) in enumerate(strands_and_arcs(inspection.model, pose, c)):
-            a, b = axes.transData.transform([start, end])
+    for c, paths in cables.items():
+        for e, path in enumerate(paths):
+            a, b = axes.transData.transform(straight_piece(path)[:, :2])
             place = _free_place(a, b, taken)
             taken.append((float(place[0]), float(place[1])))
             x, y = axes.transData.inverted().transform(place)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import cos, pi, sin
 from typing import Any, Final, Literal
@@ -53,48 +53,11 @@ def pose_of(model: Model, joint_angle: Vector) -> Pose:
     return Pose(frames, origins, shape)
 
 
-def centre_of(pose: Pose, place: Place) -> tuple[float, float]:
+def _centre_of(pose: Pose, place: Place) -> tuple[float, float]:
     """A node's centre in the base [m]."""
     x, y, angle = pose.frames[place.frame]
     c, s = cos(angle), sin(angle)
     return x + c * place.x - s * place.y, y + s * place.x + c * place.y
-
-
-def cable_line(model: Model, pose: Pose, cable: int) -> Points:
-    """Path of a cable given by positions, as tangents and arcs in the base [m], shape (n, 2)."""
-    path: list[tuple[float, float]] = []
-    for start, end, arc in strands_and_arcs(model, pose, cable):
-        path += [start, end, *arc]
-    return np.array(path)
-
-
-def strands_and_arcs(
-    model: Model, pose: Pose, c: int
-) -> Iterator[tuple[tuple[float, float], tuple[float, float], list[tuple[float, float]]]]:
-    """Both ends of every element, and the arc around the pulley that follows it."""
-    robot = model.robot
-    cable = robot.cables[c]
-    first = sum(len(other.nodes) - 1 for other in robot.cables[:c])
-    wraps = pose.shape.wrap[sum(len(other.pulleys) for other in robot.cables[:c]) :]
-    for e in range(len(cable.nodes) - 1):
-        ux, uy, _ = pose.shape.direction[first + e]
-        ends = []
-        for node in cable.nodes[e : e + 2]:
-            place = node.place
-            assert place is not None
-            x, y = centre_of(pose, place)
-            arm = place.turn * node.radius  # the tangent point, where the turn moves along u
-            ends.append((x + arm * uy, y - arm * ux))
-        arc: list[tuple[float, float]] = []
-        node = cable.nodes[e + 1]
-        if isinstance(node, Pulley):
-            assert node.place is not None
-            x, y = centre_of(pose, node.place)
-            begin = np.arctan2(ends[1][1] - y, ends[1][0] - x)
-            steps = max(2, round(wraps[e] / ARC_STEP) + 1)
-            angles = begin + node.place.turn * np.linspace(0.0, wraps[e], steps)
-            arc = [(x + node.radius * cos(a), y + node.radius * sin(a)) for a in angles]
-        yield ends[0], ends[1], arc
 
 
 Colour = tuple[float, float, float]
@@ -142,12 +105,15 @@ class Body:
     """Unit vector of the axis of a disc or cylinder, shape (3,)."""
     length: float
     """Of a cylinder along its axis [m]; 0 of other shapes."""
+    frame: str = ""
+    """The frame that carries it; empty where the robot file gives no position."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """What is drawn in one pose."""
 
+    pose: Pose
     elements: tuple[Points, ...]
     """Path of every element [m], shape (n, 3), in the order of ``Layout.elements``.
 
@@ -177,20 +143,21 @@ def scene_of(model: Model, joint_angle: Vector) -> Scene:
             paths, centres = _elements_in_space(in_space[c])
         elif cable.routed:
             paths = _placed_elements(model, pose, c)
-            centres = [np.array([*centre_of(pose, n.place), 0.0]) for n in cable.nodes if n.place]
+            centres = [np.array([*_centre_of(pose, n.place), 0.0]) for n in cable.nodes if n.place]
         else:
             paths, centres = _unrolled(model, c, row)
             row += 1
         elements += paths
         for k, (node, centre) in enumerate(zip(cable.nodes, centres, strict=True)):
-            name, kind = f"{cable.name}/{k + 1}", _kind(node)
+            name, kind, place = f"{cable.name}/{k + 1}", _kind(node), node.space or node.place
             if (c, k) in round_bodies:
-                bodies.append(_round_body(name, kind, round_bodies[c, k]))
+                body = _round_body(name, kind, round_bodies[c, k])
+            elif cable.spatial:
+                body = Body(name, kind, "point", centre, 0.0, UPWARDS, 0.0)
             else:
-                radius = 0.0 if cable.spatial else node.radius
-                shape: BodyShape = "disc" if radius > 0.0 or not cable.spatial else "point"
-                bodies.append(Body(name, kind, shape, centre, radius, UPWARDS, 0.0))
-    return Scene(tuple(elements), tuple(bodies), tuple(_links(robot, pose, bodies)))
+                body = Body(name, kind, "disc", centre, node.radius, UPWARDS, 0.0)
+            bodies.append(replace(body, frame=place.frame if place else ""))
+    return Scene(pose, tuple(elements), tuple(bodies), tuple(_links(robot, pose, bodies)))
 
 
 def _kind(node: Node) -> Kind:
@@ -214,30 +181,37 @@ def _round_body(name: str, kind: Kind, body: SpatialBody) -> Body:
 
 def _links(robot: Robot, pose: Pose, bodies: Sequence[Body]) -> Iterator[Points]:
     """Ends of the links of frames that move with a joint."""
-    carried: dict[str, list[Vector]] = {}
-    of_nodes = (node for cable in robot.cables for node in cable.nodes)
-    for node, body in zip(of_nodes, bodies, strict=True):
-        place = node.space or node.place
-        if place is not None:
-            carried.setdefault(place.frame, []).append(body.centre)
     frames: tuple[Frame | SpatialFrame, ...] = (*robot.frames, *robot.spatial_frames)
     for frame in frames:
         if frame.motion == "fixed":
             continue
         start = pose.origins[frame.name]
         ends = [pose.origins[one.name] for one in frames if one.parent == frame.name]
-        ends = ends or carried.get(frame.name, [])
+        ends = ends or [body.centre for body in bodies if body.frame == frame.name]
         away = [float(np.linalg.norm(end - start)) for end in ends]
         if max(away, default=0.0) > 0.0:
             yield np.array([start, ends[int(np.argmax(away))]])
 
 
+def by_cable(robot: Robot, scene: Scene) -> list[tuple[list[Points], list[Body]]]:
+    """Elements and bodies of every cable."""
+    elements, bodies = iter(scene.elements), iter(scene.bodies)
+    return [
+        ([next(elements) for _ in cable.nodes[1:]], [next(bodies) for _ in cable.nodes])
+        for cable in robot.cables
+    ]
+
+
 def inner_size(model: Model, scene: Scene) -> float:
     """Size of the robot without the ends of its cables; of all if there is nothing else [m]."""
-    elements = iter(scene.elements)
-    paths = [[next(elements) for _ in cable.nodes[1:]] for cable in model.robot.cables]
-    inner = [path for own in paths for path in own[1:-1]]
+    inner = [path for paths, _ in by_cable(model.robot, scene) for path in paths[1:-1]]
     return float(np.ptp(np.concatenate(inner or scene.elements), axis=0).max())
+
+
+def straight_piece(path: Points) -> Points:
+    """Both ends of the longest straight piece of a path, shape (2, 3)."""
+    longest = int(np.argmax(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    return path[longest : longest + 2]
 
 
 def _elements_in_space(pieces: list[Points]) -> tuple[list[Points], list[Vector]]:
@@ -263,11 +237,40 @@ def _placed_elements(model: Model, pose: Pose, c: int) -> list[Points]:
     """Tangents of one cable, each with half of the arcs at its ends."""
     paths: list[Points] = []
     before: list[tuple[float, float]] = []
-    for start, end, arc in strands_and_arcs(model, pose, c):
+    for start, end, arc in _strands_and_arcs(model, pose, c):
         middle = len(arc) // 2
         paths.append(_in_space([*before, start, end, *arc[: middle + 1]]))
         before = arc[middle:]
     return paths
+
+
+def _strands_and_arcs(
+    model: Model, pose: Pose, c: int
+) -> Iterator[tuple[tuple[float, float], tuple[float, float], list[tuple[float, float]]]]:
+    """Both ends of every element, and the arc around the pulley that follows it."""
+    robot = model.robot
+    cable = robot.cables[c]
+    first = sum(len(other.nodes) - 1 for other in robot.cables[:c])
+    wraps = pose.shape.wrap[sum(len(other.pulleys) for other in robot.cables[:c]) :]
+    for e in range(len(cable.nodes) - 1):
+        ux, uy, _ = pose.shape.direction[first + e]
+        ends = []
+        for node in cable.nodes[e : e + 2]:
+            place = node.place
+            assert place is not None
+            x, y = _centre_of(pose, place)
+            arm = place.turn * node.radius  # the tangent point, where the turn moves along u
+            ends.append((x + arm * uy, y - arm * ux))
+        arc: list[tuple[float, float]] = []
+        node = cable.nodes[e + 1]
+        if isinstance(node, Pulley):
+            assert node.place is not None
+            x, y = _centre_of(pose, node.place)
+            begin = np.arctan2(ends[1][1] - y, ends[1][0] - x)
+            steps = max(2, round(wraps[e] / ARC_STEP) + 1)
+            angles = begin + node.place.turn * np.linspace(0.0, wraps[e], steps)
+            arc = [(x + node.radius * cos(a), y + node.radius * sin(a)) for a in angles]
+        yield ends[0], ends[1], arc
 
 
 def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[Vector]]:

@@ -30,7 +30,7 @@ from cdrj_ros.report.scale_drawing import (
     ghost_poses,
     poses_text,
 )
-from cdrj_ros.report.scene import LONG_SPAN, outlines, scene_of
+from cdrj_ros.report.scene import LONG_SPAN, outlines, scene_of, straight_piece
 from cdrj_ros.robot.description import Robot
 
 Points = NDArray[np.float64]
@@ -198,11 +198,9 @@ def _number(axes: Any, paths: list[list[Points]]) -> None:
     for c, pieces in enumerate(paths):
         if not pieces:
             continue
-        line = _line(pieces)
-        lengths = np.linalg.norm(np.diff(line, axis=0), axis=1)
-        at = int(np.argmax(lengths))
+        begin, end = straight_piece(_line(pieces))
         axes.text(
-            *(line[at] + (0.35 + 0.06 * (c % 4)) * (line[at + 1] - line[at])), str(c + 1),
+            *(begin + (0.35 + 0.06 * (c % 4)) * (end - begin)), str(c + 1),
             fontsize=FONT_SIZE - 1, color=cable_colour(c), weight="bold", ha="center", va="center",
             path_effects=[withStroke(linewidth=4.0, foreground="white")],
         )  # fmt: skip

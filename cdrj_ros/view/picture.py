@@ -19,8 +19,10 @@ from cdrj_ros.report.scene import (
     Body,
     Colour,
     Scene,
+    by_cable,
     inner_size,
     scene_of,
+    straight_piece,
     tension_colour,
 )
 from cdrj_ros.view.history import Snapshot, usable
@@ -46,14 +48,9 @@ def extent_of(model: Model) -> tuple[Vector, Vector]:
 
 def _points(model: Model, scene: Scene) -> Iterator[Points]:
     """Points of all elements and bodies but those of long ends; each of shape (n, 3)."""
-    elements, bodies = iter(scene.elements), iter(scene.bodies)
-    cables = [
-        ([next(elements) for _ in cable.nodes[1:]], [next(bodies) for _ in cable.nodes])
-        for cable in model.robot.cables
-    ]
     yield from scene.links
     most = LONG_SPAN * inner_size(model, scene)
-    for paths, own in cables:
+    for paths, own in by_cable(model.robot, scene):
         first = int(np.linalg.norm(paths[0][-1] - paths[0][0]) > most)
         last = int(np.linalg.norm(paths[-1][-1] - paths[-1][0]) > most)
         yield from paths[first : len(paths) - last]
@@ -191,8 +188,7 @@ def dashes_of(path: Points) -> Points:
 
 def middle_of(path: Points) -> Points:
     """The middle of the longest straight piece of a path [m], shape (3,)."""
-    longest = int(np.argmax(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-    return np.asarray(0.5 * (path[longest] + path[longest + 1]))
+    return np.asarray(straight_piece(path).mean(axis=0))
 
 
 def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[CableLook]:

@@ -13,7 +13,7 @@ from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report.drawing import draw_robot, write_png
-from cdrj_ros.report.scene import cable_line, pose_of
+from cdrj_ros.report.scene import Scene, by_cable, scene_of
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
@@ -49,6 +49,12 @@ def inspections() -> dict[str, Inspection]:
     return {name: inspect_robot(prepare(load_robot(ROBOTS / f"{name}.yaml"))) for name in NAMES}
 
 
+def line(inspection: Inspection, scene: Scene, c: int) -> np.ndarray:
+    """The path of a cable in the plane."""
+    paths, _ = by_cable(inspection.model.robot, scene)[c]
+    return np.concatenate(paths)[:, :2]
+
+
 def texts(figure: Figure) -> list[str]:
     found = [text.get_text() for text in figure.texts]
     for legend in figure.legends:
@@ -66,26 +72,25 @@ def test_the_drawn_line_is_as_long_as_the_cable(
 ) -> None:
     inspection = inspections[name]
     model = inspection.model
-    begin = pose_of(inspection.model, inspection.poses[0])
+    begin = scene_of(inspection.model, inspection.poses[0])
     for angle in inspection.poses[:: max(1, len(inspection.poses) // 7)]:
-        pose = pose_of(inspection.model, angle)
+        pose = scene_of(inspection.model, angle)
         element = 0
         for c, cable in enumerate(model.robot.cables):
             part = slice(element, element + len(cable.nodes) - 1)
             element = part.stop
             drawn = [
-                np.hypot(*np.diff(cable_line(inspection.model, at, c), axis=0).T).sum()
-                for at in (begin, pose)
+                np.hypot(*np.diff(line(inspection, at, c), axis=0).T).sum() for at in (begin, pose)
             ]
             # cable wound on the drum as the first element rotates is counted but not drawn
-            first = [at.shape.direction[part.start] for at in (begin, pose)]
+            first = [at.pose.shape.direction[part.start] for at in (begin, pose)]
             turned = np.arctan2(
                 first[0][0] * first[1][1] - first[0][1] * first[1][0], first[0] @ first[1]
             )
             winch = cable.nodes[0]
             assert winch.place is not None
             on_drum = winch.place.turn * winch.radius * turned
-            change = pose.shape.length[part].sum() - begin.shape.length[part].sum()
+            change = pose.pose.shape.length[part].sum() - begin.pose.shape.length[part].sum()
             assert drawn[1] - drawn[0] == pytest.approx(change - on_drum, abs=1e-4)
 
 
@@ -94,9 +99,9 @@ def test_the_line_leaves_every_pulley_along_its_tangent(
     name: str, inspections: dict[str, Inspection]
 ) -> None:
     inspection = inspections[name]
-    pose = pose_of(inspection.model, inspection.poses[-1])
+    pose = scene_of(inspection.model, inspection.poses[-1])
     for c in range(len(inspection.cables)):
-        steps = np.diff(cable_line(inspection.model, pose, c), axis=0)
+        steps = np.diff(line(inspection, pose, c), axis=0)
         steps = steps[np.hypot(*steps.T) > 1e-9]
         angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
         assert np.abs(np.diff(angle)).max() < 0.06, "a corner"
