@@ -72,9 +72,6 @@ def reference_topics(source: Source, topics: Topics) -> Topics:
     Taken are the only topic of CableTensions and the only one of NodalForces that are not the
     estimator's, and topics of JointState beside them in the same namespace.  Topics that are not
     the default ones (with or without a prefix) were chosen by the user and remain.
-
-    Raises:
-        BagError: several topics of one type could be the reference.
     """
     defaults = Topics().references
     prefix = topics.references[0].removesuffix(defaults[0]) if topics.references else ""
@@ -88,11 +85,8 @@ def reference_topics(source: Source, topics: Topics) -> Topics:
     for kind in (CABLE_TENSIONS.name, NODAL_FORCES.name):
         of_kind = [name for name in candidates if there[name].msgtype == kind]
         of_kind = [name for name in of_kind if name.startswith(f"{prefix}/")]
-        if len(of_kind) > 1:
-            raise BagError(
-                f"{source.path} has several topics that may be the reference; choose with "
-                f"--reference among {', '.join(map(printable, of_kind))}"
-            )
+        if len(of_kind) > 1:  # the user has to choose
+            return topics
         chosen += of_kind
     spaces = {name.rpartition("/")[0] for name in chosen}
     chosen += [
@@ -105,7 +99,7 @@ def reference_topics(source: Source, topics: Topics) -> Topics:
 
 def _candidates(source: Source, topics: Topics) -> list[str]:
     """Topics whose type references may have, without inputs and what the estimator publishes."""
-    own = tuple(map(standard.in_namespace, _OF_ESTIMATOR))
+    own = tuple(map(standard.in_namespace, _NO_REFERENCES))
     return sorted(
         name
         for name, channel in source.channels().items()
@@ -221,7 +215,9 @@ WHOLE: Final = (0.0, float("inf"))
 _MALFORMED: Final = " malformed messages, the first: "
 """Part of the notes on topics whose messages were refused."""
 
-_OF_ESTIMATOR: Final = (
+_NO_REFERENCES: Final = (
+    standard.MOTOR_STATES,
+    standard.JOINT_STATES,
     standard.TENSIONS,
     standard.NODAL_FORCES,
     standard.EFFORTS,
@@ -229,7 +225,7 @@ _OF_ESTIMATOR: Final = (
     standard.JOINT_ANGLES,
     standard.TENSION_SENSORS,
 )
-"""Topics that the estimator publishes or, of load cells, hears; no references."""
+"""Topics that the estimator hears or publishes."""
 
 Window = tuple[float, float]
 """Begin and end of the compared references, relative to the start of the recording [s]."""
