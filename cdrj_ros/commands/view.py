@@ -57,20 +57,22 @@ def body(argv: Sequence[str]) -> int:
     from cdrj_ros.view.server import load_viser
 
     load_viser()
-    from cdrj_ros.view.film import Player, film_of
-    from cdrj_ros.view.page import PICTURE_HZ, Page, Place
+    from cdrj_ros.view.page import PICTURE_HZ, Page, PageSettings
     from cdrj_ros.view.panels import TimeAxis
+    from cdrj_ros.view.recorded import Player, recorded_estimates
 
     model = load_model(arguments.robot, arguments.preload)
     recording = read_inputs(arguments.bag, topics_of(arguments), model)
     conditioned = condition_recording(model, recording)
     with progress_bar("estimating", 1.0) as report:
-        film = film_of(model, recording, conditioned, report, spread=not arguments.no_uncertainty)
-    place = Place(arguments.host, arguments.port, arguments.dark)
-    axis = TimeAxis("time [s]", 0.0, max(film.duration_s, 1e-3))
-    page = Page(model, place, f"cdrj_ros · {model.robot.name}", axis)
+        estimates = recorded_estimates(
+            model, recording, conditioned, report, spread=not arguments.no_uncertainty
+        )
+    settings = PageSettings(arguments.host, arguments.port, arguments.dark)
+    axis = TimeAxis("time [s]", 0.0, max(estimates.duration_s, 1e-3))
+    page = Page(model, settings, f"cdrj_ros · {model.robot.name}", axis)
     try:
-        player = Player(page, film, Path(arguments.bag).name)
+        player = Player(page, estimates, Path(arguments.bag).name)
         say(f"view: {page.address}", flush=True)
         while True:
             player.tick()

@@ -36,7 +36,7 @@ from cdrj_ros.nodes.spinning import (
 from cdrj_ros.nodes.view_inputs import Inputs
 from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, Heard, slider_ranges, words_of
 from cdrj_ros.view.history import History
-from cdrj_ros.view.page import PICTURE_HZ, Page, Place
+from cdrj_ros.view.page import PICTURE_HZ, Page, PageSettings
 from cdrj_ros.view.panels import Controls, TimeAxis
 from cdrj_ros.view.server import load_viser
 
@@ -58,7 +58,7 @@ class ViewNode(Node):
         """
         super().__init__("view", namespace=topics.NAMESPACE, **options)
         self.model = declared_model(self)
-        place = Place(
+        settings = PageSettings(
             declare_text(self, "host", "localhost", "Address to listen on; 0.0.0.0: the network"),
             declare_count(self, "port", 8080, 0, 65535, "TCP port, or the next free one; 0: any"),
             declare_flag(self, "dark", False, "Whether the page is dark at first"),
@@ -66,7 +66,7 @@ class ViewNode(Node):
         rate = declare_number(self, "rate", PICTURE_HZ, 0.1, PICTURE_HZ, "Rate of pictures [Hz]")
         estimator = declare_text(self, "estimator", "estimator", "Name of the estimator's node")
         references = declare_names(self, "references", "Topics of true or measured tensions")
-        self.page = Page(self.model, place, f"cdrj_ros · {self.model.robot.name}", AXIS)
+        self.page = Page(self.model, settings, f"cdrj_ros · {self.model.robot.name}", AXIS)
         self.link = EstimatorLink(self, estimator, self.model)
         self._add_controls()
         self.history = History(self.model.layout)

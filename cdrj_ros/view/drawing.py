@@ -13,8 +13,8 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.report.scene import Colour, across
 from cdrj_ros.view.picture import (
     LINKS,
-    BodyLook,
-    CableLook,
+    DrawnBody,
+    DrawnCable,
     Picture,
     dashes_of,
     extent_of,
@@ -118,7 +118,7 @@ def _faces(lines: int, points: int) -> Faces:
 
 
 OnClick = Callable[[str], None]
-"""Called with what has been clicked, as ``history.place_of`` takes it."""
+"""Called with what has been clicked, as ``history.indices_of`` takes it."""
 
 Labels = Literal["none", "chosen", "all"]
 
@@ -198,7 +198,7 @@ class Drawing:
 
         Args:
             picture: what to draw.
-            chosen: the element or pulley that is plotted, as ``history.place_of`` takes it.
+            chosen: the element or pulley that is plotted, as ``history.indices_of`` takes it.
             labels: which elements have labels.
             forces: whether to draw the forces on pulleys.
         """
@@ -225,7 +225,7 @@ class Drawing:
         ahead = np.array([0.0, 0.0, LAYER * self._width * layer])
         return np.asarray(self._scale * (points - self._middle + ahead))
 
-    def _draw_cable(self, look: CableLook, chosen: bool) -> None:
+    def _draw_cable(self, look: DrawnCable, chosen: bool) -> None:
         radius = self._scale * self._wider * look.width * (CHOSEN if chosen else 1.0)
         path = self._placed(look.name, look.path)
         if look.dashed:
@@ -247,7 +247,7 @@ class Drawing:
         handle.color = rgb(look.colour)
         handle.opacity = look.opacity
 
-    def _draw_label(self, look: CableLook, wanted: bool) -> None:
+    def _draw_label(self, look: DrawnCable, wanted: bool) -> None:
         handle = self._labels.get(look.name)
         if not wanted:
             if handle is not None:
@@ -265,7 +265,7 @@ class Drawing:
         if not np.array_equal(handle.position, middle):
             handle.position = middle
 
-    def _draw_body(self, look: BodyLook, chosen: bool) -> None:
+    def _draw_body(self, look: DrawnBody, chosen: bool) -> None:
         """A mesh of a disc or cylinder, a ball of a sphere or point.
 
         A mesh is moved by its vertices, as the cables are: browsers show those later than

@@ -183,10 +183,10 @@ class Table(NamedTuple):
 
         Args:
             layout: of the columns.
-            chosen: as ``place_of`` takes it.
+            chosen: as ``indices_of`` takes it.
             zero_ns: stamp at which the time is 0 [ns].
         """
-        element, pulley = place_of(layout, chosen)
+        element, pulley = indices_of(layout, chosen)
         nothing = np.full(len(self.stamp_ns), np.nan)
         return Curves(
             layout.elements[element],
@@ -200,7 +200,7 @@ class Table(NamedTuple):
         )
 
 
-def place_of(layout: Layout, chosen: str) -> tuple[int, int | None]:
+def indices_of(layout: Layout, chosen: str) -> tuple[int, int | None]:
     """Indices of an element and of the pulley at one of its ends, of which ``chosen`` is one.
 
     Args:
@@ -220,7 +220,7 @@ def place_of(layout: Layout, chosen: str) -> tuple[int, int | None]:
 
 
 def choices(layout: Layout) -> tuple[str, ...]:
-    """Everything that can be plotted, as ``place_of`` takes it."""
+    """Everything that can be plotted, as ``indices_of`` takes it."""
     return (
         *(f"element {name}" for name in layout.elements),
         *(f"pulley {name}" for name in layout.pulleys),

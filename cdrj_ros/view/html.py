@@ -14,7 +14,7 @@ from cdrj_ros.model.status import INVALID
 from cdrj_ros.report.live_table import SIGMAS, round_scale, status_words
 from cdrj_ros.report.scene import Colour
 from cdrj_ros.view.history import Snapshot
-from cdrj_ros.view.picture import CableLook, Picture, cable_numbers
+from cdrj_ros.view.picture import DrawnCable, Picture, cable_numbers
 
 
 def filled(template: str, *texts: object) -> Markup:
@@ -75,7 +75,7 @@ def table_of(model: Model, shown: Snapshot, picture: Picture, chosen: str) -> st
     return f"<div style='padding:0 .8em'><table style='{style}'>{''.join(rows)}</table></div>"
 
 
-def _row(look: CableLook, shown: Snapshot, e: int, limit: float, chosen: bool) -> str:
+def _row(look: DrawnCable, shown: Snapshot, e: int, limit: float, chosen: bool) -> str:
     tension, stddev, status = float(shown.tension[e]), shown.stddev[e], int(shown.status[e])
     known = np.isfinite(tension) and not status & INVALID
     spread = f" ± {SIGMAS * stddev:.1f}" if np.isfinite(stddev) else ""

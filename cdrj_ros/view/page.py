@@ -34,7 +34,7 @@ MOVED: Final = 1e-3
 """A camera that has moved by more than this share of its distance was moved by the visitor."""
 
 
-class Aim:
+class Camera:
     """Points cameras at a robot around the origin, from the front if it is planar."""
 
     def __init__(self, size: Vector, flat: bool, on_resize: Callable[[], None]) -> None:
@@ -120,7 +120,7 @@ STYLE: Final = (
 
 
 @dataclass(frozen=True)
-class Place:
+class PageSettings:
     """Where the page is served and how it looks at first."""
 
     host: str = "localhost"
@@ -135,12 +135,12 @@ class Page:
     ``gui`` may be used to add controls to the panels ``above`` and ``below`` the table.
     """
 
-    def __init__(self, model: Model, place: Place, title: str, axis: TimeAxis) -> None:
+    def __init__(self, model: Model, settings: PageSettings, title: str, axis: TimeAxis) -> None:
         """Start the server and build the page.
 
         Args:
             model: the prepared robot.
-            place: where to serve it.
+            settings: where to serve it, and how it looks at first.
             title: heading of the page.
             axis: of the curves over time.
 
@@ -148,22 +148,22 @@ class Page:
             UsageError: viser is not installed, or this machine does not have the address.
         """
         self.model = model
-        self.server = open_server(place.host, place.port)
-        self.address = address_of(self.server, place.host)
+        self.server = open_server(settings.host, settings.port)
+        self.address = address_of(self.server, settings.host)
         self.gui = self.server.gui
         self.chosen = f"element {model.layout.elements[0]}"
-        """What is plotted, as ``history.place_of`` takes it."""
+        """What is plotted, as ``history.indices_of`` takes it."""
         self.pictures = 0
         """Number of pictures drawn."""
         self._plotted_s = 0.0
         self._flat = not any(cable.spatial for cable in model.robot.cables)
         self.gui.set_panel_label(printable(title))
         self.drawing = Drawing(self.server.scene, model, self.choose)
-        self._build(place.dark, axis)
-        self._theme(place.dark)
-        aim = Aim(self.drawing.size, self._flat, self._plots.appear)
-        aim.begin(self.server.initial_camera)
-        self.server.on_client_connect(aim.follow)
+        self._build(settings.dark, axis)
+        self._theme(settings.dark)
+        view_camera = Camera(self.drawing.size, self._flat, self._plots.appear)
+        view_camera.begin(self.server.initial_camera)
+        self.server.on_client_connect(view_camera.follow)
         self.show(nothing_known(model), History(model.layout, 1).table(), ())
 
     def close(self) -> None:
@@ -184,7 +184,7 @@ class Page:
         return monotonic() - self._plotted_s > PLOT_S
 
     def choose(self, chosen: str) -> None:
-        """Plot an element or a pulley, as ``history.place_of`` takes it."""
+        """Plot an element or a pulley, as ``history.indices_of`` takes it."""
         self.chosen = self._choice.value = chosen
         self._plotted_s = 0.0
 

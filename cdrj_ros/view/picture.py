@@ -85,7 +85,7 @@ THIN: Final = 0.4
 """Width of a slack element, as a share of that of a taut one."""
 
 
-class CableLook(NamedTuple):
+class DrawnCable(NamedTuple):
     """One element."""
 
     name: str
@@ -101,7 +101,7 @@ class CableLook(NamedTuple):
     """Name, tension and two standard deviations."""
 
 
-class BodyLook(NamedTuple):
+class DrawnBody(NamedTuple):
     """One winch, pulley, round body, eyelet or anchor."""
 
     body: Body
@@ -109,7 +109,7 @@ class BodyLook(NamedTuple):
     colour: Colour
 
 
-class ArrowLook(NamedTuple):
+class DrawnForce(NamedTuple):
     """Force of a cable on a pulley."""
 
     body: int
@@ -126,15 +126,15 @@ class ArrowLook(NamedTuple):
 class Picture:
     """Everything that is drawn at one time."""
 
-    cables: tuple[CableLook, ...]
+    cables: tuple[DrawnCable, ...]
     """In the order of ``Layout.elements``."""
-    bodies: tuple[BodyLook, ...]
+    bodies: tuple[DrawnBody, ...]
     """In the order of ``Scene.bodies``."""
     links: tuple[Points, ...]
     """Both ends of every link [m], shape (2, 3)."""
     link_width: float
     """Radius of a link [m]."""
-    arrows: tuple[ArrowLook, ...]
+    arrows: tuple[DrawnForce, ...]
     """Of the pulleys of cables given by positions."""
 
 
@@ -191,7 +191,7 @@ def middle_of(path: Points) -> Points:
     return np.asarray(straight_piece(path).mean(axis=0))
 
 
-def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[CableLook]:
+def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[DrawnCable]:
     width = 0.1 * typical_radius(model, scene)
     flags, known = shown.status, usable(shown.status)
     looks = []
@@ -201,7 +201,7 @@ def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[CableLook]:
         cable, tension = model.robot.cables[c], float(shown.tension[e])
         good = bool(known[e]) and np.isfinite(tension)
         looks.append(
-            CableLook(
+            DrawnCable(
                 name,
                 scene.elements[e],
                 not good,
@@ -214,13 +214,13 @@ def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[CableLook]:
     return looks
 
 
-def _bodies(model: Model, scene: Scene, shown: Snapshot) -> list[BodyLook]:
+def _bodies(model: Model, scene: Scene, shown: Snapshot) -> list[DrawnBody]:
     known = usable(shown.pulley_status)
     slipping = known & (np.abs(np.nan_to_num(shown.slip_speed)) > SLIP_SPEED)
     slips = dict(zip(model.layout.pulleys, slipping.tolist(), strict=True))
     least = 0.3 * typical_radius(model, scene)
     return [
-        BodyLook(
+        DrawnBody(
             replace(
                 body,
                 radius=max(body.radius, least),
@@ -232,7 +232,7 @@ def _bodies(model: Model, scene: Scene, shown: Snapshot) -> list[BodyLook]:
     ]
 
 
-def _arrows(model: Model, scene: Scene, shown: Snapshot, scale: float) -> list[ArrowLook]:
+def _arrows(model: Model, scene: Scene, shown: Snapshot, scale: float) -> list[DrawnForce]:
     known = usable(shown.pulley_status)
     forces = np.where(known[:, None], shown.force, np.nan)
     by_name = dict(zip(model.layout.pulleys, forces, strict=True))
@@ -242,5 +242,5 @@ def _arrows(model: Model, scene: Scene, shown: Snapshot, scale: float) -> list[A
     for k, body in enumerate(scene.bodies):
         if body.name.rpartition("/")[0] in placed and body.kind == "pulley":
             end = body.centre + scale * by_name[body.name]
-            looks.append(ArrowLook(k, body.centre, end, width))
+            looks.append(DrawnForce(k, body.centre, end, width))
     return looks

@@ -12,7 +12,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.report.scene import LIMIT_COLOUR
 from cdrj_ros.view.drawing import dashed_tube, tube
-from cdrj_ros.view.history import History, Snapshot, choices, columns_of, nothing_known, place_of
+from cdrj_ros.view.history import History, Snapshot, choices, columns_of, indices_of, nothing_known
 from cdrj_ros.view.html import table_of
 from cdrj_ros.view.picture import PALE, SLIPPING, STICKING, THIN, UNKNOWN, dashes_of, picture_of
 
@@ -83,7 +83,7 @@ def test_dashes_have_gaps() -> None:
 def test_every_element_and_pulley_can_be_plotted_with_its_neighbour(model: Model) -> None:
     layout = model.layout
     for chosen in choices(layout):
-        element, pulley = place_of(layout, chosen)
+        element, pulley = indices_of(layout, chosen)
         assert chosen.partition(" ")[2] in (
             layout.elements[element], None if pulley is None else layout.pulleys[pulley],
         )  # fmt: skip

@@ -8,8 +8,8 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from cdrj_ros.view import film as players
-from cdrj_ros.view.film import Player
+from cdrj_ros.view import recorded as players
+from cdrj_ros.view.recorded import Player
 
 
 @pytest.fixture
@@ -21,15 +21,15 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 @pytest.fixture
 def player(clock: list[float]) -> Player:
-    page, film = MagicMock(), MagicMock()
+    page, estimates = MagicMock(), MagicMock()
     page.watched = True
     page.settings.return_value = ()
     page.plot_is_due.return_value = True
     page.gui.add_slider.return_value.max = 4.0
     page.gui.add_dropdown.return_value.value = "2"
-    film.duration_s = 4.0
-    film.at.side_effect = lambda time_s: MagicMock(stamp_ns=round(time_s * 1e9))
-    return Player(page, film, "bag")
+    estimates.duration_s = 4.0
+    estimates.at.side_effect = lambda time_s: MagicMock(stamp_ns=round(time_s * 1e9))
+    return Player(page, estimates, "bag")
 
 
 def drawn(player: Player) -> list[int]:

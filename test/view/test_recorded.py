@@ -14,7 +14,7 @@ from cdrj_ros.judgement.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
-from cdrj_ros.view import film as films
+from cdrj_ros.view import recorded
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
@@ -26,9 +26,9 @@ def test_a_film_shows_every_nth_estimate_of_the_validation_and_the_references(
     model = load_model("prototype")
     recording = read_inputs(str(SAMPLE), Topics(), model)
     conditioned = condition_recording(model, recording)
-    monkeypatch.setattr(films, "MOST", 1000)
+    monkeypatch.setattr(recorded, "MOST", 1000)
     shares: list[float] = []
-    film = films.film_of(model, recording, conditioned, shares.append, spread=False)
+    film = recorded.recorded_estimates(model, recording, conditioned, shares.append, spread=False)
     whole = estimate(model, conditioned)
     every = 1 + len(whole.stamp_ns) // 1000
     assert every > 1
@@ -57,8 +57,8 @@ def test_a_film_shows_the_angles_with_their_correction(monkeypatch: pytest.Monke
     model = prepare(parse_robot(text.replace(joint, joint + correction)))
     recording = read_inputs(str(SAMPLE), Topics(), model)
     conditioned = condition_recording(model, recording)
-    monkeypatch.setattr(films, "MOST", 1000)
-    film = films.film_of(model, recording, conditioned, spread=False)
+    monkeypatch.setattr(recorded, "MOST", 1000)
+    film = recorded.recorded_estimates(model, recording, conditioned, spread=False)
     readings = recording.joints["elbow"]
     at = np.searchsorted(readings.stamp_ns, film.table.stamp_ns)
     known = readings.stamp_ns[at] == film.table.stamp_ns
@@ -73,7 +73,7 @@ def test_a_reference_is_unknown_outside_and_in_gaps() -> None:
     times = np.array([0, 50_000_000, 2 * second])
     series = Series(times, times, np.array([1.0, 2.0, 3.0]))
     wanted = np.array([-1, 25_000_000, second, 2 * second, 3 * second])
-    found = films.at_stamps(series, wanted)
+    found = recorded.at_stamps(series, wanted)
     np.testing.assert_allclose(found, [np.nan, 1.5, np.nan, 3.0, np.nan])
 
 
@@ -83,5 +83,5 @@ def test_a_recording_without_a_sample_is_refused() -> None:
         path = "bag"
 
     nothing: Any = Nothing()
-    with pytest.raises(films.BagError, match="no time at which every motor and joint is known"):
-        films.film_of(load_model("prototype"), nothing, nothing)
+    with pytest.raises(recorded.BagError, match="no time at which every motor and joint is known"):
+        recorded.recorded_estimates(load_model("prototype"), nothing, nothing)

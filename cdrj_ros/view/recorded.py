@@ -34,7 +34,7 @@ MOST: Final = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
+class RecordedEstimates:
     """Estimates of a recording over time."""
 
     table: Table
@@ -65,14 +65,14 @@ class Film:
         )  # fmt: skip
 
 
-def film_of(
+def recorded_estimates(
     model: Model,
     recording: Recording,
     conditioned: Conditioned,
     progress: Callable[[float], None] | None = None,
     *,
     spread: bool = True,
-) -> Film:
+) -> RecordedEstimates:
     """Estimate a recording as the validation does, and keep what is shown.
 
     Args:
@@ -92,7 +92,7 @@ def film_of(
     every = 1 + total // MOST
     tensions = {k: v for k, v in recording.references.items() if k.startswith(f"{TENSION}/")}
     references = references_of_passes(tensions, recording, len(segments))
-    parts: list[Film] = []
+    parts: list[RecordedEstimates] = []
     done, shift = 0, 0
     for segment, measured in zip(segments, references, strict=True):
         if parts:
@@ -121,7 +121,7 @@ def _part(
     kept: slice,
     measured: Mapping[str, Series],
     shift_ns: int,
-) -> Film | None:
+) -> RecordedEstimates | None:
     """The kept pictures of one piece; None if there are none."""
     stamps, values = piece.stamp_ns[kept], piece.values[kept]
     if not stamps.size:
@@ -148,7 +148,7 @@ def _part(
     force = np.stack(
         [values[:, where] for where in (layout.force_x, layout.force_y, layout.force_z)], axis=-1
     )
-    return Film(table, samples.joint_angle[kept].copy(), status, force, pulley_status)
+    return RecordedEstimates(table, samples.joint_angle[kept].copy(), status, force, pulley_status)
 
 
 def at_stamps(series: Series, stamps: NDArray[np.int64]) -> Vector:
@@ -160,11 +160,11 @@ def at_stamps(series: Series, stamps: NDArray[np.int64]) -> Vector:
     return values_at(stamps, Angle("", times, series.value[fine][first]), MAX_GAP_NS)
 
 
-def _joined(parts: Sequence[Film]) -> Film:
+def _joined(parts: Sequence[RecordedEstimates]) -> RecordedEstimates:
     tables = [part.table for part in parts]
     table = Table(*(np.concatenate(columns) for columns in zip(*tables, strict=True)))
     columns = ("angle", "status", "force", "pulley_status")
-    return Film(
+    return RecordedEstimates(
         table, *(np.concatenate([getattr(part, name) for part in parts]) for name in columns)
     )
 
@@ -177,17 +177,17 @@ TOUCH_S: Final = 0.2
 
 
 class Player:
-    """Shows the pictures of a film on a page."""
+    """Shows the pictures of a recording on a page."""
 
-    def __init__(self, page: Page, film: Film, title: str) -> None:
+    def __init__(self, page: Page, estimates: RecordedEstimates, title: str) -> None:
         """Add the time line to the page.
 
         Args:
-            page: where to show the film.
-            film: what to show.
+            page: where to show them.
+            estimates: what to show.
             title: of the recording.
         """
-        self.page, self.film, self.title = page, film, title
+        self.page, self.estimates, self.title = page, estimates, title
         self.time_s = 0.0
         """Time of the picture since the first one [s]."""
         self.playing = True
@@ -197,8 +197,8 @@ class Player:
         self._behind = True
         """Whether table and curves have not been updated since the picture changed."""
         gui = page.gui
-        digits = 2 if film.duration_s >= 10.0 else 3  # more do not fit beside the slider
-        end = max(ceil(film.duration_s * 10**digits), 1) / 10**digits
+        digits = 2 if estimates.duration_s >= 10.0 else 3  # more do not fit beside the slider
+        end = max(ceil(estimates.duration_s * 10**digits), 1) / 10**digits
         with page.above:
             self._slider = gui.add_slider("time [s]", 0.0, end, 10.0**-digits, 0.0)
             self._button = gui.add_button("pause")
@@ -209,7 +209,7 @@ class Player:
 
     def play(self, wanted: bool) -> None:
         """Play or pause; at the end, start again."""
-        if wanted and self.time_s >= self.film.duration_s:
+        if wanted and self.time_s >= self.estimates.duration_s:
             self.time_s = 0.0
         self.playing = wanted
         self._button.label = "pause" if wanted else "play"
@@ -217,7 +217,7 @@ class Player:
     def _on_slider(self, event: Any) -> None:
         if event.client is not None:  # moved by hand
             self._touched_s = monotonic()
-            self.time_s = min(float(self._slider.value), self.film.duration_s)
+            self.time_s = min(float(self._slider.value), self.estimates.duration_s)
 
     def tick(self) -> None:
         """Advance by the time since the last call, and draw if a browser shows the page."""
@@ -226,12 +226,14 @@ class Player:
         if not self.page.watched:
             return
         if self.playing:
-            self.time_s = min(self.time_s + passed * float(self._rate.value), self.film.duration_s)
-            if self.time_s >= self.film.duration_s:
+            self.time_s = min(
+                self.time_s + passed * float(self._rate.value), self.estimates.duration_s
+            )
+            if self.time_s >= self.estimates.duration_s:
                 self.play(False)
         if now_s - self._touched_s > TOUCH_S:
             self._slider.value = min(self.time_s, self._slider.max)
-        shown = self.film.at(self.time_s)
+        shown = self.estimates.at(self.time_s)
         state = (shown.stamp_ns, self.page.chosen, self.page.settings())
         if state != self._drawn:
             self._drawn, self._behind = state, True
@@ -240,6 +242,6 @@ class Player:
         self._behind = not self.page.plot_is_due()
         words = (
             filled("<b>{}</b>", self.title),
-            f"{self.time_s:.2f} s of {self.film.duration_s:.2f} s",
+            f"{self.time_s:.2f} s of {self.estimates.duration_s:.2f} s",
         )
-        self.page.show(shown, self.film.table, words, shown.stamp_ns)
+        self.page.show(shown, self.estimates.table, words, shown.stamp_ns)
