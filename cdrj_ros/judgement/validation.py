@@ -140,20 +140,20 @@ class Validation:
         longest = max(segments, key=lambda segment: segment.stamp_ns.size)
         of_passes = references_of_passes(self._references, self._recording, len(segments))
         efforts = references_of_passes(self._efforts, self._recording, len(segments))
-        watched = zip(
+        monitored = zip(
             *(references_of_passes(o, self._recording, len(segments)) for o in self._sensors),
             strict=True,
         )
         done = 0
-        for segment, references, heard, sensors in zip(
-            segments, of_passes, efforts, watched, strict=True
+        for segment, references, measured, sensors in zip(
+            segments, of_passes, efforts, monitored, strict=True
         ):
             if self._health:
                 self._health.begin_pass(*sensors)
             begin = done
             comparing = _comparing(segment.stamp_ns, self._names, references)
             found: list[Angles] = []
-            for piece in self._pieces(segment, heard):
+            for piece in self._pieces(segment, measured):
                 if piece.angles is not None:
                     found.append(piece.angles)
                 if segment is longest:
@@ -170,11 +170,11 @@ class Validation:
             whole = with_estimated_joints(self._model.robot, segment, found) if found else segment
             self._passes.append(_channels(self._model, whole, comparing))
 
-    def _pieces(self, segment: Samples, heard: Mapping[str, Series]) -> Iterator[Estimates]:
-        """The estimates of one pass; ``heard`` holds the motors' efforts."""
+    def _pieces(self, segment: Samples, measured: Mapping[str, Series]) -> Iterator[Estimates]:
+        """The estimates of one pass; ``measured`` holds the motors' efforts."""
         if not self._model.robot.unmeasured:
             return pieces_of(self._model, segment, spread=self._spread)
-        efforts = efforts_at(segment.stamp_ns, self._model.layout.motors, heard)
+        efforts = efforts_at(segment.stamp_ns, self._model.layout.motors, measured)
         return pieces_encoderless(self._model, segment, efforts)
 
     def result(self) -> BagComparison:
