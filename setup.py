@@ -133,7 +133,7 @@ setup(
         *installed("launch", "*.launch.py"),
         *installed("config"),
         *installed("bags"),
-        *installed("examples", "*.py"),
+        *installed("examples", "**/*.py"),
     ],
     entry_points={
         "console_scripts": [
@@ -142,7 +142,6 @@ setup(
                 "check_robot",
                 "identify",
                 "import_robot",
-                "reproduce",
                 "simulate",
                 "validate",
             ),

@@ -3,7 +3,7 @@
 - runs the demonstration, which measures docs/demo.json;
 - writes its errors into the table of README.md;
 - takes a screenshot of the beginning of report.html as docs/report.png, with Chromium;
-- draws docs/figures/fig*.png with `reproduce` and docs/figures/drift.png;
+- draws docs/figures/fig*.png with examples/paper and docs/figures/drift.png;
 - with --davinci DATA also those of docs/validation.md, see tools/davinci_figures.py.
 """
 
@@ -117,7 +117,7 @@ def main() -> int:
     else:
         print(f"{PICTURE} is not renewed: none of {', '.join(BROWSERS)} is on the path")
     with tempfile.TemporaryDirectory() as folder:
-        run("reproduce", "--out", folder, "--force")
+        run(sys.executable, "-m", "examples.paper", "--out", folder, "--force")
         for drawn in Path(folder).glob("fig*.png"):
             shutil.copy(drawn, FIGURES / drawn.name)
     run(sys.executable, ROOT / "tools" / "friction_figures.py")

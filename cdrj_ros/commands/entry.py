@@ -42,17 +42,6 @@ def import_robot() -> NoReturn:
     run_interruptibly("import_robot", load)
 
 
-def reproduce() -> NoReturn:
-    """Run ``reproduce``."""
-
-    def load() -> Callable[[], int]:
-        from cdrj_ros.commands.reproduce import main
-
-        return main
-
-    run_interruptibly("reproduce", load)
-
-
 def simulate() -> NoReturn:
     """Run ``simulate``."""
 

@@ -1,6 +1,6 @@
 """Sliding influence rho of a cable from a nodal force and a tension: equation (44).
 
-docs/model.md, section 11; examples/paper.py.
+docs/model.md, section 11; examples/paper/equations.py.
 """
 
 from __future__ import annotations

@@ -360,7 +360,7 @@ def test_an_impossible_output_is_refused_before_the_inspection(
     assert robot.read_text() == PLAIN
 
 
-COMMANDS = ("identify", "reproduce", "simulate", "validate", "check_robot")
+COMMANDS = ("identify", "simulate", "validate", "check_robot")
 AS_MODULES = """
 import contextlib, io, json, runpy, sys
 said = {}

@@ -12,11 +12,15 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
-SOURCES = sorted(
-    path
-    for folder in ("model", "conditioning", "estimation", "identification")
-    for path in (ROOT / "cdrj_ros" / folder).rglob("*.py")
-) + sorted((ROOT / "cdrj_ros" / "core").glob("*.?pp"))
+SOURCES = [
+    *sorted(
+        path
+        for folder in ("model", "conditioning", "estimation", "identification")
+        for path in (ROOT / "cdrj_ros" / folder).rglob("*.py")
+    ),
+    *sorted((ROOT / "cdrj_ros" / "core").glob("*.?pp")),
+    ROOT / "examples" / "paper" / "stiffness.py",
+]
 CITATION = re.compile(r"\((E?)(\d{1,2})\)(?:\s?[-–]\s?\(E?(\d{1,2})\))?")
 
 
@@ -52,11 +56,12 @@ def remarks_on(name: str) -> str:
 
 
 def resolved(name: str) -> object:
-    """The object of a dotted name below ``cdrj_ros``."""
+    """The object of a dotted name below ``cdrj_ros``, or below ``examples``."""
     parts = name.split(".")
+    above = [] if parts[0] == "examples" else ["cdrj_ros"]
     for k in range(len(parts), 0, -1):
         try:
-            found: object = importlib.import_module(".".join(["cdrj_ros", *parts[:k]]))
+            found: object = importlib.import_module(".".join([*above, *parts[:k]]))
         except ModuleNotFoundError:
             continue
         for part in parts[k:]:
@@ -100,7 +105,8 @@ def test_every_equation_cited_in_the_code_is_in_the_document(path: Path) -> None
 def test_every_name_in_the_document_is_in_the_code() -> None:
     code = "\n".join(
         path.read_text(encoding="utf-8")
-        for path in (ROOT / "cdrj_ros").rglob("*")
+        for folder in ("cdrj_ros", "examples/paper")
+        for path in (ROOT / folder).rglob("*")
         if path.suffix in (".py", ".json", ".hpp", ".cpp")
     )
     words = set(re.findall(r"\w+", code))

@@ -29,9 +29,9 @@ from cdrj_ros.model.elasticity import (
 )
 from cdrj_ros.model.friction import ELASTOPLASTIC
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.model.stiffness import exact_stiffness
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
+from examples.paper.stiffness import exact_stiffness
 
 Vector = NDArray[np.float64]
 

@@ -8,7 +8,6 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +29,6 @@ COMMANDS = {
     "validate": [BAG, "--robot", ROBOT],
     "identify": [BAG, "--robot", ROBOT, "--fit", "rho", "--out", "{tmp}/robot.yaml"],
     "simulate": ["--robot", ROBOT, "--duration", "100", "{tmp}/bag"],
-    "reproduce": ["--out", "{tmp}/figures"],
     "estimator": ["--ros-args", "-p", f"robot:={ROBOT}"],
     "replay": [BAG, "--robot", ROBOT],
     "rig": ["--ros-args", "-p", f"robot:={ROBOT}"],
@@ -40,11 +38,6 @@ COMMANDS = {
 
 Condition = Callable[[subprocess.Popen[bytes]], bool]
 Start = Callable[..., subprocess.Popen[bytes]]
-
-
-def threads(process: subprocess.Popen[bytes]) -> int:
-    """Number of threads of a running process."""
-    return len(list(Path(f"/proc/{process.pid}/task").iterdir()))
 
 
 def loads(process: subprocess.Popen[bytes]) -> bool:
@@ -116,11 +109,3 @@ def test_an_interrupt_at_a_random_moment_is_one_line_and_code_130(start: Start) 
         else:
             assert code == 0, (name, errors)
             assert name in ("check_robot", "validate")
-
-
-def test_an_interrupt_does_not_wait_for_threads(start: Start, wait_until: Any) -> None:
-    """``reproduce`` runs the rig in a pool of threads, in the core, which cannot be interrupted."""
-    process = start("reproduce", loads)
-    wait_until(lambda: threads(process) > 2, PATIENCE_S)  # both of the pool besides the main thread
-    code, errors = interrupted(process)
-    assert (code, errors.count("reproduce: interrupted\n")) == (130, 1)

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import ast
 import csv
-import re
-import runpy
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from cdrj_ros.bag import read_recording
-from cdrj_ros.robot.description import Pulley
-from cdrj_ros.robot.reader import load_robot
 
 ROOT = Path(__file__).parents[2]
 BAG = ROOT / "bags" / "prototype_preload_36_26"
@@ -71,36 +65,3 @@ def test_a_table_without_the_robots_columns_is_refused_in_one_line(tmp_path: Pat
     assert done.returncode == 2
     assert "has no column elbow" in done.stderr
     assert "Traceback" not in done.stderr
-
-
-def test_the_papers_equations_hold_on_the_sample_bag(capsys: pytest.CaptureFixture[str]) -> None:
-    with np.printoptions():
-        runpy.run_path(str(ROOT / "examples" / "paper.py"), run_name="__main__")
-    text = capsys.readouterr().out
-    # (25)-(28): K is symmetric only without friction
-    gaps = dict(re.findall(r"eta (\S+): K - K\^T is (\S+) of K", text))
-    assert float(gaps["1.0"]) < 1e-12
-    assert float(gaps["0.9"]) > 1e-2
-    # (22): the tensions propagated from one load cell agree with the other load cells
-    (sliding,) = re.findall(r"every pulley slides in (\d+) samples", text)
-    assert int(sliding) > 500
-    errors = re.findall(r"^(upper/\d): mean error (\S+) N, largest (\S+) N$", text, re.MULTILINE)
-    assert [name for name, _, _ in errors] == [f"upper/{k}" for k in range(1, 9)]
-    assert all(float(mean) < 0.05 and float(largest) < 0.25 for _, mean, largest in errors)
-    # (44): rho equals the value with which the bag was simulated
-    (found,) = re.findall(r"rho of upper, \(44\): (\S+)", text)
-    cable = load_robot(ROOT / "config" / "robots" / "prototype.yaml").cables[0]
-    (true,) = {node.friction.rho for node in cable.nodes if isinstance(node, Pulley)}
-    assert abs(float(found) - true) < 0.01
-
-
-def test_the_papers_example_uses_public_names_only() -> None:
-    tree = ast.parse((ROOT / "examples" / "paper.py").read_text("utf-8"))
-    names = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)} | {
-        alias.name
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    assert {"stiffness_matrix", "propagate", "identify_rho"} <= names
-    assert not [name for name in names if name.startswith("_")]

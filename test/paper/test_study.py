@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.reproduction import figures
-from cdrj_ros.reproduction import study as study_module
-from cdrj_ros.reproduction.runs import CABLES, COMMON_RHO, Motion, move_freely
-from cdrj_ros.reproduction.study import (
+from cdrj_ros.robot.reader import load_robot
+from examples.paper import figures
+from examples.paper import study as study_module
+from examples.paper.runs import CABLES, COMMON_RHO, Motion, move_freely
+from examples.paper.study import (
     CHOICES,
     CORRECTED,
     LUGRE,
@@ -28,8 +29,7 @@ from cdrj_ros.reproduction.study import (
     forward_change,
     work,
 )
-from cdrj_ros.reproduction.tables import REASONS, errors, markdown, tables
-from cdrj_ros.robot.reader import load_robot
+from examples.paper.tables import REASONS, errors, markdown, tables
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 

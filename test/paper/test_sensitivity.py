@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.reproduction.sensitivity import SENSITIVITIES, Sensitivity
+from examples.paper.sensitivity import SENSITIVITIES, Sensitivity
 
 PANELS = {(panel.transmission, panel.parameter): panel for panel in SENSITIVITIES}
 

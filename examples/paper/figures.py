@@ -23,9 +23,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.files import replacing
-from cdrj_ros.reproduction.runs import CABLES, Free
-from cdrj_ros.reproduction.sensitivity import SENSITIVITIES, WRAPS_DEG
-from cdrj_ros.reproduction.study import (
+from examples.paper.runs import CABLES, Free
+from examples.paper.sensitivity import SENSITIVITIES, WRAPS_DEG
+from examples.paper.study import (
     CORRECTED,
     LUGRE,
     PRINTED_LEVER,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.reproduction import curves
+from examples.paper import curves
 
 TURN = np.linspace(0.0, 2.0 * np.pi, 2000, endpoint=False)
 ANGLE = np.cos(TURN)

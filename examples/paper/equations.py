@@ -2,25 +2,33 @@
 
 Equation numbers are those of docs/model.md, sections 9 to 11.
 
-    python3 paper.py
+    python3 -m examples.paper.equations
 """
 
-from pathlib import Path
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path as FilePath
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cdrj_ros.bag import read_recording
-from cdrj_ros.identification.propagation import KnownTension, path_of, propagate
+from cdrj_ros.bag import Recording, read_recording
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.identification.propagation import KnownTension, Path, path_of, propagate
 from cdrj_ros.identification.rho import identify_rho
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.stiffness import nominal_stiffness, stiffness_matrix
+from cdrj_ros.model.prepared import Model
+from examples.paper.stiffness import Stiffness, nominal_stiffness, stiffness_matrix
 
-SAMPLE_BAG = Path(__file__).resolve().parents[1] / "bags" / "prototype_preload_36_26"
+Vector = NDArray[np.float64]
+
+SAMPLE_BAG = FilePath(__file__).resolve().parents[2] / "bags" / "prototype_preload_36_26"
 CABLE, SENSOR, PULLEY = "upper", "upper/8", "upper/3"
 NOISE = 0.02  # standard deviation of the load cells [N]
 
 
-def stiffness(model, angle, transmission):
+def stiffness(model: Model, angle: float, transmission: float) -> Stiffness:
     """(25)-(28): K of the upper cable at its preload, every pulley with the same transmission.
 
     (28) holds for any arrangement of the nodes. The prototype's file gives lengths but no
@@ -41,20 +49,21 @@ def stiffness(model, angle, transmission):
     return stiffness_matrix(position, tension, by_length, transmission=eta)
 
 
-def recorded(recording, model):
-    """Stamps of the load cells [ns], path of the motion, and a function that gives a reading."""
+def recorded(recording: Recording, model: Model) -> tuple[Path, Callable[[str], Vector]]:
+    """Path of the motion at the stamps of the load cells, and a function that gives a reading."""
     stamps = recording.references[f"tension/{SENSOR}"].stamp_ns
     origin = stamps[0]
 
-    def at(series):
+    def at(series: Series) -> Vector:
         """Values of a series at the stamps."""
-        return np.interp(stamps - origin, series.stamp_ns - origin, series.value)
+        read: Vector = np.interp(stamps - origin, series.stamp_ns - origin, series.value)
+        return read
 
     joint = np.column_stack([at(recording.joints[name]) for name in model.layout.joints])
     return path_of(model, stamps, joint), lambda name: at(recording.references[name])
 
 
-def main():
+def main() -> None:
     """Print the results for stiffness, tensions and rho."""
     np.set_printoptions(linewidth=100, precision=1, suppress=True)
     model = load_model("prototype")

@@ -13,7 +13,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT
 from cdrj_ros.model.elasticity import Elasticity
 from cdrj_ros.model.friction import NONE
-from cdrj_ros.model.stiffness import (
+from examples.paper.stiffness import (
     Stiffness,
     exact_stiffness,
     imbalance,

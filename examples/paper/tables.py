@@ -14,7 +14,8 @@ from cdrj_ros.model.friction import (
     blended_loss,
     sliding_transmission,
 )
-from cdrj_ros.reproduction.study import (
+from cdrj_ros.robot.description import Pulley, Robot
+from examples.paper.study import (
     CHOICES,
     FORWARD,
     TOLD,
@@ -23,7 +24,6 @@ from cdrj_ros.reproduction.study import (
     errors_of,
     forward_change,
 )
-from cdrj_ros.robot.description import Pulley, Robot
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

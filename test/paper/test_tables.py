@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.reproduction.tables import (
+from cdrj_ros.robot.reader import load_robot
+from examples.paper.tables import (
     TABLE_I,
     TABLE_II,
     friction_parameters,
@@ -15,7 +16,6 @@ from cdrj_ros.reproduction.tables import (
     transmissions,
     wrap_range,
 )
-from cdrj_ros.robot.reader import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 

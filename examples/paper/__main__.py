@@ -1,11 +1,15 @@
-"""``reproduce``: the source's figures 8, 9, 12, 13 and 14 redrawn, with its tables."""
+"""The source's figures 8, 9, 12, 13 and 14 redrawn, with its tables.
+
+    python3 -m examples.paper --out DIR
+
+in the folder that holds ``examples/``.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic
 from typing import Final
@@ -13,12 +17,13 @@ from typing import Final
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
+from cdrj_ros.foundation.interruption import run_interruptibly
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.reproduction.runs import Motion
-from cdrj_ros.reproduction.study import Study, numbers, work
-from cdrj_ros.reproduction.tables import Table, markdown, rich_table, tables
+from examples.paper.runs import Motion
+from examples.paper.study import Study, numbers, work
+from examples.paper.tables import Table, markdown, rich_table, tables
 
 DESCRIPTION: Final = (
     "Redraw the source's figures 8, 9, 12, 13 and 14; print its tables with those computed here."
@@ -37,27 +42,28 @@ MINIMUM_WIDTH: Final = 150
 """Columns of a printed table where there is no terminal."""
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = CommandParser(prog="reproduce", description=DESCRIPTION)
-    parser.add_argument(
+def parser() -> argparse.ArgumentParser:
+    """Options of the command."""
+    options = CommandParser(prog="paper", description=DESCRIPTION)
+    options.add_argument(
         "--out", required=True, metavar="DIR",
         help="folder for the figures (PNG and PDF), tables.md and figures.json; it is created if "
         "missing",
     )  # fmt: skip
-    parser.add_argument(
+    options.add_argument(
         "--force", action="store_true", help="replace the results of an earlier run in --out"
     )
-    parser.add_argument(
+    options.add_argument(
         "--quick", action="store_true",
         help=f"for a first look, with other numbers than the docs: {QUICK[0].cycles} cycle instead "
         f"of {WHOLE[0].cycles}, {QUICK[0].rate:g} steps per second instead of {WHOLE[0].rate:g}, "
         f"{QUICK[1]} contact cells per pulley instead of {WHOLE[1]}, PNG only",
     )  # fmt: skip
-    return parser
+    return options
 
 
 def _body(argv: Sequence[str]) -> int:
-    arguments = _parser().parse_args(argv)
+    arguments = parser().parse_args(argv)
     folder = _output_folder(Path(arguments.out), arguments.force)
     begin = monotonic()
     robot = load_model("prototype").robot
@@ -80,7 +86,7 @@ def _body(argv: Sequence[str]) -> int:
 
 
 def _draw(study: Study, folder: Path, *, quick: bool) -> list[tuple[Path, ...]]:
-    from cdrj_ros.reproduction.figures import FIGURES, FORMATS, figure_files
+    from examples.paper.figures import FIGURES, FORMATS, figure_files
 
     drawn = []
     with progress_bar("drawing", float(FIGURES)) as report:
@@ -120,9 +126,13 @@ def _print(all_tables: Sequence[Table]) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("reproduce", _body, argv)
+    """Run the command; returns the exit code."""
+    return run_command("paper", _body, argv)
+
+
+def _loaded() -> Callable[[], int]:
+    return main
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_interruptibly("paper", _loaded)

@@ -14,8 +14,9 @@ from cdrj_ros.foundation.threads import thread_pool
 from cdrj_ros.judgement.channels import Channel
 from cdrj_ros.judgement.metrics import ChannelError, channel_error, mean_over_channels
 from cdrj_ros.model.joint import RollingLoad
-from cdrj_ros.reproduction import curves
-from cdrj_ros.reproduction.runs import (
+from cdrj_ros.robot.description import Robot
+from examples.paper import curves
+from examples.paper.runs import (
     CABLES,
     COMMON_RHO,
     EPOCH_NS,
@@ -33,7 +34,6 @@ from cdrj_ros.reproduction.runs import (
     with_constant_wraps,
     with_friction,
 )
-from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
 

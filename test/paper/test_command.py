@@ -1,0 +1,158 @@
+"""The commands of examples/paper: outputs, refusals, and Ctrl-C."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.robot.description import Pulley
+from cdrj_ros.robot.reader import load_robot
+from examples.paper import __main__ as paper
+from examples.paper import equations
+from examples.paper.runs import Motion
+
+ROOT = Path(__file__).parents[2]
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def _one_line(capsys: pytest.CaptureFixture[str], *words: str) -> None:
+    error = capsys.readouterr().err
+    assert error.startswith("paper: ")
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error
+
+
+def test_the_command_writes_every_figure_and_the_tables(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from examples.paper.figures import DRAWINGS
+
+    out = tmp_path / "new" / "folder"
+    assert paper.main(["--out", str(out), "--quick"]) == 0
+    for name in DRAWINGS:
+        assert (out / f"{name}.png").read_bytes().startswith(PNG)
+    printed = capsys.readouterr().out
+    text = (out / "tables.md").read_text()
+    for heading in ("Table I:", "Table II:", "Errors:"):
+        assert heading in printed
+        assert f"## {heading}" in text
+    assert "1.34 N, 13.65 %" in printed
+    assert "diameter [mm]" in printed
+
+    def refuse(token: str) -> float:
+        raise AssertionError(f"{token} is no JSON number")
+
+    numbers = json.loads((out / "figures.json").read_text(), parse_constant=refuse)
+    assert set(numbers["experiments"]) == {"first", "second"}
+    assert numbers["experiments"]["first"]["preload"] == [23.52, 6.66]
+    assert numbers["motion"]["cycles"] == 1
+
+
+def test_the_quick_look_takes_a_small_part_of_the_whole_work() -> None:
+    """Work is counted in samples of contact cells, which take nearly all of the time."""
+
+    def work_of(motion: Motion, cells: int) -> tuple[int, int]:
+        steps = motion.path()[0].size
+        return steps * cells, steps
+
+    rig, estimates = work_of(*paper.QUICK)
+    whole_rig, whole_estimates = work_of(*paper.WHOLE)
+    assert rig < whole_rig / 20
+    assert estimates < whole_estimates / 5
+
+
+@pytest.mark.parametrize("name", ["tables.md", "figures.json", "fig09_rho.png"])
+def test_earlier_results_are_replaced_only_with_force(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr(paper, "work", lambda *_, **__: pytest.fail("ran before the refusal"))
+    (tmp_path / name).write_text("kept")
+    (tmp_path / "other.txt").write_text("kept")
+    assert paper.main(["--out", str(tmp_path)]) == 2
+    _one_line(capsys, f"{name} exists already; --force replaces it")
+    assert (tmp_path / name).read_text() == "kept"
+    with pytest.raises(pytest.fail.Exception, match="ran before"):
+        paper.main(["--out", str(tmp_path), "--force"])
+
+
+def test_out_is_required(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        paper.main([])
+    assert left.value.code == 2
+    assert "--out" in capsys.readouterr().err
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    there = tmp_path / "there"
+    there.write_text("kept")
+    assert paper.main(["--out", str(there)]) == 2
+    _one_line(capsys, "--out must be a folder", "there is a file")
+    assert there.read_text() == "kept"
+    assert paper.main(["--out", str(there / "below")]) == 2
+    _one_line(capsys, "cannot be created")
+
+
+def test_help_names_the_outputs(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        paper.main(["--help"])
+    assert left.value.code == 0
+    text = capsys.readouterr().out
+    assert "figures.json" in text
+    assert "--quick" in text
+
+
+def test_the_equations_hold_on_the_sample_bag(capsys: pytest.CaptureFixture[str]) -> None:
+    with np.printoptions():
+        equations.main()
+    text = capsys.readouterr().out
+    # (25)-(28): K is symmetric only without friction
+    gaps = dict(re.findall(r"eta (\S+): K - K\^T is (\S+) of K", text))
+    assert float(gaps["1.0"]) < 1e-12
+    assert float(gaps["0.9"]) > 1e-2
+    # (22): the tensions propagated from one load cell agree with the other load cells
+    (sliding,) = re.findall(r"every pulley slides in (\d+) samples", text)
+    assert int(sliding) > 500
+    errors = re.findall(r"^(upper/\d): mean error (\S+) N, largest (\S+) N$", text, re.MULTILINE)
+    assert [name for name, _, _ in errors] == [f"upper/{k}" for k in range(1, 9)]
+    assert all(float(mean) < 0.05 and float(largest) < 0.25 for _, mean, largest in errors)
+    # (44): rho equals the value with which the bag was simulated
+    (found,) = re.findall(r"rho of upper, \(44\): (\S+)", text)
+    cable = load_robot(ROOT / "config" / "robots" / "prototype.yaml").cables[0]
+    (true,) = {node.friction.rho for node in cable.nodes if isinstance(node, Pulley)}
+    assert abs(float(found) - true) < 0.01
+
+
+def test_only_public_names_of_the_package_are_used() -> None:
+    for path in (ROOT / "examples" / "paper").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cdrj_ros"):
+                names = [*(node.module or "").split("."), *(alias.name for alias in node.names)]
+                assert not [name for name in names if name.startswith("_")], path
+
+
+def test_an_interrupt_does_not_wait_for_the_rig(tmp_path: Path) -> None:
+    """The rig runs in a pool of threads, in the core, which cannot be interrupted."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "examples.paper", "--out", str(tmp_path)],
+        cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        tasks = Path(f"/proc/{process.pid}/task")
+        deadline = time.monotonic() + 60.0
+        while len(list(tasks.iterdir())) <= 2:  # those of the pool, besides the main thread
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30.0)
+    assert (process.returncode, errors.count("paper: interrupted\n")) == (130, 1)
