@@ -40,7 +40,7 @@ def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     check_outputs({"--out": arguments.out}, [arguments.model])
     path = Path(arguments.model)
-    if not path.is_file():
+    if not path.exists():
         raise UsageError(f"there is no model {printable(arguments.model)}")
     if path.suffix == ".urdf":
         raise UsageError(_without_cables(path))

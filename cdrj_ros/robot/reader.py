@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.untrusted import InputError, read_regular
 from cdrj_ros.robot.axes import read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
 from cdrj_ros.robot.description import Cable, Frame, FrameMotion, Robot, Uncertainty
@@ -44,18 +45,8 @@ def load_document(path: str | Path) -> tuple[Document, str]:
     """
     path = Path(path)
     try:
-        # reading a pipe or a device might not end
-        if path.exists() and not path.is_file() and not path.is_dir():
-            raise RobotFileError(f"cannot read the robot file {path}: it is not a regular file")
-        size = path.stat().st_size
-        if size > MAXIMUM_BYTES:
-            raise RobotFileError(
-                f"{path} has {size} bytes; a robot file has at most {MAXIMUM_BYTES}"
-            )
-        data = path.read_bytes()
-    except OSError as error:
-        raise RobotFileError(f"cannot read the robot file {path}: {error.strerror}") from error
-    except ValueError as error:  # a null character
+        data = read_regular(path, MAXIMUM_BYTES)
+    except InputError as error:
         raise RobotFileError(f"cannot read the robot file {path}: {error}") from error
     try:
         return parse_document(data.decode(), str(path)), str(path)

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import find_number
@@ -70,6 +71,9 @@ DRAG: Final = 0.03
 """Load-independent friction of a pulley whose bearing and seal were not measured, as a fraction of
 the cable's preload."""
 
+MOST_UNCERTAIN: Final = 7000
+"""Largest number of uncertain numbers: their covariance takes 392 MB."""
+
 TURNING: Final = ("pulley", "swivel")
 """Types of nodes that turn in a bearing."""
 
@@ -111,6 +115,9 @@ def complete_uncertainty(
 
     Returns:
         None if no number is uncertain.
+
+    Raises:
+        RobotFileError: more than ``MOST_UNCERTAIN`` are.
     """
     if exact:
         return stated
@@ -122,6 +129,11 @@ def complete_uncertainty(
         return stated
     index = {path: k for k, path in enumerate(paths)}
     size = len(known)
+    if size + len(paths) > MOST_UNCERTAIN:
+        raise RobotFileError(
+            f"the robot has {size + len(paths)} uncertain numbers, at most {MOST_UNCERTAIN} are "
+            "kept; declare those that uncertainty does not list exact, by others: exact"
+        )
     covariance = np.zeros((size + len(paths), size + len(paths)))
     if stated is not None:
         covariance[:size, :size] = stated.covariance

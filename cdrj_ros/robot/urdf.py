@@ -12,6 +12,7 @@ from typing import Any, Final
 from xml.etree import ElementTree as Xml
 
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.untrusted import InputError, parse_xml, read_regular
 
 MAXIMUM_BYTES: Final = 20_000_000
 """Largest accepted size of a URDF [bytes]."""
@@ -119,7 +120,7 @@ def _described(source: str) -> bytes:
             f"frames.urdf: {DESCRIPTION} is known to nodes only; save it by ros2 param get "
             f"--hide-type /robot_state_publisher {DESCRIPTION} and name the file ({source})"
         )
-    return text().encode()
+    return text().encode(errors="surrogatepass")
 
 
 def read_urdf(path: Path, source: str) -> list[UrdfJoint]:
@@ -133,10 +134,9 @@ def read_urdf(path: Path, source: str) -> list[UrdfJoint]:
         RobotFileError: the URDF cannot be read, or cannot be represented.
     """
     try:
-        data = path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise RobotFileError(f"frames.urdf: cannot read {path}: {reason} ({source})") from error
+        data = read_regular(path, MAXIMUM_BYTES)
+    except InputError as error:
+        raise RobotFileError(f"frames.urdf: cannot read {path}: {error} ({source})") from error
     return parse_urdf(data, path)
 
 
@@ -144,12 +144,10 @@ def parse_urdf(data: bytes, path: Path) -> list[UrdfJoint]:
     """As ``read_urdf``, from the text of a URDF; ``path`` names it in messages."""
     if len(data) > MAXIMUM_BYTES:
         raise RobotFileError(f"{path} has {len(data)} bytes; a URDF has at most {MAXIMUM_BYTES}")
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise RobotFileError(f"{path} declares a document type, which no URDF needs")
     try:
-        root = Xml.fromstring(data)  # without a document type there are no entities
-    except Xml.ParseError as error:
-        raise RobotFileError(f"{path} is no XML: {error}") from error
+        root = parse_xml(data)
+    except InputError as error:
+        raise RobotFileError(f"cannot read {path}: {error}") from error
     if root.tag != "robot":
         raise RobotFileError(f"{path} is no URDF: its first element is {root.tag[:40]!r}")
     if any("xacro" in element.tag for element in root.iter()):
@@ -214,11 +212,12 @@ def _ordered(links: list[str], joints: list[UrdfJoint], path: Path) -> list[Urdf
     names: set[str] = set()
     by_parent: dict[str, list[UrdfJoint]] = {}
     children: set[str] = set()
+    known = set(links)
     for joint in joints:
         if joint.name in names:
             raise RobotFileError(f"{path} has two joints of the name {joint.name!r}")
         for link in (joint.parent, joint.child):
-            if link not in links:
+            if link not in known:
                 raise RobotFileError(f"{path}: joint {joint.name!r} names no link: {link!r}")
         if joint.child in children:
             raise RobotFileError(
@@ -283,6 +282,7 @@ def _frames(
 ) -> list[Document]:
     """Frames of the kept links; joints that are not measured are fixed at 0."""
     frames: list[Document] = []
+    names = {joint.name for joint in joints}
     for joint in joints:
         if joint.child not in kept:
             continue
@@ -291,7 +291,7 @@ def _frames(
             "origin": joint.origin, "rpy": joint.rpy,
         }  # fmt: skip
         leader, multiplier, offset = joint.mimic or (joint.name, 1.0, 0.0)
-        if joint.mimic and leader not in {other.name for other in joints}:
+        if joint.mimic and leader not in names:
             raise RobotFileError(f"{path}: joint {joint.name!r} mimics no joint: {leader!r}")
         if joint.motion != "fixed" and leader in measured:
             frame |= {
@@ -305,7 +305,7 @@ def _frames(
 def _joints(given: Any, measured: list[str], joints: list[UrdfJoint], source: str) -> list[Any]:
     """Joints of the robot file, with the URDF's limits for those without a range."""
     entries = [dict(entry) if isinstance(entry, dict) else entry for entry in given or ()]
-    names = [entry.get("name") for entry in entries if isinstance(entry, dict)]
+    names = {str(entry.get("name")) for entry in entries if isinstance(entry, dict)}
     entries += [{"name": name} for name in measured if name not in names]
     limits = {joint.name: joint.limits for joint in joints}
     for entry in entries:

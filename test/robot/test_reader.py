@@ -414,7 +414,7 @@ def test_files_that_cannot_be_read_are_refused_by_path(tmp_path: Path) -> None:
     load_refusal(binary)
     huge = tmp_path / "huge.yaml"
     huge.write_bytes(b"#" * (MAXIMUM_BYTES + 1))
-    assert f"has {MAXIMUM_BYTES + 1} bytes; a robot file has at most" in load_refusal(huge)
+    assert f"it has {MAXIMUM_BYTES + 1} bytes, at most {MAXIMUM_BYTES}" in load_refusal(huge)
 
 
 def test_errors_of_robot_files_are_errors_of_the_package() -> None:

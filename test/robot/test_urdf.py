@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.robot.urdf import parse_urdf, read_urdf
 from cdrj_ros.robot.writer import moved, with_numbers_in_text
 
 URDF = """<?xml version="1.0"?>
@@ -138,6 +141,40 @@ def test_a_thousand_links_cost_only_what_nodes_need(tmp_path: Path) -> None:
     assert len(found.joints) == 3
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-16-le", "latin-1", "utf-8-sig"])
+def test_a_document_type_is_refused_in_every_encoding(encoding: str, tmp_path: Path) -> None:
+    declared = "utf-16" if "16" in encoding else encoding.removesuffix("-sig")
+    entities = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+    xml = f'<?xml version="1.0" encoding="{declared}"?>{entities}<robot name="&b;"/>'
+    with pytest.raises(RobotFileError, match="declares a document type"):
+        parse_urdf(xml.encode(encoding), tmp_path / "arm.urdf")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "large"])
+def test_only_a_regular_file_of_bounded_size_is_read(kind: str, tmp_path: Path) -> None:
+    path = Path("/dev/zero") if kind == "device" else tmp_path / "arm.urdf"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "large":
+        with path.open("wb") as file:
+            file.truncate(10**12)  # without blocks on the disk
+    with pytest.raises(RobotFileError, match=r"not a regular file|Is a directory|000 bytes, at mo"):
+        read_urdf(path, "arm.yaml")
+
+
+def test_the_time_for_a_urdf_grows_with_its_joints_not_with_their_square(tmp_path: Path) -> None:
+    text = '<link name="l0"/>' + "".join(
+        f'<link name="l{k}"/><joint name="j{k}" type="fixed"><parent link="l{k - 1}"/>'
+        f'<child link="l{k}"/></joint>'
+        for k in range(1, 100_001)
+    )
+    begin = time.process_time()
+    assert len(parse_urdf(f'<robot name="r">{text}</robot>'.encode(), tmp_path)) == 100_001
+    assert time.process_time() - begin < 20.0
+
+
 MISTAKES = {
     "loop": ('<child link="upper"/>', '<child link="tip"/>', "is the child of two joints"),
     "ring": ('<parent link="world_link"/>', '<parent link="tip"/>', "joints form a loop"),
@@ -148,6 +185,7 @@ MISTAKES = {
     "type": ('type="prismatic"', 'type="floating"', "must be one of fixed, revolute, continuous"),
     "no limits": ("", "", "joints: elbow has no limits in the URDF; list it with its range"),
     "entity": ("<robot ", "<!DOCTYPE x><robot ", "declares a document type"),
+    "encoding": ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="x-none"?>', "is no XML"),
     "no XML": ("</robot>", "", "is no XML"),
     "xacro": ('<link name="tip"/>', '<link name="tip"/><xacro/>', "is a xacro file"),
 }

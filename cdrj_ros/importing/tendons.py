@@ -1,0 +1,437 @@
+"""Conversion of the spatial tendons of a compiled MuJoCo model to the cables of a robot file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import pi
+from types import ModuleType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.text import printable
+
+STIFFNESS: Final = 10_000.0
+"""Assumed EA of a tendon without stiffness [N]."""
+
+PRELOAD: Final = 10.0
+"""Assumed preload [N]."""
+
+POSES: Final = 200
+"""Number of poses, in addition to the model's own."""
+
+DRUM: Final = 0.01
+"""Assumed radius of the drums [m]."""
+
+NEARLY: Final = 1.1
+"""A site that comes within this multiple of a body's radius in sampled poses may enter it."""
+
+FARTHEST_M: Final = 1e6
+"""Maximum coordinate or size that is read [m]."""
+
+Document = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Branch:
+    """Part of a tendon that has become a cable."""
+
+    tendon: int
+    """MuJoCo's index."""
+    divisor: float
+    """By which MuJoCo divides its length."""
+
+
+@dataclass
+class Imported:
+    """A robot file's document, and remarks on the conversion."""
+
+    document: Document
+    remarks: list[str] = field(default_factory=list)
+    """Parts of the model that the robot file does not contain, one line each."""
+    branches: list[Branch] = field(default_factory=list)
+    """Where every cable comes from, in the order of the cables."""
+    joints: list[int] = field(default_factory=list)
+    """MuJoCo's index of every joint of the document."""
+
+
+@dataclass(frozen=True)
+class SampledPlaces:
+    """Positions in all poses."""
+
+    sites: NDArray[np.float64]
+    """[m], shape (poses, sites, 3)."""
+    geoms: NDArray[np.float64]
+    """[m], shape (poses, geoms, 3)."""
+    turned: NDArray[np.float64]
+    """Rotation matrices of the geoms by rows, shape (poses, geoms, 3, 3)."""
+
+    def nearest(self, site: int, geom: int, *, level: bool) -> float:
+        """Smallest distance of a site from a geom's centre, or with ``level`` from its axis [m]."""
+        away = self.sites[:, site] - self.geoms[:, geom]
+        if level:
+            away = np.einsum("pji,pj->pi", self.turned[:, geom], away)[:, :2]
+        return float(np.linalg.norm(away, axis=1).min())
+
+
+def joint_ranges(mujoco: ModuleType, model: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lower and upper end of every joint's range; ±180° or ±1 m for joints without limits."""
+    most = np.where(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE, 1.0, np.pi)
+    limited = model.jnt_limited.astype(bool)
+    low = np.where(limited, model.jnt_range[:, 0], -most)
+    return low, np.where(limited, model.jnt_range[:, 1], most)
+
+
+def sample_places(mujoco: ModuleType, model: Any) -> SampledPlaces:
+    """Place all sites and geoms in random poses; ball and free joints stay at the model's pose."""
+    data = mujoco.MjData(model)
+    low, high = joint_ranges(mujoco, model)
+    single = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+    addresses = model.jnt_qposadr[single]
+    generator = np.random.default_rng(0)
+    sites, geoms, turned = [], [], []
+    for k in range(POSES + 1):
+        data.qpos[:] = model.qpos0
+        if k > 0:
+            data.qpos[addresses] = generator.uniform(low[single], high[single])
+        mujoco.mj_kinematics(model, data)
+        sites.append(data.site_xpos.copy())
+        geoms.append(data.geom_xpos.copy())
+        turned.append(data.geom_xmat.reshape(-1, 3, 3).copy())
+    return SampledPlaces(np.array(sites), np.array(geoms), np.array(turned))
+
+
+def convert(
+    mujoco: ModuleType, model: Any, name: str, tendons: Sequence[str] | None = None
+) -> Imported:
+    """Convert the spatial tendons of a compiled model.
+
+    Args:
+        mujoco: the package.
+        model: its ``MjModel``.
+        name: of the robot, and of the model in messages.
+        tendons: names of those that become cables; None for all.
+
+    Raises:
+        UsageError: none of the tendons can be represented, or a number cannot.
+    """
+    _check_numbers(model, name)
+    return _Import(mujoco, model, name).run(tendons)
+
+
+def _check_numbers(model: Any, name: str) -> None:
+    """Raise UsageError if a position or size is not finite, or too large for a robot file."""
+    for what, one, values in (
+        ("body", model.body, model.body_pos),
+        ("joint", model.jnt, model.jnt_pos),
+        ("site", model.site, model.site_pos),
+        ("geom", model.geom, np.hstack([model.geom_pos, model.geom_size])),
+    ):
+        wrong = ~(np.abs(values) <= FARTHEST_M).all(axis=1)
+        if wrong.any():
+            k = int(np.flatnonzero(wrong)[0])
+            raise UsageError(
+                f"{printable(name)}: position or size of {what} {printable(one(k).name)!r} "
+                f"must be finite and at most {FARTHEST_M:g} m, got {_numbers(values[k])}"
+            )
+
+
+def _numbers(values: Any) -> list[float]:
+    return [float(value) for value in values]
+
+
+class _Import:
+    """One model being imported."""
+
+    def __init__(self, mujoco: ModuleType, model: Any, title: str) -> None:
+        self._mujoco, self._model, self._title = mujoco, model, title
+        self._remarks: list[str] = []
+        self._frames: list[Document] = []
+        self._bodies: dict[int, tuple[str, Any]] = {0: ("base", np.zeros(3))}
+        """Frame of every body, and the body's origin in it [m]."""
+        self._joints: list[int] = []
+        self._taken: dict[str, int] = {"base": 1}
+        self._places = sample_places(mujoco, model)
+        self._ignored: list[str] = []
+        """Bodies that contain a neighbouring site in some poses."""
+
+    def run(self, wanted: Sequence[str] | None) -> Imported:
+        """Convert all wanted tendons; remarks name those that cannot be represented."""
+        cables: list[Document] = []
+        motors: list[Document] = []
+        branches: list[Branch] = []
+        for tendon in self._tendons(wanted):
+            for name, path, divisor in self._branches(tendon):
+                nodes = self._nodes(name, path)
+                if nodes is None:
+                    continue
+                motor = self._name(f"{name}_motor")
+                motors.append({"name": motor})
+                nodes[0] = {
+                    "type": "winch", "motor": motor, "winding": 1, "radius": DRUM, **nodes[0],
+                }  # fmt: skip
+                nodes[-1] = {"type": "anchor", **nodes[-1]}
+                cables.append(self._cable(tendon, name, nodes))
+                branches.append(Branch(tendon, divisor))
+                if divisor != 1.0:
+                    self._remarks.append(
+                        f"{name}: MuJoCo divides the length of this branch by {divisor:g}; here "
+                        "every branch is a cable of its own, at its full length"
+                    )
+        if not cables:
+            raise UsageError(
+                f"{printable(self._title)} has no spatial tendon that can become a cable"
+                + "".join(f"; {remark}" for remark in self._remarks)
+            )
+        document = {
+            "name": self._name(self._title),
+            "motors": motors,
+            "joints": [self._joint(j) for j in self._joints],
+            "frames": self._frames,
+            "friction": {"mu_c": 0.1},
+            "cables": cables,
+        }
+        self._remark_on_the_rest()
+        return Imported(document, self._remarks, branches, self._joints)
+
+    def _label(self, kind: str, index: int) -> str:
+        objects = self._mujoco.mjtObj
+        found = self._mujoco.mj_id2name(self._model, getattr(objects, f"mjOBJ_{kind}"), index)
+        return found or f"{kind.lower()}_{index}"
+
+    def _name(self, wanted: str) -> str:
+        """Unused name that a robot file allows, as close to ``wanted`` as possible."""
+        name = re.sub(r"[^A-Za-z0-9_]", "_", wanted)
+        name = name if name[:1].isalpha() else f"m_{name}"
+        count = self._taken.get(name, 0)
+        self._taken[name] = count + 1
+        if count:
+            return self._name(f"{name}_{count + 1}")
+        if name != wanted:
+            self._remarks.append(f"{printable(wanted)} is called {name} here")
+        return name
+
+    def _tendons(self, wanted: Sequence[str] | None) -> list[int]:
+        names = [self._label("TENDON", k) for k in range(self._model.ntendon)]
+        for name in wanted or ():
+            if name not in names:
+                raise UsageError(
+                    f"there is no tendon {printable(name)}; the model has "
+                    f"{', '.join(map(printable, names)) or 'none'}"
+                )
+        return [k for k, name in enumerate(names) if not wanted or name in wanted]
+
+    def _branches(self, tendon: int) -> list[tuple[str, list[tuple[int, int, float]], float]]:
+        """Name, path and divisor of every branch of a spatial tendon; empty for a fixed tendon."""
+        model, kinds = self._model, self._mujoco.mjtWrap
+        first = int(model.tendon_adr[tendon])
+        steps = range(first, first + int(model.tendon_num[tendon]))
+        label = self._label("TENDON", tendon)
+        paths: list[tuple[list[tuple[int, int, float]], float]] = [([], 1.0)]
+        for k in steps:
+            kind, target = int(model.wrap_type[k]), int(model.wrap_objid[k])
+            if kind == kinds.mjWRAP_JOINT:
+                self._remarks.append(f"{label} is a fixed tendon: a sum of joints without a path")
+                return []
+            if kind == kinds.mjWRAP_PULLEY:
+                paths.append(([], float(model.wrap_prm[k])))
+            else:
+                paths[-1][0].append((kind, target, float(model.wrap_prm[k])))
+        paths = [(path, divisor) for path, divisor in paths if len(path) > 1]
+        if len(paths) == 1:
+            return [(self._name(label), *paths[0])]
+        return [(self._name(f"{label}_{k + 1}"), *path) for k, path in enumerate(paths)]
+
+    def _nodes(self, name: str, path: list[tuple[int, int, float]]) -> list[Document] | None:
+        """Nodes of a branch, the ends without their types; None if one cannot be represented."""
+        kinds = self._mujoco.mjtWrap
+        nodes: list[Document] = []
+        for k, (kind, target, parameter) in enumerate(path):
+            if kind == kinds.mjWRAP_SITE:
+                body = int(self._model.site_bodyid[target])
+                point = self._point(name, body, self._model.site_pos[target])
+                node = None if point is None else {"type": "eyelet", **point}
+            else:
+                node = self._body(name, kind == kinds.mjWRAP_CYLINDER, target, round(parameter))
+                around = [path[near][1] for near in (k - 1, k + 1)]  # MuJoCo allows only sites
+                if node is not None and self._comes_inside(around, target, node):
+                    node["ignored_inside"] = True
+                    self._ignored.append(f"{self._label('GEOM', target)} ({name})")
+            if node is None:
+                return None
+            nodes.append(node)
+        for end in (nodes[0], nodes[-1]):
+            del end["type"]
+        return nodes
+
+    def _body(self, name: str, round_bar: bool, geom: int, side: int) -> Document | None:
+        """Node of a wrapping cylinder or sphere; None if it cannot be represented."""
+        model, label = self._model, self._label("GEOM", geom)
+        body = int(model.geom_bodyid[geom])
+        point = self._point(name, body, model.geom_pos[geom])
+        if point is None:
+            return None
+        radius = float(model.geom_size[geom][0])
+        node = {"type": "cylinder" if round_bar else "sphere", "radius": radius, **point}
+        if round_bar:
+            turned = np.empty(3)
+            self._mujoco.mju_rotVecQuat(turned, np.array([0.0, 0.0, 1.0]), model.geom_quat[geom])
+            node["axis"] = _numbers(turned)
+        if side < 0:
+            return node
+        carrier = int(model.site_bodyid[side])
+        if carrier != body:
+            if not self._carry(name, carrier):
+                return None
+            if self._places.nearest(side, geom, level=round_bar) < radius:
+                self._remarks.append(
+                    f"{name} is left out: the side site {self._label('SITE', side)} of another "
+                    f"body enters {label} in some poses"
+                )
+                return None
+            node["side_frame"] = self._bodies[carrier][0]
+        elif np.linalg.norm(model.site_pos[side] - model.geom_pos[geom]) < radius:
+            node["inside"] = True
+            return node
+        node["side"] = _numbers(model.site_pos[side] + self._bodies[carrier][1])
+        return node
+
+    def _comes_inside(self, sites: list[int], geom: int, node: Document) -> bool:
+        """Whether one of the sites lies inside a wrapping body in some pose, or nearly so."""
+        level = node["type"] == "cylinder"
+        near = NEARLY * node["radius"]
+        return any(self._places.nearest(site, geom, level=level) <= near for site in sites)
+
+    def _point(self, name: str, body: int, position: Any) -> Document | None:
+        """Frame and position of a point of a body; None if the body cannot become a frame."""
+        if not self._carry(name, body):
+            return None
+        frame, origin = self._bodies[body]
+        return {"frame": frame, "position": _numbers(position + origin)}
+
+    def _carry(self, name: str, body: int) -> bool:
+        """Add the frames of a body and of its ancestors; False if a ball joint prevents it."""
+        if body in self._bodies:
+            return True
+        model = self._model
+        parent = int(model.body_parentid[body])
+        if not self._carry(name, parent):
+            return False
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        joints = list(range(first, first + count)) if count else []
+        types = self._mujoco.mjtJoint
+        for joint in joints:
+            if model.jnt_type[joint] == types.mjJNT_BALL:
+                self._remarks.append(
+                    f"{name} is left out: it depends on the ball joint "
+                    f"{self._label('JOINT', joint)}, which has no single angle"
+                )
+                return False
+        free = [joint for joint in joints if model.jnt_type[joint] == types.mjJNT_FREE]
+        for joint in free:
+            self._remarks.append(
+                f"the free joint {self._label('JOINT', joint)} is held at its place in the model"
+            )
+        self._add_frames(body, parent, [joint for joint in joints if joint not in free])
+        return True
+
+    def _add_frames(self, body: int, parent: int, joints: list[int]) -> None:
+        """Add one frame for every joint of a body, or a fixed frame if it has none."""
+        model = self._model
+        carrier, origin = self._bodies[parent]
+        label = self._label("BODY", body)
+        w, x, y, z = _numbers(model.body_quat[body])
+        turned, at = np.empty(3), np.zeros(3)
+        for k, joint in enumerate(joints):
+            position = np.array(model.jnt_pos[joint])
+            self._mujoco.mju_rotVecQuat(turned, position, model.body_quat[body])
+            start = model.body_pos[body] + origin + turned if k == 0 else position - at
+            frame: Document = {
+                "name": self._name(label if k == len(joints) - 1 else f"{label}_{k + 1}"),
+                "parent": carrier,
+            }
+            slides = model.jnt_type[joint] == self._mujoco.mjtJoint.mjJNT_SLIDE
+            frame["motion"] = "prismatic" if slides else "revolute"
+            frame["joint"] = self._label("JOINT", joint)
+            frame["origin"] = _numbers(start)
+            if k == 0:
+                frame["quaternion"] = [x, y, z, w]
+            frame["axis"] = _numbers(model.jnt_axis[joint])
+            frame["offset"] = 0.0 - float(model.qpos0[model.jnt_qposadr[joint]])
+            self._frames.append(frame)
+            self._joints.append(joint)
+            carrier, at = frame["name"], position
+        if not joints:
+            name = self._name(label)
+            self._frames.append(
+                {
+                    "name": name, "parent": carrier, "motion": "fixed",
+                    "origin": _numbers(model.body_pos[body] + origin), "quaternion": [x, y, z, w],
+                }
+            )  # fmt: skip
+            carrier = name
+        self._bodies[body] = (carrier, -at)
+
+    def _joint(self, joint: int) -> Document:
+        model, label = self._model, self._label("JOINT", joint)
+        slides = model.jnt_type[joint] == self._mujoco.mjtJoint.mjJNT_SLIDE
+        span = _numbers(model.jnt_range[joint])
+        if not model.jnt_limited[joint]:
+            span = [-1.0, 1.0] if slides else [-pi, pi]
+            self._remarks.append(
+                f"the range of {label} is assumed: {span[0]:g} to {span[1]:g}, for it has no limits"
+            )
+        name = re.sub(r"[^A-Za-z0-9_]", "_", label)
+        name = name if name[:1].isalpha() else f"m_{name}"
+        if name != label:
+            self._remarks.append(f"the joint {printable(label)} is called {name} here")
+        for frame in self._frames:
+            if frame.get("joint") == label:
+                frame["joint"] = name
+        reference = float(model.qpos0[model.jnt_qposadr[joint]])
+        return {
+            "name": name,
+            "range": span,
+            "reference_angle": min(max(reference, span[0]), span[1]),
+        }
+
+    def _cable(self, tendon: int, name: str, nodes: list[Document]) -> Document:
+        stiffness = float(np.ravel(self._model.tendon_stiffness[tendon])[0])
+        cable: Document = {"name": name}
+        if stiffness > 0.0:
+            cable["axial_stiffness"] = stiffness * float(self._model.tendon_length0[tendon])
+            self._remarks.append(
+                f"EA of {name} is its stiffness {stiffness:g} N/m times its length at qpos0"
+            )
+        else:
+            cable["axial_stiffness"] = STIFFNESS
+        cable["preload"] = PRELOAD
+        cable["nodes"] = nodes
+        return cable
+
+    def _remark_on_the_rest(self) -> None:
+        model = self._model
+        if self._ignored:
+            self._remarks.append(
+                "ignored in poses, if any, in which the site before or after lies inside, as in "
+                "MuJoCo: " + ", ".join(self._ignored)
+            )
+        if model.neq:
+            self._remarks.append(
+                f"{model.neq} equality constraints are not carried over: a coupled joint needs the "
+                "multiplier of its frame"
+            )
+        loss = [
+            self._label("TENDON", k)
+            for k in range(model.ntendon)
+            if float(np.ravel(model.tendon_frictionloss[k])[0]) > 0.0
+        ]
+        if loss:
+            self._remarks.append(
+                f"frictionloss of {', '.join(loss)} is not carried over: friction follows from "
+                "mu_c and the wraps"
+            )
