@@ -71,17 +71,17 @@ def read_mjcf(path: str | Path, tendons: Sequence[str] | None = None) -> Importe
         UsageError: the model cannot be read within the limits, or none of its tendons can be
             represented.
     """
-    load_mujoco()
     name = printable(str(path))
     memory = MEMORY + MEMORY_PER_BYTE * _size_of_assets(Path(path))
     wanted = None if tendons is None else [*tendons]
     arguments = json.dumps([str(Path(path).absolute()), name, wanted])
+    folders = [str(Path(entry).absolute()) for entry in sys.path]  # "" is the current folder
     with tempfile.TemporaryDirectory() as folder:  # MuJoCo writes a log into the current folder
         try:
             done = subprocess.run(
                 [sys.executable, "-m", "cdrj_ros.importing.mjcf", str(memory), arguments],
                 cwd=folder,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(folders)},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
