@@ -15,11 +15,8 @@ from math import isclose
 from pathlib import Path
 from typing import Any, Final
 
-from ruamel.yaml import YAML
-
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.foundation.plain_yaml import NotPlainError, plain_nodes
-from cdrj_ros.foundation.yaml import MAXIMUM_DEPTH, MAXIMUM_NODES
+from cdrj_ros.foundation.yaml import yaml_nodes
 from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, Document, parse_document
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
 from cdrj_ros.robot.urdf import DESCRIPTION
@@ -27,6 +24,7 @@ from cdrj_ros.robot.urdf import DESCRIPTION
 DIGITS: Final = 7
 """Number of significant digits that are written."""
 
+_PROPERTIES: Final = re.compile(r"^(?:[&!]\S*\s+)*")
 _PLAIN_KEY: Final = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*\s*:")
 
 
@@ -88,7 +86,7 @@ def moved(text: str, source: str, target: str) -> str:
         target: path of the file that it will be written to.
     """
     before, after = (Path(path).parent.resolve() for path in (source, target))
-    frames = _entry(_composed(text), "frames")
+    frames = _entry(yaml_nodes(text), "frames")
     if before == after or frames is None or frames[1].id != "mapping":
         return text
     found = _entry(frames[1], "urdf")
@@ -102,7 +100,7 @@ def moved(text: str, source: str, target: str) -> str:
 
 def _with_number(text: str, number: Number, document: Document) -> str:
     """The text with one number replaced or added; ``document`` has it already."""
-    node = _composed(text)
+    node = yaml_nodes(text)
     factor = 1.0
     keys = list(number.keys)
     entry: Any = document
@@ -130,15 +128,8 @@ def _with_number(text: str, number: Number, document: Document) -> str:
             factor = own * (factor if key in IN_THE_UNIT else 1.0)
         keys.pop(0)
     begin, end = int(node.start_mark.index), int(node.end_mark.index)
+    begin = end - len(_PROPERTIES.sub("", text[begin:end]))  # an anchor or a tag stays
     return _replaced(text, begin, end, yaml_number(number.value / number.factor / factor))
-
-
-def _composed(text: str) -> Any:
-    """The nodes of a YAML text, with their places in it."""
-    try:
-        return plain_nodes(text, MAXIMUM_NODES, MAXIMUM_DEPTH)
-    except NotPlainError:
-        return YAML(typ="rt", pure=True).compose(text)
 
 
 def _entry(mapping: Any, key: str) -> tuple[str, Any] | None:

@@ -33,7 +33,7 @@ def test_validate_imports_nothing_that_only_writing_a_bag_needs(imported: list[l
 
 
 def test_the_estimator_node_imports_nothing_that_it_does_not_need() -> None:
-    """Nothing of recordings, no YAML that is not plain."""
+    """Nothing of recordings, and no libraries for other work."""
     code = (
         "import sys, cdrj_ros.nodes.estimator; "
         "from cdrj_ros.model.loading import load_model; load_model('prototype'); "

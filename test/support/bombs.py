@@ -176,7 +176,7 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
         lambda folder: with_metadata(folder, "#" * 2_000_000),
         "more than 1000000 bytes",
     ),
-    "surrogate": (lambda folder: with_metadata(folder, listed(r"\uD800.mcap")), "is not there"),
+    "surrogate": (lambda folder: with_metadata(folder, listed(r"\uD800.mcap")), "lists no files"),
     "zero byte": (lambda folder: with_metadata(folder, listed(r"a\0.mcap")), "is not there"),
 }
 """By name: a function that creates the file in an empty folder, and a part of the error text."""
