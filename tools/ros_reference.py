@@ -10,7 +10,7 @@ import argparse
 import os
 from contextlib import ExitStack
 from pathlib import Path
-from unittest.mock import MagicMock, patch
+from unittest.mock import patch
 
 import rclpy
 from rclpy.node import Node
@@ -67,7 +67,6 @@ def _nodes():
     from cdrj_ros.nodes.markers import MarkersNode
     from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
     from cdrj_ros.nodes.rig import RigNode
-    from cdrj_ros.nodes.services import offer_services
     from cdrj_ros.nodes.view import ViewNode
     from cdrj_ros.nodes.watch import WatchNode
 
@@ -83,9 +82,7 @@ def _nodes():
         )
     )
     yield "rig", rig
-    replay = ReplayNode(Wiring(clock_hz=10.0))
-    offer_services(replay, MagicMock(), MagicMock())
-    yield "replay", replay
+    yield "replay", ReplayNode(Wiring(clock_hz=10.0))
     yield "watch", WatchNode(forces=True, choice=Choice())
     markers = MarkersNode(parameter_overrides=_overrides(robot="prototype"))
     markers.inputs.listen(True)

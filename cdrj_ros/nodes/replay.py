@@ -1,54 +1,44 @@
-"""The replay node: plays a bag's inputs to the estimator and evaluates its estimates."""
+"""The replay command: plays a bag's inputs to the estimator node and evaluates its answers."""
 
 from __future__ import annotations
 
 import argparse
 import math
-import re
 import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from time import perf_counter
 from types import FrameType
 from typing import Final
 
-import numpy as np
 from rclpy.experimental import EventsExecutor
 
-from cdrj_ros.bag import RawMessage, Recording, Topics, read_recording
-from cdrj_ros.commands.running import DONE, run_command
-from cdrj_ros.commands.shared import print_results, topics_of, write_files
+from cdrj_ros.bag import Recording, Topics, open_source, read_messages, read_recording
+from cdrj_ros.bag.source import Source
+from cdrj_ros.commands.running import DONE, CommandParser, run_command
+from cdrj_ros.commands.shared import (
+    add_result_options,
+    add_robot_option,
+    add_topic_options,
+    print_results,
+    topics_of,
+    write_files,
+)
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
 from cdrj_ros.judgement.inputs import require_axes
 from cdrj_ros.judgement.metrics import errors_of
-from cdrj_ros.messages.cdr import BYTE_ORDER, Field, MessageError, read_layout
-from cdrj_ros.messages.topics import CLOCK
+from cdrj_ros.messages.topics import CLOCK, in_namespace
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.player import Ending, Player
-from cdrj_ros.nodes.qos_files import read_overrides, was_latched
-from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, wiring_of
-from cdrj_ros.nodes.replay_options import replay_parser
-from cdrj_ros.nodes.services import offer_services
+from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, was_latched
 from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, starting
-from cdrj_ros.replay.agreement import preload_difference, slow_playback
-from cdrj_ros.replay.controls import KEYS, Controls, rate_in_words
-from cdrj_ros.replay.display import Display
-from cdrj_ros.replay.keyboard import Keyboard
-from cdrj_ros.replay.outcome import Outcome
-from cdrj_ros.replay.playback import (
-    ORDERS,
-    Playback,
-    Reel,
-    check_span,
-    checked_rate,
-    log_order,
-    merged_source,
-    stamp_order,
-)
+from cdrj_ros.replay.comparison import Outcome, preload_difference, slow_playback
+from cdrj_ros.replay.playback import MAX_RATE, MIN_RATE, Playback, checked_rate, rate_in_words
 
 INCOMPLETE: Final = 1
 """Exit code: the bag was played, but estimates were lost or the estimator disappeared."""
@@ -56,7 +46,7 @@ INCOMPLETE: Final = 1
 REPORT_S: Final = 1.5
 """Time for the last answers and the report after Ctrl-C [s]."""
 
-_STAMP: Final = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
+CLOCK_HZ: Final = 40.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,142 +54,190 @@ class Bag:
     """One recording to be played."""
 
     path: str
+    source: Source
     recording: Recording
-    reel: Reel
     begin_ns: int
     end_ns: int
+
+    def playback(self, topics: Sequence[str], rate: float | None) -> Playback:
+        """One pass over these topics."""
+        messages = read_messages(
+            self.source, topics, start_ns=self.begin_ns, end_ns=self.end_ns + 1
+        )
+        return Playback(messages, self.begin_ns, self.end_ns, rate=rate)
+
+
+def replay_parser() -> argparse.ArgumentParser:
+    """Make the parser of the replay's own arguments."""
+    parser = CommandParser(
+        prog="replay",
+        description="Play a bag's recorded inputs to a running estimator node, listen to its "
+        "answers, compare them with the recorded references and report.",
+        epilog="Exit code: 0 done; 1 estimates were lost or the estimator disappeared; 2 bad "
+        "usage or input, or no estimator; 130 ended by Ctrl-C, after the report of what was "
+        "played if it takes less than two seconds.",
+    )
+    parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
+    add_robot_option(parser)
+    _add_playback_options(parser)
+    group = parser.add_argument_group("estimator")
+    group.add_argument(
+        "--estimator", default=in_namespace("estimator"), metavar="NAME",
+        help="full name of the estimator node (default %(default)s)",
+    )  # fmt: skip
+    group.add_argument(
+        "--use-node-preload", action="store_true",
+        help="use the preloads of the estimator node instead of those of --robot and --preload",
+    )  # fmt: skip
+    group.add_argument(
+        "--patience", type=_seconds, default=120.0, metavar="S",
+        help="how long to wait for the estimator [s] (default %(default)g)",
+    )  # fmt: skip
+    add_topic_options(parser)
+    add_result_options(parser)
+    return parser
+
+
+def _add_playback_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("playback")
+    group.add_argument(
+        "-r", "--rate", type=float, metavar="X",
+        help=f"rate as a multiple of real time, {MIN_RATE:g} to {MAX_RATE:g} "
+        "(default: as fast as the estimator keeps up)",
+    )  # fmt: skip
+    repeat = group.add_mutually_exclusive_group()
+    repeat.add_argument(
+        "-l", "--loop", action="store_true",
+        help="repeat until Ctrl-C; the estimator is reset before every pass",
+    )  # fmt: skip
+    repeat.add_argument("--passes", type=int, default=1, metavar="N", help="play N times")
+    group.add_argument(
+        "--start-offset", type=_seconds, default=0.0, metavar="S",
+        help="start this long after the beginning of the bag [s]",
+    )  # fmt: skip
+    group.add_argument(
+        "--playback-duration", type=_seconds, default=math.inf, metavar="S",
+        help="play this much of the bag [s]",
+    )  # fmt: skip
+    group.add_argument(
+        "--clock", type=_hertz, nargs="?", const=CLOCK_HZ, default=0.0, metavar="HZ",
+        help=f"publish the recording's time on {CLOCK} (default {CLOCK_HZ:g} Hz)",
+    )  # fmt: skip
+    group.add_argument(
+        "--topics", nargs="+", default=[], metavar="TOPIC",
+        help="play these topics in addition to the estimator's inputs",
+    )  # fmt: skip
+    group.add_argument(
+        "-m", "--remap", nargs="+", default=[], metavar="OLD:=NEW",
+        help="publish topic OLD of the bag as NEW",
+    )  # fmt: skip
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < 1e10:
+        raise argparse.ArgumentTypeError(f"must be seconds, 0 or more, got {text}")
+    return value
+
+
+def _hertz(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= 1e4:
+        raise argparse.ArgumentTypeError(f"must be in (0, 10000] Hz, got {text}")
+    return value
 
 
 def _extras(arguments: argparse.Namespace, topics: Topics) -> list[Extra]:
     """Topics that are played in addition to the estimator's inputs.
 
     Raises:
-        UsageError: a topic does not exist in the bag, or a required one is excluded.
+        UsageError: a topic does not exist in the bags, or its type is not installed.
     """
-    source = merged_source(arguments.bags)
-    for file in source.files:
-        file.declare_all()
-    there = source.channels()
-    inputs = {topics.motors, topics.joints}
-    wanted = set(there) if arguments.all else set(arguments.topics)
-    if missing := sorted(wanted - set(there)):
-        raise UsageError(f"--topics: {source.path} has no {', '.join(missing)}")
-    wanted |= {topic for topic in there if _matches(arguments.regex, topic, "--regex")}
-    dropped = set(arguments.exclude_topics)
-    dropped |= {
-        t for t in there if _matches(arguments.exclude_regex, t, "--exclude-regex") and t in wanted
-    }
-    if needed := sorted(inputs & dropped):
-        raise UsageError(f"--exclude-topics: the estimator needs {', '.join(needed)}")
-    if arguments.clock or arguments.clock_topics or arguments.clock_topics_all:
-        dropped.add(CLOCK)
+    there = {}
+    for path in arguments.bags:
+        source = open_source(path)
+        for file in source.files:
+            file.declare_all()
+        there |= source.channels()
     extras = []
-    for topic in sorted(wanted - dropped - inputs):
-        channel = there[topic]
-        try:
-            message_class(channel.msgtype)
-        except UsageError as error:
-            if topic in arguments.topics:
-                raise UsageError(f"--topics: {topic}: {error}") from None
-            say(f"left out: {topic}: {error}", flush=True)
+    for topic in sorted({*arguments.topics} - {topics.motors, topics.joints}):
+        if topic == CLOCK and arguments.clock:
             continue
-        latched = was_latched(dict(channel.metadata).get("offered_qos_profiles", ""))
-        extras.append(Extra(topic, channel.msgtype, latched))
+        if topic not in there:
+            raise UsageError(f"--topics: {', '.join(arguments.bags)} has no {topic}")
+        try:
+            message_class(there[topic].msgtype)
+        except UsageError as error:
+            raise UsageError(f"--topics: {topic}: {error}") from None
+        offered = dict(there[topic].metadata).get("offered_qos_profiles", "")
+        extras.append(Extra(topic, there[topic].msgtype, was_latched(offered)))
     return extras
 
 
-def _matches(pattern: str | None, topic: str, option: str) -> bool:
-    if not pattern:
-        return False
-    try:
-        return re.search(pattern, topic) is not None
-    except re.error as error:
-        raise UsageError(f"{option}: {pattern!r} is not a regular expression: {error}") from None
+def _wiring(arguments: argparse.Namespace) -> Wiring:
+    """Check the topics and their names.
 
-
-def _remap(arguments: argparse.Namespace) -> dict[str, str]:
-    rules = {}
+    Raises:
+        UsageError: as ``_extras``, or --remap is malformed or names a topic that is not played.
+    """
+    topics = topics_of(arguments)
+    extras = _extras(arguments, topics) if arguments.topics else []
+    played = {topics.motors, topics.joints, *(extra.topic for extra in extras)}
+    remap = {}
     for rule in arguments.remap:
         old, sign, new = rule.partition(":=")
         if not (old and sign and new):
             raise UsageError(f"--remap takes OLD:=NEW, got {rule!r}")
-        rules[old] = new
-    return rules
+        if old not in played:
+            raise UsageError(f"--remap: {old} is not played, only {', '.join(sorted(played))}")
+        remap[old] = new
+    return Wiring(topics, tuple(extras), remap, arguments.clock, arguments.estimator)
 
 
-def _open(arguments: argparse.Namespace, model: Model, wiring: Wiring, paths: list[str]) -> Bag:
-    """Read one recording, or several merged into one, and prepare its playback."""
-    name = " + ".join(paths)
-    topics = wiring.topics
-    recording = read_recording(merged_source(paths), topics, force_vectors=True)
-    require_axes(name, recording, model.robot)
-    source = merged_source(paths)
-    played = [topics.motors, topics.joints, *(extra.topic for extra in wiring.extras)]
+def _open(arguments: argparse.Namespace, model: Model, topics: Topics, path: str) -> Bag:
+    """Read one recording and choose what of it is played."""
+    source = open_source(path)
+    recording = read_recording(source, topics, force_vectors=True)
+    require_axes(path, recording, model.robot)
     first, last = recording.start_ns, recording.end_ns
-    if arguments.message_order == ORDERS[0]:
-        reel = log_order(source, played)
-    else:
-        reel, first, last = stamp_order(source, played, _header_stamp)
     begin = first + round(arguments.start_offset * 1e9)
-    end = last
-    if arguments.playback_duration is not None:
-        end = min(last, begin + round(arguments.playback_duration * 1e9))
-    elif arguments.playback_until_sec is not None:
-        end = min(last, round(arguments.playback_until_sec * 1e9))
-    elif arguments.playback_until_nsec is not None:
-        end = min(last, arguments.playback_until_nsec)
     if begin > last:
         raise UsageError(
-            f"--start-offset: {name} is {(last - first) * 1e-9:.3f} s long, "
+            f"--start-offset: {path} is {(last - first) * 1e-9:.3f} s long, "
             f"got {arguments.start_offset:g} s"
         )
-    check_span(begin, end)
-    return Bag(name, recording, reel, begin, end)
-
-
-def _header_stamp(message: RawMessage) -> int:
-    """Stamp of the header [ns]; 0 if the message does not begin with a header."""
-    if BYTE_ORDER.get(message.data[:2]) is None:
-        return 0
-    try:
-        numbers = read_layout(message.data, _STAMP).numbers
-    except MessageError:
-        return 0
-    sec, nanosec = (
-        int(np.frombuffer(message.data, span.dtype, 1, span.offset)[0]) for span in numbers.values()
-    )
-    return sec * 1_000_000_000 + nanosec
+    duration_s = min(arguments.playback_duration, (last - begin) * 1e-9)
+    return Bag(path, source, recording, begin, min(begin + round(duration_s * 1e9), last))
 
 
 def _play_all(
-    arguments: argparse.Namespace, player: Player, bags: Sequence[Bag]
+    arguments: argparse.Namespace, player: Player, bags: Sequence[Bag], stop: StopRequest
 ) -> tuple[list[Outcome], Ending]:
     """Play all bags in turn, pass after pass; returns an outcome for each bag and the ending."""
+    wiring = player.node.wiring
+    topics = [wiring.topics.motors, wiring.topics.joints, *(one.topic for one in wiring.extras)]
     outcomes = [Outcome(player.model) for _ in bags]
-    rounds = math.inf if arguments.loop else arguments.passes
+    passes = math.inf if arguments.loop else arguments.passes
     ending, done = Ending.END, 0
-    while done < rounds and ending is Ending.END:
+    while done < passes and ending is Ending.END:
         done += 1
         for bag, outcome in zip(bags, outcomes, strict=True):
-            again = "" if rounds == 1 else f", pass {done}"
-            player.display.say(
+            again = "" if passes == 1 else f", pass {done}"
+            player.bar.say(
                 f"playing {bag.path}{again}: {(bag.end_ns - bag.begin_ns) * 1e-9:.3f} s, "
                 f"{rate_in_words(arguments.rate)}"
             )
-            playback = Playback(
-                bag.reel, bag.begin_ns, bag.end_ns,
-                rate=arguments.rate, paused=arguments.start_paused and done == 1,
-            )  # fmt: skip
-            for played in player.play(playback, arguments.delay):
-                outcome.add(played.heard, whole=played.whole)
-                outcome.span_s += played.span_s
-                outcome.wall_s += played.wall_s
-                outcome.behind_s = max(outcome.behind_s, played.behind_s)
-                ending = played.ending
-                at = "" if ending is Ending.END else f" at {played.from_s + played.span_s:.3f} s"
-                outcome.ending = f"{ending.value}{at}"
-            if ending is not Ending.END or player.stopping:
-                ending = Ending.USER if ending is Ending.END else ending
+            played = player.play(bag.playback(topics, arguments.rate))
+            ending = played.ending
+            outcome.add(played.answers, whole=ending is Ending.END)
+            outcome.span_s += played.span_s
+            outcome.wall_s += played.wall_s
+            outcome.behind_s = max(outcome.behind_s, played.behind_s)
+            at = "" if ending is Ending.END else f" at {played.span_s:.3f} s"
+            outcome.ending = f"{ending.value}{at}"
+            if ending is Ending.END and stop:
+                ending = Ending.USER
+            if ending is not Ending.END:
                 break
     return outcomes, ending
 
@@ -213,60 +251,39 @@ def _replay(
     executor = EventsExecutor()
     executor.add_node(node)
     try:
-        return _play_and_report(arguments, model, node, executor, bags, stop)
+        return _play_and_report(arguments, Player(model, node, executor, stop), bags, stop)
     finally:  # in this order: the executor must not serve a destroyed node
         executor.shutdown()
         node.destroy_node()
 
 
 def _play_and_report(
-    arguments: argparse.Namespace, model: Model, node: ReplayNode, executor: EventsExecutor,
-    bags: Sequence[Bag], stop: StopRequest,
-) -> int:  # fmt: skip
-    controls, display, keyboard = Controls(), Display(), Keyboard()
-    player = Player(model, node, executor, stop, controls, keyboard, display)
-    offer_services(node, controls, player)
-    with _keys(arguments, keyboard) as heard:
-        if heard:
-            print(f"keys: {KEYS}")
-        print(f"waiting for {arguments.estimator} ...", flush=True)
-        if not player.wait_for_estimator(arguments.patience):
-            announce_interruption("replay")
-            return INTERRUPTED
-        model = player.model = _agreed(arguments, player)
-        with display.bar():
-            outcomes, ending = _play_all(arguments, player, bags)
-            if arguments.wait_for_all_acked is not None:
-                for topic in node.wait_for_acknowledgements(arguments.wait_for_all_acked):
-                    display.say(f"not every listener of {topic} has acknowledged every message")
+    arguments: argparse.Namespace, player: Player, bags: Sequence[Bag], stop: StopRequest
+) -> int:
+    print(f"waiting for {arguments.estimator} ...", flush=True)
+    if not player.wait_for_estimator(arguments.patience):
+        announce_interruption("replay")
+        return INTERRUPTED
+    _agree(arguments, player)
+    with player.bar.drawn(perf_counter()):
+        outcomes, ending = _play_all(arguments, player, bags, stop)
     if stop.interrupted and not any(outcome.tally.sent for outcome in outcomes):
         return exit_code("replay", stop, supervised=False)
-    code = _report(arguments, model, bags, outcomes, ending, hurried=stop.interrupted)
+    code = _report(arguments, player.model, bags, outcomes, ending, hurried=stop.interrupted)
     sys.stdout.flush()
     return exit_code("replay", stop, supervised=False) or code
 
 
-def _agreed(arguments: argparse.Namespace, player: Player) -> Model:
-    """The robot, with the node's preloads if requested; warn of what the estimates will show."""
-    clock = bool(arguments.clock or arguments.clock_topics or arguments.clock_topics_all)
-    slow = slow_playback(arguments.rate, paused=arguments.start_paused, clock=clock)
+def _agree(arguments: argparse.Namespace, player: Player) -> None:
+    """Adopt the node's preloads if requested; warn of what the estimates will show."""
+    slow = slow_playback(arguments.rate, clock=arguments.clock > 0)
     if slow:
-        player.display.say(f"note: {slow}")
+        player.bar.say(f"note: {slow}")
     words = preload_difference(player.model, player.estimator)
     if words and arguments.use_node_preload:
-        return load_model(arguments.robot, player.estimator.preload)
-    if words:
-        player.display.say(f"warning: {words}")
-    return player.model
-
-
-@contextmanager
-def _keys(arguments: argparse.Namespace, keyboard: Keyboard) -> Iterator[bool]:
-    if arguments.disable_keyboard_controls:
-        yield False
-        return
-    with keyboard.listening() as heard:
-        yield heard
+        player.model = load_model(arguments.robot, player.estimator.preload)
+    elif words:
+        player.bar.say(f"warning: {words}")
 
 
 def _report(
@@ -343,25 +360,12 @@ def _body(argv: Sequence[str]) -> int:
     own, ros = _divided(argv)
     arguments = replay_parser().parse_args(own)
     if arguments.rate is not None:
-        try:
-            checked_rate(arguments.rate)
-        except UsageError as error:
-            raise UsageError(f"--rate: {error}") from None
+        checked_rate(arguments.rate)
     if arguments.passes < 1:
         raise UsageError(f"--passes must be at least 1, got {arguments.passes}")
     model = load_model(arguments.robot, arguments.preload)
-    topics = topics_of(arguments)
-    overrides = {}
-    if arguments.qos_profile_overrides_path:
-        overrides = read_overrides(arguments.qos_profile_overrides_path)
-    wiring = wiring_of(
-        topics, _extras(arguments, topics), _remap(arguments), overrides,
-        clock_hz=arguments.clock,
-        clock_topics=None if arguments.clock_topics_all else arguments.clock_topics,
-        estimator=arguments.estimator,
-    )  # fmt: skip
-    groups = [arguments.bags] if arguments.merge else [[path] for path in arguments.bags]
-    bags = [_open(arguments, model, wiring, paths) for paths in groups]
+    wiring = _wiring(arguments)
+    bags = [_open(arguments, model, wiring.topics, path) for path in arguments.bags]
     with ros_context(["replay", *ros]) as stop, stop.listening(), _second_signal_aborts(stop):
         return _replay(arguments, model, wiring, bags, stop)
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from time import monotonic
 from typing import Any, Final
 
 from builtin_interfaces.msg import Time
 from cdrj_msgs.msg import CableTensions, NodalForces
 from rcl_interfaces.srv import GetParameters
-from rclpy.duration import Duration
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -22,11 +20,11 @@ from std_srvs.srv import Trigger
 from cdrj_ros.bag import Topics
 from cdrj_ros.conditioning.conditioner import MODES
 from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.yaml import YamlError, load_yaml
 from cdrj_ros.messages.topics import CLOCK, FEW, JOINT_STATES, MOTOR_STATES, NAMESPACE, in_namespace
 from cdrj_ros.nodes.qos import default_profile
-from cdrj_ros.replay.agreement import NodeSettings
-from cdrj_ros.replay.answers import Run
-from cdrj_ros.replay.line import KINDS
+from cdrj_ros.replay.answers import ANSWER_TOPICS, Run
+from cdrj_ros.replay.comparison import NodeSettings
 
 ANSWER_S: Final = 5.0
 """Maximum response time of the estimator's services [s]."""
@@ -47,17 +45,14 @@ class Extra:
 
 @dataclass(frozen=True)
 class Wiring:
-    """Topics, names and quality of service of a replay."""
+    """Topics and names of a replay."""
 
     topics: Topics = field(default_factory=Topics)
     extras: tuple[Extra, ...] = ()
     remap: Mapping[str, str] = field(default_factory=dict)
     """Names under which topics are published, by name in the bag."""
-    overrides: Mapping[str, QoSProfile] = field(default_factory=dict)
-    """QoS by name in the bag, or for the estimator's outputs by the name subscribed to."""
     clock_hz: float = 0.0
-    clock_topics: frozenset[str] = frozenset()
-    """Topics before whose messages the time is published on /clock."""
+    """Rate of /clock [Hz]; 0: it is not published."""
     estimator: str = in_namespace("estimator")
 
 
@@ -75,20 +70,18 @@ class ReplayNode(Node):
         self.wiring = wiring
         topics, qos = wiring.topics, default_profile()
 
-        def publisher(message: Any, topic: str, default: str, other: QoSProfile = qos) -> Any:
-            name = wiring.remap.get(topic, default)
-            return self.create_publisher(message, name, wiring.overrides.get(topic, other))
+        def publisher(message: Any, topic: str, default: str, profile: QoSProfile = qos) -> Any:
+            return self.create_publisher(message, wiring.remap.get(topic, default), profile)
 
         self.motors = publisher(JointState, topics.motors, MOTOR_STATES)
         self.joints = publisher(JointState, topics.joints, JOINT_STATES)
         self.inputs = tuple({p.topic_name: p for p in (self.motors, self.joints)}.values())
-        self.outputs = tuple(self.resolve_topic_name(kind.topic) for kind in KINDS)
-        self._ears: list[Callable[[bytes], None]] = [_ignore] * len(KINDS)
+        self.outputs = tuple(self.resolve_topic_name(topic.name) for topic in ANSWER_TOPICS)
+        self._listeners: list[Callable[[bytes], None]] = [_ignore] * len(ANSWER_TOPICS)
         for number, message in enumerate((CableTensions, NodalForces, JointState)):
             self.create_subscription(
-                message, KINDS[number].topic, self._listener(number),
-                wiring.overrides.get(self.outputs[number], qos), raw=True,
-            )  # fmt: skip
+                message, ANSWER_TOPICS[number].name, self._listener(number), qos, raw=True
+            )
         self.extras: dict[str, Any] = {}
         for extra in wiring.extras:
             name = self.resolve_topic_name(wiring.remap.get(extra.topic, extra.topic))
@@ -101,23 +94,22 @@ class ReplayNode(Node):
                 message_class(extra.msgtype), extra.topic, extra.topic,
                 default_profile(latched=extra.latched),
             )  # fmt: skip
-        wants_clock = wiring.clock_hz > 0 or wiring.clock_topics
-        self.clock = self.create_publisher(Clock, CLOCK, FEW) if wants_clock else None
+        self.clock = self.create_publisher(Clock, CLOCK, FEW) if wiring.clock_hz > 0 else None
         self._reset = self.create_client(Trigger, wiring.estimator + "/reset")
         self._ping = self.create_client(GetParameters, wiring.estimator + "/get_parameters")
 
     def _listener(self, number: int) -> Callable[[bytes], None]:
-        ears = self._ears
+        listeners = self._listeners
 
         def on_answer(payload: bytes) -> None:
-            ears[number](payload)
+            listeners[number](payload)
 
         return on_answer
 
     def listen(self, run: Run | None) -> None:
         """Pass the estimator's outputs to this run from now on."""
-        for number in range(len(KINDS)):
-            self._ears[number] = run.listener(number) if run else _ignore
+        for number in range(len(ANSWER_TOPICS)):
+            self._listeners[number] = run.listener(number) if run else _ignore
 
     def missing(self) -> list[str]:
         """Descriptions of the missing parts of the estimator; empty if none is missing."""
@@ -184,16 +176,6 @@ class ReplayNode(Node):
             sec, nanosec = divmod(max(time_ns, 0), 1_000_000_000)
             self.clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
 
-    def wait_for_acknowledgements(self, timeout_s: float) -> list[str]:
-        """Wait for acknowledgements; returns the topics with a missing one after ``timeout_s``."""
-        deadline = monotonic() + timeout_s
-        slow = []
-        for publisher in (*self.inputs, *self.extras.values()):
-            left = max(deadline - monotonic(), 0.0)
-            if not publisher.wait_for_all_acked(Duration(seconds=left)):
-                slow.append(str(publisher.topic_name))
-        return slow
-
 
 def _ignore(_payload: bytes) -> None:
     """Ignore an output received while no run is active."""
@@ -201,6 +183,18 @@ def _ignore(_payload: bytes) -> None:
 
 def _matched(publisher: Any) -> bool:
     return bool(publisher.get_subscription_count())
+
+
+def was_latched(offered: str) -> bool:
+    """Whether a recording's `offered_qos_profiles`, a list in YAML, include a latched one."""
+    try:
+        profiles = load_yaml(offered, "offered_qos_profiles") if offered else None
+    except YamlError:
+        return False
+    if not isinstance(profiles, list):
+        return False
+    latched = (int(DurabilityPolicy.TRANSIENT_LOCAL), "transient_local")
+    return any(isinstance(p, Mapping) and p.get("durability") in latched for p in profiles)
 
 
 def message_class(msgtype: str) -> Any:
@@ -214,34 +208,3 @@ def message_class(msgtype: str) -> Any:
         return getattr(import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError, ValueError):
         raise UsageError(f"messages of type {msgtype or '(none)'} are not installed here") from None
-
-
-def wiring_of(
-    topics: Topics,
-    extras: Sequence[Extra],
-    remap: Mapping[str, str],
-    overrides: Mapping[str, QoSProfile],
-    *,
-    clock_hz: float,
-    clock_topics: Sequence[str] | None,
-    estimator: str,
-) -> Wiring:
-    """Check the options against the topics that are played.
-
-    Args:
-        topics, extras, remap, overrides, clock_hz, estimator: see ``Wiring``.
-        clock_topics: None for every topic that is played.
-
-    Raises:
-        UsageError: an option names a topic that is not played.
-    """
-    played = {topics.motors, topics.joints, *(extra.topic for extra in extras)}
-    stamped = played if clock_topics is None else frozenset(clock_topics)
-    for option, named in (("--remap", remap), ("--clock-topics", stamped)):
-        if unknown := sorted(set(named) - played):
-            raise UsageError(
-                f"{option}: {', '.join(unknown)} is not played, only {', '.join(sorted(played))}"
-            )
-    return Wiring(
-        topics, tuple(extras), dict(remap), dict(overrides), clock_hz, frozenset(stamped), estimator
-    )

@@ -8,15 +8,12 @@ import re
 import select
 import sys
 import time
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 from cdrj_ros.foundation import progress
 from cdrj_ros.foundation.progress import progress_bar
-from cdrj_ros.model.loading import load_model
 
 
 def test_without_a_terminal_progress_is_an_occasional_line_with_the_time_left(
@@ -64,27 +61,3 @@ def test_in_a_terminal_progress_is_a_bar_with_the_time_left(
         shown = shown_on(master, rb"100 %.*\d:\d\d:\d\d")
     os.close(master)
     assert "validating" in shown
-
-
-def test_a_replay_shows_the_time_left_at_its_pace(capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("rclpy")
-    from cdrj_ros.replay.answers import Run
-    from cdrj_ros.replay.display import Display
-    from cdrj_ros.replay.heard import Tally
-
-    robot = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
-    run = Run(load_model(str(robot)))
-    playback: Any = SimpleNamespace(paused=False, rate=None)
-    place = SimpleNamespace(offset=0.0)
-    controls: Any = SimpleNamespace(duration_s=lambda: 60.0, offset_s=lambda: place.offset)
-    display = Display()
-    for now, offset, paused in ((0, 0, False), (10, 20, False), (20, 30, True), (40, 40, False)):
-        place.offset, playback.paused = float(offset), paused
-        display.show(playback, controls, Tally(), run, float(now))
-    lines = capsys.readouterr().err.splitlines()
-    assert [re.sub(r", 0 sent.*", "", line) for line in lines] == [
-        "playing fast: 0.0/60.0 s",
-        "playing fast: 20.0/60.0 s, 20 s left",
-        "paused: 30.0/60.0 s",
-        "playing fast: 40.0/60.0 s, 40 s left",
-    ]

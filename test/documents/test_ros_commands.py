@@ -107,5 +107,5 @@ def test_a_wrong_name_on_such_a_line_is_found() -> None:
         check_run("rig", ["--ros-args", "-p", "payloads:=1.0"])
     with pytest.raises(AssertionError, match="no argument robots"):
         check_launch("cdrj.launch.py", ["robots:=prototype"])
-    with pytest.raises(AssertionError, match="SetRate"):
-        check_service("/cdrj/replay/seek", "cdrj_msgs/srv/SetRate")
+    with pytest.raises(AssertionError, match="SetPreload"):
+        check_service("/cdrj/rig/push", "cdrj_msgs/srv/SetPreload")

@@ -75,7 +75,6 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
     from cdrj_ros.nodes.rig import RigNode
     from cdrj_ros.nodes.robot_description import listener_of
-    from cdrj_ros.nodes.services import offer_services
     from cdrj_ros.nodes.watch import WatchNode
 
     given = {"robot": ROBOT, "tension_sensors": True, "use_sim_time": True}
@@ -85,7 +84,6 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     estimator.trigger_configure()
     estimator.trigger_activate()
     replay = ReplayNode(Wiring(clock_hz=10.0))
-    offer_services(replay, MagicMock(), MagicMock())  # the services are not called
     clock = [Parameter("use_sim_time", value=True)]
     watch = WatchNode(forces=True, choice=Choice(), parameter_overrides=clock)
     given = {"robot": ROBOT, "cells": 1, "truth_rate": 1.0, "drive_clock": True}

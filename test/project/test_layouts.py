@@ -14,13 +14,13 @@ import yaml
 
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.replay.line import KINDS
+from cdrj_ros.replay.answers import ANSWER_TOPICS
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "config" / "layouts"
 LAYOUT = load_model(str(ROOT / "config" / "robots" / "prototype.yaml")).layout
 AXES = (*LAYOUT.motors, *LAYOUT.joints)
-MESSAGES = {f"/cdrj/{kind.topic}": kind.message for kind in KINDS}
+MESSAGES = {f"/cdrj/{topic.name}": topic.message for topic in ANSWER_TOPICS}
 MESSAGES["/cdrj/tension_states"] = JOINT_STATE
 NAMES = {
     "/cdrj/tensions": LAYOUT.elements,
