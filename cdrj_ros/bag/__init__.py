@@ -1,8 +1,14 @@
 """Reading and writing of recordings; no other room opens one."""
 
-from cdrj_ros.bag.messages import RawMessage, TopicInfo, list_topics, read_messages
 from cdrj_ros.bag.recording import Recording, Topics, read_recording
-from cdrj_ros.bag.source import open_source
+from cdrj_ros.bag.source import (
+    RawMessage,
+    Source,
+    TopicInfo,
+    list_topics,
+    open_source,
+    read_messages,
+)
 from cdrj_ros.bag.writer import BagWriter
 from cdrj_ros.foundation.series import Series
 
@@ -11,6 +17,7 @@ __all__ = [
     "RawMessage",
     "Recording",
     "Series",
+    "Source",
     "TopicInfo",
     "Topics",
     "list_topics",

@@ -5,16 +5,23 @@ Both storage formats are read as one `Batch` for every `Stretch`.
 
 from __future__ import annotations
 
+import os
+import stat
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import IO, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from cdrj_ros.bag.bounds import Unpacked
+from cdrj_ros.foundation.errors import BagError
 
 Int64s = npt.NDArray[np.int64]
 Octets = npt.NDArray[np.uint8]
+
+LEAD: Final = 8
+"""Bytes in front of every payload, so that rows can be padded to words."""
 
 
 @dataclass(frozen=True)
@@ -35,18 +42,15 @@ class Channel:
 class Stretch:
     """A part of the file that holds messages: one chunk, or a run of messages outside chunks."""
 
-    start: int
-    stop: int
-    """Bytes of the file: the chunk's data, or the run."""
+    offset: int
+    length: int
+    """Place of the records in the file [bytes]."""
+    size: int
+    """Their size when decompressed [bytes]."""
     first_ns: int
     last_ns: int
     """Log times of the earliest and the latest message, as stated by the chunk."""
-    compression: str = ""
-    size: int = 0
-    """Decompressed size [bytes]."""
-    crc: int = 0
-    cut: bool = False
-    """The file ends before the chunk does."""
+    chunked: bool = True
 
 
 @dataclass(frozen=True)
@@ -58,15 +62,11 @@ class Batch:
     channel: npt.NDArray[np.uint16]
     log_ns: Int64s
     start: Int64s
-    """Offset of each payload; the record's header precedes it."""
+    """Offset of each payload; at least `LEAD` bytes precede it."""
     length: Int64s
     """Bytes of each payload."""
     unpacked: Unpacked
     """Counts the bytes of individually compressed messages when they are unpacked."""
-    declared: tuple[tuple[int, bytes], ...] = ()
-    """Schema and channel records found among the messages: (code, content)."""
-    note: str = ""
-    """Description of a fault in the stretch; empty if there is none."""
 
     @property
     def octets(self) -> Octets:
@@ -93,3 +93,33 @@ def column(rows: Octets, offset: int, dtype: str, count: int = 1) -> npt.NDArray
     shape, strides = (len(rows), count), (rows.shape[1], itemsize)
     view: npt.NDArray[Any] = np.ndarray(shape, dtype, rows, offset, strides)
     return view
+
+
+def open_regular(path: Path) -> IO[bytes]:
+    """Open a regular file for reading; a pipe or a device might never end.
+
+    Raises:
+        BagError: it cannot be read or is not a regular file.
+    """
+    try:
+        stream = open(path, "rb", opener=_without_waiting)  # noqa: SIM115
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise BagError(f"{path} cannot be read: {reason or error}") from None
+    if stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+        return stream
+    stream.close()
+    raise BagError(f"{path} is not a regular file")
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Open without blocking: opening a named pipe would otherwise wait for a writer."""
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def require_cdr(path: Path, channel: Channel) -> None:
+    """Raise BagError if the channel's messages are not CDR."""
+    if channel.encoding != "cdr":
+        raise BagError(
+            f"{path}: topic {channel.topic} is encoded as {channel.encoding!r}, expected 'cdr'"
+        )

@@ -37,11 +37,6 @@ ARRAY_VALUES: Final = MESSAGE_BYTES
 METADATA_BYTES: Final = 1_000_000
 """Size of metadata.yaml; a larger one is not read, and the files in the folder are used instead."""
 
-DATABASE_STEPS_FREE: Final = 100_000_000
-"""Instructions of SQLite's virtual machine allowed in any pass over a database."""
-DATABASE_STEPS: Final = 100
-"""Additional instructions per byte of the database.  Reading a message takes about 20."""
-
 LARGEST_REFERENCE: Final = 1e15
 """Magnitude of a recorded reference [N or N·m].  Larger values are implausible; their square may
 overflow."""

@@ -1,12 +1,8 @@
-"""Reader of an MCAP file that may be complete, unindexed or truncated, compressed or not.
+"""Reader of an MCAP file that may be complete, unindexed, damaged or truncated.
 
-The file is read record by record from its start, never through its index, so that the same code
-reads every kind of file and returns all messages before a truncation.  This module only frames the
-records (code, length); their content goes into flat arrays, one `Batch` per stretch of the file.
-
-This reader replaces that of the `mcap` package, which yields one message at a time and stops with
-an error at a truncation.  Reading and decoding takes 0.07 of the time that `rosbags` takes
-(docs/speed.md).  The record classes are those of `mcap`.
+The package `mcap` finds the chunks, by the index of a complete file, otherwise by reading it record
+by record up to the damage.  Only the messages within a chunk are not read one by one: their places
+go into flat arrays, one `Batch` per chunk, from which `BulkDecoder` decodes them.
 """
 
 from __future__ import annotations
@@ -14,144 +10,192 @@ from __future__ import annotations
 import os
 import struct
 import tempfile
-from collections import deque
+import weakref
+import zlib
+from array import array
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import Future
-from io import BytesIO
+from contextlib import contextmanager
+from dataclasses import replace
+from io import BufferedReader, BytesIO, FileIO
 from pathlib import Path
 from typing import IO, Final
 
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
 import zstandard
 from mcap import records
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile
+from mcap.exceptions import EndOfFile, McapError
+from mcap.reader import SeekingReader
+from mcap.stream_reader import StreamReader
+from mcap.summary import Summary
 
-from cdrj_ros.bag.batch import Batch, Channel, Stretch
+from cdrj_ros.bag.batch import Batch, Channel, Int64s, Stretch, column, open_regular, pick
 from cdrj_ros.bag.bounds import CHUNK_BYTES, DEFINITION_BYTES, UNPACKED_FILE, Unpacked
+from cdrj_ros.bag.decoding import ZSTD_MAGIC
 from cdrj_ros.bag.definitions import long_name
-from cdrj_ros.bag.file_bytes import FileBytes, open_regular
-from cdrj_ros.bag.mcap_chunk import (
-    AT_A_TIME,
-    CHANNEL,
-    FRAME,
-    MESSAGE,
-    MESSAGE_HEAD,
-    SCHEMA,
-    read_chunk,
-)
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.foundation.threads import thread_pool
 
 MAGIC: Final = b"\x89MCAP0\r\n"
-ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 
-_FOOTER, _CHUNK, _STATISTICS, _DATA_END = 2, 6, 11, 15
-_CHUNK_HEAD = struct.Struct("<QQQII")
-_MESSAGE_TIME = struct.Struct("<15xq")
-_LONGEST_NAME = 32
-"""Maximum length of the name of a chunk's compression [bytes]."""
-_RUN_BYTES = 1 << 22
+_FRAME: Final = struct.Struct("<BQ")
+"""Header of every record: its code and the length of its content [bytes]."""
+_SCHEMA, _CHANNEL, _MESSAGE = 3, 4, 5
+_MESSAGE_HEAD: Final = 31
+"""Bytes of a message record before its payload: code, length, channel, sequence and two times."""
+_CHUNK_HEAD: Final = 49
+"""Bytes of a chunk record before its data, without the name of the compression."""
+_RECORD_BYTES: Final = CHUNK_BYTES + (1 << 16)
+"""Maximum size of a record that is read."""
+_RUN_BYTES: Final = 1 << 22
 """Size of a run of messages outside chunks that is read at once."""
-_MALFORMED = (EndOfFile, struct.error, ValueError, IndexError)
+_AT_A_TIME: Final = 1 << 20
+"""Number of bytes decompressed at a time."""
+_DAMAGES: Final = (McapError, EndOfFile, struct.error, ValueError, LookupError, OSError)
+"""What `mcap` raises at damage."""
+
+
+class _BoundedReader(BufferedReader):
+    """A file of which at most `_RECORD_BYTES` are read between two calls of `renew`.
+
+    A damaged record may claim to be, or to hold a list, of any length.
+    """
+
+    left = _RECORD_BYTES
+
+    def renew(self) -> int:
+        """Allow the next record; returns the current offset in the file."""
+        self.left = _RECORD_BYTES
+        return self.tell()
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """At most `size` bytes, and at most as many as are left.
+
+        Raises:
+            ValueError: `mcap` subtracts the size of a header from that of a smaller record.
+        """
+        if size is None or size < 0:
+            raise ValueError("a record is shorter than its kind requires")
+        data = super().read(min(size, self.left))
+        self.left -= len(data)
+        return data
 
 
 class McapFile:
     """An MCAP file opened for reading.
 
     `channels` grows while batches are read, since channels may be declared inside chunks;
-    `counts` is available from the start if the file has statistics.
+    `counts` is available from the start if the file has an index.
     """
 
     def __init__(self, path: Path) -> None:
-        """Frame the file's records without reading messages."""
+        """Find the file's chunks without reading messages."""
         self.path = path
         self.channels: dict[int, Channel] = {}
         self.counts: Mapping[int, int] | None = None
+        """Number of messages by channel number; None if the file has no index."""
         self.stretches: tuple[Stretch, ...] = ()
-        self.complete = False
-        """Whether the file ends with a footer, i.e. was closed properly."""
-        self.indexed = False
-        self.notes: list[str] = []
         self.messages_read = 0
         self._schemas: dict[int, records.Schema] = {}
-        self._cut_at = 0
-        self._packed_size = 0
-        self._data = self._open()
-        self._walk_file()
+        self._notes: dict[str, int] = {}
+        self._damaged_at = -1
+        self._descriptor = self._open()
+        weakref.finalize(self, os.close, self._descriptor)
+        self._packed_size = path.stat().st_size
+        summary = self._summary()
+        if summary is None:
+            self._walk()
+        else:
+            self._take(summary)
 
-    def batches(self, stretches: Iterable[Stretch] | None = None) -> Iterator[Batch]:
-        """Read the stretches in the given order (None: all of them), decompressing ahead."""
-        wanted = self.stretches if stretches is None else tuple(stretches)
-        unpacked = Unpacked(self.path, self._packed_size)
-        workers = min(4, os.cpu_count() or 1)
-        if len(wanted) < 4 or workers < 2:
-            for stretch in wanted:
-                unpacked.add(stretch.size)
-                yield self._accept(self._load(stretch, unpacked))
-            return
-        with thread_pool(workers) as pool:
-            ahead: deque[tuple[int, Future[Batch]]] = deque()
-            waiting = 0
-            for stretch in wanted:
-                while ahead and (len(ahead) > 2 * workers or waiting + stretch.size > CHUNK_BYTES):
-                    size, batch = ahead.popleft()
-                    waiting -= size
-                    yield self._accept(batch.result())
-                unpacked.add(stretch.size)
-                waiting += stretch.size
-                ahead.append((stretch.size, pool.submit(self._load, stretch, unpacked)))
-            while ahead:
-                yield self._accept(ahead.popleft()[1].result())
+    @property
+    def channels_known(self) -> bool:
+        """Whether `channels` is complete without reading messages."""
+        return self.counts is not None
 
     def declare_all(self) -> None:
-        """Complete `channels`, reading the whole file if its summary does not list them."""
-        if not (self.complete and self.indexed):
+        """Complete `channels`, reading the whole file if it has no index."""
+        if not self.channels_known:
             for _ in self.batches():
                 pass
 
-    def state(self) -> str:
-        """A note on how the file ends; empty where it is complete and indexed."""
-        if not self.complete:
-            return (
-                f"{self.path.name} is cut at byte {self._cut_at} (no footer): "
+    def batches(self, stretches: Iterable[Stretch] | None = None) -> Iterator[Batch]:
+        """Read the stretches in the given order (None: all of them).
+
+        Raises:
+            BagError: the file unpacks to more than `Unpacked` allows.
+        """
+        unpacked = Unpacked(self.path, self._packed_size)
+        with self._reading() as stream:
+            for stretch in self.stretches if stretches is None else stretches:
+                unpacked.add(stretch.size)
+                raw = self._raw(stream, stretch)
+                offsets, declared, rest = _records(raw)
+                if rest:
+                    self._note(f"ends in {rest} bytes that form no complete record", stretch)
+                for code, content in declared:
+                    self._declare(code, content)
+                self.messages_read += len(offsets)
+                yield _batch(raw, offsets, unpacked)
+
+    def notes(self) -> list[str]:
+        """Irregularities found so far, as sentences."""
+        found = [
+            f"{self.path.name}: {words}" + (f", and {count - 1} more like it" if count > 1 else "")
+            for words, count in self._notes.items()
+        ]
+        if self._damaged_at >= 0:
+            found.append(
+                f"{self.path.name} is cut or damaged at byte {self._damaged_at}: "
                 f"read {self.messages_read} messages until there"
             )
-        if not self.indexed:
-            return f"{self.path.name} has no index; read from start to end"
-        return ""
+        elif self.counts is None and any(stretch.chunked for stretch in self.stretches):
+            found.append(f"{self.path.name} has no index; read from start to end")
+        return found
 
-    def _open(self) -> FileBytes:
+    def _note(self, words: str, stretch: Stretch | None = None) -> None:
+        """Count a fault; of faults of one kind, only the first is worded."""
+        if stretch is None:
+            self._notes[words] = 1
+            return
+        for noted in self._notes:
+            if noted.endswith(words):
+                self._notes[noted] += 1
+                return
+        self._notes[f"the chunk at byte {stretch.offset} {words}"] = 1
+
+    def _open(self) -> int:
+        """Descriptor of the file, or of its decompressed content in a temporary file."""
         try:
             with open_regular(self.path) as stream:
-                self._packed_size = os.fstat(stream.fileno()).st_size
                 head = stream.read(len(MAGIC))
                 if not head:
                     raise BagError(f"{self.path} is empty, expected an MCAP file")
                 if not head.startswith(ZSTD_MAGIC):
-                    return self._checked(stream)
+                    self._require_magic(head)
+                    return os.dup(stream.fileno())
                 with tempfile.TemporaryFile() as plain:
                     stream.seek(0)
                     self._unpack(stream, plain)
-                    return self._checked(plain)
+                    plain.seek(0)
+                    self._require_magic(plain.read(len(MAGIC)))
+                    return os.dup(plain.fileno())
         except OSError as error:
             raise BagError(f"{self.path} cannot be read: {error.strerror or error}") from None
 
-    def _checked(self, stream: IO[bytes]) -> FileBytes:
-        stream.seek(0)
-        head = stream.read(len(MAGIC))
+    def _require_magic(self, head: bytes) -> None:
         if head != MAGIC:
             raise BagError(
                 f"{self.path} is not an MCAP file: it begins with {head!r}, expected {MAGIC!r}"
             )
-        return FileBytes(stream)
 
     def _unpack(self, packed: IO[bytes], plain: IO[bytes]) -> None:
         """Decompress a file compressed as a whole (rosbag2's file mode), as far as possible."""
-        unpacked = Unpacked(self.path, self._packed_size)
+        unpacked = Unpacked(self.path, os.fstat(packed.fileno()).st_size)
         decompressor = zstandard.ZstdDecompressor()
         with decompressor.stream_reader(packed, read_across_frames=True) as reader:
             try:
-                while block := reader.read(AT_A_TIME):
+                while block := reader.read(_AT_A_TIME):
                     unpacked.add(len(block))
                     if plain.tell() + len(block) > UNPACKED_FILE:
                         raise BagError(
@@ -160,169 +204,197 @@ class McapFile:
                         )
                     plain.write(block)
             except zstandard.ZstdError as error:
-                self.notes.append(f"{self.path.name}: damaged compression ({error})")
+                self._note(f"damaged compression ({error})")
         plain.flush()
         if not plain.tell():
             raise BagError(f"{self.path} holds no data that can be decompressed")
 
-    def _frames(self) -> Iterator[tuple[int, int, int]]:
-        """Code, start and stop of every record's content; the last may reach beyond the file."""
-        data, at = self._data, len(MAGIC)
-        while len(frame := data.peek(at, FRAME.size)) == FRAME.size:
-            code, length = FRAME.unpack(frame)
-            if code == 0:
-                break
-            after = at + FRAME.size + length
-            yield code, at + FRAME.size, after
-            if after > data.size or code == _FOOTER:
-                break
-            at = after
-        self._cut_at = at
+    @contextmanager
+    def _reading(self) -> Iterator[_BoundedReader]:
+        """The file at its start."""
+        with _BoundedReader(FileIO(os.dup(self._descriptor))) as stream:
+            stream.seek(0)
+            yield stream
 
-    def _walk_file(self) -> None:
-        """Frame every record of the file; chunks stay compressed."""
-        end = self._data.size
-        stretches: list[Stretch] = []
-        run: Stretch | None = None
-        data_ended = False
-        for code, body, after in self._frames():
-            cut = after > end
-            loose = self._loose(body - FRAME.size, after) if code == MESSAGE and not cut else None
-            if run and loose and loose.stop - run.start <= _RUN_BYTES:
-                run = _joined(run, loose)
-                continue
-            if run:
-                stretches.append(run)
-            run = loose
-            if code == _CHUNK and not data_ended:
-                stretches += self._chunk(body, min(after, end), cut=cut)
-            elif code != MESSAGE and not cut:
-                self._note_record(code, body, after, data_ended)
-            data_ended |= code == _DATA_END
-        if run:
-            stretches.append(run)
-        self.stretches = tuple(stretches)
-
-    def _loose(self, start: int, stop: int) -> Stretch | None:
-        """A message record outside chunks; None if it is too short or too long."""
-        head = self._data.peek(start, MESSAGE_HEAD)
-        if stop - start < MESSAGE_HEAD or len(head) < MESSAGE_HEAD:
+    def _summary(self) -> Summary | None:
+        """The file's index; None if it has none that covers the whole file."""
+        with self._reading() as stream:
+            try:
+                reader = SeekingReader(stream, record_size_limit=_RECORD_BYTES)
+                summary = reader.get_summary()
+            except _DAMAGES:
+                return None
+        if summary is None or summary.statistics is None or not summary.chunk_indexes:
             return None
-        if stop - start > CHUNK_BYTES:
-            self.notes.append(
-                f"{self.path.name}: the message at byte {start} has {stop - start} bytes, more "
-                f"than {CHUNK_BYTES}, left out"
+        complete = summary.statistics.chunk_count == len(summary.chunk_indexes)
+        return summary if complete else None
+
+    def _take(self, summary: Summary) -> None:
+        """Adopt the index of a complete file."""
+        self._schemas = summary.schemas
+        for channel in summary.channels.values():
+            self._add_channel(channel)
+        if summary.statistics is not None:
+            self.counts = summary.statistics.channel_message_counts
+        found = {
+            index.chunk_start_offset: Stretch(
+                index.chunk_start_offset, index.chunk_length, index.uncompressed_size,
+                index.message_start_time, index.message_end_time,
             )
-            return None
-        (log_ns,) = _MESSAGE_TIME.unpack_from(head)
-        return Stretch(start, stop, log_ns, log_ns, size=stop - start)
+            for index in summary.chunk_indexes
+        }  # fmt: skip
+        self.stretches = tuple(self._fitting(found[offset] for offset in sorted(found)))
 
-    def _note_record(self, code: int, body: int, after: int, data_ended: bool) -> None:
-        """Process a record that holds no messages."""
-        if code in (SCHEMA, CHANNEL):
-            content = self._data.read(body, min(after, body + DEFINITION_BYTES + 1))
-            self._declare(code, content)
-            self.indexed |= data_ended
-        elif code == _STATISTICS and after - body <= DEFINITION_BYTES:
-            self.counts = _statistics(self._data.read(body, after))
-        elif code == _FOOTER:
-            self.complete = self._data.read(after, after + len(MAGIC)) == MAGIC
+    def _walk(self) -> None:
+        """Find the stretches of a file without an index, up to its end or to the first damage."""
+        found: list[Stretch] = []
+        with self._reading() as stream:
+            reader = StreamReader(stream, emit_chunks=True, record_size_limit=_RECORD_BYTES)
+            at = stream.renew()
+            try:
+                for record in reader.records:
+                    at = stream.renew()
+                    if isinstance(record, records.Schema):
+                        self._add_schema(record)
+                    elif isinstance(record, records.Channel):
+                        self._add_channel(record)
+                    elif isinstance(record, records.Chunk):
+                        found.append(_chunk(record, at))
+                    elif isinstance(record, records.Message):
+                        _append(found, record, at)
+            except _DAMAGES:
+                self._damaged_at = at
+        self.stretches = tuple(self._fitting(found))
 
-    def _chunk(self, body: int, stop: int, *, cut: bool) -> list[Stretch]:
-        """The stretch of the chunk record [body, stop); empty if the chunk has no usable header."""
-        head = self._data.read(body, min(stop, body + _CHUNK_HEAD.size + _LONGEST_NAME + 8))
-        if len(head) < _CHUNK_HEAD.size:
-            return []
-        first, last, size, crc, name_length = _CHUNK_HEAD.unpack_from(head)
-        name = _CHUNK_HEAD.size
-        content = name + name_length + 8
-        if content > len(head):
-            if not cut:
-                self.notes.append(
-                    f"{self.path.name}: the chunk at byte {body} was left out, damaged"
+    def _fitting(self, found: Iterable[Stretch]) -> Iterator[Stretch]:
+        """The stretches that are not too large."""
+        for stretch in found:
+            if stretch.size > CHUNK_BYTES or stretch.length > _RECORD_BYTES:
+                self._note(
+                    f"claims {stretch.size} bytes, more than {CHUNK_BYTES}, left out", stretch
                 )
-            return []
-        compression = head[name : name + name_length].decode(errors="replace")
-        (packed,) = struct.unpack_from("<Q", head, content - 8)
-        start = body + content
-        if start + packed <= stop:
-            stop, cut = start + packed, False
-        elif not cut:
-            self.notes.append(
-                f"{self.path.name}: the chunk at byte {body} is shorter than its header states"
-            )
-            cut = True
-        if size > CHUNK_BYTES or stop - start > CHUNK_BYTES:
-            self.notes.append(
-                f"{self.path.name}: the chunk at byte {start} claims {size} bytes, more than "
-                f"{CHUNK_BYTES}, left out"
-            )
-            return []
-        return [Stretch(start, stop, first, last, compression, size, crc, cut)]
+            else:
+                yield stretch
 
-    def _load(self, stretch: Stretch, unpacked: Unpacked) -> Batch:
-        """Read, decompress and frame one stretch; runs in any thread."""
-        packed = self._data.read(stretch.start, stretch.stop)
-        where = f"{self.path.name}: the chunk at byte {stretch.start}"
-        return read_chunk(packed, stretch, unpacked, where)
-
-    def _accept(self, batch: Batch) -> Batch:
-        for code, content in batch.declared:
-            self._declare(code, content)
-        if batch.note and batch.note not in self.notes:
-            self.notes.append(batch.note)
-        self.messages_read += len(batch.start)
-        return batch
+    def _raw(self, stream: _BoundedReader, stretch: Stretch) -> bytes:
+        """The records of a stretch; none, with a note, if its chunk is damaged."""
+        try:
+            stream.seek(stretch.offset)
+            stream.renew()
+            content = stream.read(stretch.length)
+            if not stretch.chunked:
+                return content
+            chunk = records.Chunk.read(ReadDataStream(BytesIO(content[_FRAME.size :])))
+            return _unpacked(chunk, stretch.size)
+        except (*_DAMAGES, zstandard.ZstdError, RuntimeError, MemoryError) as error:
+            self._note(f"was left out, damaged ({str(error) or 'cut'})", stretch)
+            return b""
 
     def _declare(self, code: int, content: bytes) -> None:
+        """Add a schema or channel that is declared in a chunk."""
         stream = ReadDataStream(BytesIO(content))
         try:
-            if len(content) > DEFINITION_BYTES:
-                raise ValueError(len(content))
-            if code == SCHEMA:
-                schema = records.Schema.read(stream)
-                _require_printable(schema.name)
-                self._schemas[schema.id] = schema
-                return
-            found = records.Channel.read(stream)
-            _require_printable(found.topic + found.message_encoding)
-        except _MALFORMED:
-            note = f"{self.path.name}: a damaged schema or channel record was left out"
-            if note not in self.notes:
-                self.notes.append(note)
+            if code == _SCHEMA:
+                self._add_schema(records.Schema.read(stream))
+            else:
+                self._add_channel(records.Channel.read(stream))
+        except _DAMAGES:
+            self._note("a damaged schema or channel record was left out")
+
+    def _add_schema(self, schema: records.Schema) -> None:
+        self._schemas[schema.id] = schema
+
+    def _add_channel(self, found: records.Channel) -> None:
+        schema = self._schemas.get(found.schema_id)
+        data = schema.data if schema else b""
+        name = schema.name if schema else ""
+        if not (found.topic + found.message_encoding + name).isprintable():
+            self._note("a damaged schema or channel record was left out")
             return
-        of = self._schemas.get(found.schema_id)
+        if len(data) > DEFINITION_BYTES:
+            name, data = "", b""
         self.channels[found.id] = Channel(
             topic=found.topic,
-            msgtype=long_name(of.name) if of else "",
+            msgtype=long_name(name),
             encoding=found.message_encoding,
-            definition_encoding=of.encoding if of else "",
-            definition=of.data.decode(errors="replace") if of else "",
+            definition_encoding=schema.encoding if schema else "",
+            definition=data.decode(errors="replace"),
             metadata=tuple(found.metadata.items()),
         )
 
 
-def _joined(run: Stretch, more: Stretch) -> Stretch:
-    """Join two consecutive runs of messages outside chunks."""
+def _chunk(chunk: records.Chunk, stop: int) -> Stretch:
+    """The stretch of a chunk record that ends at byte `stop`."""
+    length = _CHUNK_HEAD + len(chunk.compression.encode()) + len(chunk.data)
     return Stretch(
-        run.start,
-        more.stop,
-        min(run.first_ns, more.first_ns),
-        max(run.last_ns, more.last_ns),
-        size=more.stop - run.start,
-    )
+        stop - length, length, chunk.uncompressed_size,
+        chunk.message_start_time, chunk.message_end_time,
+    )  # fmt: skip
 
 
-def _require_printable(name: str) -> None:
-    """Refuse names with control characters: names appear in one-line messages."""
-    if not name.isprintable():
-        raise ValueError(name)
+def _append(found: list[Stretch], message: records.Message, stop: int) -> None:
+    """Append a message outside chunks, which ends at byte `stop`, to the run before it."""
+    length = _MESSAGE_HEAD + len(message.data)
+    time_ns, start = message.log_time, stop - length
+    run = found[-1] if found else None
+    if run and not run.chunked and run.offset + run.length == start and run.size < _RUN_BYTES:
+        found[-1] = replace(
+            run, length=run.length + length, size=run.size + length,
+            first_ns=min(run.first_ns, time_ns), last_ns=max(run.last_ns, time_ns),
+        )  # fmt: skip
+    else:
+        found.append(Stretch(start, length, length, time_ns, time_ns, chunked=False))
 
 
-def _statistics(content: bytes) -> Mapping[int, int] | None:
-    try:
-        found = records.Statistics.read(ReadDataStream(BytesIO(content)))
-    except _MALFORMED:
-        return None
-    counts: dict[int, int] = found.channel_message_counts
-    return counts
+def _unpacked(chunk: records.Chunk, size: int) -> bytes:
+    """A chunk's data, decompressed to `size` bytes whatever size it claims.
+
+    Raises:
+        ValueError: it has another size or checksum, or an unknown compression.
+        ZstdError, RuntimeError: it cannot be decompressed.
+    """
+    if chunk.compression == "":
+        raw = chunk.data
+    elif chunk.compression == "zstd":
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
+            raw = reader.read(size + 1)
+    elif chunk.compression == "lz4":
+        raw = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    else:
+        raise ValueError(f"unknown compression {chunk.compression!r}")
+    if len(raw) != size:
+        raise ValueError(f"{len(raw)} bytes instead of {size}")
+    if chunk.uncompressed_crc and zlib.crc32(raw) != chunk.uncompressed_crc:
+        raise ValueError("wrong checksum")
+    return raw
+
+
+def _records(raw: bytes) -> tuple[Int64s, tuple[tuple[int, bytes], ...], int]:
+    """Offsets of the message records, schema and channel records, and the number of bytes left."""
+    offsets = array("q")
+    declared: list[tuple[int, bytes]] = []
+    append, unpack = offsets.append, _FRAME.unpack_from
+    at, end = 0, len(raw)
+    last = end - _FRAME.size
+    while at <= last:
+        code, length = unpack(raw, at)
+        after = at + 9 + length
+        if after > end:
+            break
+        if code == _MESSAGE and after - at >= _MESSAGE_HEAD:
+            append(at)
+        elif code in (_SCHEMA, _CHANNEL):
+            declared.append((code, raw[at + 9 : after]))
+        elif code == 0:
+            break
+        at = after
+    return np.frombuffer(offsets, np.int64), tuple(declared), end - at
+
+
+def _batch(raw: bytes, offsets: Int64s, unpacked: Unpacked) -> Batch:
+    """The message records that begin at `offsets`."""
+    rows = pick(np.frombuffer(raw, np.uint8), offsets, _MESSAGE_HEAD)
+    length = column(rows, 1, "<u8")[:, 0].astype(np.int64) - (_MESSAGE_HEAD - _FRAME.size)
+    channel = column(rows, 9, "<u2")[:, 0].astype(np.uint16)
+    log_ns = column(rows, 15, "<i8")[:, 0].astype(np.int64)
+    return Batch(raw, channel, log_ns, offsets + _MESSAGE_HEAD, length, unpacked)

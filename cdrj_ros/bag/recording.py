@@ -9,12 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.bag.batch import Batch, Channel
+from cdrj_ros.bag.batch import Batch, Channel, require_cdr
 from cdrj_ros.bag.bounds import LARGEST_REFERENCE
-from cdrj_ros.bag.bulk import BulkDecoder
+from cdrj_ros.bag.decoding import BulkDecoder, series_by_name
 from cdrj_ros.bag.definitions import message_type
-from cdrj_ros.bag.force_vectors import known_vectors
-from cdrj_ros.bag.series import Decoded, series_by_name
 from cdrj_ros.bag.source import BagFile, Source, open_source
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.series import Series
@@ -40,6 +38,10 @@ _MEASURED: Final = "measured/"
 
 _VECTORS: Final = f"{FORCE_VECTOR}/"
 """Prefix of the channels of force vectors."""
+
+NORM_DIFFERS: Final = 0.1
+"""Share of the median magnitude of a recording by which magnitude and norm of the components may
+differ in the median: both may be measured, each with its own noise."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,7 @@ class _Reading:
         self, motor_names: Collection[str] | None, joint_names: Collection[str] | None
     ) -> Recording:
         roles = [role for made in self._roles.values() for role in made]
-        extents = [role.decoder.decoded.extent() for role in roles if role.decoder.decoded.tables]
+        extents = [extent for role in roles if (extent := role.decoder.extent())]
         malformed = {role.topic: self._malformed(role.topic) for role in roles}
         motors_topic, joints_topic = self._topics.motors, self._topics.joints
         motors = self._series(motors_topic, is_input=True)
@@ -227,11 +229,11 @@ class _Reading:
 
     def _series(self, topic: str, *, is_input: bool) -> dict[str, Series]:
         """The series of a topic by name; this empties the decoders."""
-        by_prefix: dict[str, list[Decoded]] = {}
+        by_prefix: dict[str, list[BulkDecoder]] = {}
         for made in self._roles.values():
             for role in made:
                 if role.topic == topic and role.is_input == is_input:
-                    by_prefix.setdefault(role.prefix, []).append(role.decoder.decoded)
+                    by_prefix.setdefault(role.prefix, []).append(role.decoder)
         return {
             prefix + name: series
             for prefix, parts in by_prefix.items()
@@ -327,9 +329,39 @@ def _has_components(message: MessageType) -> bool:
     return arrays.issuperset(FORCE_COMPONENTS)
 
 
-def require_cdr(path: Path, channel: Channel) -> None:
-    """Raise BagError if the channel's messages are not CDR."""
-    if channel.encoding != "cdr":
-        raise BagError(
-            f"{path}: topic {channel.topic} is encoded as {channel.encoding!r}, expected 'cdr'"
-        )
+def known_vectors(name: str, series: Series) -> tuple[Series | None, str]:
+    """The forces of one pulley as vectors; None if the recording has only their magnitudes.
+
+    The components are a vector if their norm usually is the magnitude, as far as a magnitude is
+    given.  A single force that disagrees is kept: the comparison shows it.  Components of zero
+    beside a magnitude are not known: a sensor that measures only the magnitude writes them so.
+
+    Args:
+        name: of the channel, for the note.
+        series: components and magnitude [N], shape (n, 4).
+
+    Returns:
+        The components [N], shape (n, 3), NaN where they are zero beside a magnitude; None if none
+        is other than zero, or if they are no vector.  And a note on what was left out; empty if
+        nothing was, or if all components are zero or unknown.
+    """
+    components = np.ascontiguousarray(series.value[:, :3])
+    magnitude = series.value[:, 3]
+    norm = np.linalg.norm(components, axis=1)
+    present = np.isfinite(norm) & (norm > 0.0)
+    if not present.any():
+        return None, ""
+    both = present & np.isfinite(magnitude)
+    if both.any():
+        difference = float(np.median(np.abs(norm[both] - magnitude[both])))
+        if difference > NORM_DIFFERS * float(np.median(magnitude[both])):
+            return None, (
+                f"{name}: the norm of the components differs from the magnitude by "
+                f"{difference:.3g} N in the median; only magnitudes were compared"
+            )
+    filled = (norm == 0.0) & (magnitude > 0.0)
+    components[filled] = np.nan
+    components.flags.writeable = False
+    left_out = int(np.count_nonzero(filled))
+    note = f"{name}: {left_out} forces with components of zero beside a magnitude were left out"
+    return replace(series, value=components), note if left_out else ""

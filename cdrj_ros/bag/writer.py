@@ -8,20 +8,20 @@ import struct
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import merge
+from io import StringIO
 from pathlib import Path
+from textwrap import indent
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any, Final, TypeVar
 from uuid import uuid4
 
 import numpy as np
 import numpy.typing as npt
+from ruamel.yaml import YAML
 
-from cdrj_ros.bag.batch import Channel, Int64s
+from cdrj_ros.bag.batch import Channel, Int64s, require_cdr
 from cdrj_ros.bag.definitions import message_type, own_definition, parse_definition
-from cdrj_ros.bag.messages import read_messages
-from cdrj_ros.bag.metadata import WrittenTopic, information, metadata_file, offered_qos
-from cdrj_ros.bag.recording import require_cdr
-from cdrj_ros.bag.source import METADATA, open_source
+from cdrj_ros.bag.source import METADATA, open_source, read_messages
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
@@ -261,7 +261,7 @@ class BagWriter:
                 text = self._write_file(stream, name)
                 stream.flush()
                 os.fsync(stream.fileno())
-            write_text(draft / METADATA, metadata_file(text))
+            write_text(draft / METADATA, "rosbag2_bagfile_information:\n" + indent(text, "  "))
             draft.rename(self.path)
         except OSError as error:
             raise BagError(f"{self.path} cannot be made: {error.strerror or error}") from None
@@ -287,11 +287,7 @@ class BagWriter:
                 writer.add_message(numbers[topic], log_ns, data, log_ns)
         except struct.error:
             raise BagError(f"{self.path}: a log time before {last_ns} ns is negative") from None
-        topics = [
-            WrittenTopic(topic, channel.msgtype, _type_hash(channel), counts[topic])
-            for topic, channel in self._channels.items()
-        ]
-        text = information(name, first_ns or 0, last_ns, topics)
+        text = _information(name, first_ns or 0, last_ns, self._channels.values(), counts)
         writer.add_metadata("rosbag2", {"serialized_metadata": text})
         writer.finish()  # type: ignore[no-untyped-call]
         return text
@@ -306,7 +302,7 @@ class BagWriter:
                 name, encoding, text = key
                 schemas[key] = writer.register_schema(name, encoding, text.encode())
             metadata = {
-                "offered_qos_profiles": offered_qos(),
+                "offered_qos_profiles": _yaml([_qos()]).strip(),
                 "topic_type_hash": _type_hash(channel),
             }
             numbers[topic] = writer.register_channel(topic, "cdr", schemas[key], metadata)
@@ -376,3 +372,66 @@ def _type_hash(channel: Channel) -> str:
     except BagError:
         return ""
     return own.hash if own.text == channel.definition else ""
+
+
+def _information(
+    file_name: str, start_ns: int, end_ns: int, channels: Iterable[Channel],
+    counts: Mapping[str, int],
+) -> str:  # fmt: skip
+    """Metadata of a bag of one file as rosbag2 of ROS 2 Jazzy writes it (version 9), in YAML."""
+
+    def extent() -> dict[str, Any]:
+        return {
+            "duration": {"nanoseconds": end_ns - start_ns},
+            "starting_time": {"nanoseconds_since_epoch": start_ns},
+            "message_count": sum(counts.values()),
+        }
+
+    return _yaml(
+        {
+            "version": 9,
+            "storage_identifier": "mcap",
+            **extent(),
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": {
+                        "name": channel.topic,
+                        "type": channel.msgtype,
+                        "serialization_format": "cdr",
+                        "offered_qos_profiles": [_qos()],
+                        "type_description_hash": _type_hash(channel),
+                    },
+                    "message_count": counts[channel.topic],
+                }
+                for channel in channels
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file_name],
+            "files": [{"path": file_name, **extent()}],
+            "custom_data": None,
+            "ros_distro": "jazzy",
+        }
+    )
+
+
+def _qos() -> dict[str, Any]:
+    """Reliable with depth 10; a new object for each call, so that YAML writes no anchors."""
+    durations = ("deadline", "lifespan", "liveliness_lease_duration")
+    return {
+        "history": "keep_last",
+        "depth": 10,
+        "reliability": "reliable",
+        "durability": "volatile",
+        "liveliness": "automatic",
+        "avoid_ros_namespace_conventions": False,
+    } | {name: {"sec": 9223372036, "nsec": 854775807} for name in durations}
+
+
+def _yaml(content: object) -> str:
+    stream = StringIO()
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = False
+    yaml.width = 4096
+    yaml.dump(content, stream)
+    return stream.getvalue()

@@ -15,8 +15,8 @@ from typing import Final
 
 from rclpy.experimental import EventsExecutor
 
-from cdrj_ros.bag import Recording, Topics, open_source, read_messages, read_recording
-from cdrj_ros.bag.source import Source
+from cdrj_ros.bag import Recording, Source, Topics, open_source, read_messages, read_recording
+from cdrj_ros.bag.batch import Channel
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
@@ -153,7 +153,7 @@ def _extras(arguments: argparse.Namespace, topics: Topics) -> list[Extra]:
     Raises:
         UsageError: a topic does not exist in the bags, or its type is not installed.
     """
-    there = {}
+    there: dict[str, Channel] = {}
     for path in arguments.bags:
         source = open_source(path)
         for file in source.files:

@@ -9,10 +9,9 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from support.bombs import BOMBS, GOOD, MESSAGES, TOPICS, database
+from support.bombs import BOMBS
 
 from cdrj_ros.bag import BagWriter, Topics, read_recording
-from cdrj_ros.foundation.errors import BagError
 
 MOST_MEMORY = 1_500_000_000
 """Address space of the process that reads all files [bytes]; the libraries take half of it."""
@@ -98,7 +97,7 @@ def test_a_file_that_is_cut_while_it_is_read_gives_what_comes_before(make, tmp_p
     assert done.returncode == 0, done.stderr[-2000:]
     count, notes = done.stdout.split(" ", 1)
     assert 20_000 < int(count) < 31_000
-    assert "was cut while it was read" in notes
+    assert "damaged" in notes or "no complete record" in notes
 
 
 def test_reading_a_long_recording_takes_little_more_memory_than_its_data(tmp_path):
@@ -118,28 +117,3 @@ def test_reading_a_long_recording_takes_little_more_memory_than_its_data(tmp_pat
     held = sum(array.nbytes for three in arrays for array in three)
     assert held == 6 * 8 * count
     assert peak < 2.25 * held
-
-
-def test_a_database_that_takes_more_steps_than_its_size_justifies_is_abandoned(
-    tmp_path, monkeypatch
-):
-    rows = ",".join(f"({i}, 1, {i}, {GOOD})" for i in range(1, 2000))
-    path = database(tmp_path, f"{TOPICS}{MESSAGES} INSERT INTO messages VALUES {rows};")
-    topics = Topics("/joint_states", "/joint_states", ())
-    assert read_recording(path, topics).motors["a"].value.size == 1999
-    monkeypatch.setattr("cdrj_ros.bag.db3_file.DATABASE_STEPS_FREE", 20_000)
-    monkeypatch.setattr("cdrj_ros.bag.db3_file.DATABASE_STEPS", 0)
-    monkeypatch.setattr("cdrj_ros.bag.db3_file._STEPS_AT_ONCE", 1000)
-    read = read_recording(path, topics)
-    assert 0 < read.motors["a"].value.size < 1999
-    assert any("is damaged (interrupted)" in note for note in read.notes)
-
-
-def test_rows_whose_identifiers_do_not_increase_are_damage(tmp_path):
-    path = database(
-        tmp_path,
-        f"{TOPICS} CREATE TABLE messages (id, topic_id, timestamp, data);"
-        f"INSERT INTO messages VALUES (1, 1, 1, {GOOD}), (1, 1, 2, {GOOD});",
-    )
-    with pytest.raises(BagError, match="has no motor angles"):
-        read_recording(path, Topics("/joint_states", "/joint_states", ()))

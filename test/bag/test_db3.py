@@ -53,26 +53,17 @@ def test_a_sqlite3_bag_can_be_copied_into_an_mcap_bag(folder, tmp_path):
     check_whole(tmp_path / "copy")
 
 
-def test_a_sqlite3_file_that_is_cut_is_refused_by_name_and_size(folder):
+def test_a_sqlite3_file_that_is_cut_or_damaged_is_refused_with_what_recovers_it(folder):
     (file,) = folder.glob("*.db3")
     content = file.read_bytes()
-    for percent in range(1, 100, 7):
-        file.write_bytes(content[: len(content) * percent // 100])
-        with pytest.raises(BagError, match=rf"is cut: \d+ of {len(content)} bytes are there"):
-            read_recording(file, ONE_TOPIC)
-
-
-def test_a_damaged_page_gives_the_messages_before_it_and_a_note(folder):
-    (file,) = folder.glob("*.db3")
-    content = bytearray(file.read_bytes())
+    damaged = bytearray(content)
     at = content.index(b"motor", len(content) // 2) // 4096 * 4096
-    content[at : at + 4096] = bytes(4096)
-    file.write_bytes(content)
-    read = read_recording(file, ONE_TOPIC)
-    values = read.motors["motor"].value
-    assert COUNT / 4 < values.size < COUNT
-    np.testing.assert_array_equal(values, np.arange(values.size))
-    assert any("damaged" in note for note in read.notes)
+    damaged[at : at + 4096] = bytes(4096)
+    cuts = [content[: len(content) * percent // 100] for percent in range(1, 100, 7)]
+    for wrong in (*cuts, bytes(damaged)):
+        file.write_bytes(wrong)
+        with pytest.raises(BagError, match=r"is damaged \(.*; `sqlite3 .*\.db3 \.recover` prints"):
+            read_recording(file, ONE_TOPIC)
 
 
 @pytest.mark.parametrize(
@@ -80,8 +71,8 @@ def test_a_damaged_page_gives_the_messages_before_it_and_a_note(folder):
     [
         (b"", "is empty"),
         (b"SQLite 2", "begins with"),
-        (b"SQLite format 3\0" * 9, "is cut"),
-        (b"SQLite format 3\0", "cut"),
+        (b"SQLite format 3\0" * 9, "is damaged"),
+        (b"SQLite format 3\0", "is damaged"),
     ],
 )
 def test_a_file_that_is_no_database_is_refused_by_name(tmp_path, content, word):
@@ -97,7 +88,7 @@ def test_a_database_of_something_else_is_refused_by_name(tmp_path):
     with closing(sqlite3.connect(path)) as connection:
         connection.execute("CREATE TABLE songs (title TEXT)")
         connection.commit()
-    with pytest.raises(BagError, match="no such table: topics"):
+    with pytest.raises(BagError, match="database missing tables"):
         read_recording(path, ONE_TOPIC)
 
 

@@ -45,6 +45,11 @@ def originals(make, tmp_path_factory):
                 chunk_size=1500,
             )
             files[f"{compression.name}-{chunked}.mcap"] = path.read_bytes()
+    path = make.mcap(
+        folder / "a.mcap", make.swing(COUNT), compression=CompressionType.LZ4, chunk_size=1500,
+        indexed=False,
+    )  # fmt: skip
+    files["unindexed.mcap"] = path.read_bytes()
     files["whole.mcap.zstd"] = zstandard.compress(files["NONE-True.mcap"])
     with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
         channel = writer.add_connection(
@@ -152,12 +157,16 @@ def test_cut_at_any_byte_a_file_gives_a_beginning_of_itself(make, tmp_path):
 
 @pytest.mark.parametrize("name", ["lz4", "zstd"])
 def test_a_chunk_that_would_unpack_to_more_than_its_bytes_can_hold_is_left_out(
-    originals, tmp_path, name
+    make, tmp_path, name
 ):
-    content = bytearray(originals[f"{name.upper()}-True.mcap"])
-    at = content.index(struct.pack("<I", len(name)) + name.encode()) - 12
+    path = make.mcap(
+        tmp_path / "a.mcap", make.swing(COUNT), compression=CompressionType[name.upper()],
+        chunk_size=1500, indexed=False,
+    )  # fmt: skip
+    content = bytearray(path.read_bytes())
+    mark = struct.pack("<I", len(name)) + name.encode()
+    at = content.index(mark, content.index(mark) + 1) - 12  # the first chunk declares the topic
     content[at : at + 8] = struct.pack("<Q", 2**30 - 1)
-    path = tmp_path / "a.mcap"
     path.write_bytes(content)
     tracemalloc.start()
     try:
