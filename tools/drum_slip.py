@@ -20,7 +20,7 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.settings import Settings
+from cdrj_ros.identification.problem import Settings
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.rig.assembly import divide_contacts
 from cdrj_ros.robot.parameters import with_numbers
@@ -68,7 +68,7 @@ def main() -> None:
     print("| references | drum | what the new file says |")
     print("|---|---|---|")
     for what, channels in CHOICES.items():
-        settings = Settings(channels=channels, coarse=True, judges_drums=True)
+        settings = Settings(channels=channels, coarse=True, compares_drums=True)
         for slips in (False, True):
             said = []
             for seed, values in enumerate(truths(document, unknowns, "all", draws)):

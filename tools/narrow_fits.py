@@ -23,9 +23,8 @@ from cdrj_ros.estimation.estimator import initial_state, run  # noqa: E402
 from cdrj_ros.foundation.series import Series  # noqa: E402
 from cdrj_ros.identification.fit import identify  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402
-from cdrj_ros.identification.settings import Settings  # noqa: E402
-from cdrj_ros.identification.unknowns import parse_unknowns  # noqa: E402
-from cdrj_ros.identification.wide import fitted_along  # noqa: E402
+from cdrj_ros.identification.problem import Settings  # noqa: E402
+from cdrj_ros.identification.unknowns import fitted_along, parse_unknowns  # noqa: E402
 from cdrj_ros.model.channels import channel_columns  # noqa: E402
 from cdrj_ros.model.prepared import prepare  # noqa: E402
 from cdrj_ros.robot.parameters import with_numbers  # noqa: E402

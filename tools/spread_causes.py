@@ -36,7 +36,7 @@ from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state
 from cdrj_ros.identification.fit import identify
-from cdrj_ros.identification.settings import Settings
+from cdrj_ros.identification.problem import Settings
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.parameters import with_numbers
@@ -89,7 +89,7 @@ def estimated(model: Model, samples: Samples, kept: Kept) -> tuple[Table, Table]
 def files(document: Any, values: dict[str, float], seed: int) -> dict[str, Model]:
     """Models of the new file: drums may slip, drums as the fit judges them, all numbers exact."""
     unknowns = fitted_numbers(document, FIT)
-    settings = Settings(coarse=True, judges_drums=True)
+    settings = Settings(coarse=True, compares_drums=True)
     found = identify(document, "file", unknowns, [recording(document, values, seed)], settings)
     numbers = with_numbers(document, found.by_path)
     block = yaml.safe_load(uncertainty_section(found, {}, {}))["uncertainty"]

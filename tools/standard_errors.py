@@ -35,11 +35,14 @@ from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state  # noqa: E402
 from cdrj_ros.foundation.series import Series  # noqa: E402
 from cdrj_ros.identification.fit import Identification, identify  # noqa: E402
-from cdrj_ros.identification.left_alone import causes_left_alone  # noqa: E402
+from cdrj_ros.identification.nuisance import nuisance_causes  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402
-from cdrj_ros.identification.settings import Settings  # noqa: E402
-from cdrj_ros.identification.unknowns import Unknown, parse_unknowns  # noqa: E402
-from cdrj_ros.identification.wide import fitted_along  # noqa: E402
+from cdrj_ros.identification.problem import Settings  # noqa: E402
+from cdrj_ros.identification.unknowns import (  # noqa: E402
+    Unknown,
+    fitted_along,
+    parse_unknowns,
+)
 from cdrj_ros.model.joint import RollingLoad  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.rig.assembly import Truth  # noqa: E402
@@ -102,7 +105,7 @@ def truths(
     The draws of every number are spread evenly over its distribution (a Latin hypercube), so that
     few suffice.
     """
-    causes = causes_left_alone(build_robot(document, "file").uncertainty, unknowns)
+    causes = nuisance_causes(build_robot(document, "file").uncertainty, unknowns)
     size = len(unknowns) + len(causes)
     table = norm.ppf(qmc.LatinHypercube(size, seed=np.random.default_rng(0)).random(draws))
     for row in table:

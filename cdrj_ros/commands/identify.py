@@ -30,7 +30,7 @@ from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import Moved, pose_ranges
-from cdrj_ros.identification.residuals import Pool
+from cdrj_ros.identification.problem import Pool
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.inputs import read_inputs
 from cdrj_ros.judgement.metrics import pooled_errors

@@ -11,8 +11,7 @@ from cdrj_ros.commands.identify_task import Task
 from cdrj_ros.foundation.progress import progress_text
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.residuals import Pool
-from cdrj_ros.identification.settings import Settings
+from cdrj_ros.identification.problem import Pool, Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.metrics import pooled_errors

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.bag import Topics
-from cdrj_ros.identification.left_out import model_error
+from cdrj_ros.identification.residual_statistics import model_error
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.validation import validate_bag
 from cdrj_ros.model.prepared import Model

@@ -6,8 +6,8 @@ import argparse
 
 from cdrj_ros.commands.running import CommandParser
 from cdrj_ros.commands.shared import add_topic_options
-from cdrj_ros.identification.references import WEIGHTS
-from cdrj_ros.identification.solution import LOSSES
+from cdrj_ros.identification.observations import WEIGHTS
+from cdrj_ros.identification.problem import LOSSES
 
 
 def parser() -> argparse.ArgumentParser:

@@ -13,7 +13,7 @@ from cdrj_ros import __version__
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.identification.fit import Identification
-from cdrj_ros.identification.solution import Loss
+from cdrj_ros.identification.problem import Loss
 from cdrj_ros.judgement.channels import BagComparison
 from cdrj_ros.judgement.metrics import ChannelError, pooled_errors
 from cdrj_ros.robot.writer import yaml_number

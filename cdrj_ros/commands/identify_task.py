@@ -20,17 +20,17 @@ from cdrj_ros.identification.pose import (
     moved_ranges,
     outdated_corrections,
     pose_unknowns,
-    seeking_ranges,
+    search_ranges,
 )
-from cdrj_ros.identification.settings import Settings
+from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import (
     Unknown,
+    fitted_along,
     parse_unknowns,
     starting_values,
     with_bounds,
     with_priors,
 )
-from cdrj_ros.identification.wide import fitted_along
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.robot.document import Document, document_complaints
 from cdrj_ros.robot.parameters import with_numbers
@@ -141,7 +141,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         arguments.seed,
         arguments.settle,
         arguments.quick,
-        judges_drums=True,
+        compares_drums=True,
     )
 
 
@@ -192,7 +192,7 @@ def posed(
     outdated = outdated_corrections(robot, left)
     for name in dict.fromkeys(path.partition(".value.")[0] for path in outdated):
         say(f"set to zero: {name}: it was fitted to readings of the file's pose")
-    changed = outdated | seeking_ranges(task.document, task.source, left)
+    changed = outdated | search_ranges(task.document, task.source, left)
     document = with_numbers(task.document, changed)
     unknowns = _unknowns(arguments, document, task.source)
     for one in pose_unknowns(document, build_robot(document, task.source)):

@@ -1,4 +1,4 @@
-// Friction along recorded motions, as `cdrj_ros.identification.sliding` uses it.
+// Friction along recorded motions, as `cdrj_ros.identification.friction_chain` uses it.
 #include <pybind11/numpy.h>
 
 #include "arrays.hpp"

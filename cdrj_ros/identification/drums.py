@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.identification.observations import samples_of, thinned
-from cdrj_ros.identification.residuals import Problem
-from cdrj_ros.identification.solution import Loss, Progress, solve, with_priors
-from cdrj_ros.identification.standard_errors import effective_variance
-from cdrj_ros.identification.states import independent_states
+from cdrj_ros.identification.problem import Loss, Problem, Progress
+from cdrj_ros.identification.residual_statistics import effective_variance, independent_states
+from cdrj_ros.identification.solver import solve, with_priors
 from cdrj_ros.robot.description import Robot, Winch
 
 Vector = NDArray[np.float64]
@@ -55,7 +54,7 @@ def drums_in_doubt(robot: Robot) -> bool:
     return known is not None and not known.drums_hold and any(True for _ in _motors(robot))
 
 
-def judge_drums(
+def compare_drums(
     problem: Problem, coordinates: Vector, weights: Vector, loss: Loss, say: Progress
 ) -> DrumFinding:
     """Compare drums that hold with drums that slip: (I8).

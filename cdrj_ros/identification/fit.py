@@ -19,17 +19,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.threads import thread_pool
-from cdrj_ros.identification.drums import DrumFinding, drums_in_doubt, judge_drums
-from cdrj_ros.identification.left_alone import LeftAlone
-from cdrj_ros.identification.observations import Recorded, samples_of
-from cdrj_ros.identification.references import chosen_channels, given_sigmas, spreads
-from cdrj_ros.identification.residuals import Pool, Problem
-from cdrj_ros.identification.rounds import Rounds, sample_count
-from cdrj_ros.identification.settings import Settings, check
-from cdrj_ros.identification.settling import settle
-from cdrj_ros.identification.solution import Progress, robust_weights, solve, thresholds
-from cdrj_ros.identification.standard_errors import certainty, effective_variance
-from cdrj_ros.identification.starts import many_starts, sought
+from cdrj_ros.identification.drums import DrumFinding, compare_drums, drums_in_doubt
+from cdrj_ros.identification.nuisance import Nuisance
+from cdrj_ros.identification.observations import (
+    Recorded,
+    chosen_channels,
+    given_sigmas,
+    residual_scales,
+    samples_of,
+)
+from cdrj_ros.identification.problem import (
+    Loss,
+    Pool,
+    Problem,
+    Progress,
+    Rounds,
+    Settings,
+    check,
+    residuals_together,
+    sample_count,
+)
+from cdrj_ros.identification.residual_statistics import effective_variance
+from cdrj_ros.identification.solver import (
+    difference_points,
+    jacobian,
+    limits,
+    many_starts,
+    robust_weights,
+    solve,
+    sought,
+    thresholds,
+    with_priors,
+)
+from cdrj_ros.identification.standard_errors import (
+    accuracy,
+    expected_gain,
+    remaining_step,
+)
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.document import Document
@@ -37,6 +63,7 @@ from cdrj_ros.robot.reader import build_robot
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
+
 
 SCOUT: Final = 4
 """The search for the minimum uses only every n-th of the thinned samples, and of the residuals."""
@@ -71,7 +98,7 @@ class Identification:
     silent: tuple[bool, ...] = ()
     """Whether each number has no influence on the data; it then keeps its starting value and the
     standard deviation that it had before."""
-    others: LeftAlone | None = None
+    others: Nuisance | None = None
     """Numbers that were not fitted, and how the errors of the fitted ones go with theirs."""
     drums: DrumFinding | None = None
     """What the recordings show of the cable on the drums; None if it was not judged."""
@@ -117,7 +144,7 @@ def identify(
     model = prepare(build_robot(document, source))
     document = dict(model.robot.document)  # all trials have the contact cells of the first
     channels = chosen_channels(model.layout, recordings, settings.channels)
-    sigmas = spreads(recordings, channels, settings.weights)
+    sigmas = residual_scales(recordings, channels, settings.weights)
     sigmas |= given_sigmas(channels, settings.sigmas or {})
     with thread_pool(os.cpu_count() or 1) as threads:
         samples = tuple(threads.map(partial(samples_of, model), recordings))
@@ -137,7 +164,7 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         f"{sample_count(rough)} samples"
     )
     scout = rounds.problem(coarse=True, scout=SCOUT)
-    coordinates, starts = _roughly(scout, rough, settings, say)
+    coordinates, starts = _coarse_fit(scout, rough, settings, say)
     last, evaluations = rough, scout.evaluations
     if not settings.coarse and max(one.stride for one in rough.observations) > 1:
         last = rounds.problem(coarse=False)
@@ -148,12 +175,12 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         evaluations += last.evaluations
     here = rough.residuals(coordinates)
     weights = robust_weights(loss, here, thresholds(rough, here))
-    known = certainty(rough, coordinates, here, slopes, weights)
+    known = accuracy(rough, coordinates, here, slopes, weights)
     coordinates = np.where(known.silent, 0.0, coordinates)
     residuals = last.residuals(coordinates)
     drums = None
-    if settings.judges_drums and drums_in_doubt(rounds.model.robot):
-        drums = judge_drums(rough, coordinates, weights, loss, say)
+    if settings.compares_drums and drums_in_doubt(rounds.model.robot):
+        drums = compare_drums(rough, coordinates, weights, loss, say)
     return Identification(
         rounds.unknowns,
         last.values(coordinates),
@@ -181,7 +208,7 @@ def _stddev_before(rounds: Rounds, found: Vector) -> Vector:
     return np.array([before.get(name, stddev) for name, stddev in zip(names, found, strict=True)])
 
 
-def _roughly(
+def _coarse_fit(
     scout: Problem, rough: Problem, settings: Settings, say: Progress
 ) -> tuple[Vector, tuple[str, ...]]:
     """Fit to thinned samples: from every start to a quarter of them, from the best to all of them.
@@ -215,3 +242,55 @@ def _of_starts(count: int, same: int) -> str:
     if same == count:
         return f"All {count} starts ended in the same minimum."
     return f"{same} of {count} starts ended in the best minimum; the others ended in worse ones."
+
+
+SETTLING_STEPS: Final = 8
+SETTLING_GAIN: Final = 1e-3
+"""A further step that lowers the cost by less, as a fraction, is not taken for its gain."""
+SETTLED: Final = 0.3
+"""Further steps smaller than this are not taken [standard errors]."""
+UNSETTLED: Final = 1.0
+"""A remaining step larger than this is reported [standard errors]."""
+
+
+def settle(
+    last: Problem, rough: Problem, coordinates: Vector, loss: Loss, say: Progress
+) -> tuple[Vector, Table, tuple[str, ...]]:
+    """Take further steps while they are a considerable fraction of a standard error, or gain.
+
+    Where most of the cost is noise, a tolerance on its relative change ends a fit too early.  The
+    Jacobian is that of the thinned samples, which is nearly the same and many times cheaper.
+
+    Returns:
+        The coordinates, the Jacobian there without priors, and a message if they have not
+        settled.
+    """
+    lower, upper = limits(last)
+    for _ in range(SETTLING_STEPS):
+        say("computing standard errors")
+        # the long run over all samples and the short ones share the processors
+        around = difference_points(rough, coordinates, central=True)
+        residuals = residuals_together([(last, [coordinates]), (rough, around)])[0][0]
+        slopes = jacobian(rough, coordinates, central=True)[: residuals.size]
+        weights = robust_weights(loss, residuals, thresholds(last, residuals))
+        step, size = remaining_step(last, coordinates, residuals, slopes, weights)
+        worst = int(size.argmax())
+        gain = expected_gain(step, residuals, slopes, weights)
+        if size[worst] <= SETTLED and gain <= SETTLING_GAIN:
+            return coordinates, slopes, ()
+        moved = np.clip(coordinates + step, lower, upper)
+        after = with_priors(last, moved, last.residuals(moved))
+        before = with_priors(last, coordinates, residuals)
+        weights = np.concatenate([weights, np.ones(before.size - weights.size)])
+        if not weights @ after**2 < weights @ before**2:
+            break
+        say(f"another step, of {size[worst]:.1f} standard errors")
+        coordinates = moved
+    slopes = jacobian(rough, coordinates, central=True)[: residuals.size]
+    if size[worst] <= UNSETTLED:
+        return coordinates, slopes, ()
+    sentence = (
+        f"The fit has not settled: {last.unknowns[worst].name} would still move by "
+        f"{size[worst]:.1f} of its standard errors."
+    )
+    return coordinates, slopes, (sentence,)

@@ -169,7 +169,7 @@ def outdated_corrections(robot: Robot, moved: Moved) -> dict[str, float]:
     return {path: 0.0 for path in known.parameters if ".correction.value." in path}
 
 
-def seeking_ranges(document: Document, source: str, moved: Moved) -> dict[str, float]:
+def search_ranges(document: Document, source: str, moved: Moved) -> dict[str, float]:
     """Ranges in which the zeros of moved joints are sought, by path [rad]: see ``REACHES``.
 
     The reference angle of such a joint starts in the middle of its readings.

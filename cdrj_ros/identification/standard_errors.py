@@ -1,4 +1,4 @@
-"""Standard errors and correlations of the numbers, and combinations that are indistinguishable.
+"""Standard errors and correlations of the numbers, and what the data cannot determine.
 
 Residuals of a fitted mechanism are not white noise.  Most of them is error of the model, which
 lasts for a good part of a stroke, appears in many references at once and repeats in every cycle of
@@ -7,9 +7,9 @@ independent and be wrong by orders of magnitude.  The standard errors here have 
 
 - Numbers of the file that are not fitted are not exact.  Their errors act in the same direction in
   every cycle, so that the residuals do not show what the fit has absorbed.  Their effect on the
-  residuals is computed, and by the fit that on the numbers (``left_alone``).
+  residuals is computed, and by the fit that on the numbers (``nuisance``).
 - What is left of the residuals, as far as it lasts, counts once per state of the mechanism, however
-  many cycles, samples and references there are in it (``left_variance``).
+  many cycles, samples and references there are in it (``residual_statistics``).
 
 See (I2), (I3) and (I6) in docs/identification.md.
 """
@@ -22,27 +22,36 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.identification.findings import findings, without_influence
-from cdrj_ros.identification.left_alone import (
+from cdrj_ros.identification.nuisance import (
     Cause,
-    LeftAlone,
-    causes_left_alone,
+    Nuisance,
     effects,
-    left_alone,
+    nuisance_causes,
+    nuisance_correlation,
 )
-from cdrj_ros.identification.left_variance import Linear, Places, variance_left
-from cdrj_ros.identification.residuals import Problem
-from cdrj_ros.identification.solution import limits
-from cdrj_ros.identification.states import cells_of_residuals, states_of_residuals, visited_states
+from cdrj_ros.identification.problem import Problem
+from cdrj_ros.identification.residual_statistics import (
+    Linear,
+    Places,
+    cells_of_residuals,
+    effective_variance,
+    residual_variance,
+    states_of_residuals,
+    visited_states,
+)
+from cdrj_ros.identification.solver import limits
+from cdrj_ros.identification.unknowns import Unknown
+from cdrj_ros.robot.parameters import find_number
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
+
 
 AT_BOUND: Final = 1e-6
 """Distance within which a number counts as at a bound, as a fraction of the range."""
 
 
-class Certainty(NamedTuple):
+class Accuracy(NamedTuple):
     """Accuracy of the numbers."""
 
     stddev: Vector
@@ -53,13 +62,13 @@ class Certainty(NamedTuple):
     """Messages about what the data cannot determine."""
     silent: NDArray[np.bool_]
     """Which numbers have neither influence on the data nor a prior, shape (p,)."""
-    others: LeftAlone
+    others: Nuisance
     """Numbers that are not fitted."""
 
 
-def certainty(
+def accuracy(
     problem: Problem, coordinates: Vector, residuals: Vector, jacobian: Table, weights: Vector
-) -> Certainty:
+) -> Accuracy:
     """Standard errors and findings at a solution.
 
     Args:
@@ -70,7 +79,7 @@ def certainty(
         weights: robust weights, shape (n,); ones for the linear loss.
     """
     root = np.sqrt(weights)
-    causes = causes_left_alone(problem.begin.robot.uncertainty, problem.unknowns)
+    causes = nuisance_causes(problem.begin.robot.uncertainty, problem.unknowns)
     covariance, absorbed, information = _covariance(
         problem, coordinates, causes, residuals * root, jacobian * root[:, None], root
     )
@@ -84,12 +93,12 @@ def certainty(
     np.fill_diagonal(correlation, 1.0)
     stddev = np.minimum(in_coordinates * np.abs(slope), most)
     absorbed = absorbed * (np.sign(slope) * stddev / in_coordinates)[:, None]
-    return Certainty(
+    return Accuracy(
         stddev,
         np.clip(correlation, -1.0, 1.0),
         findings(problem, coordinates, information, covariance),
         without_influence(information) & [u.prior is None for u in problem.unknowns],
-        left_alone(causes, absorbed, stddev),
+        nuisance_correlation(causes, absorbed, stddev),
     )
 
 
@@ -124,7 +133,7 @@ def _covariance(
         states_of_residuals(problem), cells_of_residuals(problem), visited_states(problem)
     )
     variance = effective_variance(problem, residuals)
-    left = variance_left(everything, places, variance)
+    left = residual_variance(everything, places, variance)
     square = slopes.T @ slopes
     fitted = np.linalg.inv(square / variance + np.diag(known))
     absorbed = -fitted @ (slopes.T @ others) / variance
@@ -136,7 +145,7 @@ def _covariance(
 def remaining_step(
     problem: Problem, coordinates: Vector, residuals: Vector, jacobian: Table, weights: Vector
 ) -> tuple[Vector, Vector]:
-    """(I4): the remaining Gauss-Newton step at a solution; arguments as for ``certainty``.
+    """(I4): the remaining Gauss-Newton step at a solution; arguments as for ``accuracy``.
 
     Returns:
         The step in coordinates, and its size in standard errors, shape (p,) each; 0 for numbers
@@ -167,48 +176,6 @@ def expected_gain(step: Vector, residuals: Vector, jacobian: Table, weights: Vec
     return float(-(weights * along) @ (2.0 * residuals + along)) / max(cost, 1e-300)
 
 
-def effective_variance(problem: Problem, residuals: Vector) -> float:
-    """(I2): variance that gives residuals and priors their weights in the fit.
-
-    Args:
-        problem: problem with the observations of the residuals.
-        residuals: residuals with robust weights applied, shape (n,).
-    """
-    at = 0
-    powers, noise = [], 0.0
-    for observed in problem.observations:
-        parts = []
-        for channel in observed.channels:
-            part = residuals[at : at + channel.reference.size]
-            at += part.size
-            noise += white_power(part)
-            parts.append(part)
-        powers.append(_powers(parts))
-    power = np.concatenate(powers)
-    size = max(at, 1)
-    mean = float(np.mean(residuals[:at] ** 2))
-    white = min(noise / size, mean)
-    independent = float(power.sum()) ** 2 / max(float(np.sum(power**2)), 1e-300)
-    pieces = max(1.0, min(independent, float(visited_states(problem)), float(size)))
-    return max(white + (mean - white) * size / pieces, 1e-300)
-
-
-def white_power(residuals: Vector) -> float:
-    """Sum of squares of white noise on a smooth series, from its second differences."""
-    if residuals.size < 3:
-        return 0.0
-    return float(np.median(np.diff(residuals, 2) ** 2)) / 0.4549 / 6.0 * residuals.size
-
-
-def _powers(parts: Sequence[Vector]) -> Vector:
-    """Power of every principal component of several series at every frequency."""
-    n = max(part.size for part in parts)
-    common = np.linspace(0.0, 1.0, n)
-    series = np.array([np.interp(common, np.linspace(0.0, 1.0, max(p.size, 1)), p) for p in parts])
-    _, directions = np.linalg.eigh(series @ series.T)
-    return (np.abs(np.fft.fft(directions.T @ series, axis=1)) ** 2 / n).ravel()
-
-
 def _pull(problem: Problem, coordinates: Vector) -> Vector:
     """Gradient of the priors' half sum of squares, in coordinates."""
     pull = np.zeros(coordinates.size)
@@ -231,3 +198,150 @@ def _known_beforehand(problem: Problem, coordinates: Vector) -> Vector:
         if unknown.prior is not None:
             known[k] += (unknown.slope(float(x)) / unknown.prior[1]) ** 2
     return known
+
+
+CLOSE: Final = 0.05
+"""Eigenvalue of the correlation matrix below which the numbers of a combination count as hard to
+distinguish; for two numbers, this is a correlation beyond 0.95."""
+
+SILENT: Final = 1e-6
+"""Sensitivity relative to the largest one below which a number has no influence."""
+
+MATTERS: Final = 0.02
+"""Relative uncertainty below which a combination is not reported."""
+
+UNKNOWN: Final = 0.5
+"""Relative uncertainty from which a number counts as undetermined by the data."""
+
+MEMBER: Final = 0.3
+"""Component in a direction, relative to the largest one, from which a number belongs to it."""
+
+
+def without_influence(information: Table) -> NDArray[np.bool_]:
+    """Which numbers the fitted references do not depend on, shape (p,).
+
+    Args:
+        information: information of the data alone, in coordinates, shape (p, p).
+    """
+    strength = np.sqrt(np.maximum(np.diag(information), 0.0))
+    silent: NDArray[np.bool_] = strength <= SILENT * max(float(strength.max()), 1e-300)
+    return silent
+
+
+def findings(
+    problem: Problem, coordinates: Vector, information: Table, covariance: Table
+) -> tuple[str, ...]:
+    """Messages about numbers without influence, at their bounds, or known only in combination.
+
+    Args:
+        problem: the problem that was solved.
+        coordinates: the solution's coordinates, shape (p,).
+        information: information of the data alone, in coordinates, shape (p, p).
+        covariance: covariance in coordinates, shape (p, p).
+    """
+    unknowns = problem.unknowns
+    values = np.array([u.value(float(x)) for u, x in zip(unknowns, coordinates, strict=True)])
+    slopes = np.array([u.slope(float(x)) for u, x in zip(unknowns, coordinates, strict=True)])
+    size = np.maximum(np.abs(values), np.abs(slopes))  # the step's size where a number is near zero
+    silent = without_influence(information)
+    stddev = np.sqrt(np.diag(covariance))
+    together = stddev * np.abs(slopes) / size
+    alone = np.abs(slopes) / size / np.sqrt(np.diag(np.linalg.inv(covariance)))
+    sign = np.sign(slopes) * np.where(values < 0.0, -1.0, 1.0)
+    correlation = covariance / np.outer(stddev, stddev) * np.outer(sign, sign)
+
+    sentences = [
+        f"{unknowns[k].name} has no influence on the references that were fitted; it "
+        "stays as it was."
+        for k in np.flatnonzero(silent)
+    ]
+    sentences += _at_bounds(problem, coordinates, silent)
+    told = set(np.flatnonzero(silent).tolist())
+    eigenvalues, vectors = np.linalg.eigh(correlation)
+    for direction in np.flatnonzero(eigenvalues < CLOSE):
+        share = np.abs(vectors[:, direction])
+        members = [
+            int(k) for k in np.argsort(-share) if share[k] >= MEMBER * share.max() and not silent[k]
+        ]
+        if len(members) < 2 or set(members) <= told or max(together[members]) < MATTERS:
+            continue
+        told |= set(members)
+        if len(members) == 2:
+            i, j = members
+            alike = len({unknowns[k].paths[0].rsplit(".", 1)[-1] for k in members}) == 1
+            signless = alike or unknowns[i].lower < 0.0 or unknowns[j].lower < 0.0
+            sentences.append(
+                _pair(unknowns, i, j, float(correlation[i, j]), signless, alone, together)
+            )
+        else:
+            sentences.append(_several(unknowns, members, alone, together))
+    sentences += [
+        f"{unknowns[k].name} is hardly determined by the data: {values[k]:.4g}, known only within "
+        f"{_percent(together[k])}."
+        for k in np.flatnonzero(together >= UNKNOWN)
+        if k not in told
+    ]
+    return tuple(sentences)
+
+
+def _at_bounds(problem: Problem, coordinates: Vector, silent: NDArray[np.bool_]) -> list[str]:
+    lower, upper = limits(problem)
+    sentences = []
+    for k, unknown in enumerate(problem.unknowns):
+        for bound, end in ((lower, "lower"), (upper, "upper")):
+            if not silent[k] and abs(coordinates[k] - bound[k]) < 1e-2:
+                value = unknown.value(float(coordinates[k]))
+                sentences.append(
+                    f"{unknown.name} ended at its {end} bound, {value:.5g}: the best fit lies "
+                    f"beyond it, or the model is incomplete.{_wider(problem, unknown, end)}"
+                )
+    return sentences
+
+
+def _wider(problem: Problem, unknown: Unknown, end: str) -> str:
+    """What to do about a zero whose bound is the end of its joint's range in the robot file."""
+    joint, _, key = unknown.paths[0].rpartition(".")
+    if key != "reference_angle" or not joint.startswith("joints."):
+        return ""
+    place, bound = ("1", unknown.lower) if end == "lower" else ("2", unknown.upper)
+    if find_number(problem.document, f"{joint}.range.{place}").value != bound:
+        return ""
+    return f" This is the end of {joint}.range; widen it if the joint moves further."
+
+
+def _pair(
+    unknowns: Sequence[Unknown],
+    i: int,
+    j: int,
+    correlation: float,
+    signless: bool,
+    alone: Vector,
+    together: Vector,
+) -> str:
+    rising = correlation > 0.0
+    if signless:
+        combination = "difference" if rising else "sum"
+    else:
+        combination = "ratio" if rising else "product"
+    return (
+        f"{unknowns[i].name} and {unknowns[j].name} can hardly be told apart (correlation "
+        f"{correlation:+.3f}): the data determine mainly their {combination}. If all other numbers "
+        f"were known, they would be known within {_percent(alone[i])} and {_percent(alone[j])}; "
+        f"now they are known within {_percent(together[i])} and {_percent(together[j])}."
+    )
+
+
+def _several(
+    unknowns: Sequence[Unknown], members: Sequence[int], alone: Vector, together: Vector
+) -> str:
+    names = [unknowns[k].name for k in members]
+    return (
+        f"{', '.join(names[:-1])} and {names[-1]} can hardly be told apart: a combined change of "
+        "them hardly affects the fit. If all other numbers were known, they would be known within "
+        f"{', '.join(_percent(alone[k]) for k in members)}; now they are known within "
+        f"{', '.join(_percent(together[k]) for k in members)}."
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 1.0 else f"a factor of {1.0 + share:.1f}"

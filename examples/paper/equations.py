@@ -15,8 +15,13 @@ from numpy.typing import NDArray
 
 from cdrj_ros.bag import Recording, read_recording
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.identification.propagation import KnownTension, Path, path_of, propagate
-from cdrj_ros.identification.rho import identify_rho
+from cdrj_ros.identification.propagation import (
+    KnownTension,
+    Path,
+    identify_rho,
+    path_of,
+    propagate,
+)
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from examples.paper.stiffness import Stiffness, nominal_stiffness, stiffness_matrix

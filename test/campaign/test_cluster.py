@@ -22,7 +22,7 @@ from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.observations import Recorded, observe, samples_of
-from cdrj_ros.identification.residuals import Problem
+from cdrj_ros.identification.problem import Problem
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.loading import load_model, robot_path
 from cdrj_ros.rig.follow import follow_joints

@@ -9,7 +9,7 @@ import yaml
 
 from cdrj_ros.commands.identify_uncertainty import COVARIANCE_LIMIT, uncertainty_section
 from cdrj_ros.identification.fit import Identification
-from cdrj_ros.identification.left_alone import LeftAlone, left_alone
+from cdrj_ros.identification.nuisance import Nuisance, nuisance_correlation
 from cdrj_ros.identification.unknowns import Unknown
 
 FITTED = (
@@ -26,14 +26,14 @@ ABSORBED = np.array([[0.06, 0.05, 1e-6], [-1e-4, 0.0, 0.0]])
 """Change of the fitted numbers by one standard deviation of each cause."""
 
 
-def found(others: LeftAlone | None) -> Identification:
+def found(others: Nuisance | None) -> Identification:
     return Identification(
         FITTED, np.array([0.2, 0.01]), STDDEV, np.array([[1.0, -0.3], [-0.3, 1.0]]), (), (), 1, 1,
         0.0, 1, (False, False), others,
     )  # fmt: skip
 
 
-def written(others: LeftAlone | None, before: dict[str, Any]) -> dict[str, Any]:
+def written(others: Nuisance | None, before: dict[str, Any]) -> dict[str, Any]:
     block: dict[str, Any] = yaml.safe_load(uncertainty_section(found(others), before, {}))
     return dict(block["uncertainty"])
 
@@ -49,7 +49,7 @@ def covariance(block: dict[str, Any]) -> dict[tuple[str, str], float]:
 
 def test_what_the_fit_left_alone_is_written_with_its_covariance() -> None:
     stated = {"parameters": ["cables.a.preload"], "stddev": [2.0]}
-    block = written(left_alone(CAUSES, ABSORBED, STDDEV), stated)
+    block = written(nuisance_correlation(CAUSES, ABSORBED, STDDEV), stated)
     radii = ["cables.a.nodes.2.radius", "cables.a.nodes.3.radius"]
     assert block["parameters"] == [
         "friction.rho", "cables.a.spans.2.slope", "cables.b.spans.2.slope", "cables.a.preload",
@@ -70,16 +70,16 @@ def test_what_the_fit_left_alone_is_written_with_its_covariance() -> None:
 def test_numbers_that_deviate_together_are_taken_whole_or_not_at_all() -> None:
     many = {f"cables.a.nodes.{k}.radius": 1e-4 for k in range(2, 2 + COVARIANCE_LIMIT - 3)}
     causes = (many, {"cables.a.preload": 2.0})
-    others = left_alone(causes, np.array([[0.06, 0.05], [0.0, 0.0]]), STDDEV)
+    others = nuisance_correlation(causes, np.array([[0.06, 0.05], [0.0, 0.0]]), STDDEV)
     assert len(written(others, {})["parameters"]) == COVARIANCE_LIMIT
     more = ({**many, "cables.a.nodes.99.radius": 1e-4}, causes[1])
-    others = left_alone(more, np.array([[0.06, 0.05], [0.0, 0.0]]), STDDEV)
+    others = nuisance_correlation(more, np.array([[0.06, 0.05], [0.0, 0.0]]), STDDEV)
     assert written(others, {})["parameters"][3:] == ["cables.a.preload"]
 
 
 def test_without_inexact_others_only_the_fit_and_what_was_stated_is_written() -> None:
     stated = {"parameters": ["friction.rho", "cables.a.preload"], "stddev": [0.3, 2.0]}
-    for others in (None, left_alone((), np.empty((2, 0)), STDDEV)):
+    for others in (None, nuisance_correlation((), np.empty((2, 0)), STDDEV)):
         block = written(others, {**stated, "others": "exact"})
         assert block["others"] == "exact"
         assert block["parameters"][3:] == ["cables.a.preload"]

@@ -18,7 +18,7 @@ from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.identification.drums import CERTAIN, finding
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.settings import Settings
+from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import Model, prepare
@@ -28,7 +28,7 @@ from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
-SETTINGS = Settings(channels=("tension/*/8", "effort/*"), coarse=True, judges_drums=True)
+SETTINGS = Settings(channels=("tension/*/8", "effort/*"), coarse=True, compares_drums=True)
 TRUE = {"cables.upper.preload": 34.0, "cables.lower.preload": 28.0}
 
 

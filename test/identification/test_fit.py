@@ -14,7 +14,7 @@ from support.made_up import recording
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.settings import Settings
+from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.standard_errors import remaining_step
 from cdrj_ros.identification.unknowns import (
     parse_unknowns,
@@ -171,7 +171,7 @@ def test_a_fit_to_mostly_noise_does_not_stop_short_of_its_own_accuracy(
         left.append(size)
         return step, size
 
-    monkeypatch.setattr("cdrj_ros.identification.settling.remaining_step", remember)
+    monkeypatch.setattr("cdrj_ros.identification.fit.remaining_step", remember)
     fit = "friction.mu_c,friction.mu_s,friction.stribeck_speed"
     start = {name: FRICTION_AND_DRUM[name] for name in fit.split(",")}
     noisy = [recording(rubbing, 60.0, noise=1.0)]
@@ -183,8 +183,8 @@ def test_a_fit_to_mostly_noise_does_not_stop_short_of_its_own_accuracy(
     truth = [number_at(rubbing, unknown.paths[0]) for unknown in settled.unknowns]
     assert np.all(np.abs(settled.values - truth) < 3.0 * settled.stddev)
 
-    monkeypatch.setattr("cdrj_ros.identification.settling.SETTLING_STEPS", 1)
-    monkeypatch.setattr("cdrj_ros.identification.settling.UNSETTLED", 0.3)
+    monkeypatch.setattr("cdrj_ros.identification.fit.SETTLING_STEPS", 1)
+    monkeypatch.setattr("cdrj_ros.identification.fit.UNSETTLED", 0.3)
     hasty = found_from(rubbing, fit, start, noisy)
     assert [text for text in hasty.findings if text.startswith("The fit has not settled: friction")]
 
@@ -339,7 +339,7 @@ def test_random_starts_are_repeatable_and_find_the_same_minimum(document: Docume
 def test_the_last_round_takes_every_sample(
     document: Document, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cdrj_ros.identification.rounds.COARSE_SAMPLES", 500)
+    monkeypatch.setattr("cdrj_ros.identification.problem.COARSE_SAMPLES", 500)
     rec = recording(document, 10.0)
     rough = found_from(document, "friction.rho", {"friction.rho": 0.22}, [rec])
     full = found_from(document, "friction.rho", {"friction.rho": 0.22}, [rec], Settings())

@@ -18,9 +18,9 @@ from cdrj_ros.identification.pose import (
     moved_ranges,
     pose_ranges,
     pose_unknowns,
-    seeking_ranges,
+    search_ranges,
 )
-from cdrj_ros.identification.settings import Settings
+from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns, with_bounds
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, parse_document
@@ -105,14 +105,14 @@ def test_the_new_range_ends_a_tenth_of_the_stroke_beyond_the_readings_and_the_ze
 
 def test_a_zero_is_sought_a_stroke_beyond_the_readings_or_as_far_as_the_geometry_allows() -> None:
     """The last element has no length left at -2.5 rad."""
-    free = seeking_ranges(arm(), "arm", {"elbow": Reach(1.5, 2.5)})
+    free = search_ranges(arm(), "arm", {"elbow": Reach(1.5, 2.5)})
     assert free["joints.elbow.range.1"] == pytest.approx(0.5)
     assert free["joints.elbow.range.2"] == pytest.approx(3.5)
-    narrow = seeking_ranges(arm(), "arm", {"elbow": Reach(-2.2, -1.2)})
+    narrow = search_ranges(arm(), "arm", {"elbow": Reach(-2.2, -1.2)})
     assert -3.2 < narrow["joints.elbow.range.1"] < -2.2
     assert narrow["joints.elbow.range.2"] == pytest.approx(-0.2)
     with pytest.raises(RobotFileError, match="has the length"):
-        seeking_ranges(arm(), "arm", {"elbow": Reach(-4.0, -3.0)})
+        search_ranges(arm(), "arm", {"elbow": Reach(-4.0, -3.0)})
 
 
 def test_the_bounds_of_a_zero_are_its_joints_range_whatever_its_start() -> None:

@@ -12,8 +12,15 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.identification.propagation import KnownTension, Path, path_of, propagate
-from cdrj_ros.identification.rho import RhoEstimate, identify_rho, with_rho
+from cdrj_ros.identification.propagation import (
+    KnownTension,
+    Path,
+    RhoEstimate,
+    identify_rho,
+    path_of,
+    propagate,
+    with_rho,
+)
 from cdrj_ros.model.friction import blended_loss
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import Model, prepare

@@ -10,12 +10,15 @@ import pytest
 from support.made_up import recording
 
 from cdrj_ros.identification.fit import identify
-from cdrj_ros.identification.left_alone import causes_left_alone, effects
-from cdrj_ros.identification.left_variance import Linear, Places, lasting_power, variance_left
-from cdrj_ros.identification.observations import observe, samples_of
-from cdrj_ros.identification.references import spreads
-from cdrj_ros.identification.residuals import Problem
-from cdrj_ros.identification.settings import Settings
+from cdrj_ros.identification.nuisance import effects, nuisance_causes
+from cdrj_ros.identification.observations import observe, residual_scales, samples_of
+from cdrj_ros.identification.problem import Problem, Settings
+from cdrj_ros.identification.residual_statistics import (
+    Linear,
+    Places,
+    lasting_variance,
+    residual_variance,
+)
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.document import Document
@@ -112,7 +115,7 @@ def test_a_file_that_says_that_all_others_are_exact_is_believed(fresh: Document)
 def test_causes_are_independent_and_leave_out_what_is_fitted(fresh: Document) -> None:
     known = build_robot(fresh, "test").uncertainty
     assert known is not None
-    causes = causes_left_alone(known, parse_unknowns(fresh, FIT + ",preload,EA"))
+    causes = nuisance_causes(known, parse_unknowns(fresh, FIT + ",preload,EA"))
     named = [set(cause) for cause in causes]
     assert {"friction.mu_c", "friction.mu_s"} in named, "they deviate together"
     assert not any("preload" in path or "stiffness" in path.split(".") for c in named for path in c)
@@ -132,10 +135,10 @@ def test_stated_correlations_give_causes_with_the_same_covariance(fresh: Documen
     }  # fmt: skip
     known = build_robot({**fresh, "uncertainty": stated}, "test").uncertainty
     assert known is not None
-    causes = causes_left_alone(known, parse_unknowns(fresh, "rho"))
+    causes = nuisance_causes(known, parse_unknowns(fresh, "rho"))
     root = np.array([[cause.get(path, 0.0) for cause in causes] for path in paths])
     np.testing.assert_allclose(root @ root.T, known.covariance, rtol=1e-9, atol=1e-12)
-    rest = causes_left_alone(known, parse_unknowns(fresh, "EA"))
+    rest = nuisance_causes(known, parse_unknowns(fresh, "EA"))
     assert {path for cause in rest for path in cause} == set(paths[:2])
 
 
@@ -143,7 +146,7 @@ def test_effects_are_changes_of_the_residuals_by_one_standard_deviation(fresh: D
     unknowns = parse_unknowns(fresh, "rho")
     model = prepare(build_robot(fresh, "test"))
     recorded = recording(fresh, 5.0)
-    sigmas = spreads([recorded], list(recorded.references), "spread")
+    sigmas = residual_scales([recorded], list(recorded.references), "spread")
     samples = samples_of(model, recorded)
     seen = observe(model, recorded, samples, sigmas, 2, 100_000, 0.0, False)
     preload = "cables.upper.preload"
@@ -187,7 +190,9 @@ def test_white_residuals_have_their_own_variance() -> None:
     phase, places = cyclic()
     slopes = np.column_stack([np.sin(phase), np.cos(phase), np.ones(SIZE)])
     found = [
-        variance_left(linear(np.random.default_rng(k).normal(0.0, 0.3, SIZE), slopes), places, 1.0)
+        residual_variance(
+            linear(np.random.default_rng(k).normal(0.0, 0.3, SIZE), slopes), places, 1.0
+        )
         for k in range(10)
     ]
     assert np.mean(found) == pytest.approx(0.09, rel=0.5)
@@ -196,9 +201,9 @@ def test_white_residuals_have_their_own_variance() -> None:
 def test_an_error_that_lasts_in_every_state_counts_once_per_state() -> None:
     _, places = cyclic()
     error = np.random.default_rng(1).normal(0.0, 0.2, STATES)[places.states]
-    found = variance_left(linear(error, np.ones((SIZE, 1))), places, 1.0)
+    found = residual_variance(linear(error, np.ones((SIZE, 1))), places, 1.0)
     power = float(np.var(error))
-    assert lasting_power(error - error.mean(), places.cells) == pytest.approx(power, rel=0.01)
+    assert lasting_variance(error - error.mean(), places.cells) == pytest.approx(power, rel=0.01)
     assert found > power * SIZE / STATES
 
 
@@ -207,9 +212,9 @@ def test_what_other_numbers_explain_is_not_counted_again() -> None:
     noise = np.random.default_rng(2).normal(0.0, 0.01, SIZE)
     cause = np.sign(np.sin(phase))
     slopes = np.column_stack([np.sin(phase), cause])
-    explained = variance_left(linear(noise + 0.5 * cause, slopes), places, 1.0)
+    explained = residual_variance(linear(noise + 0.5 * cause, slopes), places, 1.0)
     assert explained < 3e-4
-    assert variance_left(linear(noise + 0.5 * cause, slopes[:, :1]), places, 1.0) > 1.0
+    assert residual_variance(linear(noise + 0.5 * cause, slopes[:, :1]), places, 1.0) > 1.0
 
 
 def test_errors_of_fitted_numbers_go_with_those_left_alone_as_stated(fresh: Document) -> None:

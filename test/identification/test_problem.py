@@ -11,10 +11,10 @@ import pytest
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.identification import residuals as module
+from cdrj_ros.identification import problem as module
 from cdrj_ros.identification.observations import Observations, Recorded, observe, samples_of
-from cdrj_ros.identification.residuals import Problem, residuals_of_one, residuals_together
-from cdrj_ros.identification.solution import jacobian
+from cdrj_ros.identification.problem import Problem, residuals_of_one, residuals_together
+from cdrj_ros.identification.solver import jacobian
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.document import Document

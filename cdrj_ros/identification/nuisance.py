@@ -1,4 +1,4 @@
-"""Numbers of the robot file that a fit leaves as they are, and what their errors do to residuals.
+"""Numbers of the robot file that are not fitted, and what their errors do to the residuals.
 
 An error of a number that is not fitted, such as a pulley's radius, acts in the same direction in
 every cycle.  The fit absorbs it in the numbers that it adjusts, so the residuals do not show it.
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.identification.observations import Observations, changes_samples
-from cdrj_ros.identification.residuals import Problem, residuals_of_one
+from cdrj_ros.identification.observations import Observations, changes_conditioning
+from cdrj_ros.identification.problem import Problem, residuals_of_one
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
@@ -27,6 +27,7 @@ from cdrj_ros.robot.tolerances import within_range
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
+
 
 Cause = Mapping[str, float]
 """One standard deviation of numbers that deviate together [SI], by path, signed."""
@@ -39,7 +40,7 @@ NEGLIGIBLE: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class LeftAlone:
+class Nuisance:
     """Numbers that are not fitted, and how the errors of the fitted ones go with theirs."""
 
     paths: tuple[str, ...]
@@ -53,7 +54,7 @@ class LeftAlone:
     """Indices of numbers that deviate together; the groups are independent."""
 
 
-def causes_left_alone(known: Uncertainty | None, unknowns: Sequence[Unknown]) -> tuple[Cause, ...]:
+def nuisance_causes(known: Uncertainty | None, unknowns: Sequence[Unknown]) -> tuple[Cause, ...]:
     """Independent causes of error among the numbers that a fit does not adjust.
 
     Args:
@@ -118,7 +119,7 @@ def effects(problem: Problem, coordinates: Vector, causes: Sequence[Cause]) -> T
     return columns
 
 
-def left_alone(causes: Sequence[Cause], absorbed: Table, stddev: Vector) -> LeftAlone:
+def nuisance_correlation(causes: Sequence[Cause], absorbed: Table, stddev: Vector) -> Nuisance:
     """Errors of the numbers that are not fitted beside those of the fitted ones: (I7).
 
     Args:
@@ -136,7 +137,7 @@ def left_alone(causes: Sequence[Cause], absorbed: Table, stddev: Vector) -> Left
     safe = np.where(stddev > 0.0, stddev, 1.0)
     with_fitted = np.clip((absorbed / safe[:, None]) @ roots.T, -1.0, 1.0)
     groups = _related(range(len(paths)), correlation)
-    return LeftAlone(paths, spread, correlation, with_fitted, tuple(map(tuple, groups)))
+    return Nuisance(paths, spread, correlation, with_fitted, tuple(map(tuple, groups)))
 
 
 def _deviating(document: Document, source: str, cause: Cause, way: float) -> Model | None:
@@ -155,7 +156,7 @@ def _deviating(document: Document, source: str, cause: Cause, way: float) -> Mod
 
 def _observed(problem: Problem, cause: Cause) -> Sequence[Observations]:
     """The recordings; conditioned anew if the cause changes how readings become angles."""
-    if not changes_samples(cause):
+    if not changes_conditioning(cause):
         return problem.observations
     return [replace(one, samples=None, groups=None) for one in problem.observations]
 

@@ -1,4 +1,4 @@
-"""Residuals of all reference channels for given parameters.
+"""The residuals of a fit as a function of the unknowns, over thinned or all samples.
 
 The residuals use the estimator itself: ``run`` processes the conditioned samples causally from the
 first one on.  The estimates are interpolated at the references' stamps as in every comparison.
@@ -6,16 +6,27 @@ first one on.  The estimates are interpolated at the references' stamps as in ev
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Final, Protocol
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.identification.observations import Observations, groups_of, samples_of, thinned
+from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.identification.observations import (
+    WEIGHTS,
+    Observations,
+    Recorded,
+    Weights,
+    changes_conditioning,
+    groups_of,
+    observe,
+    samples_of,
+    thinned,
+)
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.document import Document
@@ -23,6 +34,56 @@ from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
 
 Vector = NDArray[np.float64]
+
+Loss = Literal["linear", "soft_l1", "huber"]
+LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Choices of the fit."""
+
+    channels: tuple[str, ...] = ()
+    """Patterns of the references to fit; if empty, all are fitted."""
+    weights: Weights = "spread"
+    """Rule for the divisor of a channel's residuals, see ``residual_scales``."""
+    sigmas: Mapping[str, float] | None = None
+    """Divisors by channel pattern, which override that rule [N] or [N m]."""
+    loss: Loss = "linear"
+    """Loss of the residuals after the first round."""
+    starts: int = 1
+    """Number of starts, all but the first of them random."""
+    seed: int = 0
+    """Seed of the random starts."""
+    settle_s: float = 0.0
+    """Time at the beginning of each recording that is excluded from the comparison [s]."""
+    coarse: bool = False
+    """Whether to skip the last round, which uses all samples."""
+    sought: tuple[str, ...] = ()
+    """Paths of numbers that are first sought over their whole range."""
+    compares_drums: bool = False
+    """Whether to judge if the cable slips on its drums, where the file leaves it open."""
+
+
+def check(unknowns: Sequence[Unknown], recordings: Sequence[Recorded], settings: Settings) -> None:
+    """Refuse an impossible fit.
+
+    Raises:
+        UsageError: there is nothing to fit or to fit to, or a setting is out of range.
+    """
+    if not unknowns:
+        raise UsageError("there are no unknowns to fit")
+    if not recordings:
+        raise UsageError("there is no recording to fit to")
+    if settings.loss not in LOSSES:
+        raise UsageError(f"the loss must be one of {', '.join(LOSSES)}, got {settings.loss!r}")
+    if settings.weights not in WEIGHTS:
+        raise UsageError(f"weights must be one of {', '.join(WEIGHTS)}, got {settings.weights!r}")
+    if not 1 <= settings.starts <= 1000:
+        raise UsageError(f"starts must be in [1, 1000], got {settings.starts}")
+
 
 CHUNK: Final = 1024
 """Samples estimated at a time, so that only the compared columns are kept in memory."""
@@ -194,3 +255,73 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
 
 def _slice(samples: Samples, part: slice) -> Samples:
     return Samples(samples.stamp_ns[part], samples.motor_angle[part], samples.joint_angle[part])
+
+
+COARSE_SAMPLES: Final = 20_000
+"""Samples of the first rounds, over all recordings; the friction laws hardly depend on the rate."""
+
+LOWEST_RATE: Final = 100.0
+"""Lowest sampling rate in those rounds [Hz]."""
+
+MOST_RESIDUALS: Final = 400_000
+"""Largest number of residuals of a round; references are thinned to stay below it."""
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """Data shared by the rounds of one fit."""
+
+    document: Document
+    source: str
+    unknowns: tuple[Unknown, ...]
+    recordings: tuple[Recorded, ...]
+    settings: Settings
+    model: Model
+    """Model of the starting values."""
+    samples: tuple[Samples, ...]
+    """The conditioned samples of every recording, with the starting values."""
+    sigmas: Mapping[str, float]
+    """Unit of the residuals of every channel."""
+    pool: Pool
+    say: Progress
+
+    def problem(self, *, coarse: bool, scout: int = 1) -> Problem:
+        """The problem of a round, over thinned samples or over all samples.
+
+        Args:
+            coarse: whether the samples are thinned, see ``COARSE_SAMPLES``.
+            scout: further divisor of the samples and of the largest number of residuals.
+        """
+        moving = changes_conditioning(path for one in self.unknowns for path in one.paths)
+        total = sum(samples.stamp_ns.size for samples in self.samples)
+        observations = [
+            observe(
+                self.model, one, samples, self.sigmas, scout * _stride(one, total) if coarse else 1,
+                MOST_RESIDUALS // (scout**2 * len(self.recordings)), self.settings.settle_s,
+                moving,
+            )
+            for one, samples in zip(self.recordings, self.samples, strict=True)
+        ]  # fmt: skip
+        return Problem(self.document, self.source, self.unknowns, observations, self.pool)
+
+
+def sample_count(problem: Problem) -> int:
+    """Number of samples that a problem estimates."""
+
+    def samples(one: Observations) -> int:
+        if one.samples is not None:
+            return one.samples.stamp_ns.size
+        longest = max(
+            r.stamp_ns.size for r in {**one.recorded.motors, **one.recorded.joints}.values()
+        )
+        return longest // one.stride
+
+    return sum(samples(one) for one in problem.observations)
+
+
+def _stride(recorded: Recorded, total: int) -> int:
+    """Thinning factor of the first rounds, which keeps at least ``LOWEST_RATE``."""
+    stamps = next(iter({**recorded.motors, **recorded.joints}.values())).stamp_ns
+    duration = max(float(stamps[-1] - stamps[0]) * 1e-9, 1e-9)
+    rate = stamps.size / duration
+    return int(max(1, min(round(total / COARSE_SAMPLES), rate // LOWEST_RATE)))

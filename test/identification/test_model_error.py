@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.identification.left_out import model_error
-from cdrj_ros.identification.unknowns import parse_unknowns
-from cdrj_ros.identification.wide import fitted_along
+from cdrj_ros.identification.residual_statistics import model_error
+from cdrj_ros.identification.unknowns import fitted_along, parse_unknowns
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.robot.tolerances import CATALOGUE_STIFFNESS, SPRING_SCALE, ZERO_BY_EYE

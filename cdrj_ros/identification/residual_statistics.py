@@ -1,0 +1,294 @@
+"""Variance of residuals that are not white: (I2), (I5), (I6) in docs/identification.md.
+
+Most of a residual is error of the model, which depends on the state of the mechanism: a stretch of
+its main motion, forward or back.  Two residuals in the same state tell nearly the same, however
+many cycles lie between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.identification.observations import Observations, samples_of, thinned
+from cdrj_ros.identification.problem import Problem
+
+Vector = NDArray[np.float64]
+Labels = NDArray[np.int64]
+Table = NDArray[np.float64]
+
+
+STRETCHES: Final = 4
+"""Number of stretches into which the main motion is divided, each forward and back."""
+
+FINE: Final = 16
+"""The same for the means of residuals, which differ from stretch to stretch."""
+
+VISITED: Final = 0.01
+"""Fraction of a recording from which a state counts as visited."""
+
+RATE_WINDOW_S: Final = 0.05
+"""Half the window in which the direction of motion is determined [s]."""
+
+
+def states_of_samples(problem: Problem, stretches: int = STRETCHES) -> list[tuple[Samples, Labels]]:
+    """Samples of every recording and the state of each sample, from 0 to 2 ``stretches`` - 1."""
+    samples = [
+        one.samples or thinned(samples_of(problem.begin, one.recorded), one.stride)
+        for one in problem.observations
+    ]
+    angles = [np.hstack([one.motor_angle, one.joint_angle]) for one in samples]
+    every = np.concatenate(angles)
+    scale = np.maximum(every.std(axis=0), 1e-12)
+    centre = every.mean(axis=0)
+    _, directions = np.linalg.eigh(np.atleast_2d(np.cov(((every - centre) / scale).T)))
+    along = [((angle - centre) / scale) @ directions[:, -1] for angle in angles]
+    edges = np.quantile(np.concatenate(along), np.linspace(0.0, 1.0, stretches + 1)[1:-1])
+    return [
+        (one, 2 * np.searchsorted(edges, position) + _moves_forward(one.stamp_ns, position))
+        for one, position in zip(samples, along, strict=True)
+    ]
+
+
+def visited_states(problem: Problem) -> int:
+    """Number of states that the recordings visit, counted in every recording."""
+    count = 0
+    for _, state in states_of_samples(problem):
+        _, visits = np.unique(state, return_counts=True)
+        count += int(np.count_nonzero(visits > VISITED * state.size))
+    return count
+
+
+def independent_states(problem: Problem) -> int:
+    """Number of residuals that count as independent when fits are compared, at least 1.
+
+    Errors of the model repeat in every recording of a motion, so it is that of one recording at
+    most.
+    """
+    return max(1, min(visited_states(problem), 2 * STRETCHES))
+
+
+def states_of_residuals(problem: Problem) -> Labels:
+    """State of every residual, numbered through all recordings, shape (n,)."""
+    labels, count = [], 0
+    for observed, (samples, state) in zip(
+        problem.observations, states_of_samples(problem), strict=True
+    ):
+        labels += [count + one for one in _at_references(observed, samples, state)]
+        count += 2 * STRETCHES
+    return np.concatenate(labels)
+
+
+def cells_of_residuals(problem: Problem) -> Labels:
+    """``FINE`` state and reference of every residual, one number for both, shape (n,)."""
+    labels, count = [], 0
+    for observed, (samples, state) in zip(
+        problem.observations, states_of_samples(problem, FINE), strict=True
+    ):
+        for one in _at_references(observed, samples, state):
+            labels.append(count + one)
+            count += 2 * FINE
+    return np.concatenate(labels)
+
+
+def _at_references(observed: Observations, samples: Samples, state: Labels) -> list[Labels]:
+    """States at the stamps of one recording's references, one array per channel."""
+    last = samples.stamp_ns.size - 1
+    return [
+        state[np.clip(np.searchsorted(samples.stamp_ns, channel.stamp_ns), 0, last)]
+        for channel in observed.channels
+    ]
+
+
+def _moves_forward(stamp_ns: Labels, position: Vector) -> Labels:
+    """1 where the position rises, 0 where it falls; at rest, the previous value."""
+    time = (stamp_ns - stamp_ns[0]) * 1e-9
+    earlier = np.interp(time - RATE_WINDOW_S, time, position)
+    later = np.interp(time + RATE_WINDOW_S, time, position)
+    change = later - earlier
+    moving = np.abs(change) > 1e-3 * max(float(np.ptp(position)), 1e-12)
+    last = np.maximum.accumulate(np.where(moving, np.arange(time.size), 0))
+    forward: Labels = (change[last] > 0.0).astype(np.int64)
+    return forward
+
+
+ROUNDS: Final = 30
+"""Largest number of rounds in which the variance is computed."""
+
+SETTLED: Final = 0.01
+"""Relative change of the variance that ends the rounds."""
+
+
+def effective_variance(problem: Problem, residuals: Vector) -> float:
+    """(I2): variance that gives residuals and priors their weights in the fit.
+
+    Args:
+        problem: problem with the observations of the residuals.
+        residuals: residuals with robust weights applied, shape (n,).
+    """
+    at = 0
+    powers, noise = [], 0.0
+    for observed in problem.observations:
+        parts = []
+        for channel in observed.channels:
+            part = residuals[at : at + channel.reference.size]
+            at += part.size
+            noise += white_power(part)
+            parts.append(part)
+        powers.append(_powers(parts))
+    power = np.concatenate(powers)
+    size = max(at, 1)
+    mean = float(np.mean(residuals[:at] ** 2))
+    white = min(noise / size, mean)
+    independent = float(power.sum()) ** 2 / max(float(np.sum(power**2)), 1e-300)
+    pieces = max(1.0, min(independent, float(visited_states(problem)), float(size)))
+    return max(white + (mean - white) * size / pieces, 1e-300)
+
+
+def white_power(residuals: Vector) -> float:
+    """Sum of squares of white noise on a smooth series, from its second differences."""
+    if residuals.size < 3:
+        return 0.0
+    return float(np.median(np.diff(residuals, 2) ** 2)) / 0.4549 / 6.0 * residuals.size
+
+
+def _powers(parts: Sequence[Vector]) -> Vector:
+    """Power of every principal component of several series at every frequency."""
+    n = max(part.size for part in parts)
+    common = np.linspace(0.0, 1.0, n)
+    series = np.array([np.interp(common, np.linspace(0.0, 1.0, max(p.size, 1)), p) for p in parts])
+    _, directions = np.linalg.eigh(series @ series.T)
+    return (np.abs(np.fft.fft(directions.T @ series, axis=1)) ** 2 / n).ravel()
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A linear problem around a solution."""
+
+    slopes: Table
+    """Derivatives of the residuals, shape (n, q)."""
+    residuals: Vector
+    """Shape (n,)."""
+    known: Vector
+    """Information that each number has beforehand, shape (q,)."""
+    pull: Vector
+    """Gradient of the half sum of squares of what is known beforehand, shape (q,)."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the residuals belong."""
+
+    states: Labels
+    """State of the mechanism, shape (n,)."""
+    cells: Labels
+    """Finer state and reference, shape (n,)."""
+    count: int
+    """Number of states that count as independent."""
+
+
+def residual_variance(linear: Linear, places: Places, begin: float) -> float:
+    """(I6): variance that a residual would have if all residuals were independent.
+
+    The numbers are adjusted with that variance, so both are found in turns.
+
+    Args:
+        linear: the residuals, as a function of all numbers that are not exact.
+        places: of the residuals.
+        begin: the first guess.
+    """
+    parts = []
+    for state in np.unique(places.states):
+        rows = places.states == state
+        slopes = linear.slopes[rows]
+        parts.append((slopes.T @ slopes, slopes.T @ linear.residuals[rows]))
+    square = sum((part for part, _ in parts), np.zeros((linear.known.size,) * 2))
+    uphill = sum((part for _, part in parts), np.zeros(linear.known.size))
+    repeats = linear.residuals.size / max(places.count, 1)
+    variance = begin
+    for _ in range(ROUNDS):
+        covariance = np.linalg.inv(square / variance + np.diag(linear.known))
+        moved = -covariance @ (uphill / variance + linear.pull)
+        left = linear.residuals + linear.slopes @ moved
+        short = variance * _ratio(parts, covariance, moved, variance)
+        before, variance = variance, short + lasting_variance(left, places.cells) * repeats
+        variance = max(variance, 1e-300)
+        if abs(variance - before) < SETTLED * before:
+            break
+    return variance
+
+
+def _ratio(
+    parts: list[tuple[Table, Vector]], covariance: Table, moved: Vector, variance: float
+) -> float:
+    """Squared gradients of the states over their expectation for independent residuals."""
+    found, expected = 0.0, 0.0
+    for square, uphill in parts:
+        here = (uphill + square @ moved) / variance
+        share = covariance @ square / variance
+        found += float(here @ covariance @ here)
+        expected += float(np.trace(share) - np.sum(share * share.T))
+    return found / expected if found > 0.0 and expected > 0.0 else 1.0
+
+
+def lasting_variance(residuals: Vector, cells: Labels) -> float:
+    """Mean square of the residuals' means over cells, less that of white noise.
+
+    Args:
+        residuals: shape (n,).
+        cells: cell of every residual, shape (n,).
+    """
+    size = np.bincount(cells)
+    used = size > 1
+    mean = np.bincount(cells, residuals)[used] / size[used]
+    square = np.bincount(cells, residuals**2)[used] / size[used]
+    noise = np.maximum(square - mean**2, 0.0) / (size[used] - 1)
+    power = float(np.sum(size[used] * (mean**2 - noise)))
+    return max(power, 0.0) / max(residuals.size, 1)
+
+
+ENOUGH: Final = 0.95
+"""Smallest share of all residuals within two standard deviations."""
+
+ENOUGH_OF_A_RUN: Final = 0.8
+"""The same for every single recording."""
+
+DIGITS: Final = 1e-3
+"""Relative accuracy of the error."""
+
+
+def model_error(residuals: Sequence[Vector], stddevs: Sequence[Vector]) -> float:
+    """Standard deviation of the error of the model itself: (I5).
+
+    Args:
+        residuals: estimate less reference for every recording that was left out.
+        stddevs: standard deviations of these estimates from the numbers alone.
+
+    Returns:
+        0 if the standard deviations of the numbers explain the residuals.
+    """
+    if _covered(residuals, stddevs, 0.0):
+        return 0.0
+    low, high = 0.0, max(float(np.abs(r).max(initial=0.0)) for r in residuals)
+    while high - low > DIGITS * high:
+        middle = 0.5 * (low + high)
+        if _covered(residuals, stddevs, middle):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def _covered(residuals: Sequence[Vector], stddevs: Sequence[Vector], error: float) -> bool:
+    """Whether the numbers and an error of the model explain enough of the residuals."""
+    inside = [
+        float(np.mean(np.abs(r) <= 2.0 * np.hypot(s, error)))
+        for r, s in zip(residuals, stddevs, strict=True)
+    ]
+    overall = np.average(inside, weights=[r.size for r in residuals])
+    return bool(overall >= ENOUGH and min(inside) >= ENOUGH_OF_A_RUN)
