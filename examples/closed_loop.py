@@ -88,8 +88,8 @@ class ClosedLoop:
                 self.readings[kind] = reading.values
                 stamp_ns = FIRST_NS + round(reading.stamp_s * 1e9)
                 _, outputs = self.estimator.feed(kind, stamp_ns, names, reading.values)
-                for estimate, stddev in outputs:
-                    self.estimate, self.stddev = estimate, stddev
+                for output in outputs:
+                    self.estimate, self.stddev = output.estimate, output.stddev
 
     def tensions(self):
         """The newest estimate with the arrays of ``/cdrj/tensions``.

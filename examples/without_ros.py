@@ -62,7 +62,7 @@ def estimate(angles, tensions, robot):
             positions = np.array([float(row[name]) for name in names])
             # A reading may be refused, or held until a later one arrives.
             _, outputs = live.feed("both", stamp_ns, names, positions)
-            for one, stddev in outputs:
+            for one, stddev, _ in outputs:
                 t = first_s + (one.stamp_ns - FIRST_NS) * 1e-9
                 values = np.column_stack([one.tension, stddev[: len(one.tension)], one.status])
                 out.writerow([f"{t:.9g}", *(f"{value:.6g}" for value in values.ravel())])

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,7 +122,7 @@ def _run(model: Model, plan: Plan, cells: int) -> Truth:
 
 def _truth(robot: Robot, plan: Plan, cells: int, report: Progress | None) -> Truth:
     """Carry out the plan."""
-    given = {
+    given: dict[str, Any] = {
         "cells": cells, "progress": report, "joint": plan.moved, "faults": plan.faults,
         "allow_slack": plan.allow_slack,
     }  # fmt: skip

@@ -22,7 +22,7 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
         node.radius * last.normal};
 }
 
-/// The wrap is continuous within half a turn of that in the reference pose.
+/// (E5): the wrap is continuous within half a turn of that in the reference pose.
 void measure(const NodeConstants& node, Touch& touch) {
     const Vector3 &first = touch.entry_normal, &last = touch.exit_normal;
     const double angle =

@@ -210,7 +210,7 @@ void share_line(std::span<Touch> touches, Index p, Index q) {
     }
 }
 
-/// Lengths without the arcs of ends, wraps and directions; false if impossible.
+/// Lengths (E6) without the arcs of ends, wraps and directions; false if impossible.
 bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) {
     const auto touches = path.touches;
     const Index last = path.last(), first = own.first_element;
@@ -316,7 +316,7 @@ bool route_cable(
         return Vector3{u(row, 0), u(row, 1), u(row, 2)};
     };
     for (Index e = 0; e < last; ++e) {
-        // (E27): velocity along the cable of the point at which it arrives on a body, less that of the
+        // (E27), in the plane (E7): velocity along the cable of the point at which it arrives on a body, less that of the
         // point at which it has left one
         const Vector3 unit = along(e);
         const NodeTopology& from = path.plans[e];

@@ -18,8 +18,7 @@ from sensor_msgs.msg import JointState
 
 from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.conditioning.conditioner import Kind
-from cdrj_ros.estimation.session import Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.text import counted
 from cdrj_ros.messages.cdr import MessageError
@@ -117,7 +116,8 @@ class Estimation:
         if started.friction:
             self.live.set_numbers(started.friction)
         self.health: HealthWatch | None = None
-        if started.health != "disabled" and self.live.encoderless is None:  # it needs every joint's angle
+        # it needs every joint's angle
+        if started.health != "disabled" and self.live.encoderless is None:
             self.health = HealthWatch(self.live, marks_unsure=started.health == "mark")
         self._read_state()
         self._limit = RateLimit(started.max_rate_hz)

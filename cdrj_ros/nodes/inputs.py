@@ -18,8 +18,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from cdrj_ros.conditioning.refusals import REFUSALS
-from cdrj_ros.estimation.session import Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.nodes.diagnostics import Health
 from cdrj_ros.nodes.qos import default_profile

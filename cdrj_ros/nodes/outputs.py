@@ -12,8 +12,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.estimation.session import Output, Output
-from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.conversions import marked_stale
 from cdrj_ros.messages.estimate_encoder import EstimateEncoder
@@ -68,7 +67,8 @@ class Outputs:
         self.states = self._open(JointState, TENSION_STATES)
         self._angles: Template | None = None
         if live.encoderless is not None:
-            self._angles = Template(JOINT_STATE, live.encoderless.solver.names, ("position",), frame_id)
+            names = live.encoderless.solver.names
+            self._angles = Template(JOINT_STATE, names, ("position",), frame_id)
             self._on_angles = self._open(JointState, JOINT_ANGLES)
             self._on_angles_stddev = self._open(JointState, f"{JOINT_ANGLES}_stddev")
         self._wrenches: dict[int, Any] = {}
@@ -115,10 +115,10 @@ class Outputs:
 
     def publish(self, output: Output) -> None:
         """Publish an estimate on all topics."""
-        estimate, stddev = output
+        estimate, stddev, angles = output
         stamp = estimate.stamp_ns
-        if self._angles is not None and isinstance(output, Output) and output.angles:
-            angles, encode = output.angles, self._angles.encode
+        if self._angles is not None and angles is not None:
+            encode = self._angles.encode
             self._on_angles.publish(encode(stamp, position=angles.value[-1]))
             self._on_angles_stddev.publish(encode(stamp, position=angles.stddev[-1]))
         tensions, forces, efforts = self._encoder.encode(estimate, stddev)

@@ -10,9 +10,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from cdrj_ros.conditioning.conditioner import MODES
-from cdrj_ros.estimation.session import Options
-from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS
 from cdrj_ros.nodes.settings import Setting, as_double, parameter_lines, values_of

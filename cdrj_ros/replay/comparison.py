@@ -177,7 +177,9 @@ class Outcome:
     def facts(self, duration_s: float) -> dict[str, str]:
         """Rows for the report."""
         tally, wall_s = self.tally, max(self.wall_s, 1e-9)
-        again = f", {self.passes} passes, {self.whole_passes} of them whole" if self.passes > 1 else ""
+        again = ""
+        if self.passes > 1:
+            again = f", {self.passes} passes, {self.whole_passes} of them whole"
         rows = {
             "path": "estimator node in another process, over DDS",
             "played": f"{self.span_s:.3f} s of {duration_s:.3f} s{again}; ended {self.ending}",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import cos, pi, sin
+from math import atan2, cos, pi, sin
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -39,17 +39,14 @@ def pose_of(model: Model, joint_angle: Vector) -> Pose:
     """Frames and tangents at joint angles [rad] or [m], shape (joints,)."""
     robot = model.robot
     shape, views = placed(model, joint_angle)
-    planar: Any = views.pose
-    spatial: Any = views.spatial_pose
+    rows: Any = views.pose
     frames = {
-        frame.name: (float(row.x), float(row.y), float(row.angle))
-        for frame, row in zip(robot.frames, planar, strict=True)
+        frame.name: (*row.origin[:2].tolist(), atan2(row.rotation[3], row.rotation[0]))
+        for frame, row in zip(robot.frames, rows, strict=False)
     }
-    origins = {name: np.array([x, y, 0.0]) for name, (x, y, _) in frames.items()}
-    origins |= {
-        frame.name: row.origin.copy()
-        for frame, row in zip(robot.spatial_frames, spatial, strict=True)
-    }
+    names = [frame.name for frame in robot.frames]
+    names += [frame.name for frame in robot.spatial_frames]
+    origins = {name: row.origin.copy() for name, row in zip(names, rows, strict=True)}
     return Pose(frames, origins, shape)
 
 

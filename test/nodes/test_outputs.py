@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench:
     assert wrench.header.frame_id == "arm"
     assert wrench.header.stamp.sec * 10**9 + wrench.header.stamp.nanosec == estimate.stamp_ns
 
-    for unknown in (marked_stale(estimate), estimate._replace(solved=False)):
+    for unknown in (marked_stale(estimate), replace(estimate, solved=False)):
         outputs.publish(estimator.output._replace(estimate=unknown))
     feed(estimator, 5, 6)
     assert bench.until(lambda: len(states) > 5 and len(wrenches) > 5)
@@ -112,7 +113,7 @@ def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_othe
     estimator.live.reset()
     feed(estimator, 1, 3)
     assert bench.until(lambda: all(len(payloads) == 3 for payloads in heard.values()))
-    estimate, stddev = estimator.output
+    estimate, stddev, _ = estimator.output
     layout = estimate.layout
     wanted = estimate.values[layout.motor_effort.start : layout.joint_effort.stop]
     assert np.array_equal(efforts_of(heard["efforts"][-1])[2], wanted)
