@@ -13,7 +13,6 @@ from typing import Any, Final
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
-from cdrj_ros.robot.quick_check import Check, quick_check
 from cdrj_ros.robot.urdf import with_urdf_frames
 
 UNIT_SUFFIXES: Final[Mapping[str, float]] = MappingProxyType(
@@ -65,13 +64,9 @@ def _schema() -> Document:
     return document
 
 
+@lru_cache(maxsize=1)
 def schema() -> Mapping[str, Any]:
     """The JSON schema of the robot file, read-only at every level."""
-    return _frozen_schema()
-
-
-@lru_cache(maxsize=1)
-def _frozen_schema() -> Mapping[str, Any]:
     frozen: Mapping[str, Any] = _frozen(_schema())
     return frozen
 
@@ -82,39 +77,30 @@ def _frozen(value: Any) -> Any:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
-@lru_cache(maxsize=1)
-def _term_schema() -> Document:
-    """The JSON schema of a function of a joint; as ``_schema``."""
-    return {"$ref": "#/$defs/term", "$defs": _schema()["$defs"]}
+@lru_cache(maxsize=2)
+def _validator(definition: str = "") -> Any:
+    """The validator of the schema, or of one of its definitions."""
+    import jsonschema  # takes 65 ms, which not every command needs
+
+    rules = _schema()
+    if definition:
+        rules = {"$ref": f"#/$defs/{definition}", "$defs": rules["$defs"]}
+    return jsonschema.Draft202012Validator(rules)
 
 
-@lru_cache(maxsize=1)
-def _is_document() -> Check:
-    return quick_check(_schema())
-
-
-@lru_cache(maxsize=1)
-def _is_term() -> Check:
-    return quick_check(_term_schema())
-
-
-def document_complaints(document: Document) -> Iterable[str]:
+def document_complaints(document: Document) -> Iterator[str]:
     """One line for each violation of the schema in a document."""
-    return () if _is_document()(document) else complaints(document, _schema())
+    return _complaints(_validator(), document, "")
 
 
-def term_complaints(term: Any, path: str) -> Iterable[str]:
+def term_complaints(term: Any, path: str) -> Iterator[str]:
     """One line for each violation of the schema of a joint function in ``term`` at ``path``."""
-    return () if _is_term()(term) else complaints(term, _term_schema(), path)
+    return _complaints(_validator("term"), term, path)
 
 
-def complaints(value: Any, rules: Document, path: str = "") -> Iterable[str]:
-    """One line for each violation of the rules in ``value`` at ``path``."""
-    import jsonschema  # slow to import, so only for what may be wrong
-
-    validator = jsonschema.Draft202012Validator(rules)
-    for error in sorted(validator.iter_errors(value), key=lambda error: len(error.path)):
-        yield _complaint(error, path)
+def _complaints(validator: Any, value: Any, path: str) -> Iterator[str]:
+    errors = sorted(validator.iter_errors(value), key=lambda error: len(error.path))
+    return (_complaint(error, path) for error in errors)
 
 
 def _possible(value: Any) -> bool:
