@@ -9,8 +9,10 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/say.sh
 . tools/env.sh
 
-# Remove files that are no longer among the sources.
+# Remove files that are no longer among the sources. What was generated of a message that went would
+# also stay in the build, and be linked.
 rm -rf "install/$1"
+if [ "$1" = cdrj_msgs ]; then rm -rf "build/$1"; fi
 
 # As many jobs as processors. Otherwise colcon also limits the load, and a machine with other work compiles
 # one file after the other.
