@@ -42,7 +42,7 @@ class Section(NamedTuple):
 SECTIONS = {
     "step": Section("update", "one update beside MuJoCo's and Exudyn's evaluation", 30.0),
     "opensim": Section("cable_spans", "one update beside OpenSim's evaluation", 30.0),
-    "space": Section("space", "cables in space beside cables in the plane", 30.0),
+    "space": Section("space", "cables given by positions", 30.0),
     "node": Section("roundtrip", "the node's round trip beside a bare relay's", 45.0),
     "rate": Section("sustained", "the highest rate without a loss", 60.0),
     "offline": Section("offline", "a 200 s bag beside rosbags", 100.0),
