@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final, NoReturn
@@ -160,19 +160,6 @@ def _no_log_files(environment: Mapping[str, str]) -> str:
     return "" if usable else f"{there} is not a folder that can be written to"
 
 
-def yield_to_running_threads() -> None:
-    """Schedule the process and the threads it will start as batch work, where Linux allows it.
-
-    Every publication wakes a timer thread of Fast DDS, which an ordinary scheduler runs at once, in
-    place of the publishing thread that holds the lock it needs.  A batch thread waits its turn: the
-    estimator takes a quarter less processor time, and answers sooner by as much.  A policy that the
-    user has chosen, by ``chrt`` for instance, stays.
-    """
-    if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_OTHER:
-        with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-
-
 @contextmanager
 def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
     """Initialise rclpy and shut it down on exit; yields the request to stop.
@@ -189,7 +176,6 @@ def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
             if reason := _no_log_files(os.environ):
                 say(f"no log file: {reason}; ROS_LOG_DIR names another folder", file=sys.stderr)
                 arguments = [*arguments, "--ros-args", "--disable-external-lib-logs"]
-            yield_to_running_threads()
             rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         yield StopRequest()
     finally:

@@ -52,25 +52,3 @@ def test_with_a_place_for_log_files_nothing_is_said(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "no log file" not in done.stderr
     assert list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(("before", "after"), [("OTHER", "BATCH"), ("IDLE", "IDLE")])
-def test_a_process_and_its_threads_do_batch_work_unless_a_policy_was_chosen(
-    before: str, after: str
-) -> None:
-    script = (
-        "import os\n"
-        "from pathlib import Path\n"
-        "from cdrj_ros.nodes.spinning import ros_context\n"
-        f"os.sched_setscheduler(0, os.SCHED_{before}, os.sched_param(0))\n"
-        "with ros_context(['x']):\n"
-        "    import rclpy\n"
-        "    node = rclpy.create_node('x')\n"
-        "    found = {t.joinpath('comm').read_text()[:6]: os.sched_getscheduler(int(t.name))\n"
-        "             for t in Path('/proc/self/task').iterdir()}\n"
-        f"    print('dds.ev' in found, {{*found.values()}} == {{os.SCHED_{after}}})\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=False
-    )
-    assert done.stdout.split() == ["True", "True"], done.stderr
